@@ -1,0 +1,82 @@
+"""A recorded log after reading: raw signals of every joint on one uniform time base, and what was repaired."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch of samples [start, stop) that is contiguous in time and from one file; `source` indexes files."""
+
+    start: int
+    stop: int
+    source: int = 0
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Raw signals (SI, joint side), columns in the robot's joint order.
+
+    Within a segment samples are `dt` apart; between segments nothing is known. `q` and `theta` are equal
+    for a rigid joint of which only one was logged. Samples that were missing are NaN and stay NaN.
+    """
+
+    joints: tuple[str, ...]
+    dt: float
+    """Sample time, s."""
+    t: Array
+    """Time, s, from 0 at the first sample of the log, shape (N,)."""
+    q: Array
+    """Link positions, rad or m, shape (N, n); NaN columns where a joint has no link encoder."""
+    theta: Array
+    """Motor positions divided by the gear ratio, rad or m, shape (N, n)."""
+    tau: Array
+    """Motor torques at the joint, N·m or N, shape (N, n); NaN columns where a joint's torque is not logged."""
+    dq: Array | None = None
+    """Measured link velocities, rad/s or m/s, shape (N, n), or None; NaN columns where a joint has none."""
+    dtheta: Array | None = None
+    """Measured motor velocities divided by the gear ratio, shape (N, n), or None."""
+    tau_link: Array | None = None
+    """Measured torque in the transmission, N·m, shape (N, n), or None; NaN columns where a joint has none."""
+    temperature: Array | None = None
+    """Temperatures, °C, shape (N, n), or None."""
+    segments: tuple[Segment, ...] = ()
+    files: tuple[str, ...] = ()
+    sha256: tuple[str, ...] = ()
+    repairs: tuple[str, ...] = ()
+    """What was repaired, one sentence each, in the order it was done."""
+    notes: tuple[str, ...] = ()
+    """What the reader noticed and did not change (which clock was taken, which signal came from where)."""
+    warnings: tuple[str, ...] = ()
+    """What looks wrong and needs the user (units, signs, swapped channels), with a mapping to paste."""
+    sources: dict[str, str] = field(default_factory=dict)
+    """Signal name -> where it was read from, for reports."""
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return int(self.t.shape[0])
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def rate(self) -> float:
+        """Sample rate, Hz."""
+        return 1.0 / self.dt
+
+    @property
+    def duration(self) -> float:
+        """Recorded time without the gaps between segments, s."""
+        return float(sum((len(s) - 1) * self.dt for s in self.segments))
