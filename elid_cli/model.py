@@ -1,0 +1,195 @@
+"""The model: columns of the regressor, row by row, from the list of terms (eqs. 13, 14, 35-37).
+
+Rows come in two pairings. ``link``/``motor`` are the paper's: 2n rows per sample, link rows with right-hand side
+0. ``sum``/``motor`` is what estimation uses: the sum of a joint's two rows has the motor torque as right-hand side
+and no spring in it, so no row is homogeneous and rows may be weighted freely. A rigid joint has its sum row only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.kinematics import JointState, chain
+from elid_cli.motion import Motion
+from elid_cli.robot import Robot
+from elid_cli.terms.base_term import BaseTerm, ChainMotion, MotorState
+from elid_cli.terms.coulomb import Coulomb
+from elid_cli.terms.rigid_body import RigidBody
+from elid_cli.terms.rotor import Rotor
+from elid_cli.terms.spring import Spring
+from elid_cli.terms.viscous import Viscous
+from elid_cli.trace import Graph, Node, Program, Scalar, compile_program
+
+Array = NDArray[np.float64]
+Kind = Literal["sum", "motor", "link"]
+
+BASE_TERMS: tuple[BaseTerm, ...] = (RigidBody(), Rotor(), Coulomb(), Viscous(), Spring())
+
+_INPUTS = 9
+"""Inputs per joint: sin q, cos q, q, q', q'', θ', θ'', sign θ', q - θ."""
+
+
+class Row(NamedTuple):
+    """One row group of the regressor: an equation of one joint, for all samples."""
+
+    kind: Kind
+    joint: int
+
+
+@dataclass(frozen=True)
+class RowPlan:
+    """Which standard parameters have a column in a row group, and where the traced program writes them."""
+
+    row: Row
+    columns: NDArray[np.intp]
+    first: int
+
+    @property
+    def slots(self) -> slice:
+        """Outputs of the program that belong to this row."""
+        return slice(self.first, self.first + len(self.columns))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A traced program and the rows it yields."""
+
+    program: Program
+    rows: tuple[RowPlan, ...]
+
+
+class Model:
+    """Regressor of a robot: standard parameters in standard order, columns from terms.
+
+    Parameters
+    ----------
+    robot
+        The robot description.
+    terms
+        Base terms; by default the paper's five.
+    """
+
+    def __init__(self, robot: Robot, terms: Sequence[BaseTerm] = BASE_TERMS) -> None:
+        self.robot = robot
+        self.terms = tuple(terms)
+        self.names = robot.parameter_names()
+        self.index = {name: k for k, name in enumerate(self.names)}
+
+    @property
+    def parameters(self) -> int:
+        """Number of standard parameters p (14 per elastic joint, 13 per rigid one)."""
+        return len(self.names)
+
+    @cached_property
+    def estimation(self) -> Plan:
+        """Sum and motor rows (the spring eliminated from the sum rows)."""
+        return self._plan(paper=False)
+
+    @cached_property
+    def equations(self) -> Plan:
+        """Link and motor rows as in eq. (13); the single row of a rigid joint stays a sum row."""
+        return self._plan(paper=True)
+
+    def rows(self, motion: Motion, plan: Plan | None = None) -> dict[Row, Array]:
+        """Return the columns of every row group for all samples.
+
+        Parameters
+        ----------
+        motion
+            States at N instants.
+        plan
+            `estimation` (default) or `equations`.
+
+        Returns
+        -------
+        dict
+            Row -> array of shape (len(columns), N); which parameters these are is in the plan.
+        """
+        plan = plan or self.estimation
+        out = np.empty((plan.program.outputs, motion.samples))
+        plan.program.run(inputs_of(motion), out)
+        return {item.row: out[item.slots] for item in plan.rows}
+
+    def dense(self, motion: Motion, plan: Plan | None = None) -> Array:
+        """Return the whole regressor, shape (rows, N, p); for tests and small questions only."""
+        plan = plan or self.estimation
+        rows = self.rows(motion, plan)
+        dense = np.zeros((len(plan.rows), motion.samples, self.parameters))
+        for k, item in enumerate(plan.rows):
+            dense[k][:, item.columns] = rows[item.row].T
+        return dense
+
+    def _plan(self, *, paper: bool) -> Plan:
+        graph = Graph(_INPUTS * self.robot.n)
+        values = self.trace(graph, paper=paper)
+        rows: list[RowPlan] = []
+        outputs: list[Scalar] = []
+        order = {"link": 0, "sum": 0, "motor": 1}
+        for row in sorted(values, key=lambda r: (order[r.kind], r.joint)):
+            filled = sorted(
+                (self.index[name], value) for name, value in values[row].items() if isinstance(value, Node) or value != 0
+            )
+            rows.append(RowPlan(row, np.array([k for k, _ in filled], dtype=np.intp), len(outputs)))
+            outputs += [value for _, value in filled]
+        return Plan(compile_program(graph, outputs), tuple(rows))
+
+    def trace(self, graph: Graph, *, paper: bool, gravity: bool = True) -> dict[Row, dict[str, Scalar]]:
+        """Record the coefficients of all parameters on `graph`, whose inputs are those of `inputs_of`."""
+        states, motors = _symbols(graph, self.robot)
+        motion = ChainMotion(chain(self.robot, states, gravity=gravity), motors)
+        values: dict[Row, dict[str, Scalar]] = {}
+        for k, joint in enumerate(self.robot.joints):
+            if joint.elastic:
+                values[Row("link" if paper else "sum", k)] = {}
+                values[Row("motor", k)] = {}
+            else:
+                values[Row("sum", k)] = {}
+        for term in self.terms:
+            for side, joint, name, value in term.entries(self.robot, motion):
+                for row in self._targets(side, joint, paper=paper):
+                    values[row][name] = values[row].get(name, 0.0) + value
+        return values
+
+    def _targets(self, side: str, joint: int, *, paper: bool) -> list[Row]:
+        if not self.robot.joints[joint].elastic:
+            return [Row("sum", joint)]
+        if side == "link":
+            return [Row("link" if paper else "sum", joint)]
+        return [Row("motor", joint)] if paper else [Row("sum", joint), Row("motor", joint)]
+
+
+def _symbols(graph: Graph, robot: Robot) -> tuple[list[JointState], list[MotorState]]:
+    states, motors = [], []
+    for k, joint in enumerate(robot.joints):
+        sin, cos, q, dq, ddq, dtheta, ddtheta, direction, deflection = (
+            graph.input(_INPUTS * k + slot) for slot in range(_INPUTS)
+        )
+        states.append(JointState(sin, cos, q, dq, ddq))
+        if joint.elastic:
+            motors.append(MotorState(dtheta, ddtheta, direction, deflection))
+        else:
+            motors.append(MotorState(dq, ddq, direction, 0.0))
+    return states, motors
+
+
+def inputs_of(motion: Motion) -> Array:
+    """Return the traced program's inputs, shape (9 n, N)."""
+    n = motion.q.shape[1]
+    rows = np.empty((n, _INPUTS, motion.samples))
+    q = motion.q.T
+    np.sin(q, out=rows[:, 0])
+    np.cos(q, out=rows[:, 1])
+    rows[:, 2] = q
+    rows[:, 3] = motion.dq.T
+    rows[:, 4] = motion.ddq.T
+    rows[:, 5] = motion.dtheta.T
+    rows[:, 6] = motion.ddtheta.T
+    np.sign(rows[:, 5], out=rows[:, 7])
+    np.subtract(q, motion.theta.T, out=rows[:, 8])
+    return rows.reshape(n * _INPUTS, motion.samples)

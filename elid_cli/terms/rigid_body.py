@@ -1,0 +1,57 @@
+"""Inertial forces and gravity of the bodies: ten parameters each, in link rows 1…i (eqs. 8, 14-31).
+
+The rows are the virtual power of a body's inertial wrench on the unit motion of each joint below it, which
+equals Lagrange's equations of eq. (1) without the rotor terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from elid_cli.kinematics import Vector, cross, dot
+from elid_cli.robot import Robot
+from elid_cli.terms.base_term import ChainMotion, Entry
+from elid_cli.trace import Scalar
+
+_INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Ixy", 0, 1), ("Ixz", 0, 2), ("Iyz", 1, 2))
+
+
+class RigidBody:
+    """Mass, first moment and inertia tensor of body i about frame i's origin."""
+
+    name = "rigid_body"
+    equation = "tau_j = v_j·f + w_j·n,  f = m a + alpha×c + omega×(omega×c),  n = c×a + I alpha + omega×(I omega)"
+
+    def entries(self, robot: Robot, motion: ChainMotion) -> Iterator[Entry]:
+        """Yield the coefficients of m, c and I of every body in the link rows of the joints that carry it."""
+        for i in range(1, robot.n + 1):
+            body = motion.bodies[i]
+            a, omega, alpha = body.acceleration, body.omega, body.alpha
+            field = _acceleration_field(omega, alpha)
+            for j, (v, w) in enumerate(body.twists):
+                yield Entry("link", j, f"m{i}", dot(v, a))
+                lever = cross(a, w)
+                for axis, column in enumerate("xyz"):
+                    value = v[0] * field[0][axis] + v[1] * field[1][axis] + v[2] * field[2][axis] + lever[axis]
+                    yield Entry("link", j, f"c{column}{i}", value)
+                gyro = cross(w, omega)
+                for kind, r, c in _INERTIA:
+                    yield Entry("link", j, f"{kind}{i}", _quadratic(w, alpha, gyro, omega, r, c))
+
+
+def _acceleration_field(omega: Vector, alpha: Vector) -> tuple[Vector, Vector, Vector]:
+    """Return the rows of [alpha]x + [omega]x²: acceleration of a point per offset from the origin."""
+    xx, yy, zz = omega[0] * omega[0], omega[1] * omega[1], omega[2] * omega[2]
+    xy, xz, yz = omega[0] * omega[1], omega[0] * omega[2], omega[1] * omega[2]
+    return (
+        (-(yy + zz), xy - alpha[2], xz + alpha[1]),
+        (xy + alpha[2], -(xx + zz), yz - alpha[0]),
+        (xz - alpha[1], yz + alpha[0], -(xx + yy)),
+    )
+
+
+def _quadratic(w: Vector, alpha: Vector, gyro: Vector, omega: Vector, r: int, c: int) -> Scalar:
+    """Return w·E alpha + (w×omega)·E omega, E the unit symmetric matrix of element (r, c)."""
+    if r == c:
+        return w[r] * alpha[r] + gyro[r] * omega[r]
+    return w[r] * alpha[c] + w[c] * alpha[r] + gyro[r] * omega[c] + gyro[c] * omega[r]

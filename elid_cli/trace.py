@@ -1,0 +1,251 @@
+"""Trace arithmetic once, run it on blocks of samples.
+
+The dynamics of a chain are written as ordinary scalar arithmetic (`kinematics.py`, `terms/`). Run on `Node`s
+they record every operation; equal subexpressions become one node (hash-consing) and operations on constants
+are folded, so that the zeros and ones of a robot's geometry cost nothing. The recorded program then runs as
+NumPy ufunc calls with preallocated outputs on blocks that stay in cache, or as generated scalar Python for a
+simulator that needs one sample at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+BLOCK = 2048
+"""Samples per block: a row is 16 kB, so that the live rows of a six-joint arm stay in the second-level cache."""
+
+_ADD, _SUB, _MUL, _NEG = range(4)
+_UFUNCS = (np.add, np.subtract, np.multiply, np.negative)
+
+
+class Graph:
+    """Operations recorded so far; inputs are the first nodes."""
+
+    def __init__(self, inputs: int) -> None:
+        self.inputs = inputs
+        self.operations: list[tuple[int, object, object]] = []
+        self._known: dict[tuple[int, object, object], Node] = {}
+
+    def input(self, index: int) -> Node:
+        """Return the node of input number `index`."""
+        return Node(self, index)
+
+    def record(self, code: int, a: Node | float, b: Node | float) -> Node:
+        """Return the node of ``a code b``, the existing one where it was recorded before."""
+        left: object = a.index if isinstance(a, Node) else (a,)
+        right: object = b.index if isinstance(b, Node) else (b,)
+        if code in (_ADD, _MUL) and _order(left) > _order(right):
+            left, right = right, left
+        key = (code, left, right)
+        node = self._known.get(key)
+        if node is None:
+            node = Node(self, self.inputs + len(self.operations))
+            self.operations.append(key)
+            self._known[key] = node
+        return node
+
+
+def _order(operand: object) -> tuple[int, float]:
+    return (1, float(operand[0])) if isinstance(operand, tuple) else (0, float(operand))  # type: ignore[arg-type]
+
+
+class Node:
+    """A value that is known when the program runs; behaves as a number under + - * and negation."""
+
+    __slots__ = ("graph", "index")
+
+    def __init__(self, graph: Graph, index: int) -> None:
+        self.graph = graph
+        self.index = index
+
+    def _negated(self) -> Node | None:
+        position = self.index - self.graph.inputs
+        if position < 0:
+            return None
+        code, operand, _ = self.graph.operations[position]
+        return Node(self.graph, operand) if code == _NEG and isinstance(operand, int) else None
+
+    def __neg__(self) -> Node:
+        inner = self._negated()
+        return inner if inner is not None else self.graph.record(_NEG, self, 0.0)
+
+    def __add__(self, other: Scalar) -> Scalar:
+        if not isinstance(other, Node):
+            return self if other == 0 else self.graph.record(_ADD, self, float(other))
+        inner = other._negated()
+        if inner is not None:
+            return self - inner
+        inner = self._negated()
+        if inner is not None:
+            return other - inner
+        return self.graph.record(_ADD, self, other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Scalar) -> Scalar:
+        if not isinstance(other, Node):
+            return self if other == 0 else self.graph.record(_ADD, self, -float(other))
+        if other.index == self.index:
+            return 0.0
+        inner = other._negated()
+        return self + inner if inner is not None else self.graph.record(_SUB, self, other)
+
+    def __rsub__(self, other: float) -> Scalar:
+        return -self if other == 0 else self.graph.record(_SUB, float(other), self)
+
+    def __mul__(self, other: Scalar) -> Scalar:
+        if isinstance(other, Node):
+            a, b = self._negated(), other._negated()
+            if a is not None and b is not None:
+                return a * b
+            if a is not None:
+                return -(a * other)
+            if b is not None:
+                return -(self * b)
+            return self.graph.record(_MUL, self, other)
+        if other == 0:
+            return 0.0
+        if other == 1:
+            return self
+        if other == -1:
+            return -self
+        return self.graph.record(_MUL, self, float(other))
+
+    __rmul__ = __mul__
+
+
+Scalar = Node | float
+"""A traced value or a constant."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """A traced function: `inputs` rows of samples to `outputs` rows of samples.
+
+    An instruction is (ufunc, left, right, target). Operands are slots (int), or constants (1-tuples).
+    Slots: inputs first, then `registers`, then outputs. Constant outputs are in `constants`, outputs that
+    repeat another slot in `copies`.
+    """
+
+    inputs: int
+    outputs: int
+    registers: int
+    instructions: tuple[tuple[int, object, object, int], ...]
+    constants: tuple[tuple[int, float], ...]
+    copies: tuple[tuple[int, int], ...]
+
+    def run(self, rows: Array, out: Array) -> None:
+        """Evaluate on samples: `rows` (inputs, N), `out` (outputs, N), both C-contiguous in samples.
+
+        Memory beyond the arguments is one block of registers.
+        """
+        samples = rows.shape[1]
+        for position, value in self.constants:
+            out[position] = value
+        block = min(BLOCK, max(samples, 1))
+        registers = np.empty((self.registers, block))
+        for start in range(0, samples, block):
+            stop = min(start + block, samples)
+            slots: list[Array] = [row[start:stop] for row in rows]
+            slots += [row[: stop - start] for row in registers]
+            slots += [row[start:stop] for row in out]
+            for code, a, b, target in self.instructions:
+                left = slots[a] if isinstance(a, int) else a[0]  # type: ignore[index]
+                if code == _NEG:
+                    np.negative(left, out=slots[target])
+                else:
+                    right = slots[b] if isinstance(b, int) else b[0]  # type: ignore[index]
+                    _UFUNCS[code](left, right, out=slots[target])
+            for target, source in self.copies:
+                slots[target][:] = slots[source]
+
+    def scalar(self) -> Callable[[Sequence[float]], list[float]]:
+        """Return the same function for one sample: a list of inputs to a list of outputs (plain Python floats)."""
+        names = [f"x[{i}]" for i in range(self.inputs)]
+        names += [f"r{i}" for i in range(self.registers)] + [f"o{i}" for i in range(self.outputs)]
+
+        def text(operand: object) -> str:
+            return names[operand] if isinstance(operand, int) else repr(operand[0])  # type: ignore[index]
+
+        lines = ["def traced(x):"]
+        used = {o for _, a, b, _ in self.instructions for o in (a, b) if isinstance(o, int) and o < self.inputs}
+        used |= {source for _, source in self.copies if source < self.inputs}
+        for i in sorted(used):
+            names[i] = f"i{i}"
+            lines.append(f" i{i} = x[{i}]")
+        for code, a, b, target in self.instructions:
+            value = f"-{text(a)}" if code == _NEG else f"{text(a)} {'+-*'[code]} {text(b)}"
+            lines.append(f" {names[target]} = {value}")
+        lines += [f" {names[target]} = {names[source]}" for target, source in self.copies]
+        first = self.inputs + self.registers
+        fixed = {position: repr(value) for position, value in self.constants}
+        result = ", ".join(fixed.get(i, names[first + i]) for i in range(self.outputs))
+        lines.append(f" return [{result}]")
+        scope: dict[str, Callable[[Sequence[float]], list[float]]] = {}
+        exec("\n".join(lines), scope)  # the text holds nothing but the numbers and slots above
+        return scope["traced"]
+
+
+def compile_program(graph: Graph, outputs: Sequence[Scalar]) -> Program:
+    """Turn recorded nodes into a program that computes `outputs` and nothing else, reusing registers."""
+    constants = tuple((k, float(o)) for k, o in enumerate(outputs) if not isinstance(o, Node))
+    first_output: dict[int, int] = {}
+    repeats: list[tuple[int, int]] = []
+    for k, value in enumerate(outputs):
+        if isinstance(value, Node):
+            if value.index in first_output or value.index < graph.inputs:
+                repeats.append((k, value.index))
+            else:
+                first_output[value.index] = k
+
+    needed: set[int] = set()
+    stack = [value.index for value in outputs if isinstance(value, Node)]
+    while stack:
+        index = stack.pop()
+        if index < graph.inputs or index in needed:
+            continue
+        needed.add(index)
+        _, a, b = graph.operations[index - graph.inputs]
+        stack += [operand for operand in (a, b) if isinstance(operand, int)]
+
+    order = sorted(needed)
+    last_use = {operand: index for index in order for operand in _operands(graph, index)}
+    slot: dict[int, int] = {i: i for i in range(graph.inputs)}
+    free: list[int] = []
+    count = 0
+    pending: list[tuple[int, object, object, int]] = []
+    for index in order:
+        code, a, b = graph.operations[index - graph.inputs]
+        left = slot[a] if isinstance(a, int) else a
+        right = slot[b] if isinstance(b, int) else b
+        for operand in {o for o in (a, b) if isinstance(o, int)}:
+            if operand >= graph.inputs and operand not in first_output and last_use[operand] == index:
+                free.append(slot[operand])
+        if index in first_output:
+            target = -1 - first_output[index]
+        elif free:
+            target = free.pop()
+        else:
+            target = graph.inputs + count
+            count += 1
+        slot[index] = target
+        pending.append((code, left, right, target))
+
+    def place(operand: object) -> object:
+        return graph.inputs + count - 1 - operand if isinstance(operand, int) and operand < 0 else operand
+
+    base = graph.inputs + count
+    instructions = tuple((code, place(a), place(b), int(place(t))) for code, a, b, t in pending)  # type: ignore[call-overload]
+    copies = tuple((base + k, int(place(slot[index]))) for k, index in repeats)  # type: ignore[call-overload]
+    return Program(graph.inputs, len(outputs), count, instructions, constants, copies)
+
+
+def _operands(graph: Graph, index: int) -> list[int]:
+    _, a, b = graph.operations[index - graph.inputs]
+    return [operand for operand in (a, b) if isinstance(operand, int)]
