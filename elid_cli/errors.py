@@ -31,6 +31,7 @@ class ElidError(Exception):
         Why elid thinks so (second line), or empty.
     hint
         Something to paste or to do (third line), or empty.
+
     """
 
     exit_code: ClassVar[int] = EXIT_USAGE

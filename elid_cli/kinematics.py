@@ -75,6 +75,7 @@ def chain(robot: Robot, states: Sequence[JointState], *, gravity: bool = True) -
         One `JointState` per joint, rad (m) and s.
     gravity
         False leaves gravity out (for inertia matrices).
+
     """
     g = robot.gravity if gravity else (0.0, 0.0, 0.0)
     bodies = [Body(ZERO, ZERO, (-g[0], -g[1], -g[2]), ())]

@@ -73,6 +73,7 @@ class Model:
         The robot description.
     terms
         Base terms; by default the paper's five.
+
     """
 
     def __init__(self, robot: Robot, terms: Sequence[BaseTerm] = BASE_TERMS) -> None:
@@ -110,6 +111,7 @@ class Model:
         -------
         dict
             Row -> array of shape (len(columns), N); which parameters these are is in the plan.
+
         """
         plan = plan or self.estimation
         out = np.empty((plan.program.outputs, motion.samples))
@@ -132,9 +134,8 @@ class Model:
         outputs: list[Scalar] = []
         order = {"link": 0, "sum": 0, "motor": 1}
         for row in sorted(values, key=lambda r: (order[r.kind], r.joint)):
-            filled = sorted(
-                (self.index[name], value) for name, value in values[row].items() if isinstance(value, Node) or value != 0
-            )
+            present = {name: value for name, value in values[row].items() if isinstance(value, Node) or value != 0}
+            filled = [(self.index[name], present[name]) for name in sorted(present, key=self.index.__getitem__)]
             rows.append(RowPlan(row, np.array([k for k, _ in filled], dtype=np.intp), len(outputs)))
             outputs += [value for _, value in filled]
         return Plan(compile_program(graph, outputs), tuple(rows))
@@ -151,8 +152,8 @@ class Model:
             else:
                 values[Row("sum", k)] = {}
         for term in self.terms:
-            for side, joint, name, value in term.entries(self.robot, motion):
-                for row in self._targets(side, joint, paper=paper):
+            for side, number, name, value in term.entries(self.robot, motion):
+                for row in self._targets(side, number, paper=paper):
                     values[row][name] = values[row].get(name, 0.0) + value
         return values
 

@@ -53,6 +53,7 @@ def random_motion(n: int, elastic: NDArray[np.bool_], samples: int, seed: int = 
         Which joints have a motor state of their own, shape (n,).
     seed
         Seed of the generator; the same seed gives the same states.
+
     """
     generator = np.random.default_rng(seed)
     q, dq, ddq, theta, dtheta, ddtheta = generator.uniform(-np.pi, np.pi, (6, samples, n))

@@ -1,0 +1,218 @@
+"""What an effect knows: a term that the 14-parameters-per-joint model lacks.
+
+An effect is one file in this folder holding one subclass of `Effect`. Its formula stands once, in `columns`:
+identification, diagnosis and prediction evaluate it on a whole log, the simulator on one instant at a time.
+All columns are on the model's side of the equation (model = torque), so a positive friction has a positive
+coefficient in the motor row. A spring-path effect enters the link row with + and the motor row with -.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.motion import Motion
+from elid_cli.robot import Robot
+from elid_cli.terms.base_term import Side
+
+Array = NDArray[np.float64]
+Place = Literal["motor", "link", "spring", "chain", "torque", "encoder"]
+"""Where an effect acts: a motor row, a link row, both rows of the spring with opposite signs, the link rows of
+the whole chain, the torque channel, or the position channels."""
+
+DIRECTION_WIDTH = 5e-3
+"""Joint-side speed (rad/s or m/s) over which sign(v) is rounded as tanh(v / width), in effects only."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of an effect as files and reports name it."""
+
+    name: str
+    unit: str
+    meaning: str
+    low: float = -np.inf
+    high: float = np.inf
+
+
+class RowKey(NamedTuple):
+    """A row of eq. (13): the link or motor equation of joint `joint` (from 0)."""
+
+    side: Side
+    joint: int
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What effects are computed from: the motion, the torques and the model as far as it is known.
+
+    Arrays are (N, n), SI, at N consecutive instants `dt` apart (N = 1 in a simulator).
+    """
+
+    robot: Robot
+    motion: Motion
+    dt: float
+    tau: Array
+    """Motor torque as logged."""
+    load: Array
+    """Torque through the transmission, K (theta - q) or its best estimate (zeros where unknown)."""
+    predicted: Array
+    """Motor torque that the present model predicts (zeros where unknown)."""
+    parameters: Array
+    """Standard parameters of the present model, any representative of the base parameters, shape (p,)."""
+    duration: float
+    """Length of the whole log, s; effects that vary with time are scaled by it."""
+    stiffness: Array
+    """Transmission stiffness as far as known, shape (n,); NaN where unknown or rigid."""
+    starts: Sequence[int] = (0,)
+    """Indices at which a new segment begins; effects with memory start afresh there."""
+    temperature: Array | None = None
+    cache: dict[object, Array] = field(default_factory=dict, compare=False, repr=False)
+    """Results that several effects share, keyed by (name, …)."""
+
+    @property
+    def samples(self) -> int:
+        """Number of instants."""
+        return self.motion.samples
+
+    def direction(self, joint: int) -> Array:
+        """Return the rounded sign of motor velocity, shape (N,)."""
+        return np.tanh(self.motion.dtheta[:, joint] / DIRECTION_WIDTH)
+
+    def deflection(self, joint: int) -> Array:
+        """Return q - theta, shape (N,)."""
+        return self.motion.q[:, joint] - self.motion.theta[:, joint]
+
+
+Columns = Mapping[RowKey, Array]
+"""Row -> array (d, N), one row per amplitude, in the order of `Effect.amplitudes`."""
+
+
+class Effect(ABC):
+    """One effect at one joint; instances carry the joint and the shape, amplitudes are fitted linearly.
+
+    Parameters
+    ----------
+    joint
+        Joint number from 0 (for effects of the whole robot: 0).
+    shape
+        Values of `shapes`, in order.
+
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+    """One line for lists: what it is."""
+    equation: ClassVar[str]
+    physics: ClassVar[str]
+    typical: ClassVar[str]
+    fingerprint: ClassVar[str]
+    """What its residual organises against, in which rows."""
+    record: ClassVar[str]
+    """What to record in order to see it and to separate it from its twins."""
+    place: ClassVar[Place]
+    amplitudes: ClassVar[tuple[Parameter, ...]]
+    """Linear parameters."""
+    shapes: ClassVar[tuple[Parameter, ...]] = ()
+    """Nonlinear parameters."""
+    twins: ClassVar[tuple[str, ...]] = ()
+    """Effects that no data, or only special data, can tell apart from this one."""
+    elastic_only: ClassVar[bool] = False
+    """Whether the effect needs an elastic transmission."""
+    whole_robot: ClassVar[bool] = False
+    """Whether the effect belongs to no single joint."""
+    local: ClassVar[bool] = False
+    """Whether the effect lives in a part of the log only, so that cross-validation over time cannot judge it."""
+    memory: ClassVar[bool] = False
+    """Whether the effect has an internal state (see `MemoryEffect`)."""
+
+    def __init__(self, joint: int, shape: Sequence[float] = ()) -> None:
+        if len(shape) != len(self.shapes):
+            raise ValueError(f"{self.name} has {len(self.shapes)} shape parameters, got {len(shape)}")
+        self.joint = joint
+        self.shape = tuple(float(value) for value in shape)
+
+    @classmethod
+    def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
+        """Return shapes from which a search starts, scaled to what the log holds; [()] without shapes.
+
+        An empty list says that the log cannot show this effect at all (no torque near a limit, no full turn…).
+        """
+        return [()]
+
+    @classmethod
+    def applies(cls, robot: Robot, joint: int) -> bool:
+        """Whether the effect can exist at this joint."""
+        if cls.whole_robot and joint != 0:
+            return False
+        return robot.joints[joint].elastic or not cls.elastic_only
+
+    @abstractmethod
+    def columns(self, scene: Scene) -> Columns:
+        """Return the columns of the amplitudes in the rows they act on (link and motor rows, model side)."""
+
+    def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
+        """Return the parameters as files and reports name them, from fitted linear coefficients (d,).
+
+        The default pairs `amplitudes` with the coefficients and `shapes` with the shape.
+        """
+        values = {p.name: float(c) for p, c in zip(self.amplitudes, coefficients, strict=True)}
+        values |= {p.name: s for p, s in zip(self.shapes, self.shape, strict=True)}
+        return values
+
+    @classmethod
+    def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
+        """Invert `named`: return (linear coefficients (d,), shape) from named parameters.
+
+        Raises
+        ------
+        KeyError
+            If a parameter is missing.
+
+        """
+        linear = np.array([values[p.name] for p in cls.amplitudes], dtype=float)
+        return linear, tuple(float(values[p.name]) for p in cls.shapes)
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether fitted, named values are physically possible (a backlash must open, a delay must not lead)."""
+        specs = (*cls.amplitudes, *cls.shapes)
+        return all(p.low <= values[p.name] <= p.high for p in specs if p.name in values)
+
+
+class MemoryEffect(Effect):
+    """An effect whose columns follow from an internal state driven by one signal (hysteresis, creep)."""
+
+    memory: ClassVar[bool] = True
+
+    @abstractmethod
+    def drive(self, scene: Scene) -> Array:
+        """Return the signal that drives the state, shape (N,)."""
+
+    @abstractmethod
+    def advance(self, state: float, previous: float, now: float) -> float:
+        """Return the state after the drive moved from `previous` to `now` within one sample."""
+
+    @abstractmethod
+    def columns_of(self, scene: Scene, state: Array) -> Columns:
+        """Return the columns for a history of states, shape (N,)."""
+
+    def columns(self, scene: Scene) -> Columns:
+        """Run the state through the log, from 0 at every segment's start."""
+        return self.columns_of(scene, self.history(scene))
+
+    def history(self, scene: Scene) -> Array:
+        """Return the state at every instant, shape (N,)."""
+        drive = self.drive(scene).tolist()
+        states = np.zeros(len(drive))
+        starts = set(scene.starts)
+        state = 0.0
+        for k in range(1, len(drive)):
+            state = 0.0 if k in starts else self.advance(state, drive[k - 1], drive[k])
+            states[k] = state
+        return states
