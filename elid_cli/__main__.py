@@ -1,0 +1,8 @@
+"""Run elid as ``python -m elid_cli``."""
+
+import sys
+
+from elid_cli.commands import main
+
+if __name__ == "__main__":
+    sys.exit(main())

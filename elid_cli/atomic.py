@@ -1,0 +1,65 @@
+"""Files that are either whole or not there: written beside their place, then renamed onto it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from elid_cli.errors import UsageError, did_you_mean
+
+
+def check_writable(path: Path) -> None:
+    """Refuse, before any work is done, a file that cannot be written.
+
+    Raises
+    ------
+    UsageError
+        Its folder does not exist or may not be written, or it is itself a folder.
+    """
+    folder = path.parent
+    if path.is_dir():
+        raise UsageError(f"{path}: is a folder", hint="name a file in it")
+    if not folder.is_dir():
+        there = [str(p) for p in folder.parent.iterdir() if p.is_dir()] if folder.parent.is_dir() else []
+        near = did_you_mean(str(folder), there) if there else ""
+        raise UsageError(f"{path}: no folder {folder}", hint=near if near.startswith("did") else f"mkdir -p {folder}")
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise UsageError(f"{path}: not writable", hint="choose another folder")
+
+
+@contextlib.contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Yield a name beside `path` to write to, and rename it onto `path` when the block ends well.
+
+    Whatever ends the block early, Ctrl-C included, removes the unfinished file and leaves an older one as it was.
+    A device or a pipe (``/dev/stdout``) cannot be renamed onto and is yielded itself. The suffix is kept, since
+    some writers choose or add one by it.
+
+    Raises
+    ------
+    UsageError
+        The folder cannot be written or the disk is full.
+    """
+    target = Path(path).resolve() if Path(path).is_symlink() else Path(path)
+    if target.exists() and not target.is_file():
+        yield target
+        return
+    check_writable(target)
+    beside = target.with_name(f".{target.stem[:100]}.{os.getpid()}.part{target.suffix}")
+    try:
+        yield beside
+        if target.exists():
+            beside.chmod(target.stat().st_mode & 0o777)
+        beside.replace(target)
+    except OSError as problem:
+        raise UsageError(f"{target}: cannot be written", detail=str(problem.strerror or problem).lower()) from problem
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text as UTF-8, whole or not at all."""
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8", errors="surrogateescape", newline="\n")

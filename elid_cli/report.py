@@ -1,0 +1,207 @@
+"""One tree for everything said to a user: what JSON holds, and the sections that people read.
+
+A command builds one `Report`; every file in `formats/` turns it into text. So n results times m output
+formats are n + m functions, and a test can check that the JSON and the tables say the same.
+
+Nothing here knows about colour, width or markup, and nothing here computes: cells hold numbers, not text.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias
+
+Tone = Literal["plain", "good", "warn", "bad", "dim"]
+Role = Literal["heading", "plain", "warning", "next"]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number with its unit and the precision that is worth printing.
+
+    Parameters
+    ----------
+    value
+        The number, in `unit`; None or NaN prints as a dash.
+    unit
+        Printed behind the number where the column does not carry the unit already.
+    digits
+        Significant digits, when `resolution` is not given.
+    resolution
+        A standard deviation of the value, in the same unit: two digits of it decide the decimals.
+    tone
+        How the cell should strike the eye.
+    """
+
+    value: float | None
+    unit: str = ""
+    digits: int = 4
+    resolution: float | None = None
+    tone: Tone = "plain"
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A word with a tone, such as a verdict."""
+
+    text: str
+    tone: Tone = "plain"
+
+
+Cell: TypeAlias = str | bool | int | float | Quantity | Mark | None
+
+
+def percent(fraction: float | None, digits: int = 3, tone: Tone = "plain") -> Quantity:
+    """Return a fraction as a quantity in %."""
+    return Quantity(None if fraction is None else 100.0 * fraction, "%", digits, tone=tone)
+
+
+def cell_text(cell: Cell, *, unit: bool = True) -> str:
+    """Return a cell as people read it; `unit` False where the column's head already names the unit."""
+    if cell is None:
+        return "–"
+    if isinstance(cell, bool):
+        return "yes" if cell else "no"
+    if isinstance(cell, str):
+        return cell
+    if isinstance(cell, Mark):
+        return cell.text
+    if isinstance(cell, Quantity):
+        number = number_text(cell.value, cell.digits, cell.resolution)
+        return f"{number} {cell.unit}" if unit and cell.unit and number != "–" else number
+    return number_text(cell)
+
+
+def number_text(value: float | None, digits: int = 4, resolution: float | None = None) -> str:
+    """Return a number with `digits` significant digits, or as many decimals as two digits of `resolution` need.
+
+    Whole numbers keep all their digits up to 1e7, and get no decimals.
+    """
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "inf" if value > 0 else "-inf"
+    magnitude = math.floor(math.log10(abs(value))) if value else 0
+    if resolution and math.isfinite(resolution):
+        finest = math.floor(math.log10(abs(resolution))) - 1
+        digits = max(1, min(magnitude - finest + 1, 15))
+        decimals = -finest
+    elif float(value).is_integer() and magnitude < 15:
+        return f"{int(value):d}" if magnitude < 7 or isinstance(value, int) else f"{value:.{digits - 1}e}"
+    else:
+        decimals = digits - 1 - magnitude
+    if magnitude < -4 or magnitude >= 7:
+        return f"{value:.{digits - 1}e}"
+    return f"{value:.{min(max(decimals, 0), 12)}f}"
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; role ``next`` is a command to paste and is never folded."""
+
+    key: str
+    text: str
+    role: Role = "plain"
+
+
+@dataclass(frozen=True)
+class KeyValues:
+    """Facts, one a line; a tuple of cells is printed side by side."""
+
+    key: str
+    items: tuple[tuple[str, Cell], ...]
+    title: str = ""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: `unit` stands in its head when every row has the same."""
+
+    key: str
+    title: str
+    unit: str = ""
+    align: Literal["left", "right"] = "left"
+
+    @property
+    def head(self) -> str:
+        """Title with unit."""
+        return f"{self.title} ({self.unit})" if self.unit else self.title
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells, one per column. Readers see `shown` rows (None: all) unless they ask for everything."""
+
+    key: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    title: str = ""
+    shown: int | None = None
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f"table {self.key}: {len(row)} cells in a row of {len(self.columns)} columns")
+
+    def visible(self, everything: bool) -> tuple[tuple[Cell, ...], ...]:
+        """Return the rows to print; one row more than `shown` is printed rather than hidden behind a line."""
+        if everything or self.shown is None or len(self.rows) <= self.shown + 1:
+            return self.rows
+        return self.rows[: self.shown]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What a plotter needs: `kind` names the way of drawing, `data` holds its arrays by name. Text formats skip it."""
+
+    key: str
+    title: str
+    kind: str
+    data: Mapping[str, Any] = field(default_factory=dict)
+    caption: str = ""
+
+
+Section: TypeAlias = Text | KeyValues | Table | Figure
+
+
+@dataclass(frozen=True)
+class Report:
+    """What one command answers.
+
+    Parameters
+    ----------
+    command
+        The verb.
+    payload
+        The JSON object without ``schema``, ``version`` and ``command``; arrays, scalars of NumPy and NaN are allowed.
+    sections
+        What people read, in order; every key is unique and stable.
+    invocation
+        The command line that gave this report, for pages that are read later; never in JSON.
+    """
+
+    command: str
+    payload: Mapping[str, Any]
+    sections: tuple[Section, ...]
+    invocation: str = ""
+
+    def __post_init__(self) -> None:
+        keys = [section.key for section in self.sections]
+        twice = sorted({key for key in keys if keys.count(key) > 1})
+        if twice:
+            raise ValueError(f"report {self.command}: two sections called {', '.join(twice)}")
+
+    def section(self, key: str) -> Section:
+        """Return the section of that key (KeyError where there is none)."""
+        for section in self.sections:
+            if section.key == key:
+                return section
+        raise KeyError(key)
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """The figures, in order."""
+        return tuple(section for section in self.sections if isinstance(section, Figure))
