@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -45,7 +44,7 @@ SNAP = 1e-6
 
 
 def _empty() -> Mapping[str, Any]:
-    return MappingProxyType({})
+    return {}  # a plain dict, so that robots can be sent to worker processes
 
 
 def exact_sin_cos(angle: float) -> tuple[float, float]:
