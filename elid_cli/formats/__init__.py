@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Protocol, cast
 
 from elid_cli.atomic import check_writable, write_text
@@ -86,4 +87,29 @@ def render(report: Report, name: str, style: Style) -> str:
 
 def write_report(report: Report, path: Path) -> None:
     """Write a report to a file, whole or not at all, with all its rows, in the format of the file's suffix."""
-    write_text(path, format_of(path).render(report, replace(Style(), width=120, everything=True)))
+    write_text(path, format_of(path).render(report, Style(width=120, everything=True)))
+
+
+def check_drawing(folder: Path) -> None:
+    """Refuse early a folder of figures that cannot be made, or figures without a plotting library (UsageError)."""
+    _figures()
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"{folder}: is not a folder", hint="--plot takes a folder for the figures")
+    check_writable((folder if folder.is_dir() else folder.parent) / "figure")
+
+
+def draw(report: Report, folder: Path) -> None:
+    """Write the report's figures into a folder, made if it is missing, one file per figure."""
+    folder.mkdir(exist_ok=True)
+    _figures().draw(report, folder)
+
+
+def _figures() -> ModuleType:
+    """Return `formats/_figures.py`, which draws with matplotlib."""
+    try:
+        importlib.import_module("matplotlib")
+        return importlib.import_module(f"{__name__}._figures")
+    except ModuleNotFoundError as missing:
+        raise UsageError(
+            f"--plot: {missing.name} is not installed", hint="pip install 'elid[plots]'"
+        ) from None

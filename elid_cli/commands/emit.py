@@ -1,0 +1,94 @@
+"""Out with it: the report to stdout and to files, notes to stderr."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import sys
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import TextIO
+
+import click
+
+from elid_cli import formats
+from elid_cli.commands.color import is_terminal, wants_color
+from elid_cli.commands.options import Output
+from elid_cli.errors import ElidError
+from elid_cli.report import Report
+
+SYMBOLS = "·±²→…σ"
+"""Characters that a stream must know to be spared the ASCII spelling."""
+
+
+def check_output(output: Output) -> None:
+    """Refuse, before any work, a report file or a folder of plots that could not be written (UsageError)."""
+    for name in output.report:
+        formats.check_destination(Path(name))
+    if output.plot is not None:
+        formats.check_drawing(Path(output.plot))
+
+
+def emit(report: Report, output: Output) -> None:
+    """Write the report to the files asked for, then to stdout."""
+    report = replace(report, invocation=invocation())
+    for name in output.report:
+        formats.write_report(report, Path(name))
+    if output.plot is not None:
+        formats.draw(report, Path(output.plot))
+    kind = "json" if output.json else "markdown" if output.markdown else "terminal"
+    sys.stdout.write(formats.render(report, kind, style_of(sys.stdout, output)))
+    sys.stdout.flush()
+
+
+def style_of(stream: TextIO, output: Output) -> formats.Style:
+    """Return what a stream can show."""
+    return formats.Style(
+        width=width_of(stream), color=wants_color(stream, output.color), ascii=not _knows(stream, SYMBOLS),
+        everything=output.everything,
+    )  # fmt: skip
+
+
+def width_of(stream: TextIO) -> int:
+    """Return the columns of a stream: ``COLUMNS``, else the terminal's, else 80."""
+    if os.environ.get("COLUMNS", "").isdecimal():
+        return max(int(os.environ["COLUMNS"]), 20)
+    if is_terminal(stream):
+        return max(shutil.get_terminal_size((80, 24)).columns, 20)
+    return 80
+
+
+def invocation() -> str:
+    """Return the command line, ready to paste."""
+    context = click.get_current_context(silent=True)
+    arguments = context.find_root().obj if context is not None else None
+    return shlex.join(["elid", *(arguments or ())])
+
+
+def note(lines: Iterable[str], output: Output, word: str = "note") -> None:
+    """Say on stderr what the user should know although all went well: repairs, warnings.
+
+    Someone who looks at the report on the same terminal finds them in it and is not told twice.
+    """
+    if output.quiet:
+        return
+    if not (output.json or output.markdown) and is_terminal(sys.stdout) and is_terminal(sys.stderr):
+        return
+    for line in lines:
+        sys.stderr.write(f"{word}: {line}\n")
+
+
+class LimitError(ElidError):
+    """A limit that the user set was broken (exit code 1); raised after the report is out."""
+
+    exit_code = 1
+
+
+def _knows(stream: TextIO, characters: str) -> bool:
+    try:
+        characters.encode(stream.encoding or "ascii")
+    except (UnicodeEncodeError, LookupError):
+        return False
+    return True
