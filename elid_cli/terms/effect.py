@@ -21,6 +21,9 @@ from elid_cli.robot import Robot
 from elid_cli.terms.base_term import Side
 
 Array = NDArray[np.float64]
+Simulated = Literal["torque", "robot", "motor", "log"]
+"""How an effect enters a simulation: ``torque`` through its columns (or its state), ``robot`` by `Effect.altered`,
+``motor`` by `Effect.delivered`, ``log`` by `Effect.logged`."""
 Place = Literal["motor", "link", "spring", "chain", "torque", "encoder"]
 """Where an effect acts: a motor row, a link row, both rows of the spring with opposite signs, the link rows of
 the whole chain, the torque channel, or the position channels."""
@@ -93,6 +96,15 @@ Columns = Mapping[RowKey, Array]
 """Row -> array (d, N), one row per amplitude, in the order of `Effect.amplitudes`."""
 
 
+@dataclass(frozen=True)
+class Alteration:
+    """Another robot, or other standard parameters, from time `start` (s) on (see `Effect.altered`)."""
+
+    start: float
+    robot: Robot
+    parameters: Array
+
+
 class Effect(ABC):
     """One effect at one joint; instances carry the joint and the shape, amplitudes are fitted linearly.
 
@@ -130,6 +142,8 @@ class Effect(ABC):
     """Whether the effect lives in a part of the log only, so that cross-validation over time cannot judge it."""
     memory: ClassVar[bool] = False
     """Whether the effect has an internal state (see `MemoryEffect`)."""
+    simulated: ClassVar[Simulated] = "torque"
+    """Which of the simulator's hooks brings the effect into a simulated log."""
 
     def __init__(self, joint: int, shape: Sequence[float] = ()) -> None:
         if len(shape) != len(self.shapes):
@@ -185,6 +199,40 @@ class Effect(ABC):
         return all(p.low <= values[p.name] <= p.high for p in specs if p.name in values)
 
 
+    def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
+        """Return what the robot becomes (``simulated = "robot"``: a payload, a tilted base).
+
+        Parameters
+        ----------
+        robot, parameters
+            The robot and its standard parameters (p,) so far.
+        coefficients
+            The amplitudes, from `coefficients`.
+
+        """
+        raise NotImplementedError(f"{self.name} does not alter the robot")
+
+    def delivered(self, command: float, coefficients: Array) -> float:
+        """Return the torque (N·m) that this joint's motor delivers when `command` is logged (``simulated = "motor"``)."""
+        raise NotImplementedError(f"{self.name} does not act in the motor")
+
+    def logged(self, signals: Mapping[str, Array], dt: float, coefficients: Array) -> dict[str, Array]:
+        """Return the signals that differ in the log from what happened (``simulated = "log"``).
+
+        Parameters
+        ----------
+        signals
+            What happened: ``t`` (N,), ``q``, ``theta``, ``tau``, ``dq``, ``dtheta``, ``tau_link`` (N, n); leave them as
+            they are and return changed copies.
+        dt
+            Sample time, s.
+        coefficients
+            The amplitudes, from `coefficients`.
+
+        """
+        raise NotImplementedError(f"{self.name} does not act in the log")
+
+
 class MemoryEffect(Effect):
     """An effect whose columns follow from an internal state driven by one signal (hysteresis, creep)."""
 
@@ -216,3 +264,21 @@ class MemoryEffect(Effect):
             state = 0.0 if k in starts else self.advance(state, drive[k - 1], drive[k])
             states[k] = state
         return states
+
+
+class OscillatorEffect(Effect):
+    """An effect with a continuous state of its own that the motion drives (a flexible mode of link or base).
+
+    The simulator integrates `rates` together with the robot; `columns` of a log has to integrate them itself.
+    """
+
+    states: ClassVar[int] = 2
+    memory: ClassVar[bool] = True
+
+    @abstractmethod
+    def rates(self, scene: Scene, state: Array) -> Array:
+        """Return the state's time derivative (states, N); accelerations in `scene.motion` are valid here."""
+
+    @abstractmethod
+    def columns_of(self, scene: Scene, state: Array) -> Columns:
+        """Return the columns for given states (states, N); accelerations in `scene.motion` are not valid here."""
