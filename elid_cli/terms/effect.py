@@ -213,7 +213,7 @@ class Effect(ABC):
         raise NotImplementedError(f"{self.name} does not alter the robot")
 
     def delivered(self, command: float, coefficients: Array) -> float:
-        """Return the torque (N·m) that this joint's motor delivers when `command` is logged (``simulated = "motor"``)."""
+        """Return the torque (N·m) that the motor delivers while `command` is logged (``simulated = "motor"``)."""
         raise NotImplementedError(f"{self.name} does not act in the motor")
 
     def logged(self, signals: Mapping[str, Array], dt: float, coefficients: Array) -> dict[str, Array]:
