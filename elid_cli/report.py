@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 Tone = Literal["plain", "good", "warn", "bad", "dim"]
-Role = Literal["heading", "plain", "warning", "next"]
+Role = Literal["heading", "plain", "warning", "code", "next"]
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def number_text(value: float | None, digits: int = 4, resolution: float | None =
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph; role ``next`` is a command to paste and is never folded."""
+    """A paragraph; roles ``code`` (text to paste) and ``next`` (a command to run) are never folded."""
 
     key: str
     text: str

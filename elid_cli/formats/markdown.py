@@ -36,6 +36,8 @@ def _text(section: Text) -> str:
         return f"> **warning** {_escape(section.text)}"
     if section.role == "next":
         return f"Next:\n\n```sh\n{section.text}\n```"
+    if section.role == "code":
+        return f"```yaml\n{section.text}\n```"
     return _escape(section.text)
 
 

@@ -107,6 +107,10 @@ class _Writer:
         if section.role == "next":
             self._line(("Next: ", "bold"), (self._said(section.text), ""))
             return
+        if section.role == "code":
+            for line in self._said(section.text).split("\n"):
+                self._line((" " * INDENT + line, ""))
+            return
         style = {"heading": "bold", "warning": "yellow"}.get(section.role, "")
         prefix = "warning: " if section.role == "warning" else ""
         for line in self._fold(prefix + section.text, self.style.width):
