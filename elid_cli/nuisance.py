@@ -1,0 +1,69 @@
+"""Nuisances of every torque channel, estimated along so that they do not bias the parameters.
+
+Delay: a torque that is held by the drive and logged at the start of the sample acts half a sample later than
+logged; left alone, that moves rotor inertias by tens of per cent. To first order
+W p = u(t - delay) = u - delay du/dt. Offset: a constant in the torque channel (or friction that differs between
+the two directions, which motion alone cannot tell apart) moves Coulomb friction and gravity terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.covariance import sandwich
+from elid_cli.model import Row
+from elid_cli.observation import Observation
+from elid_cli.reduction import Extra
+from elid_cli.signals import Signals
+from elid_cli.solve import Solution
+
+Array = NDArray[np.float64]
+
+SIGNIFICANT = 4.0
+"""Standard deviations a nuisance must differ from zero to be corrected."""
+DELAY = "torque_delay"
+OFFSET = "torque_offset"
+
+
+def delay_columns(observation: Observation) -> list[Extra]:
+    """Return one column per torque channel: du/dt in the joint's sum and motor rows, coefficient = delay in s."""
+    return _channel_columns(observation, DELAY, observation.tau_rate, "s")
+
+
+def offset_columns(observation: Observation) -> list[Extra]:
+    """Return one constant column per torque channel, coefficient = offset in N·m (N)."""
+    return _channel_columns(observation, OFFSET, np.ones_like(observation.tau), "N·m")
+
+
+def _channel_columns(observation: Observation, name: str, values: Array, unit: str) -> list[Extra]:
+    present = {group.row for group in observation.groups if group.count}
+    extras = []
+    for k in range(observation.robot.n):
+        rows = {row: values[k][None] for row in (Row("sum", k), Row("motor", k)) if row in present}
+        if rows:
+            extras.append(Extra(name, rows, (unit,)))
+    return extras
+
+
+def significant(
+    observation: Observation, solution: Solution, extras: Sequence[Extra], signals: Signals
+) -> list[Extra]:
+    """Return the nuisances whose coefficient is significant; a delay must also be no longer than one sample.
+
+    A longer delay is not a nuisance of sampling but an effect, for the diagnosis to name.
+    """
+    covariance = sandwich(observation, solution, extras)
+    kept = []
+    for k, extra in enumerate(extras):
+        where = np.flatnonzero(solution.basis == observation.parameters + k)
+        if not len(where):
+            continue
+        value = abs(float(solution.values[observation.parameters + k]))
+        deviation = float(np.sqrt(covariance[where[0], where[0]]))
+        short = extra.name != DELAY or value <= 1.05 * signals.dt + 2 * deviation
+        if value > SIGNIFICANT * deviation and short:
+            kept.append(extra)
+    return kept

@@ -1,0 +1,210 @@
+"""What estimation sees: every row group's columns and right-hand side, filtered, decimated and masked.
+
+The regressor at the log's rate is never held: it is computed, filtered and decimated block by block, and what
+remains is a few thousand equations per row group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model import Model, Plan, Row, inputs_of
+from elid_cli.motion import Motion
+from elid_cli.robot import Robot
+from elid_cli.signals import Signals
+
+Array = NDArray[np.float64]
+
+_CHUNK = 32768
+"""Samples whose full-rate regressor is held at a time."""
+REVERSAL_SHARE = 0.02
+"""A filtered sample is masked when more than this share of its filter window lies in a reversal."""
+
+
+@dataclass(frozen=True)
+class Equations:
+    """One row group after filtering: ``columns.T @ parameters = target`` at M instants.
+
+    `columns` is (p_r, M) for the standard parameters in `index`; `use` marks the instants that count.
+    """
+
+    row: Row
+    index: NDArray[np.intp]
+    columns: Array
+    target: Array
+    use: NDArray[np.bool_]
+
+    @property
+    def count(self) -> int:
+        """Number of instants that count."""
+        return int(np.count_nonzero(self.use))
+
+
+@dataclass(frozen=True)
+class Observation:
+    """All row groups of a log, with the torques and their derivative on the same instants."""
+
+    robot: Robot
+    groups: tuple[Equations, ...]
+    parameters: int
+    """Number of standard parameters p."""
+    t: Array
+    """Time of each instant, s, (M,)."""
+    stretch: NDArray[np.intp]
+    """Segment of each instant, (M,)."""
+    tau: Array
+    """Filtered motor torques, (n, M)."""
+    tau_rate: Array
+    """Filtered time derivative of the motor torques, N·m/s, (n, M)."""
+    rate: float
+    """Instants per second."""
+    masked: Array
+    """Share of instants masked around reversals, per joint, (n,)."""
+
+    @property
+    def instants(self) -> int:
+        """Number of instants M."""
+        return int(self.t.shape[0])
+
+    def group(self, row: Row) -> Equations:
+        """Return the row group of `row`."""
+        return next(group for group in self.groups if group.row == row)
+
+    def only(self, chosen: NDArray[np.bool_]) -> Observation:
+        """Return the observation with the instants outside `chosen` (M,) masked."""
+        return replace(self, groups=tuple(replace(g, use=g.use & chosen) for g in self.groups))
+
+
+def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: bool = True) -> Observation:
+    """Compute, filter and decimate all rows of a log.
+
+    Parameters
+    ----------
+    model
+        The robot's model.
+    signals
+        Smooth motion and torque.
+    plan
+        Row pairing, by default sum and motor rows.
+    mask
+        Mask instants around reversals of the motor, where Coulomb friction is undefined.
+    """
+    plan = plan or model.estimation
+    n = model.robot.n
+    outputs = signals.outputs
+    columns = np.empty((plan.program.outputs, len(outputs)))
+    tau = np.empty((n, len(outputs)))
+    rate = np.empty((n, len(outputs)))
+    reversal = np.zeros((n, len(outputs)))
+    stretch = np.zeros(len(outputs), dtype=np.intp)
+    place = 0
+    for number, segment in enumerate(signals.segments):
+        count = len(signals.filter.outputs(len(segment), signals.margin))
+        stretch[place : place + count] = number
+        for begin, end, first in _chunks(signals, len(segment), count):
+            here = slice(place + first[0], place + first[1])
+            part = slice(segment.start + begin, segment.start + end)
+            motion = signals.motion[part]
+            block = np.empty((plan.program.outputs, motion.samples))
+            plan.program.run(inputs_of(motion), block)
+            columns[:, here] = signals.filter.apply(block)
+            torque = signals.tau[part].T
+            tau[:, here] = signals.filter.apply(torque)
+            rate[:, here] = signals.filter.apply(np.gradient(torque, signals.dt, axis=1))
+            slow = np.abs(motion.dtheta.T) < signals.min_velocity[:, None]
+            reversal[:, here] = _share(slow, signals)
+        place += count
+    use = _usable(reversal, tau, signals) if mask else np.isfinite(tau)
+    groups = tuple(
+        Equations(
+            item.row,
+            item.columns,
+            columns[item.slots],
+            tau[item.row.joint] if item.row.kind != "link" else np.zeros(len(outputs)),
+            use[item.row.joint] if item.row.kind != "link" else np.isfinite(columns[item.slots]).all(axis=0),
+        )
+        for item in plan.rows
+    )
+    known = np.isfinite(tau)
+    masked = 1.0 - np.array([use[k].sum() / max(known[k].sum(), 1) for k in range(n)])
+    return Observation(
+        model.robot,
+        groups,
+        model.parameters,
+        signals.motion.t[outputs],
+        stretch,
+        tau,
+        rate,
+        signals.rate,
+        masked,
+    )
+
+
+def _chunks(signals: Signals, length: int, count: int) -> list[tuple[int, int, tuple[int, int]]]:
+    """Return (begin, end, (first, last)): sample ranges whose filtered outputs are numbers first…last-1.
+
+    Ranges overlap by the filter's length, so that the outputs are those of the whole.
+    """
+    if count == 0:
+        return []
+    step, half = signals.filter.step, signals.filter.half
+    origin = half + signals.margin
+    each = max(1, _CHUNK // step)
+    chunks = []
+    for first in range(0, count, each):
+        last = min(first + each, count)
+        begin = origin + first * step - half
+        end = min(origin + (last - 1) * step + half + 1, length)
+        chunks.append((begin, end, (first, last)))
+    return chunks
+
+
+def _share(slow: NDArray[np.bool_], signals: Signals) -> Array:
+    """Return the weight of slow samples in each output's filter window, (n, outputs)."""
+    weights = np.abs(signals.filter.taps)
+    window = replace(signals.filter, taps=weights / weights.sum())
+    return window.apply(slow.astype(float))
+
+
+def _usable(reversal: Array, tau: Array, signals: Signals) -> NDArray[np.bool_]:
+    """Return which instants count: torque known, motor not reversing; a joint at rest counts all the time."""
+    use = np.isfinite(tau)
+    for k in range(signals.n):
+        if signals.still[k]:
+            continue
+        clear = reversal[k] <= REVERSAL_SHARE
+        use[k] &= clear
+    return use
+
+
+def extra_columns(signals: Signals, rows: Mapping[Row, Array]) -> dict[Row, Array]:
+    """Filter and decimate further columns (d, N) of some rows to (d, M)."""
+    return {row: signals.decimate(values) for row, values in rows.items()}
+
+
+def pair(effects: Mapping[tuple[str, int], Array], robot: Robot) -> dict[Row, Array]:
+    """Turn columns given for link and motor rows into columns of sum and motor rows.
+
+    Parameters
+    ----------
+    effects
+        (side, joint) -> (d, N), link and motor rows of eq. (13), model side.
+    robot
+        Tells which joints are rigid (sum row only).
+    """
+    rows: dict[Row, Array] = {}
+    for (side, joint), values in effects.items():
+        total = Row("sum", joint)
+        rows[total] = rows[total] + values if total in rows else np.array(values, dtype=float)
+        if side == "motor" and robot.joints[joint].elastic:
+            rows[Row("motor", joint)] = np.array(values, dtype=float)
+    return rows
+
+
+def block_motion(signals: Signals) -> Motion:
+    """Return the motion that effects are computed from (the whole log at its own rate)."""
+    return signals.motion

@@ -1,0 +1,163 @@
+"""Triangles: all that least squares must keep of the data.
+
+The R factor of [columns | right-hand side] of each row group and fold carries everything later: weights, residual
+variances, adding or dropping a column, leaving a fold out, merging logs. Solving is a QR of a few dozen rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model import Row
+from elid_cli.observation import Equations, Observation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Extra:
+    """Columns beyond the standard parameters (a nuisance or an effect): row -> (d, M), all with the same d."""
+
+    name: str
+    rows: Mapping[Row, Array]
+    units: tuple[str, ...] = ()
+
+    @property
+    def width(self) -> int:
+        """Number of columns d."""
+        return next(iter(self.rows.values())).shape[0]
+
+
+@dataclass(frozen=True)
+class Triangle:
+    """R factor of [columns | target] of one row group in one fold, (k, len(index) + 1)."""
+
+    row: Row
+    fold: int
+    index: NDArray[np.intp]
+    factor: Array
+    count: int
+    """Instants it was made of."""
+    power: float
+    """Sum of squares of the measured torque over these instants."""
+
+    def squares(self, solution: Array) -> float:
+        """Return the residual sum of squares for a solution over all columns."""
+        residual = self.factor @ np.append(solution[self.index], -1.0)
+        return float(residual @ residual)
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """The triangles of a log (or several), for p standard parameters and e extra columns."""
+
+    items: tuple[Triangle, ...]
+    parameters: int
+    extras: int
+    folds: int
+    rows: tuple[Row, ...] = field(default=())
+
+    @property
+    def width(self) -> int:
+        """Number of columns p + e."""
+        return self.parameters + self.extras
+
+    def of(self, row: Row, folds: Sequence[int] | None = None) -> list[Triangle]:
+        """Return the triangles of one row group, of some folds or all."""
+        return [t for t in self.items if t.row == row and (folds is None or t.fold in folds)]
+
+    def rms(self, solution: Array, row: Row, folds: Sequence[int] | None = None) -> float:
+        """Return the residual rms of a row group, N·m; NaN without data."""
+        chosen = self.of(row, folds)
+        count = sum(t.count for t in chosen)
+        return float(np.sqrt(sum(t.squares(solution) for t in chosen) / count)) if count else float("nan")
+
+    def torque_rms(self, row: Row, folds: Sequence[int] | None = None) -> float:
+        """Return the rms of the measured torque over the instants of a row group, N·m."""
+        chosen = self.of(row, folds)
+        count = sum(t.count for t in chosen)
+        return float(np.sqrt(sum(t.power for t in chosen) / count)) if count else float("nan")
+
+    def stacked(self, weights: Mapping[Row, float], folds: Sequence[int] | None = None) -> Array:
+        """Return the weighted triangles as one system, (rows, p + e + 1), reduced to a triangle."""
+        parts = []
+        for triangle in self.items:
+            if folds is not None and triangle.fold not in folds:
+                continue
+            weight = weights.get(triangle.row, 0.0)
+            if weight == 0.0 or triangle.count == 0:
+                continue
+            part = np.zeros((triangle.factor.shape[0], self.width + 1))
+            part[:, triangle.index] = weight * triangle.factor[:, :-1]
+            part[:, -1] = weight * triangle.factor[:, -1]
+            parts.append(part)
+        if not parts:
+            return np.zeros((0, self.width + 1))
+        return _factor(np.concatenate(parts))
+
+
+def folds_of(observation: Observation, folds: int) -> NDArray[np.intp]:
+    """Return the fold of each instant: contiguous stretches of equal length, (M,)."""
+    instants = observation.instants
+    return (np.arange(instants) * folds // max(instants, 1)).astype(np.intp)
+
+
+def reduce(
+    observation: Observation,
+    extras: Sequence[Extra] = (),
+    fold: NDArray[np.intp] | None = None,
+) -> Triangles:
+    """Reduce an observation to triangles.
+
+    Parameters
+    ----------
+    observation
+        Filtered equations.
+    extras
+        Further columns, numbered from p on in this order.
+    fold
+        Fold of every instant, (M,); default: one fold.
+    """
+    fold = np.zeros(observation.instants, dtype=np.intp) if fold is None else fold
+    count = int(fold.max()) + 1 if len(fold) else 1
+    items = []
+    for group in observation.groups:
+        index, columns = full_columns(group, extras, observation.parameters)
+        system = np.concatenate([columns, group.target[None]])
+        torque = observation.tau[group.row.joint]
+        for number in range(count):
+            use = group.use & (fold == number)
+            used = int(np.count_nonzero(use))
+            if not used:
+                continue
+            factor = _factor(system[:, use].T)
+            items.append(Triangle(group.row, number, index, factor, used, float(np.sum(torque[use] ** 2))))
+    rows = tuple(group.row for group in observation.groups if group.count)
+    return Triangles(tuple(items), observation.parameters, sum(e.width for e in extras), count, rows)
+
+
+def full_columns(group: Equations, extras: Sequence[Extra], parameters: int) -> tuple[NDArray[np.intp], Array]:
+    """Return (column numbers, columns (k, M)) of a row group with the extra columns that act on it."""
+    index, columns = [group.index], [group.columns]
+    place = parameters
+    for extra in extras:
+        if group.row in extra.rows:
+            index.append(np.arange(place, place + extra.width, dtype=np.intp))
+            columns.append(extra.rows[group.row])
+        place += extra.width
+    return np.concatenate(index), np.concatenate(columns)
+
+
+def _factor(system: Array) -> Array:
+    """Return the R factor of a tall matrix (at most as many rows as columns)."""
+    if system.shape[0] <= system.shape[1]:
+        return np.array(system)
+    # columns are scaled first: R of badly scaled columns loses the small ones (measured: error 4e2 against 3e-12)
+    scale = np.linalg.norm(system, axis=0)
+    scale[scale == 0] = 1.0
+    factor: Array = np.linalg.qr(system / scale, mode="r")
+    return factor * scale

@@ -1,0 +1,383 @@
+"""From a recording to what the regressor needs: smooth motion of every joint and a plan of filter and decimation.
+
+Every channel is fitted by quintic splines whose knot spacing the data choose (corrected Akaike criterion), per
+joint, so that motor and link channels of a joint are treated alike and their difference, the deflection, is not
+distorted. Measured velocities join the fit where they agree with the positions. The torque is not smoothed: it is
+filtered in parallel with the model's columns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import DataError, LogError
+from elid_cli.lowpass import LowPass, low_pass
+from elid_cli.motion import Motion
+from elid_cli.recording import Recording, Segment
+from elid_cli.robot import Robot
+from elid_cli.smoothing import Spline, fit_spline
+
+Array = NDArray[np.float64]
+
+DEFAULT_CUTOFF = 10.0
+"""Cut-off of the parallel filter, Hz, unless the data or the user choose another."""
+RATE_PER_CUTOFF = 5.0
+"""Samples kept per second for every Hz of cut-off."""
+KNOTS = (0.008, 0.2)
+"""Range of knot spacings tried, s."""
+_SPACINGS = 9
+STILL = 3.0
+"""A joint whose range of motion is below this many standard deviations of its noise does not move."""
+MINIMUM_SAMPLES = 40
+
+
+@dataclass(frozen=True)
+class SignalOptions:
+    """How to make signals from a recording; None: chosen from the data."""
+
+    cutoff: float | None = None
+    """Cut-off of the parallel low-pass filter, Hz."""
+    rate: float | None = None
+    """Rate after decimation, Hz."""
+    min_velocity: float | None = None
+    """Speed below which a motor counts as reversing or stuck, rad/s (m/s)."""
+    knots: float | None = None
+    """Knot spacing of the splines, s."""
+    measured_velocity: bool = True
+    """Use measured velocities where they agree with the positions."""
+    smoothing: Literal["spline", "butterworth"] = "spline"
+    """`butterworth` is the classical way: zero-phase Butterworth filter and central differences."""
+    butterworth: float = 20.0
+    """Cut-off of the Butterworth filter on positions, Hz."""
+    order: int = 4
+    """Order of the Butterworth filter."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Estimated standard deviation of the noise of each channel, (n,); NaN where the channel is absent."""
+
+    q: Array
+    theta: Array
+    tau: Array
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Smooth motion at the log's rate, raw torque, and the plan of filtering and decimation.
+
+    All arrays are (N, n), joint side, SI.
+    """
+
+    joints: tuple[str, ...]
+    dt: float
+    motion: Motion
+    tau: Array
+    tau_link: Array | None
+    temperature: Array | None
+    segments: tuple[Segment, ...]
+    noise: Noise
+    knots: Array
+    """Knot spacing chosen per joint, s, (n,)."""
+    filter: LowPass
+    margin: int
+    """Samples dropped at each end of a segment beyond the filter's half-length."""
+    min_velocity: Array
+    """Speed below which a motor counts as reversing, (n,)."""
+    still: NDArray[np.bool_]
+    """Joints that do not move in this log, (n,)."""
+    splines: tuple[tuple[Spline, Spline], ...] = ()
+    """Per segment: splines of all link and of all motor channels, where splines were used."""
+    velocity_used: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    notes: tuple[str, ...] = ()
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def rate(self) -> float:
+        """Rate after decimation, Hz."""
+        return 1.0 / (self.dt * self.filter.step)
+
+    @property
+    def duration(self) -> float:
+        """Recorded time, s."""
+        return float(sum(len(s) for s in self.segments) * self.dt)
+
+    @property
+    def outputs(self) -> NDArray[np.intp]:
+        """Sample index that each filtered, decimated output is centred on, (M,)."""
+        parts = [s.start + self.filter.outputs(len(s), self.margin) for s in self.segments]
+        return np.concatenate(parts) if parts else np.zeros(0, dtype=np.intp)
+
+    def decimate(self, rows: Array) -> Array:
+        """Filter and decimate rows (…, N) to (…, M), segment by segment."""
+        parts = [self.filter.apply(rows[..., s.start : s.stop], self.margin) for s in self.segments]
+        return np.concatenate(parts, axis=-1)
+
+    def refiltered(self, cutoff: float, rate: float | None = None) -> Signals:
+        """Return the same signals with another parallel filter."""
+        return replace(self, filter=_plan(cutoff, rate, self.dt))
+
+
+def _plan(cutoff: float, rate: float | None, dt: float) -> LowPass:
+    wanted = RATE_PER_CUTOFF * cutoff if rate is None else rate
+    step = max(1, int(1.0 / (dt * wanted)))
+    return low_pass(cutoff, dt, step)
+
+
+def prepare(recording: Recording, robot: Robot, options: SignalOptions | None = None) -> Signals:
+    """Smooth a recording's positions and plan its filtering.
+
+    Raises
+    ------
+    LogError
+        If no segment is long enough.
+    DataError
+        If no joint moves.
+    """
+    options = options or SignalOptions()
+    dt = recording.dt
+    cutoff = DEFAULT_CUTOFF if options.cutoff is None else options.cutoff
+    filter_ = _plan(cutoff, options.rate, dt)
+    minimum = max(MINIMUM_SAMPLES, 2 * filter_.half + 2 * filter_.step)
+    segments = tuple(s for s in recording.segments if len(s) >= minimum)
+    if not segments:
+        longest = max((len(s) for s in recording.segments), default=0)
+        raise LogError(
+            f"{', '.join(recording.files) or 'log'}: {longest} samples in one stretch are too few",
+            detail=f"a low-pass of {cutoff:g} Hz at {1 / dt:g} Hz needs at least {minimum}",
+            hint="record longer, or raise --cutoff",
+        )
+    link, motor = _channels(recording, robot)
+    if options.smoothing == "butterworth":
+        smooth = _butterworth(link, motor, segments, dt, options)
+    else:
+        smooth = _splined(recording, link, motor, segments, options)
+    still = _still(smooth, segments)
+    motion = _motion(recording.t, smooth, still, segments)
+    if still.all():
+        ranges = [_span(smooth.values[0][:, k], segments) for k in range(robot.n)]
+        spans = ", ".join(f"{name}: {span:.2g}" for name, span in zip(robot.joint_names, ranges, strict=True))
+        raise DataError(
+            f"{', '.join(recording.files) or 'log'}: no joint moves",
+            detail=f"range of motion in rad or m: {spans}",
+            hint="dynamic parameters need motion; record an exciting trajectory (elid excite)",
+        )
+    knots = smooth.knots
+    widest = float(np.nanmax(knots)) if np.isfinite(knots).any() else 0.0
+    top = np.array([np.quantile(np.abs(motion.dtheta[:, k]), 0.95) for k in range(robot.n)])
+    lowest = np.minimum(0.05, 0.05 * top) if options.min_velocity is None else np.full(robot.n, options.min_velocity)
+    return Signals(
+        joints=robot.joint_names,
+        dt=dt,
+        motion=motion,
+        tau=recording.tau,
+        tau_link=recording.tau_link,
+        temperature=recording.temperature,
+        segments=segments,
+        noise=Noise(smooth.noise[0], smooth.noise[1], _torque_noise(recording.tau, segments)),
+        knots=knots,
+        filter=filter_,
+        margin=round(2 * widest / dt),
+        min_velocity=lowest,
+        still=still,
+        splines=smooth.splines,
+        velocity_used=smooth.velocity_used,
+        notes=smooth.notes,
+    )
+
+
+@dataclass(frozen=True)
+class _Smooth:
+    """Values and two derivatives of link and motor channels, each (N, n), with what was learnt on the way."""
+
+    values: tuple[Array, Array, Array]
+    motor: tuple[Array, Array, Array]
+    noise: tuple[Array, Array]
+    knots: Array
+    splines: tuple[tuple[Spline, Spline], ...] = ()
+    velocity_used: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    notes: tuple[str, ...] = ()
+
+
+def _channels(recording: Recording, robot: Robot) -> tuple[Array, Array]:
+    """Return link and motor positions, (N, n); a rigid joint has one position, its motor's where both exist."""
+    link, motor = recording.q.copy(), recording.theta.copy()
+    for k, joint in enumerate(robot.joints):
+        if not joint.elastic or not np.isfinite(link[:, k]).any():
+            source = motor if np.isfinite(motor[:, k]).any() else link
+            link[:, k] = motor[:, k] = source[:, k]
+    return link, motor
+
+
+def _spacings(dt: float, options: SignalOptions) -> list[int]:
+    if options.knots is not None:
+        return [max(1, round(options.knots / dt))]
+    wanted = np.geomspace(KNOTS[0], KNOTS[1], _SPACINGS) / dt
+    return sorted({max(2, round(float(w))) for w in wanted})
+
+
+def _splined(
+    recording: Recording, link: Array, motor: Array, segments: tuple[Segment, ...], options: SignalOptions
+) -> _Smooth:
+    samples, n = link.shape
+    dt = recording.dt
+    both = np.concatenate([link, motor], axis=1).T
+    strides = _choose(both, segments, dt, n, options)
+    velocities, notes = _velocities(recording, both, segments, strides, options)
+    out = np.full((3, 2 * n, samples), np.nan)
+    squares, counts = np.zeros(2 * n), np.zeros(2 * n)
+    splines: list[tuple[Spline, Spline]] = []
+    for segment in segments:
+        part = slice(segment.start, segment.stop)
+        for stride in sorted(set(strides.tolist())):
+            chosen = np.flatnonzero(np.concatenate([strides, strides]) == stride)
+            speeds, ratio = None, None
+            if velocities is not None:
+                speeds, ratio = velocities.values[chosen, part], velocities.ratio[chosen]
+            fit = fit_spline(np.ascontiguousarray(both[chosen, part]), stride, dt, speeds, ratio)
+            for derivative in range(3):
+                out[derivative, chosen, part] = fit.spline.evaluate(derivative)
+            squares[chosen] += fit.rms**2 * len(segment)
+            counts[chosen] += len(segment)
+    noise = np.sqrt(squares / counts)
+    used = np.zeros(2 * n, dtype=bool) if velocities is None else velocities.ratio > 0
+    return _Smooth(
+        (out[0, :n].T, out[1, :n].T, out[2, :n].T),
+        (out[0, n:].T, out[1, n:].T, out[2, n:].T),
+        (noise[:n], noise[n:]),
+        strides * dt,
+        tuple(splines),
+        used,
+        notes,
+    )
+
+
+def _choose(
+    both: Array, segments: tuple[Segment, ...], dt: float, n: int, options: SignalOptions
+) -> NDArray[np.intp]:
+    """Return the knot stride per joint: the finer of what its link and its motor channel prefer."""
+    candidates = _spacings(dt, options)
+    if len(candidates) == 1:
+        return np.full(n, candidates[0], dtype=np.intp)
+    scores = np.zeros((len(candidates), 2 * n))
+    for segment in segments:
+        part = np.ascontiguousarray(both[:, segment.start : segment.stop])
+        for row, stride in enumerate(candidates):
+            if len(segment) > 12 * stride:
+                scores[row] += fit_spline(part, stride, dt).aicc
+            else:
+                scores[row] = np.inf
+    best = np.argmin(scores, axis=0)
+    finest = np.minimum(best[:n], best[n:])
+    return np.array([candidates[k] for k in finest], dtype=np.intp)
+
+
+@dataclass(frozen=True)
+class _Velocities:
+    values: Array
+    ratio: Array
+
+
+def _velocities(
+    recording: Recording, both: Array, segments: tuple[Segment, ...], strides: NDArray[np.intp], options: SignalOptions
+) -> tuple[_Velocities | None, tuple[str, ...]]:
+    """Return measured velocities that agree with the positions' derivative, with their weight in the fit."""
+    n = len(strides)
+    if not options.measured_velocity or (recording.dq is None and recording.dtheta is None):
+        return None, ()
+    absent = np.full((both.shape[1], n), np.nan)
+    parts = [absent if speeds is None else speeds for speeds in (recording.dq, recording.dtheta)]
+    speeds = np.concatenate(parts, axis=1).T
+    ratio = np.zeros(2 * n)
+    notes: list[str] = []
+    longest = max(segments, key=len)
+    part = slice(longest.start, longest.stop)
+    for k in range(2 * n):
+        if not np.isfinite(speeds[k, part]).any() or not np.isfinite(both[k, part]).any():
+            continue
+        stride = int(strides[k % n])
+        fit = fit_spline(both[k : k + 1, part], stride, recording.dt)
+        difference = speeds[k, part] - fit.spline.evaluate(1)[0]
+        position, speed = float(fit.rms[0]), float(np.sqrt(np.nanmean(difference**2)))
+        moving = float(np.nanstd(speeds[k, part]))
+        name = f"{'dq' if k < n else 'dtheta'} of {recording.joints[k % n]}"
+        if speed > 0.05 * moving:
+            share = f"{speed / moving:.0%}"
+            notes.append(f"measured {name} differs from the derivative of the position by {share}: not used")
+        elif speed > 0 and position > 0:
+            ratio[k] = position / speed
+    if not (ratio > 0).any():
+        return None, tuple(notes)
+    return _Velocities(np.where((ratio > 0)[:, None], speeds, np.nan), ratio), tuple(notes)
+
+
+def _butterworth(
+    link: Array, motor: Array, segments: tuple[Segment, ...], dt: float, options: SignalOptions
+) -> _Smooth:
+    from scipy.signal import butter, sosfiltfilt
+
+    sections = butter(options.order, min(options.butterworth, 0.45 / dt), fs=1.0 / dt, output="sos")
+    samples, n = link.shape
+    out = np.full((2, 3, samples, n), np.nan)
+    noise = np.full((2, n), np.nan)
+    for side, channel in enumerate((link, motor)):
+        for segment in segments:
+            part = slice(segment.start, segment.stop)
+            raw = channel[part]
+            smooth = sosfiltfilt(sections, np.where(np.isfinite(raw), raw, 0.0), axis=0)
+            out[side, 0, part] = smooth
+            out[side, 1, part] = np.gradient(smooth, dt, axis=0)
+            out[side, 2, part] = np.gradient(out[side, 1, part], dt, axis=0)
+            noise[side] = np.sqrt(np.nanmean((raw - smooth) ** 2, axis=0))
+    return _Smooth(
+        (out[0, 0], out[0, 1], out[0, 2]), (out[1, 0], out[1, 1], out[1, 2]), (noise[0], noise[1]), np.full(n, np.nan)
+    )
+
+
+def _span(channel: Array, segments: tuple[Segment, ...]) -> float:
+    parts = np.concatenate([channel[s.start : s.stop] for s in segments])
+    return float(np.nanmax(parts) - np.nanmin(parts)) if np.isfinite(parts).any() else 0.0
+
+
+def _still(smooth: _Smooth, segments: tuple[Segment, ...]) -> NDArray[np.bool_]:
+    n = smooth.values[0].shape[1]
+    result = np.zeros(n, dtype=bool)
+    for k in range(n):
+        for channel, noise in ((smooth.values[0], smooth.noise[0]), (smooth.motor[0], smooth.noise[1])):
+            span = _span(channel[:, k], segments)
+            scale = float(np.nanmax(np.abs(channel[:, k]), initial=0.0))
+            result[k] |= span <= max(STILL * float(noise[k]), 1e-9 * scale, 1e-12)
+    return result
+
+
+def _motion(t: Array, smooth: _Smooth, still: NDArray[np.bool_], segments: tuple[Segment, ...]) -> Motion:
+    """Return the motion; a joint that does not move rests exactly at its mean, so that its columns are exact."""
+    q, dq, ddq = (a.copy() for a in smooth.values)
+    theta, dtheta, ddtheta = (a.copy() for a in smooth.motor)
+    for k in np.flatnonzero(still):
+        for position in (q, theta):
+            parts = np.concatenate([position[s.start : s.stop, k] for s in segments])
+            position[:, k] = float(np.nanmean(parts)) if np.isfinite(parts).any() else 0.0
+        for rate in (dq, ddq, dtheta, ddtheta):
+            rate[:, k] = 0.0
+    return Motion(t, q, dq, ddq, theta, dtheta, ddtheta)
+
+
+def _torque_noise(tau: Array, segments: tuple[Segment, ...]) -> Array:
+    """Return the standard deviation of white torque noise from sixth differences, (n,) (sum of squares 924)."""
+    squares = np.zeros(tau.shape[1])
+    counts = np.zeros(tau.shape[1])
+    for segment in segments:
+        sixth = np.diff(tau[segment.start : segment.stop], 6, axis=0)
+        squares += np.nansum(sixth**2, axis=0)
+        counts += np.sum(np.isfinite(sixth), axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.sqrt(squares / counts / 924.0)

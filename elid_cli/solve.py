@@ -1,0 +1,143 @@
+"""Weighted least squares from triangles: a well-conditioned basis inside, base parameters outside.
+
+The leftmost base that is printed can be ill-conditioned (PUMA 560: 1.1e4 against 4.2 for a pivoted one), so the
+system is solved for the columns that a pivoted QR prefers and converted exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import DataError
+from elid_cli.model import Row
+from elid_cli.reduction import Triangles
+
+Array = NDArray[np.float64]
+
+DATA_TOLERANCE = 1e-7
+"""Pivot below which a column of the log depends on others, relative to the largest, columns of unit norm."""
+WEIGHT_ITERATIONS = 6
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A least-squares solution over all columns (p + e), zero outside the pivoted basis."""
+
+    values: Array
+    basis: NDArray[np.intp]
+    """Columns that were solved for, (r,)."""
+    others: NDArray[np.intp]
+    """Remaining columns."""
+    dependence: Array
+    """others = basis @ dependence, (r, len(others)); what the log shows, exact dependencies included."""
+    inverse: Array
+    """Inverse of the weighted triangle of the basis, (r, r): covariance = inverse @ inverse.T for unit weights."""
+    condition: float
+    """Condition number of the scaled basis."""
+    margin: float
+    """Smallest kept pivot over the largest dropped one."""
+    weights: Mapping[Row, float]
+
+    def estimable(self, transform: Array) -> NDArray[np.bool_]:
+        """Return which rows of `transform` (b, p + e) the data determine, (b,)."""
+        gap = transform[:, self.others] - transform[:, self.basis] @ self.dependence
+        size = np.abs(transform[:, self.basis]) @ np.abs(self.dependence) + np.abs(transform[:, self.others])
+        return np.all(np.abs(gap) <= 1e-5 * np.maximum(size, 1e-300) + 1e-12, axis=1)
+
+
+def solve(
+    triangles: Triangles,
+    weights: Mapping[Row, float],
+    folds: Sequence[int] | None = None,
+    rank: int | None = None,
+    basis: NDArray[np.intp] | None = None,
+) -> Solution:
+    """Solve one weighted system.
+
+    Parameters
+    ----------
+    triangles
+        Reduced data.
+    weights
+        Weight of every row group (one over its residual rms).
+    folds
+        Folds to use, default all.
+    rank
+        Largest possible rank (structural base parameters + extra columns), or None.
+    basis
+        Columns to solve for; default: chosen by pivoting.
+
+    Raises
+    ------
+    DataError
+        If no column is excited.
+    """
+    from scipy.linalg import qr, solve_triangular
+
+    system = triangles.stacked(weights, folds)
+    columns, target = system[:, :-1], system[:, -1]
+    norms = np.linalg.norm(columns, axis=0)
+    live = np.flatnonzero(norms > 0) if basis is None else basis
+    if not len(live) or not system.shape[0]:
+        raise DataError("the log excites no parameter", hint="check that torque and motion are in the log: elid info")
+    scaled = columns[:, live] / norms[live]
+    q, r, order = qr(scaled, mode="economic", pivoting=True)
+    pivots = np.abs(np.diag(r))
+    count = int(np.sum(pivots > DATA_TOLERANCE * pivots[0]))
+    if rank is not None:
+        count = min(count, rank)
+    margin = float(pivots[count - 1] / max(pivots[count] if count < len(pivots) else 0.0, np.finfo(float).eps))
+    kept, dropped = live[order[:count]], live[order[count:]]
+    corner = r[:count, :count]
+    values = np.zeros(triangles.width)
+    values[kept] = solve_triangular(corner, q.T[:count] @ target) / norms[kept]
+    rest = solve_triangular(corner, r[:count, count:]) if len(dropped) else np.zeros((count, 0))
+    dead = np.setdiff1d(np.arange(triangles.width), live)
+    dependence = np.concatenate(
+        [rest * norms[dropped][None] / norms[kept][:, None], np.zeros((count, len(dead)))], axis=1
+    )
+    inverse = solve_triangular(corner, np.eye(count)) / norms[kept][:, None]
+    return Solution(
+        values,
+        kept,
+        np.concatenate([dropped, dead]).astype(np.intp),
+        dependence,
+        inverse,
+        float(np.linalg.cond(corner)),
+        margin,
+        dict(weights),
+    )
+
+
+def reweighted(triangles: Triangles, rank: int | None = None, folds: Sequence[int] | None = None) -> Solution:
+    """Solve with each row group weighted by its own residual, iterated.
+
+    Only rows with a measured right-hand side may be weighted so: a homogeneous row group would drive its own weight
+    to infinity and every parameter to zero.
+    """
+    weights = {}
+    for row in triangles.rows:
+        scale = triangles.torque_rms(row, folds)
+        if np.isfinite(scale) and scale > 0:
+            weights[row] = 1.0 / scale
+    solution = solve(triangles, weights, folds, rank)
+    for _ in range(WEIGHT_ITERATIONS):
+        weights = weights_of(triangles, solution.values, weights, folds)
+        solution = solve(triangles, weights, folds, rank, solution.basis)
+    return solve(triangles, weights, folds, rank)
+
+
+def weights_of(
+    triangles: Triangles, values: Array, present: Mapping[Row, float], folds: Sequence[int] | None = None
+) -> dict[Row, float]:
+    """Return one over each row group's residual rms, bounded so that a perfect fit stays finite."""
+    weights = {}
+    for row in present:
+        rms = triangles.rms(values, row, folds)
+        lowest = 1e-9 * triangles.torque_rms(row, folds)
+        weights[row] = 1.0 / max(rms, lowest)
+    return weights
