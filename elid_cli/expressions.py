@@ -77,11 +77,18 @@ def _value(node: ast.expr) -> float:
             raise ValueError(f"{node.id!r} is not a number (known: pi, {', '.join(FUNCTIONS)})")
         return CONSTANTS[node.id]
     if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-        return _BINARY[type(node.op)](_value(node.left), _value(node.right))
+        return _defined(node, _BINARY[type(node.op)], _value(node.left), _value(node.right))
     if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
         return _UNARY[type(node.op)](_value(node.operand))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and len(node.args) == 1 and not node.keywords:
         if node.func.id not in FUNCTIONS:
             raise ValueError(f"unknown function {node.func.id!r} (known: {', '.join(FUNCTIONS)})")
-        return FUNCTIONS[node.func.id](_value(node.args[0]))
+        return _defined(node, FUNCTIONS[node.func.id], _value(node.args[0]))
     raise ValueError(f"{ast.unparse(node)!r} is not a number")
+
+
+def _defined(node: ast.expr, function: Callable[..., float], *arguments: float) -> float:
+    try:
+        return function(*arguments)
+    except ValueError:  # a negative number's root
+        raise ValueError(f"{ast.unparse(node)!r} is not a real number") from None

@@ -74,6 +74,27 @@ def translation(x: float, y: float, z: float) -> Array:
     return transform
 
 
+def rotation_rpy(angles: tuple[float, float, float]) -> Array:
+    """Return the 4x4 transform that turns by roll, pitch, yaw about the fixed x, y, z axes, in rad."""
+    (sr, cr), (sp, cp), (sy, cy) = (exact_sin_cos(angle) for angle in angles)
+    transform = np.eye(4)
+    transform[:3, :3] = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return transform
+
+
+def rpy_of(transform: Array) -> tuple[float, float, float]:
+    """Return the (roll, pitch, yaw) of a transform's rotation, accurate at pitch = ±pi/2 too."""
+    r = transform[:3, :3]
+    yaw = math.atan2(r[1, 0], r[0, 0]) if math.hypot(r[1, 0], r[0, 0]) > 1e-12 else 0.0
+    # With yaw taken off, what is left is a turn about y after a turn about x, whatever the yaw was.
+    rest = rotation_z(-yaw)[:3, :3] @ r
+    return math.atan2(-rest[1, 2], rest[1, 1]), math.atan2(-rest[2, 0], rest[0, 0]), yaw
+
+
 @dataclass(frozen=True)
 class Limits:
     """Limits of a joint, joint side: position (low, high) in rad or m, the others as magnitudes; None: unknown."""
@@ -210,20 +231,9 @@ def _placement(joint: Joint, convention: Convention) -> tuple[Array, Array]:
         return np.eye(4), offset @ translation(joint.a, 0, 0) @ rotation_x(joint.alpha)
     if convention == "modified":
         return rotation_x(joint.alpha) @ translation(joint.a, 0, 0) @ offset, np.eye(4)
-    origin = translation(*joint.xyz) @ _roll_pitch_yaw(joint.rpy)
+    origin = translation(*joint.xyz) @ rotation_rpy(joint.rpy)
     align = _z_to(joint.axis)
     return origin @ align, align.T.copy()
-
-
-def _roll_pitch_yaw(angles: tuple[float, float, float]) -> Array:
-    (sr, cr), (sp, cp), (sy, cy) = (exact_sin_cos(angle) for angle in angles)
-    transform = np.eye(4)
-    transform[:3, :3] = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return transform
 
 
 def _z_to(axis: tuple[float, float, float]) -> Array:

@@ -9,13 +9,13 @@ import os
 from pathlib import Path
 
 from elid_cli.atomic import write_text
-from elid_cli.errors import RobotError, UsageError, did_you_mean
+from elid_cli.errors import RobotError, did_you_mean
 from elid_cli.robot import Robot
 from elid_cli.robot_schema import robot_of_yaml
 from elid_cli.robot_text import fingerprint, text_of
-from elid_cli.yaml_values import LARGEST
+from elid_cli.text_file import LARGEST, read_text
 
-__all__ = ["fingerprint", "read_robot", "read_text", "robot_from_text", "shipped_robots", "write_robot"]
+__all__ = ["fingerprint", "read_robot", "robot_from_text", "shipped_robots", "write_robot"]
 
 SUFFIXES = (".yaml", ".yml", ".urdf", ".xml")
 
@@ -56,11 +56,14 @@ def read_robot(source: str | Path) -> Robot:
                 detail=f"'{source}' is a folder here" if path.is_dir() else "",
                 hint=did_you_mean(str(source), shipped) or "give the path of a YAML or URDF file",
             )
-    text = read_text(path)
-    if _is_xml(text) or path.suffix.lower() == ".urdf":
+    if path.stem in shipped_robots() and path.parent == Path() and not path.exists():
+        raise RobotError(f"{path}: no such file", hint=f"did you mean '{path.stem}', the robot that ships with elid?")
+    xml = path.suffix.lower() in (".urdf", ".xml")
+    text = read_text(path, RobotError, suffixes=SUFFIXES, most=LARGEST * 20 if xml else LARGEST)
+    if _is_xml(text) or xml:
         from elid_cli.urdf import read_urdf
 
-        return read_urdf(text, path.name if _bare(source) else str(path), beside=path)
+        return read_urdf(text, str(path), beside=path)
     return robot_of_yaml(text, str(path))
 
 
@@ -84,32 +87,6 @@ def write_robot(robot: Robot, path: str | Path) -> None:
     write_text(path, text_of(robot))
 
 
-def read_text(path: Path, fault: type[UsageError] = RobotError, most: int = LARGEST) -> str:
-    """Return a small text file's content as UTF-8.
-
-    Raises
-    ------
-    UsageError
-        Of class `fault`: missing (with the nearest name), a folder, a pipe or device, unreadable, too large, binary.
-    """
-    try:
-        if path.is_dir():
-            raise fault(f"{path}: is a folder, not a file")
-        if not path.exists():
-            raise fault(f"{path}: no such file", hint=_similar(path))
-        if not path.is_file():
-            raise fault(f"{path}: is a pipe or a device, not a file", hint="copy it to a file first")
-        size = path.stat().st_size
-        if size > most:
-            raise fault(f"{path}: {size} bytes; a description of at most {most} is read")
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as problem:
-        raise fault(f"{path}: not a text file (byte {problem.start} is no UTF-8)") from None
-    except (OSError, ValueError) as problem:
-        reason = getattr(problem, "strerror", None) or str(problem)
-        raise fault(f"{path}: cannot be read ({reason.lower()})") from None
-
-
 def _bare(source: str | Path) -> bool:
     """Whether the source is a name and not a path: no separator, none of a description's suffixes."""
     if not isinstance(source, str):
@@ -120,14 +97,3 @@ def _bare(source: str | Path) -> bool:
 
 def _is_xml(text: str) -> bool:
     return text.lstrip("\ufeff \t\r\n").startswith("<")
-
-
-def _similar(path: Path) -> str:
-    """Return a hint: a file beside the missing one, or the shipped robot of that name."""
-    stem = path.stem
-    shipped = shipped_robots()
-    if stem in shipped:
-        return f"did you mean '{stem}', the robot that ships with elid?"
-    beside = [str(p) for p in path.parent.iterdir() if p.suffix in SUFFIXES] if path.parent.is_dir() else []
-    hint = did_you_mean(str(path), beside)
-    return hint if hint.startswith("did") else did_you_mean(stem, shipped)

@@ -69,11 +69,11 @@ def robot_of_yaml(text: str, file: str) -> Robot:
     return Robot(
         name=top["name"].name(),
         joints=joints,
-        gravity=_vector(top["gravity"]),
+        gravity=read_vector(top["gravity"]),
         dh=convention,
         description=top["description"].text() if "description" in top else "",
-        effects=_effects(top["effects"], joints) if "effects" in top else (),
-        log=_log(top["log"]) if "log" in top else {},
+        effects=read_effects(top["effects"], joints) if "effects" in top else (),
+        log=read_log(top["log"]) if "log" in top else {},
     )
 
 
@@ -98,13 +98,14 @@ def _joint(value: Value, number: int, convention: Convention) -> Joint:
     if gear_ratio == 0:
         raise keys["gear_ratio"].error("0; the rotor turns per joint turn, 1 for a direct drive")
     placement: dict[str, Any] = {
-        key: keys[key].number() if convention != "urdf" else _vector(keys[key], unit=key == "axis") for key in geometry
+        key: keys[key].number() if convention != "urdf" else read_vector(keys[key], unit=key == "axis")
+        for key in geometry
     }
     return Joint(
         name=keys["name"].name(),
         type=_choice(keys, "type", ("revolute", "prismatic")),
         gear_ratio=gear_ratio,
-        motor_axis=_vector(keys["motor_axis"], unit=True) if "motor_axis" in keys else (0.0, 0.0, 1.0),
+        motor_axis=read_vector(keys["motor_axis"], unit=True) if "motor_axis" in keys else (0.0, 0.0, 1.0),
         transmission=_choice(keys, "transmission", ("elastic", "rigid")),
         parameters=read_parameters(keys["parameters"]) if "parameters" in keys else {},
         limits=read_limits(keys["limits"]) if "limits" in keys else Limits(),
@@ -145,7 +146,8 @@ def read_limits(value: Value) -> Limits:
     return Limits(position=position, **magnitudes)
 
 
-def _effects(value: Value, joints: Sequence[Joint]) -> tuple[EffectSpec, ...]:
+def read_effects(value: Value, joints: Sequence[Joint]) -> tuple[EffectSpec, ...]:
+    """Return the declared effects (an empty value: none)."""
     if value.node.value == "":
         return ()
     names = [joint.name for joint in joints]
@@ -170,7 +172,7 @@ def _effects(value: Value, joints: Sequence[Joint]) -> tuple[EffectSpec, ...]:
     return tuple(effects)
 
 
-def _log(value: Value) -> dict[str, Any]:
+def read_log(value: Value) -> dict[str, Any]:
     """Return the log mapping uninterpreted; what it means is the mapping's own business."""
     data = value.plain()
     if data is None:
@@ -180,7 +182,8 @@ def _log(value: Value) -> dict[str, Any]:
     return data
 
 
-def _vector(value: Value, *, unit: bool = False) -> tuple[float, float, float]:
+def read_vector(value: Value, *, unit: bool = False) -> tuple[float, float, float]:
+    """Return three numbers; with `unit`, of length 1 within `UNIT`, and normalised."""
     x, y, z = value.numbers(3)
     if not unit:
         return x, y, z

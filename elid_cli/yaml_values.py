@@ -16,9 +16,8 @@ import yaml
 
 from elid_cli.errors import RobotError, UsageError, did_you_mean
 from elid_cli.expressions import evaluate
+from elid_cli.text_file import LARGEST
 
-LARGEST = 1_000_000
-"""Bytes of text that are read at all."""
 DEEPEST = 40
 """Levels of nesting."""
 MOST_ALIASES = 500
@@ -179,7 +178,7 @@ def parse_yaml(text: str, file: str, fault: type[UsageError] = RobotError) -> Va
         mark = error.problem_mark or error.context_mark
         where = f"{file}:{mark.line + 1}" if mark else file
         raise fault(f"{where}: {error.problem or 'not YAML'}", detail=str(error.context or "")) from None
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, OverflowError) as error:  # the latter from escapes such as "\\UFFFFFFFF"
         raise fault(f"{file}: not a YAML text ({str(error).splitlines()[0]})") from None
     finally:
         if loader is not None:

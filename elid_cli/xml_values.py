@@ -1,0 +1,115 @@
+"""XML that remembers its lines and refuses what could cost or leak: no DOCTYPE, no entities, limited depth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+from elid_cli.errors import RobotError
+
+DEEPEST = 60
+MOST_ELEMENTS = 200_000
+
+
+@dataclass
+class Element:
+    """One element: tag, attributes, children, the text directly inside it, and its place."""
+
+    tag: str
+    attributes: dict[str, str]
+    file: str
+    line: int
+    children: list[Element] = field(default_factory=list)
+    text: str = ""
+
+    def error(self, what: str, *, hint: str = "") -> RobotError:
+        """Return the error ``file:line: <tag name>: what``, to be raised."""
+        name = f" {self.attributes['name']!r}" if "name" in self.attributes else ""
+        return RobotError(f"{self.file}:{self.line}: {self.tag}{name}: {what}", hint=hint)
+
+    def all(self, tag: str) -> Iterator[Element]:
+        """Yield the children of a tag."""
+        return (child for child in self.children if child.tag == tag)
+
+    def one(self, tag: str) -> Element | None:
+        """Return the only child of a tag, None where there is none; a second one is an error."""
+        found = list(self.all(tag))
+        if len(found) > 1:
+            raise found[1].error(f"a second one in {self.tag} {self.attributes.get('name', '')!r}")
+        return found[0] if found else None
+
+    def need(self, key: str) -> str:
+        """Return an attribute that must be there."""
+        if not self.attributes.get(key):
+            raise self.error(f"missing attribute {key!r}")
+        return self.attributes[key]
+
+    def number(self, key: str, default: float) -> float:
+        """Return a finite number from an attribute."""
+        if key not in self.attributes:
+            return default
+        return self.numbers(key, (default,))[0]
+
+    def numbers(self, key: str, default: tuple[float, ...]) -> tuple[float, ...]:
+        """Return as many finite numbers, separated by spaces, as `default` has."""
+        if key not in self.attributes:
+            return default
+        return self.parsed(self.attributes[key], len(default), key)
+
+    def parsed(self, text: str, count: int, what: str) -> tuple[float, ...]:
+        """Return `count` finite numbers from a text of this element."""
+        try:
+            values = tuple(float(part) for part in text.split())
+        except ValueError:
+            raise self.error(f"{what}={text!r} is not made of numbers") from None
+        if len(values) != count:
+            raise self.error(f"{what}={text!r}: {len(values)} numbers where {count} are needed")
+        if not all(math.isfinite(value) for value in values):
+            raise self.error(f"{what}={text!r} is not finite")
+        return values
+
+
+def parse_xml(text: str, file: str) -> Element:
+    """Return the root element of an XML text.
+
+    Raises
+    ------
+    RobotError
+        Not XML, a DOCTYPE or entity declaration, too deep, too many elements: with file and line.
+    """
+    parser = expat.ParserCreate("utf-8")
+    parser.buffer_text = True
+    open_elements: list[Element] = []
+    roots: list[Element] = []
+    count = [0]
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, file, parser.CurrentLineNumber)
+        count[0] += 1
+        if len(open_elements) >= DEEPEST or count[0] > MOST_ELEMENTS:
+            raise element.error(f"more than {DEEPEST} levels or {MOST_ELEMENTS} elements")
+        (open_elements[-1].children if open_elements else roots).append(element)
+        open_elements.append(element)
+
+    def end(_: str) -> None:
+        open_elements.pop()
+
+    def characters(data: str) -> None:
+        open_elements[-1].text += data
+
+    def doctype(*_: object) -> None:
+        raise RobotError(f"{file}:{parser.CurrentLineNumber}: DOCTYPE is not read", hint="remove the DOCTYPE line")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = characters
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        # bytes, and the encoding forced: a declared encoding such as UTF-16 is not what the text was read as
+        parser.Parse(text.encode("utf-8", "surrogatepass"), True)
+    except expat.ExpatError as fault:
+        reason = expat.ErrorString(fault.code)
+        raise RobotError(f"{file}:{fault.lineno}: not well-formed XML ({reason})") from None
+    return roots[0]
