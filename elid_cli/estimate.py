@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters, find_base
-from elid_cli.covariance import sandwich
+from elid_cli.covariance import residuals, sandwich
 from elid_cli.model import Model, Row
 from elid_cli.nuisance import DELAY, delay_columns, offset_columns, significant
 from elid_cli.observation import Observation, observe
@@ -26,6 +26,8 @@ WEAK = 0.3
 """Relative standard deviation above which a parameter is only weakly excited."""
 REFUSED = 1.0
 """Relative standard deviation above which a value says nothing."""
+STICKING = 2.5
+"""Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""
 TORQUE_SHARE = 0.01
 """A parameter matters on the scale at which it makes this share of a row's torque."""
 
@@ -42,6 +44,8 @@ class EstimateOptions:
     """Estimate one torque delay per torque channel."""
     offsets: bool = True
     """Estimate one torque offset per torque channel."""
+    mask: bool | None = None
+    """Leave out reversals of the motors; None: of those motors that do not follow Coulomb friction there."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,7 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
     options = options or EstimateOptions()
     model = Model(robot)
     base = find_base(model)
-    observation = observe(model, signals)
+    observation = masked_as_needed(observe(model, signals), base, options)
     fold = folds_of(observation, options.folds)
     extras: list[Extra] = []
     if options.delays:
@@ -135,6 +139,28 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
         solution = reweighted(triangles, base.count + triangles.extras)
     covariance = sandwich(observation, solution, extras)
     return _assemble(robot, base, signals, observation, triangles, solution, covariance, extras, options)
+
+
+def masked_as_needed(observation: Observation, base: BaseParameters, options: EstimateOptions) -> Observation:
+    """Return the observation with reversals counted for the joints whose residual there is no larger than elsewhere.
+
+    A motor that sticks has no defined friction while it does; one that glides through zero tells most about its
+    Coulomb friction just there.
+    """
+    if options.mask is not None:
+        return observation if options.mask else observation.unmasked(np.ones(observation.robot.n, dtype=bool))
+    extras = [*delay_columns(observation), *offset_columns(observation)]
+    values = reweighted(reduce(observation, extras), base.count + len(extras)).values
+    residual = residuals(observation, values, extras)
+    glides = np.zeros(observation.robot.n, dtype=bool)
+    for k in range(observation.robot.n):
+        trace = residual.get(("sum", k))
+        inside = observation.known[k] & observation.reversing[k]
+        outside = observation.known[k] & ~observation.reversing[k]
+        if trace is None or not inside.any() or not outside.any():
+            continue
+        glides[k] = np.sqrt(np.mean(trace[inside] ** 2)) < STICKING * np.sqrt(np.mean(trace[outside] ** 2))
+    return observation.unmasked(glides)
 
 
 def _assemble(

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.model import Model, Plan, Row, inputs_of
-from elid_cli.motion import Motion
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
 
@@ -62,8 +61,10 @@ class Observation:
     """Filtered time derivative of the motor torques, N·m/s, (n, M)."""
     rate: float
     """Instants per second."""
-    masked: Array
-    """Share of instants masked around reversals, per joint, (n,)."""
+    reversing: NDArray[np.bool_]
+    """Instants at which a joint's motor reverses or sticks, (n, M); masked in `groups` unless unmasked."""
+    known: NDArray[np.bool_]
+    """Instants at which a joint's torque is known, (n, M)."""
 
     @property
     def instants(self) -> int:
@@ -73,6 +74,24 @@ class Observation:
     def group(self, row: Row) -> Equations:
         """Return the row group of `row`."""
         return next(group for group in self.groups if group.row == row)
+
+    @property
+    def masked(self) -> Array:
+        """Share of instants masked around reversals, per joint, (n,)."""
+        used = np.zeros((self.robot.n, self.instants), dtype=bool)
+        for group in self.groups:
+            used[group.row.joint] |= group.use
+        hidden = (self.known & ~used).sum(axis=1)
+        share: Array = hidden / np.maximum(self.known.sum(axis=1), 1)
+        return share
+
+    def unmasked(self, joints: NDArray[np.bool_]) -> Observation:
+        """Return the observation with the reversals of some joints (n,) counted as well."""
+        groups = tuple(
+            replace(g, use=self.known[g.row.joint]) if joints[g.row.joint] and g.row.kind != "link" else g
+            for g in self.groups
+        )
+        return replace(self, groups=groups)
 
     def only(self, chosen: NDArray[np.bool_]) -> Observation:
         """Return the observation with the instants outside `chosen` (M,) masked."""
@@ -118,7 +137,9 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
             slow = np.abs(motion.dtheta.T) < signals.min_velocity[:, None]
             reversal[:, here] = _share(slow, signals)
         place += count
-    use = _usable(reversal, tau, signals) if mask else np.isfinite(tau)
+    known = np.isfinite(tau)
+    reversing = (reversal > REVERSAL_SHARE) & ~signals.still[:, None]
+    use = known & ~reversing if mask else known
     groups = tuple(
         Equations(
             item.row,
@@ -129,8 +150,6 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
         )
         for item in plan.rows
     )
-    known = np.isfinite(tau)
-    masked = 1.0 - np.array([use[k].sum() / max(known[k].sum(), 1) for k in range(n)])
     return Observation(
         model.robot,
         groups,
@@ -140,7 +159,8 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
         tau,
         rate,
         signals.rate,
-        masked,
+        reversing,
+        known,
     )
 
 
@@ -170,17 +190,6 @@ def _share(slow: NDArray[np.bool_], signals: Signals) -> Array:
     return window.apply(slow.astype(float))
 
 
-def _usable(reversal: Array, tau: Array, signals: Signals) -> NDArray[np.bool_]:
-    """Return which instants count: torque known, motor not reversing; a joint at rest counts all the time."""
-    use = np.isfinite(tau)
-    for k in range(signals.n):
-        if signals.still[k]:
-            continue
-        clear = reversal[k] <= REVERSAL_SHARE
-        use[k] &= clear
-    return use
-
-
 def extra_columns(signals: Signals, rows: Mapping[Row, Array]) -> dict[Row, Array]:
     """Filter and decimate further columns (d, N) of some rows to (d, M)."""
     return {row: signals.decimate(values) for row, values in rows.items()}
@@ -203,8 +212,3 @@ def pair(effects: Mapping[tuple[str, int], Array], robot: Robot) -> dict[Row, Ar
         if side == "motor" and robot.joints[joint].elastic:
             rows[Row("motor", joint)] = np.array(values, dtype=float)
     return rows
-
-
-def block_motion(signals: Signals) -> Motion:
-    """Return the motion that effects are computed from (the whole log at its own rate)."""
-    return signals.motion

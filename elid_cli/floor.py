@@ -1,0 +1,99 @@
+"""Noise floor: the residual that the sensors' noise alone would leave in each row.
+
+The noise of each position channel, as estimated from what the splines left over, is added to the smooth motion and
+sent through the same splines, regressor and filter; what the present parameters then predict differently is the
+propagated noise. White torque noise, estimated from sixth differences, goes through the same filter. The resulting
+series also serve as the model of the noise's colour: whitening by the residual's own colour would remove effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model import Model, Row
+from elid_cli.motion import Motion
+from elid_cli.observation import Observation, observe
+from elid_cli.signals import Signals
+from elid_cli.smoothing import fit_spline
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Propagated noise of every row group."""
+
+    rms: Mapping[Row, float]
+    series: Mapping[Row, Array]
+    """Noise series per row, (replicates, M), N·m."""
+
+
+def noise_floor(
+    model: Model,
+    signals: Signals,
+    observation: Observation,
+    standard: Array,
+    replicates: int = 3,
+    seed: int = 0,
+) -> Floor:
+    """Propagate sensor noise to the residuals of every row group.
+
+    Parameters
+    ----------
+    model, signals
+        As given to `observe`.
+    observation
+        What `observe` made of them.
+    standard
+        Standard parameters (p,) at which the noise is propagated.
+    replicates
+        Independent noise histories.
+    seed
+        Seed of the noise; the same seed gives the same floor.
+    """
+    generator = np.random.default_rng(seed)
+    series: dict[Row, list[Array]] = {group.row: [] for group in observation.groups}
+    for _ in range(replicates):
+        noisy = observe(model, replace(signals, motion=perturbed(signals, generator)), mask=False)
+        torque = signals.decimate(_torque_noise(signals, generator).T)
+        for group, other in zip(observation.groups, noisy.groups, strict=True):
+            moved = standard[group.index] @ (other.columns - group.columns)
+            if group.row.kind != "link":
+                moved = moved - np.nan_to_num(torque[group.row.joint])
+            series[group.row].append(moved)
+    stacked = {row: np.array(values) for row, values in series.items()}
+    rms = {}
+    for group in observation.groups:
+        used = stacked[group.row][:, group.use]
+        rms[group.row] = float(np.sqrt(np.mean(used**2))) if used.size else float("nan")
+    return Floor(rms, stacked)
+
+
+def perturbed(signals: Signals, generator: np.random.Generator) -> Motion:
+    """Return the motion with white sensor noise of the estimated size, smoothed as the signals were."""
+    motion = signals.motion
+    arrays = [a.copy() for a in (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)]
+    same = np.array_equal(motion.q, motion.theta, equal_nan=True)
+    for k in range(signals.n):
+        if signals.still[k]:
+            continue
+        stride = max(2, round(float(signals.knots[k]) / signals.dt)) if np.isfinite(signals.knots[k]) else 20
+        rigid = same or np.array_equal(motion.q[:, k], motion.theta[:, k])
+        for segment in signals.segments:
+            part = slice(segment.start, segment.stop)
+            link = generator.standard_normal(len(segment)) * np.nan_to_num(signals.noise.q[k])
+            motor = generator.standard_normal(len(segment)) * np.nan_to_num(signals.noise.theta[k])
+            fit = fit_spline(np.array([motor if rigid else link, motor]), stride, signals.dt)
+            for derivative in range(3):
+                change = fit.spline.evaluate(derivative)
+                arrays[derivative][part, k] += change[0]
+                arrays[3 + derivative][part, k] += change[1]
+    return Motion(motion.t, *arrays)
+
+
+def _torque_noise(signals: Signals, generator: np.random.Generator) -> Array:
+    return generator.standard_normal(signals.tau.shape) * np.nan_to_num(signals.noise.tau)
