@@ -15,7 +15,7 @@ from collections.abc import Callable
 from functools import cache
 from importlib.abc import InspectLoader
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
@@ -96,9 +96,6 @@ class Verb(ExampleFirst, click.Command):
         for heading, records in groups.items():
             with formatter.section(heading):
                 formatter.write_dl(records)
-
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 
 def verb(*examples: str) -> Callable[[Callable[..., None]], Verb]:

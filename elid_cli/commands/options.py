@@ -29,13 +29,13 @@ def option(heading: str, *names: str, **kwargs: Any) -> Decorator:
 def gathered(name: str, kind: type, *options: Decorator) -> Decorator:
     """Return a decorator that adds options and hands their values over as one `kind`, as the argument `name`.
 
-    The fields of the dataclass `kind` are the options' names.
+    The options are named as the fields of the dataclass `kind`; fields without an option keep their default.
     """
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(function)
         def call(**values: Any) -> Any:
-            chosen = {field.name: values.pop(field.name) for field in fields(kind)}
+            chosen = {field.name: values.pop(field.name) for field in fields(kind) if field.name in values}
             return function(**values, **{name: kind(**chosen)})
 
         wrapped: Callable[..., Any] = call

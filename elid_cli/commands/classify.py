@@ -1,0 +1,53 @@
+"""Say which parameters can be identified, from the robot alone or from what a log excites.
+
+Section 5 of the paper: independent, in a combination only, or not at all.
+"""
+
+from __future__ import annotations
+
+from elid_cli.commands import options
+from elid_cli.commands.group import verb
+from elid_cli.commands.options import Conditioning, Gates, Output, Reading
+
+
+@verb("elid classify --robot puma560", "elid classify run07.mcap --robot puma560")
+@options.logs(required=False)
+@options.robot
+@options.reading
+@options.conditioning
+@options.gathered("gates", Gates, options.require_independent)
+@options.output
+def classify(
+    logs: tuple[str, ...],
+    robot: str,
+    reading: Reading,
+    conditioning: Conditioning,
+    gates: Gates,
+    output: Output,
+) -> None:
+    """Say which of the robot's parameters are independent, which only show in combinations, and which not at all.
+
+    With a log: also what its motion excites, and why anything is missing.
+    """
+    from elid_cli.commands.emit import check_output, emit
+    from elid_cli.commands.gates import check_gates, check_names
+    from elid_cli.commands.inputs import load_recording, load_signals
+    from elid_cli.commands.progress import progress
+
+    check_output(output)
+    with progress(output, "reading") as advance:
+        from elid_cli.base import find_base
+        from elid_cli.estimate import identify
+        from elid_cli.model import Model
+        from elid_cli.reports.classification import classification_report
+        from elid_cli.robot_file import read_robot
+
+        machine = read_robot(robot)
+        base = find_base(Model(machine))
+        check_names(gates, base.classes)
+        recording = found = None
+        if logs:
+            recording = load_recording(logs, machine, reading, output, advance)
+            found = identify(machine, load_signals(recording, machine, conditioning, advance))
+    emit(classification_report(machine, base, robot, found, recording), output)
+    check_gates(gates, classes=base.classes if found is None else found.this_log)

@@ -1,0 +1,41 @@
+"""Limits that a CI job sets: checked after the report is out, so that it is always printed."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING
+
+from elid_cli.commands.emit import LimitError
+from elid_cli.commands.options import Gates
+from elid_cli.errors import UsageError, did_you_mean
+
+if TYPE_CHECKING:
+    from elid_cli.estimate import JointError
+
+
+def check_names(gates: Gates, names: Collection[str]) -> None:
+    """Refuse, before any work on the log, a required parameter that the robot does not have (UsageError)."""
+    for name in gates.require_independent:
+        if name not in names:
+            raise UsageError(f"--require-independent: no parameter {name!r}", hint=did_you_mean(name, names))
+
+
+def check_gates(
+    gates: Gates, error: Mapping[str, JointError] | None = None, classes: Mapping[str, str] | None = None
+) -> None:
+    """Raise `LimitError` where a limit is broken: joints above ``--max-error``, parameters not independent."""
+    broken = []
+    if gates.max_error is not None and error is not None:
+        broken += [
+            f"{joint}: held-out error {100 * e.relative:.3g} % exceeds --max-error {100 * gates.max_error:.3g} %"
+            for joint, e in error.items()
+            if not e.relative <= gates.max_error
+        ]
+    if classes is not None:
+        broken += [
+            f"{name}: {classes[name]}, not independent"
+            for name in gates.require_independent
+            if classes[name] != "independent"
+        ]
+    if broken:
+        raise LimitError("; ".join(broken))

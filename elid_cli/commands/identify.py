@@ -1,0 +1,56 @@
+"""Identify the base parameters from logs, with their uncertainty and the torque they predict."""
+
+from __future__ import annotations
+
+from elid_cli.commands import options
+from elid_cli.commands.group import verb
+from elid_cli.commands.options import Conditioning, Fit, Gates, Output, Reading
+
+
+@verb("elid identify run07.mcap --robot puma560", "elid identify *.mcap --robot puma560 --write-robot mine.yaml")
+@options.logs()
+@options.robot
+@options.reading
+@options.conditioning
+@options.fit
+@options.gates
+@options.write_robot
+@options.output
+def identify(
+    logs: tuple[str, ...],
+    robot: str,
+    reading: Reading,
+    conditioning: Conditioning,
+    fit: Fit,
+    gates: Gates,
+    write_robot: str | None,
+    output: Output,
+) -> None:
+    """Identify the base parameters of a robot from one or more logs: values, standard errors, comparison with the
+    robot file, and the torque error per joint on stretches that the fit never saw.
+    """  # noqa: D205
+    from pathlib import Path
+
+    from elid_cli.atomic import check_writable
+    from elid_cli.commands.emit import check_output, emit
+    from elid_cli.commands.gates import check_gates, check_names
+    from elid_cli.commands.inputs import load_recording, load_signals
+    from elid_cli.commands.progress import progress
+
+    check_output(output)
+    if write_robot is not None:
+        check_writable(Path(write_robot))
+    with progress(output, "reading") as advance:
+        from elid_cli import estimate, robot_file
+        from elid_cli.reports.identification import identification_report
+
+        machine = robot_file.read_robot(robot)
+        check_names(gates, machine.parameter_names())
+        recording = load_recording(logs, machine, reading, output, advance)
+        signals = load_signals(recording, machine, conditioning, advance)
+        choice = estimate.EstimateOptions(estimator=fit.estimator, accurate=fit.accurate)
+        found = estimate.identify(machine, signals, choice)
+    if write_robot is not None:
+        robot_file.write_robot(found.refined_robot(), write_robot)
+    emit(identification_report(found, recording, robot), output)
+    check_gates(gates, found.error, found.this_log)

@@ -1,0 +1,52 @@
+"""From what the user typed to what the core takes: robot, recording, signals; with what must be said on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from elid_cli.commands.emit import note
+from elid_cli.commands.options import Conditioning, Output, Reading
+from elid_cli.commands.progress import Progress
+
+if TYPE_CHECKING:
+    from elid_cli.recording import Recording
+    from elid_cli.robot import Robot
+    from elid_cli.signals import SignalOptions, Signals
+
+
+def load_recording(
+    logs: Sequence[str], robot: Robot, reading: Reading, output: Output, progress: Progress | None
+) -> Recording:
+    """Read the logs as the robot's signals; repairs and warnings go to stderr."""
+    from elid_cli.logs import read_recording
+    from elid_cli.logs.mapping import read_map_options
+
+    recording = read_recording(
+        logs, robot, read_map_options(reading.maps), strict=reading.strict, time_source=reading.time, progress=progress
+    )
+    note(recording.repairs, output, "repaired")
+    note(recording.warnings, output, "warning")
+    return recording
+
+
+def load_signals(recording: Recording, robot: Robot, conditioning: Conditioning, progress: Progress | None) -> Signals:
+    """Filter and decimate a recording as the options say."""
+    from elid_cli.signals import prepare
+
+    if progress is not None:
+        progress("smoothing", 0.0)
+    return prepare(recording, robot, signal_options(conditioning))
+
+
+def signal_options(conditioning: Conditioning) -> SignalOptions:
+    """Return the core's options."""
+    from elid_cli.signals import SignalOptions
+
+    return SignalOptions(
+        cutoff=conditioning.cutoff,
+        rate=conditioning.rate,
+        min_velocity=conditioning.min_velocity,
+        knots=conditioning.knots,
+        measured_velocity=conditioning.measured_velocity,
+    )

@@ -1,0 +1,193 @@
+"""The answer of ``elid identify``: base parameters with their errors, and how well they predict the torque."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from elid_cli.estimate import Identification, JointError
+from elid_cli.recording import Recording
+from elid_cli.report import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, Tone, number_text, percent
+from elid_cli.reports.classification import class_payload, reasons_table, verdict_mark
+from elid_cli.reports.inputs import (
+    Items,
+    command,
+    heading,
+    log_payload,
+    nuisance_items,
+    nuisance_payload,
+    recorded_items,
+    robot_payload,
+    used_items,
+)
+from elid_cli.robot import Robot
+
+AT_FLOOR = 1.3
+"""A held-out error within this factor of the sensors' noise holds no structure worth a search."""
+SHOWN = 20
+"""Base parameters printed without --all."""
+
+
+def identification_report(found: Identification, recording: Recording, robot_argument: str) -> Report:
+    """Return the report of one identification; `robot_argument` is what ``--robot`` was given."""
+    facts = (*recorded_items(found.robot, recording), *used_items(found.settings), *result_items(found))
+    sections: list[Section] = [
+        heading(found.robot, recording),
+        KeyValues("inputs", facts),
+        base_table(found),
+        error_table("error", found.robot, found.error),
+        *reasons_table(found),
+        *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.warnings))),
+        *_meaning(found, recording, robot_argument),
+    ]
+    return Report("identify", identification_payload(found, recording), tuple(sections))
+
+
+def identification_payload(found: Identification, recording: Recording) -> dict[str, Any]:
+    """Return the JSON object of an identification (FORMATS: JSON)."""
+    return {
+        **robot_payload(found.robot),
+        "log": log_payload(recording),
+        "estimator": found.estimator,
+        "settings": dict(found.settings),
+        **class_payload(found.base, found),
+        "condition": found.condition,
+        "rank": found.rank,
+        "rank_margin": found.rank_margin,
+        "base_parameters": base_payload(found),
+        "error": error_payload(found.error),
+        "nuisances": nuisance_payload(found.nuisances),
+        "warnings": list(found.warnings),
+    }
+
+
+def base_payload(found: Identification) -> list[dict[str, Any]]:
+    """Return the list ``base_parameters`` of JSON; the estimate of a refused one is null."""
+    relative = found.relative_error()
+    return [
+        {
+            "name": found.base.names[k],
+            "terms": dict(found.base.terms[k]),
+            "unit": found.base.units[k],
+            "class": found.base.classes[found.base.parameters[found.base.leaders[k]]],
+            "estimate": found.estimate[k],
+            "std_error": found.std_error[k],
+            "reference": found.reference[k],
+            "relative_error": relative[k],
+            "verdict": found.verdict[k],
+        }
+        for k in range(found.base.count)
+    ]
+
+
+def error_payload(error: Mapping[str, JointError]) -> dict[str, Any]:
+    """Return an object ``error`` of JSON."""
+    return {
+        joint: {
+            "rms": e.rms,
+            "relative": e.relative,
+            "spring_rms": e.spring_rms,
+            "spring_relative": e.spring_relative,
+            "torque_rms": e.torque_rms,
+            "floor": e.floor,
+            "spring_floor": e.spring_floor,
+        }
+        for joint, e in error.items()
+    }
+
+
+def result_items(found: Identification) -> Items:
+    """Return the numbers that say how far the result can be trusted."""
+    counts = found.base.counts
+    verdicts = [(word, found.verdict.count(word)) for word in ("supported", "weak", "refused")]
+    judged = ", ".join(f"{count} {word}" for word, count in verdicts if count)
+    return (
+        ("parameters", f"{counts['parameters']} standard, {counts['base']} base; {judged}"),
+        ("condition", f"{number_text(found.condition, 2)}, rank margin {number_text(found.rank_margin, 2)}"),
+        *nuisance_items(found.nuisances),
+    )
+
+
+def base_table(found: Identification) -> Table:
+    """Return the base parameters with errors, and with references where the robot file has any."""
+    relative = found.relative_error()
+    known = any(value == value for value in found.reference)
+    columns = [
+        Column("name", "base parameter"),
+        Column("estimate", "value", align="right"),
+        Column("std_error", "± sd", align="right"),
+        Column("relative", "rel", align="right"),
+        Column("unit", "unit"),
+        *((Column("reference", "reference", align="right"), Column("off", "off", align="right")) if known else ()),
+        Column("verdict", "verdict"),
+    ]
+    rows: list[tuple[Cell, ...]] = []
+    for k, name in enumerate(found.base.names):
+        value, deviation = float(found.estimate[k]), float(found.std_error[k])
+        reference: tuple[Cell, ...] = (
+            (Quantity(float(found.reference[k])), percent(float(relative[k]), 2)) if known else ()
+        )
+        rows.append(
+            (
+                name,
+                Quantity(value, resolution=deviation),
+                Quantity(deviation, digits=2),
+                percent(deviation / abs(value) if value else None, 2),
+                found.base.units[k],
+                *reference,
+                verdict_mark(found.verdict[k]),
+            )
+        )
+    return Table("base_parameters", tuple(columns), tuple(rows), shown=SHOWN)
+
+
+def error_table(key: str, robot: Robot, error: Mapping[str, JointError], title: str = "") -> Table:
+    """Return how well each joint's torque is predicted on data that the fit never saw."""
+    columns = [
+        Column("joint", "joint"),
+        Column("torque_rms", "torque rms", align="right"),
+        Column("rms", "held-out error", align="right"),
+        Column("relative", "share", align="right"),
+    ]
+    with_floor = any(e.floor is not None for e in error.values())
+    with_spring = any(e.spring_rms is not None for e in error.values())
+    if with_floor:
+        columns.append(Column("floor", "× floor", align="right"))
+    if with_spring:
+        columns += [
+            Column("spring_rms", "motor row alone", align="right"),
+            Column("spring_relative", "share", align="right"),
+        ]
+    rows = []
+    for name, e in error.items():
+        unit = "N·m" if robot.joints[robot.joint_names.index(name)].revolute else "N"
+        row: list[Cell] = [name, Quantity(e.torque_rms, unit, 3), Quantity(e.rms, unit, 3), percent(e.relative)]
+        if with_floor:
+            row.append(Quantity(e.rms / e.floor, digits=3, tone=_tone(e)) if e.floor else None)
+        if with_spring:
+            row += [Quantity(e.spring_rms, unit, 3), percent(e.spring_relative)]
+        rows.append(tuple(row))
+    return Table(key, tuple(columns), tuple(rows), title=title)
+
+
+def above_floor(error: Mapping[str, JointError]) -> list[str]:
+    """Return the joints whose held-out error is more than the sensors' noise explains."""
+    return [name for name, e in error.items() if e.floor and e.rms > AT_FLOOR * e.floor]
+
+
+def _tone(error: JointError) -> Tone:
+    return "warn" if error.floor and error.rms > AT_FLOOR * error.floor else "good"
+
+
+def _meaning(found: Identification, recording: Recording, robot_argument: str) -> list[Section]:
+    floors = all(e.floor for e in found.error.values())
+    above = above_floor(found.error)
+    diagnose = Text("next", command("diagnose", recording, robot_argument), "next")
+    if above:
+        verb = "holds" if len(above) == 1 else "hold"
+        return [Text("meaning", f"{', '.join(above)} {verb} more than the sensors' noise."), diagnose]
+    if not floors:
+        return [diagnose]
+    meaning = f"The model is sufficient: every joint is within {AT_FLOOR} of its noise floor."
+    keep = command("identify", recording, robot_argument, "--write-robot", f"{found.robot.name}-identified.yaml")
+    return [Text("meaning", meaning), Text("next", keep, "next")]
