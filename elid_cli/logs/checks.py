@@ -1,0 +1,149 @@
+"""What a log must hold for a robot: missing signals are refused or named, rigid joints completed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import LogError
+from elid_cli.logs.raw import RawLog
+from elid_cli.logs.resolve import Plan
+from elid_cli.robot import Robot
+
+Array = NDArray[np.float64]
+
+MEANING = {"q": "link position", "theta": "motor position", "tau": "torque"}
+ZERO_IS_ABSENT = ("tau", "tau_link", "dq", "dtheta")
+LISTED = 8
+"""Channels of the log that an error names."""
+
+
+@dataclass
+class Checked:
+    """Complete signals, and what the user should know about missing ones."""
+
+    q: Array
+    theta: Array
+    tau: Array
+    optional: dict[str, Array]
+    warnings: list[str] = field(default_factory=list)
+
+
+def check(
+    signals: Mapping[str, Array], samples: int, robot: Robot, plan: Plan, raw: RawLog, name: str, *, strict: bool
+) -> Checked:
+    """Return the signals with absent ones as NaN columns, rigid joints completed.
+
+    Raises
+    ------
+    LogError
+        If a signal that the robot needs is missing; with `strict`, also if a joint lacks one it could do without.
+    """
+    filled = {s: signals.get(s, np.full((samples, robot.n), np.nan)) for s in ("q", "theta", "tau")}
+    filled |= {s: values for s, values in signals.items() if s not in filled}
+    warnings = _drop_zeros(filled, robot.joint_names)
+    has: dict[str, NDArray[np.bool_]] = {
+        s: np.isfinite(values[0]) if samples else np.zeros(robot.n, bool) for s, values in filled.items()
+    }
+    fault = _Fault(robot, plan, raw, name)
+    for j, joint in enumerate(robot.joints):
+        if not has["q"][j] and not has["theta"][j]:
+            fault.refuse("theta", joint.name, "no position")
+        if not joint.elastic:
+            _complete(filled, has, j)
+        elif not has["theta"][j]:
+            fault.refuse("theta", joint.name, "no motor position")
+    if not has["tau"].any():
+        fault.refuse("tau", robot.joint_names[0] if robot.n == 1 else "", "no torque")
+    lacking = [j.name for k, j in enumerate(robot.joints) if not has["q"][k]]
+    if lacking:
+        if strict:
+            fault.refuse("q", lacking[0], "no link position")
+        stiffness = "its stiffness" if len(lacking) == 1 else "their stiffness"
+        warnings.append(f"{' '.join(lacking)}: no link position q: {stiffness} cannot be identified")
+    untorqued = [name for k, name in enumerate(robot.joint_names) if not has["tau"][k]]
+    if untorqued:
+        if strict:
+            fault.refuse("tau", untorqued[0], "no torque")
+        warnings.append(f"{' '.join(untorqued)}: no torque tau: the motor side cannot be identified there")
+    optional = {s: values for s, values in filled.items() if s not in MEANING and not np.isnan(values).all()}
+    return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings)
+
+
+def _complete(filled: dict[str, Array], has: dict[str, NDArray[np.bool_]], j: int) -> None:
+    """Give a rigid joint both sides of every signal of which it has one."""
+    for one, other in (("q", "theta"), ("theta", "q"), ("dq", "dtheta"), ("dtheta", "dq")):
+        if one in has and has[one][j] and not (other in has and has[other][j]):
+            if other not in filled:
+                filled[other] = np.full_like(filled[one], np.nan)
+                has[other] = np.zeros(has[one].size, bool)
+            filled[other][:, j] = filled[one][:, j]
+            has[other][j] = True
+
+
+def _drop_zeros(filled: Mapping[str, Array], joints: Sequence[str]) -> list[str]:
+    """Take efforts and velocities that are zero throughout as absent: drivers fill what they do not know with 0."""
+    warnings = []
+    for signal in ZERO_IS_ABSENT:
+        values = filled.get(signal)
+        if values is None:
+            continue
+        zero: NDArray[np.bool_] = np.asarray(~values.any(axis=0))
+        values[:, zero] = np.nan
+        if zero.any() and signal == "tau":
+            who = " ".join(joint for joint, here in zip(joints, zero, strict=True) if here)
+            warnings.append(f"tau of {who} is zero throughout: taken as not recorded")
+    return warnings
+
+
+@dataclass(frozen=True)
+class _Fault:
+    """Words for a missing signal: what is missing, where elid looked, what there is instead."""
+
+    robot: Robot
+    plan: Plan
+    raw: RawLog
+    name: str
+
+    def refuse(self, signal: str, joint: str, what: str) -> None:
+        """Raise the LogError of one missing signal."""
+        who = f" for {joint}" if joint else ""
+        raise LogError(f"{self.name}: {what}{who}", detail=self._detail(signal, joint), hint=self._hint(signal))
+
+    def _detail(self, signal: str, joint: str) -> str:
+        placement = self.plan.placements.get(signal)
+        need = f"{self.robot.name!r} needs {signal} ({MEANING[signal]})" + (f" of {joint}" if joint else "")
+        if placement is None:
+            reason = self.plan.reasons.get(signal, "")
+            return f"{need}; {reason + '; ' if reason else ''}{self._contents()}"
+        sources = {pick.source for pick in placement.picks}
+        labels = dict.fromkeys(
+            label for channel in self.raw.channels if channel.source in sources for label in channel.labels
+        )
+        seen = f"which names {' '.join(labels)}" if labels else "which holds no numbers for it"
+        if joint in labels:
+            seen = "which is empty, NaN or zero for it"
+        return f"{need}; it is read from {placement.places}, {seen}"
+
+    def _contents(self) -> str:
+        named = list(dict.fromkeys(channel.address for channel in self.raw.channels))
+        more = f" and {len(named) - LISTED} more" if len(named) > LISTED else ""
+        return f"the log holds {', '.join(named[:LISTED])}{more}" if named else "the log holds no channels"
+
+    def _hint(self, signal: str) -> str:
+        free = [
+            channel.address
+            for channel in self.raw.channels
+            if channel.width in (1, self.robot.n) and not channel.address.endswith(("sec", "secs"))
+        ]
+        example = next(
+            (address for address in free for word in _WORDS[signal] if word in address.lower()), _EXAMPLES[signal]
+        )
+        return f"elid info {self.name}, or map it: --map {signal}={example}"
+
+
+_WORDS = {"tau": ("tau", "torque", "effort", "current"), "theta": ("motor", "theta"), "q": ("link", "joint", "q")}
+_EXAMPLES = {"tau": "/arm/motors.current", "theta": "/arm/motors.position", "q": "/arm/joint_states.position"}

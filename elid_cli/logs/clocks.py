@@ -1,0 +1,136 @@
+"""Which clock a log is read by, and its stamps in seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import LogError, UsageError
+from elid_cli.logs.raw import Stream
+
+Array = NDArray[np.float64]
+
+TIME_SOURCES = {"auto": "", "header": "header stamp", "log": "log time"}
+"""Values of --time -> the clock's name."""
+UNRULY = 0.05
+"""Share of backward steps above which a clock is not taken as increasing."""
+EPOCHS = ((1e17, 1e-9, "ns"), (1e14, 1e-6, "µs"), (1e11, 1e-3, "ms"))
+"""A time this large can only be counted from 1970 in this unit (1e9 s is 2001)."""
+
+
+def in_seconds(
+    streams: Sequence[Stream],
+    *,
+    source: str = "auto",
+    factor: float | None = None,
+    rate: float | None = None,
+    name: str = "log",
+    notes: list[str],
+) -> list[Array]:
+    """Return every stream's stamps in s from one common origin; streams sampled together share one array.
+
+    Raises
+    ------
+    UsageError
+        If `source` is not one of `TIME_SOURCES`.
+    LogError
+        If the log has no time and no `rate` is given.
+    """
+    if source not in TIME_SOURCES:
+        raise UsageError(f"--time: unknown clock {source!r}", hint=f"one of {', '.join(TIME_SOURCES)}")
+    clock = _choose(streams, TIME_SOURCES[source], notes)
+    if clock is None:
+        if rate is None:
+            raise LogError(
+                f"{name}: no time",
+                detail="it has no column, dataset or stamp that elid takes for t",
+                hint="name it in a mapping (--map t=stamp), or give the sample rate: --rate 1000",
+            )
+        notes.append(f"the log has no time: {rate:g} Hz as given")
+        return [np.arange(stream.values.shape[0]) / rate for stream in streams]
+    unique: dict[int, NDArray[Any]] = {}
+    for stream in streams:
+        stamps = stream.clocks[clock]
+        unique.setdefault(id(stamps), _mended(stream.clocks, clock))
+    seconds = _from_origin(unique, factor, notes)
+    return [seconds[id(stream.clocks[clock])] for stream in streams]
+
+
+def _choose(streams: Sequence[Stream], asked: str, notes: list[str]) -> str | None:
+    clocks = [set(stream.clocks) for stream in streams]
+    common = set.intersection(*clocks) if clocks else set()
+    if not common:
+        return None
+    if asked:
+        if asked in common:
+            notes.append(f"time is the {asked}, as asked")
+            return asked
+        notes.append(f"the log has no {asked}: its own time is taken")
+    if "t" in common:
+        return "t"
+    unusable = next((reason for stream in streams if (reason := _unusable(stream.clocks["header stamp"]))), "")
+    if not unusable:
+        return "header stamp"
+    if any(_unusable(stream.clocks["log time"]) for stream in streams) and "zero" not in unusable:
+        return "header stamp"
+    notes.append(f"header stamps {unusable}: time is the log time")
+    return "log time"
+
+
+def _unusable(stamps: NDArray[np.int64]) -> str:
+    """Return why a clock cannot be used, or an empty text."""
+    if stamps.size < 2:
+        return ""
+    if np.count_nonzero(stamps) < 0.5 * stamps.size:
+        return "are zero"
+    steps = np.diff(stamps)
+    if not steps.any():
+        return "never advance"
+    if np.count_nonzero(steps < 0) > UNRULY * steps.size:
+        return "run backwards"
+    return ""
+
+
+def _mended(clocks: Mapping[str, NDArray[Any]], clock: str) -> NDArray[Any]:
+    """Return the stamps with single zero ones replaced by the log time where that is the same clock."""
+    stamps = clocks[clock]
+    if clock != "header stamp":
+        return stamps
+    zero = stamps == 0
+    if not zero.any():
+        return stamps
+    logged = clocks["log time"]
+    known = stamps[~zero]
+    span = int(known.max() - known.min()) + 10**9
+    near = np.abs(logged[zero].astype(float) - known.mean()) < 2 * span
+    if known.min() < span:  # a clock that starts at zero, as simulators' do
+        return stamps
+    mended = stamps.astype(float)
+    mended[zero] = np.where(near, logged[zero], np.nan)
+    return mended
+
+
+def _from_origin(unique: Mapping[int, NDArray[Any]], factor: float | None, notes: list[str]) -> dict[int, Array]:
+    """Subtract the earliest stamp while the numbers are exact, then scale to s."""
+    finite = [stamps[np.isfinite(stamps)] for stamps in unique.values()]
+    finite = [stamps for stamps in finite if stamps.size]
+    if not finite:
+        raise LogError("the log's time holds no numbers", hint="elid info LOG shows its columns")
+    origin = min(stamps.min() for stamps in finite)
+    whole = all(stamps.dtype.kind == "i" for stamps in unique.values())
+    if whole:
+        factor = 1e-9
+    elif factor is None:
+        factor = _epoch_unit(float(max(np.abs(stamps).max() for stamps in finite)), notes)
+    return {key: (stamps - origin) * factor for key, stamps in unique.items()}
+
+
+def _epoch_unit(largest: float, notes: list[str]) -> float:
+    for limit, factor, unit in EPOCHS:
+        if largest > limit:
+            notes.append(f"time is {unit} since 1970, by its size")
+            return factor
+    return 1.0

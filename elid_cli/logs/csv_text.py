@@ -1,0 +1,196 @@
+"""CSV text to numbers: separator, header, units row and comments told apart, then columns as float64."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import LogError
+
+Array = NDArray[np.float64]
+
+COMMENTS = ("#", "%", "//")
+SNIFFED = 60
+"""Lines that are looked at to tell the dialect."""
+REPORTED = 3
+"""Faulty lines that are named; the rest are counted."""
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a CSV text is written."""
+
+    separator: str
+    """``,`` ``;`` tab, or a space for any white space."""
+    decimal_comma: bool
+    names: tuple[str, ...]
+    named: bool
+    """Whether the names come from a header row."""
+    first: int
+    """Offset of the first data line in the text."""
+    first_line: int
+    """Its line number, from 1."""
+
+
+def sniff(text: str, name: str) -> Dialect:
+    """Tell separator, decimal mark, header and first data line.
+
+    Raises
+    ------
+    LogError
+        If the text has no line of numbers.
+    """
+    lines = list(itertools.islice(_lines(text), SNIFFED))
+    content = [line for line in lines if line[2].strip() and not line[2].lstrip().startswith(COMMENTS)]
+    if not content:
+        raise LogError(f"{name}: no data", hint="a CSV log has one header row and one row per sample")
+    separator = _separator([line[2] for line in content])
+    decimal_comma = (
+        separator == ";"
+        and any(re.search(r"\d,\d", line[2]) for line in content)
+        and not any(re.search(r"\d\.\d", line[2]) for line in content[1:])
+    )
+    rows = [(offset, number, split(line, separator)) for offset, number, line in content]
+    numeric = [k for k, row in enumerate(rows) if _is_numeric(row[2], decimal_comma)]
+    if not numeric:
+        raise LogError(
+            f"{name}: no row of numbers in its first {len(lines)} lines",
+            detail=f"line {rows[0][1]}: {lines[0][2][:60]!r}",
+            hint="a CSV log has one header row and one row per sample",
+        )
+    start = numeric[0]
+    header = _header(rows[:start], len(rows[start][2]))
+    names = header if header is not None else tuple(f"column{k + 1}" for k in range(len(rows[start][2])))
+    return Dialect(separator, decimal_comma, names, header is not None, rows[start][0], rows[start][1])
+
+
+def split(line: str, separator: str) -> list[str]:
+    """Split one line into stripped cells; quotes keep separators inside a cell."""
+    if separator == " ":
+        return line.split()
+    if '"' not in line:
+        return [cell.strip() for cell in line.split(separator)]
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+
+
+def parse_columns(text: str, dialect: Dialect, wanted: Sequence[str], name: str) -> tuple[Array, list[str]]:
+    """Return the wanted columns, shape (N, len(wanted)), and what had to be said about faulty lines.
+
+    Empty and unreadable cells are NaN; rows with too few or too many cells are left out and reported.
+    """
+    columns = [dialect.names.index(column) for column in wanted]
+    body = text[dialect.first :].rstrip()
+    if dialect.decimal_comma:
+        body = body.replace(",", ".")
+    try:
+        return _fast(body, dialect, columns), []
+    except ValueError:
+        return _tolerant(body, dialect, columns, name)
+
+
+def _fast(body: str, dialect: Dialect, columns: Sequence[int]) -> Array:
+    """Parse by numpy's C reader, which refuses empty cells, text and rows of other lengths."""
+    separator = None if dialect.separator == " " else dialect.separator
+    width = len(dialect.names)
+    if "#" in body or "%" in body:
+        raise ValueError("comments between the rows")
+    if separator is not None and not _rectangular(body, separator, width):
+        raise ValueError("rows of different lengths")
+    return np.loadtxt(io.StringIO(body), delimiter=separator, usecols=columns, comments=None, ndmin=2, dtype=float)
+
+
+def _rectangular(body: str, separator: str, width: int) -> bool:
+    """Whether every line has `width` cells; numpy does not look at the columns it is not asked for."""
+    letters = np.frombuffer(body.encode("utf-8"), np.uint8)
+    ends = np.append(np.flatnonzero(letters == ord("\n")), letters.size)
+    before = np.searchsorted(np.flatnonzero(letters == ord(separator)), ends)
+    return bool(np.all(np.diff(before, prepend=0) == width - 1))
+
+
+def _tolerant(body: str, dialect: Dialect, columns: Sequence[int], name: str) -> tuple[Array, list[str]]:
+    width = len(dialect.names)
+    values: list[list[float]] = []
+    ragged: list[str] = []
+    unreadable: list[str] = []
+    number = dialect.first_line - 1
+    for line in io.StringIO(body):
+        number += 1
+        stripped = line.strip()
+        if not stripped or stripped.startswith(COMMENTS):
+            continue
+        cells = split(line.rstrip("\r\n"), dialect.separator)
+        if len(cells) == width + 1 and cells[-1] == "":
+            cells.pop()  # a separator at the end of every row
+        if len(cells) != width:
+            ragged.append(f"line {number} has {len(cells)} cells of {width}")
+            continue
+        row = [_cell(cells[k]) for k in columns]
+        if any(value is None for value in row):
+            unreadable.append(f"line {number}")
+        values.append([math.nan if value is None else value for value in row])
+    said = []
+    if ragged:
+        more = f" and {len(ragged) - REPORTED} more" if len(ragged) > REPORTED else ""
+        said.append(f"{len(ragged)} CSV rows left out: {', '.join(ragged[:REPORTED])}{more}")
+    if unreadable:
+        more = f" and {len(unreadable) - REPORTED} more" if len(unreadable) > REPORTED else ""
+        said.append(f"text where numbers belong taken as missing: {', '.join(unreadable[:REPORTED])}{more}")
+    if not values:
+        raise LogError(f"{name}: no readable row", detail=said[0] if said else "")
+    return np.array(values, dtype=float), said
+
+
+def _cell(cell: str) -> float | None:
+    if not cell or cell.lower() in ("nan", "na", "n/a", "null", "none", "-"):
+        return math.nan
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _lines(text: str) -> Iterator[tuple[int, int, str]]:
+    """Yield (offset, line number, line)."""
+    offset = 0
+    for number, line in enumerate(io.StringIO(text, newline=""), start=1):
+        yield offset, number, line.rstrip("\r\n")
+        offset += len(line)
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """Return the separator that splits the lines most alike; fields of text may hold the others."""
+    for candidate in ("\t", ";", ","):
+        counts = [line.count(candidate) for line in lines[-20:]]
+        if min(counts) > 0 or sum(count > 0 for count in counts) > 0.8 * len(counts):
+            return candidate
+    return " " if all(len(line.split()) > 1 for line in lines[1:] or lines) else ","
+
+
+def _is_numeric(cells: Iterable[str], decimal_comma: bool) -> bool:
+    """Whether a row is data: mostly numbers or nothing, and at least one number."""
+    numbers = texts = 0
+    for cell in cells:
+        value = _cell(cell.replace(",", ".") if decimal_comma else cell)
+        if value is None:
+            texts += 1
+        elif cell:
+            numbers += 1
+    return numbers > 0 and texts <= numbers
+
+
+def _header(rows: Sequence[tuple[int, int, list[str]]], width: int) -> tuple[str, ...] | None:
+    """Return the names: the first text row of the data's width (a second one is units)."""
+    for _, _, cells in rows:
+        if len(cells) == width + 1 and cells[-1] == "":
+            cells = cells[:-1]
+        if len(cells) in (width, width - 1) and any(cells):
+            return tuple([*cells, *[""] * (width - len(cells))])
+    return None

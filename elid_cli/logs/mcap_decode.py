@@ -1,0 +1,296 @@
+"""Decode the messages of a channel in bulk: one NumPy view per layout, verified on every message.
+
+Messages are grouped by length; the first of a group teaches a layout (`cdr_layout`), which is then checked on all
+others at once. What differs teaches the next layout, so that joint orders and frames may change at any message.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.logs.cdr_layout import CdrError, Layout, learn
+from elid_cli.logs.growing import Growing
+from elid_cli.logs.mcap_container import Messages
+from elid_cli.logs.message_fields import MessageShape
+from elid_cli.logs.ros_schema import Definitions
+
+STAMPS = (("header.stamp.sec", "header.stamp.nanosec"), ("stamp.sec", "stamp.nanosec"))
+REMEMBERED = 64
+"""Layouts of one channel that are tried before a new one is learnt."""
+
+
+class Table:
+    """Everything wanted from one topic: growing columns for each (field, columns) and its clocks."""
+
+    def __init__(self, wanted: Sequence[tuple[str, tuple[int | str, ...]]]) -> None:
+        self.wanted = tuple(dict.fromkeys(wanted))
+        self.values = [Growing(len(columns)) for _, columns in self.wanted]
+        self.header = Growing(None, np.int64)
+        self.logged = Growing(None, np.int64)
+        self.undecodable = 0
+        self.problem = ""
+
+    def extend(self, log_times: NDArray[np.int64]) -> tuple[list[NDArray[Any]], NDArray[Any]]:
+        """Add one row per message; return the new rows of every wanted column set and of the header stamps."""
+        count = log_times.size
+        self.logged.extend(count)[:] = log_times
+        stamps = self.header.extend(count)
+        stamps[:] = 0
+        rows = [values.extend(count) for values in self.values]
+        for row in rows:
+            row[:] = np.nan
+        return rows, stamps
+
+
+class CdrDecoder:
+    """Bulk decoder of one channel's CDR messages into a table."""
+
+    def __init__(self, type_name: str, definitions: Definitions) -> None:
+        self._type = type_name
+        self._definitions = definitions
+        self._layouts: list[_Plan] = []
+
+    def shapes(self, messages: Messages, chosen: NDArray[np.intp]) -> list[MessageShape]:
+        """Return the distinct shapes of some messages (for discovery)."""
+        table = Table(())
+        self.decode(messages, chosen, table)
+        return [plan.shape for plan in self._layouts]
+
+    def decode(self, messages: Messages, chosen: NDArray[np.intp], table: Table) -> None:
+        """Append the messages `chosen` (indices) to a table."""
+        rows, stamps = table.extend(messages.log_times[chosen])
+        offsets, lengths = messages.offsets[chosen], messages.lengths[chosen]
+        if (lengths == lengths[0]).all():
+            self._same_length(messages.data, offsets, int(lengths[0]), None, rows, stamps, table)
+            return
+        for length in np.unique(lengths):
+            where = np.flatnonzero(lengths == length)
+            self._same_length(messages.data, offsets[where], int(length), where, rows, stamps, table)
+
+    def _same_length(
+        self,
+        data: bytes,
+        offsets: NDArray[np.int64],
+        length: int,
+        where: NDArray[np.intp] | None,
+        rows: list[NDArray[Any]],
+        stamps: NDArray[Any],
+        table: Table,
+    ) -> None:
+        matrix = _matrix(data, offsets, length)
+        for plan in [plan for plan in self._layouts if plan.layout.length == length]:
+            where, matrix = self._take(plan, matrix, where, rows, stamps, table)
+            if not matrix.shape[0]:
+                return
+        while matrix.shape[0]:
+            try:
+                layout = learn(matrix[0].tobytes(), self._type, self._definitions)
+            except CdrError as error:
+                table.undecodable += 1
+                table.problem = table.problem or str(error)
+                where = np.arange(matrix.shape[0])[1:] if where is None else where[1:]
+                matrix = matrix[1:]
+                continue
+            plan = _Plan(layout)
+            self._layouts.insert(0, plan)
+            del self._layouts[REMEMBERED:]
+            where, matrix = self._take(plan, matrix, where, rows, stamps, table)
+
+    def _take(
+        self,
+        plan: _Plan,
+        matrix: NDArray[np.uint8],
+        where: NDArray[np.intp] | None,
+        rows: list[NDArray[Any]],
+        stamps: NDArray[Any],
+        table: Table,
+    ) -> tuple[NDArray[np.intp] | None, NDArray[np.uint8]]:
+        """Store the messages that have a plan's layout; return those that have not."""
+        same = plan.layout.matches(matrix)
+        if same.all():
+            plan.store(matrix, slice(None) if where is None else where, rows, stamps, table)
+            return where, matrix[:0]
+        if where is None:
+            where = np.arange(matrix.shape[0])
+        if same.any():
+            plan.store(matrix[same], where[same], rows, stamps, table)
+        return where[~same], matrix[~same]
+
+
+class _Plan:
+    """A layout with the column of every wanted value worked out once."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.shape = MessageShape({p: layout.width(p) for p in layout.numbers}, layout.strings, layout.starts)
+        self._columns: dict[tuple[str, tuple[int | str, ...]], list[tuple[int, str, list[int], list[int]]]] = {}
+
+    def store(
+        self,
+        matrix: NDArray[np.uint8],
+        where: Any,
+        rows: list[NDArray[Any]],
+        stamps: NDArray[Any],
+        table: Table,
+    ) -> None:
+        """Write the wanted numbers of messages, shape (M, length), to the table's rows `where`."""
+        for wanted, target in zip(table.wanted, rows, strict=True):
+            for offset, dtype, take, put in self._places(wanted):
+                size = int(dtype[2])
+                block = matrix[:, offset : offset + size * (max(take) + 1)].view(dtype)
+                straight = take == list(range(len(take)))
+                values = block if straight else block[:, take]
+                if put == list(range(target.shape[1])):
+                    target[where] = values
+                elif isinstance(where, slice):
+                    target[:, put] = values
+                else:
+                    target[np.ix_(where, put)] = values
+        seconds = self._stamp(matrix)
+        if seconds is not None:
+            stamps[where] = seconds
+
+    def _stamp(self, matrix: NDArray[np.uint8]) -> NDArray[Any] | None:
+        for paths in STAMPS:
+            if all(self.layout.width(path) == 1 for path in paths):
+                whole, parts = (self.layout.numbers[path][0] for path in paths)
+                return _numbers(matrix, whole.offset, whole.dtype).astype(np.int64) * 1_000_000_000 + _numbers(
+                    matrix, parts.offset, parts.dtype
+                )
+        return None
+
+    def _places(self, wanted: tuple[str, tuple[int | str, ...]]) -> list[tuple[int, str, list[int], list[int]]]:
+        """Return (offset, type, indices in the block, target columns) of every block that holds wanted values."""
+        if wanted not in self._columns:
+            field, columns = wanted
+            found = self.shape.columns(field)
+            places = []
+            if found is not None:
+                pairs = match_columns(columns, found.labels, len(found.indices))
+                for block in self.layout.numbers[found.path]:
+                    inside = [
+                        (found.indices[source] - block.first, target)
+                        for target, source in pairs
+                        if 0 <= found.indices[source] - block.first < block.count
+                    ]
+                    if inside:
+                        places.append((block.offset, block.dtype, [k for k, _ in inside], [j for _, j in inside]))
+            self._columns[wanted] = places
+        return self._columns[wanted]
+
+
+def match_columns(columns: Sequence[int | str], labels: Sequence[str], width: int) -> list[tuple[int, int]]:
+    """Return (target column, source index) of every wanted column that a message has."""
+    pairs = []
+    for target, column in enumerate(columns):
+        if isinstance(column, str):
+            if column in labels:
+                pairs.append((target, labels.index(column)))
+        elif column < width:
+            pairs.append((target, column))
+    return pairs
+
+
+def _matrix(data: bytes, offsets: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
+    """Return messages of one length as rows: a view where they lie evenly, a copy where not."""
+    if offsets.size > 1:
+        step = int(offsets[1] - offsets[0])
+        if (np.diff(offsets) == step).all():
+            return np.ndarray((offsets.size, length), np.uint8, data, int(offsets[0]), (step, 1))
+    windows: NDArray[np.uint8] = np.ndarray((len(data) - length + 1, length), np.uint8, data, 0, (1, 1))
+    return windows[offsets]
+
+
+def _numbers(matrix: NDArray[np.uint8], offset: int, dtype: str) -> NDArray[Any]:
+    column: NDArray[Any] = matrix[:, offset : offset + int(dtype[2])].view(dtype)[:, 0]
+    return column
+
+
+class JsonDecoder:
+    """Message-by-message decoder of JSON channels."""
+
+    def shapes(self, messages: Messages, chosen: NDArray[np.intp]) -> list[MessageShape]:
+        """Return the distinct shapes of some messages (for discovery)."""
+        shapes: dict[str, MessageShape] = {}
+        for index in chosen:
+            flat = self._flat(messages, int(index))
+            if flat is not None:
+                shape = _json_shape(flat)
+                shapes.setdefault(repr(shape), shape)
+        return list(shapes.values())
+
+    def decode(self, messages: Messages, chosen: NDArray[np.intp], table: Table) -> None:
+        """Append the messages `chosen` (indices) to a table."""
+        rows, stamps = table.extend(messages.log_times[chosen])
+        for row, index in enumerate(chosen):
+            flat = self._flat(messages, int(index))
+            if flat is None:
+                table.undecodable += 1
+                table.problem = table.problem or "not a JSON object"
+                continue
+            shape = _json_shape(flat)
+            for (field, columns), target in zip(table.wanted, rows, strict=True):
+                found = shape.columns(field)
+                if found is None:
+                    continue
+                for put, take in match_columns(columns, found.labels, len(found.indices)):
+                    target[row, put] = flat[found.path][found.indices[take]]
+            stamps[row] = _json_stamp(flat)
+
+    def _flat(self, messages: Messages, index: int) -> dict[str, list[Any]] | None:
+        start, length = int(messages.offsets[index]), int(messages.lengths[index])
+        try:
+            decoded = json.loads(messages.data[start : start + length])
+        except (ValueError, RecursionError):
+            return None
+        if not isinstance(decoded, dict):
+            return None
+        flat: dict[str, list[Any]] = {}
+        _flatten(decoded, "", flat, 0)
+        return flat
+
+
+def _flatten(value: Any, path: str, flat: dict[str, list[Any]], depth: int) -> None:
+    if depth > 20:
+        return
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            _flatten(item, f"{path}.{key}" if path else str(key), flat, depth + 1)
+    elif isinstance(value, list):
+        if (value and isinstance(value[0], str)) or not value:
+            flat.setdefault(f"{path}\x00", []).append(len(flat.get(path, [])))  # where a list of strings starts
+        for item in value:
+            _flatten(item, path, flat, depth + 1)
+    elif isinstance(value, str):
+        flat.setdefault(path, []).append(value)
+    else:
+        number = float("nan") if value is None else float(value)
+        flat.setdefault(path, []).append(number)
+
+
+def _json_shape(flat: Mapping[str, list[Any]]) -> MessageShape:
+    widths, strings, starts = {}, {}, {}
+    for path, values in flat.items():
+        if path.endswith("\x00"):
+            starts[path[:-1]] = values
+        elif all(isinstance(value, float) for value in values):
+            widths[path] = len(values)
+        else:
+            strings[path] = [str(value) for value in values]
+    return MessageShape(widths, strings, starts)
+
+
+def _json_stamp(flat: Mapping[str, list[Any]]) -> int:
+    for prefix in ("header.stamp", "stamp"):
+        seconds = flat.get(f"{prefix}.sec", flat.get(f"{prefix}.secs"))
+        parts = next(
+            (flat[f"{prefix}.{name}"] for name in ("nanosec", "nsec", "nsecs") if f"{prefix}.{name}" in flat), [0.0]
+        )
+        if seconds and isinstance(seconds[0], float) and isinstance(parts[0], float):
+            return int(seconds[0]) * 1_000_000_000 + int(parts[0])
+    return 0

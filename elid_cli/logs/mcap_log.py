@@ -1,0 +1,230 @@
+"""MCAP logs: topics of CDR or JSON messages, read chunk by chunk; cut and damaged files give what is whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from elid_cli.logs.mcap_container import MAGIC, Container, Messages, Readable, walk
+from elid_cli.logs.mcap_decode import CdrDecoder, JsonDecoder, Table
+from elid_cli.logs.mcap_write import write_mcap
+from elid_cli.logs.raw import Channel, LogFormat, Pick, Stream
+from elid_cli.logs.ros_schema import definitions_of, short_name
+from elid_cli.logs.source import Source
+
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+CANONICAL = {
+    "q": {"from": "/joint_states", "field": "position"},
+    "dq": {"from": "/joint_states", "field": "velocity"},
+    "tau_link": {"from": "/joint_states", "field": "effort"},
+    "theta": {"from": "/motor_states", "field": "position"},
+    "dtheta": {"from": "/motor_states", "field": "velocity"},
+    "tau": {"from": "/motor_states", "field": "effort"},
+}
+BARE = {signal: spec | {"from": spec["from"].lstrip("/")} for signal, spec in CANONICAL.items()}
+EMPTY_CHUNKS = 4
+"""Chunks without a channel not seen before, after which discovery stops where a summary says what to expect."""
+
+
+class McapLog:
+    """One MCAP file, or several that continue each other (the splits of a rosbag2 folder)."""
+
+    def __init__(self, name: str, sources: Sequence[Source]) -> None:
+        self._name = name
+        self._sources = sources
+        self.losses: list[str] = []
+        self.notes: list[str] = []
+        self._decoders: dict[tuple[str, str, str, str], CdrDecoder | JsonDecoder | None] = {}
+        self.undecoded: dict[str, str] = {}
+        """Topics that cannot be decoded -> why."""
+        self.channels: Sequence[Channel] = self._discover()
+
+    @property
+    def canonical(self) -> Sequence[Mapping[str, Any]]:
+        """Link side on /joint_states, motor side on /motor_states."""
+        return [CANONICAL, BARE]
+
+    def load(self, picks: Sequence[Pick]) -> list[Stream]:
+        """Decode the wanted topics in one pass."""
+        wanted: dict[str, list[tuple[str, tuple[int | str, ...]]]] = {}
+        for pick in picks:
+            wanted.setdefault(pick.source, []).append((pick.field, pick.columns))
+            if pick.time:
+                wanted[pick.source].append((pick.time, (0,)))
+        tables = {topic: Table(fields) for topic, fields in wanted.items()}
+        self.losses.clear()
+        for container, messages in self._walk():
+            for identifier in np.unique(messages.channels):
+                channel = container.channels.get(int(identifier))
+                table = tables.get(channel.topic) if channel is not None else None
+                decoder = self._decoder(channel, container) if table is not None else None
+                if table is not None and decoder is not None:
+                    decoder.decode(messages, np.flatnonzero(messages.channels == identifier), table)
+        for topic, table in tables.items():
+            if table.undecodable:
+                self.losses.append(f"{table.undecodable} messages of {topic} cannot be decoded ({table.problem})")
+        return self._streams(picks, tables)
+
+    def _streams(self, picks: Sequence[Pick], tables: Mapping[str, Table]) -> list[Stream]:
+        clocks: dict[str, dict[str, Any]] = {}
+        values: dict[tuple[str, str, tuple[int | str, ...]], Any] = {}
+        for topic, table in tables.items():
+            clocks[topic] = {"header stamp": table.header.finish(), "log time": table.logged.finish()}
+            for (field, columns), grown in zip(table.wanted, table.values, strict=True):
+                values[topic, field, columns] = grown.finish()
+        streams = []
+        for pick in picks:
+            stamps = clocks[pick.source]
+            if pick.time:
+                stamps = {"t": values[pick.source, pick.time, (0,)][:, 0], **stamps}
+            streams.append(Stream(values[pick.source, pick.field, pick.columns], stamps))
+        return streams
+
+    def _discover(self) -> tuple[Channel, ...]:
+        """Find topics, fields and joint names from the first chunks (all of them where there is no summary)."""
+        expected, counts = self._summary()
+        found: dict[tuple[str, str], Channel] = {}
+        seen: set[str] = set()
+        barren = 0
+        for container, messages in self._walk():
+            before = len(seen)
+            for identifier in np.unique(messages.channels):
+                channel = container.channels.get(int(identifier))
+                if channel is None:
+                    continue
+                seen.add(channel.topic)
+                decoder = self._decoder(channel, container)
+                if decoder is None:
+                    continue
+                chosen = np.flatnonzero(messages.channels == identifier)[:200]
+                kind = _type_of(channel, container)
+                for shape in decoder.shapes(messages, chosen):
+                    for path, columns in shape.fields():
+                        key = (channel.topic, path)
+                        labels = tuple(dict.fromkeys([*(found[key].labels if key in found else ()), *columns.labels]))
+                        width = max(len(columns.indices), len(labels))
+                        rows = counts.get(channel.topic)
+                        found[key] = Channel(channel.topic, path, width, labels, rows, kind, open_ended=True)
+            barren = 0 if len(seen) > before else barren + 1
+            if expected is not None and (expected <= seen or barren >= EMPTY_CHUNKS):
+                break
+        for topic, reason in self.undecoded.items():
+            found.setdefault((topic, ""), Channel(topic, "", 0, (), counts.get(topic), reason))
+        return tuple(found.values())
+
+    def _summary(self) -> tuple[set[str] | None, dict[str, int]]:
+        """Return the topics and message counts of the summary where the file has a sound one, else None."""
+        if len(self._sources) != 1 or self._sources[0].head.startswith(ZSTD_MAGIC):
+            return None, {}
+        from mcap.exceptions import McapError
+        from mcap.reader import SeekingReader
+
+        with self._sources[0].stream() as stream:
+            try:
+                stream.seek(-8, 2)
+                if stream.read(8) != MAGIC:
+                    return None, {}
+                stream.seek(0)
+                summary = SeekingReader(stream).get_summary()
+            except (McapError, OSError, ValueError, KeyError, MemoryError, OverflowError):
+                return None, {}
+        if summary is None or not summary.channels or summary.statistics is None:
+            return None, {}
+        counts: dict[str, int] = {}
+        for identifier, channel in summary.channels.items():
+            count = summary.statistics.channel_message_counts.get(identifier, 0)
+            counts[channel.topic] = counts.get(channel.topic, 0) + count
+        return {topic for topic, count in counts.items() if count}, counts
+
+    def _walk(self) -> Iterator[tuple[Container, Messages]]:
+        for source in self._sources:
+            container = Container()
+            with _bytes(source) as (stream, size):
+                for messages in walk(stream, size, container):
+                    yield container, messages
+            prefix = f"{source.name}: " if len(self._sources) > 1 else ""
+            self.losses.extend(prefix + loss for loss in container.losses)
+
+    def _decoder(self, channel: Any, container: Container) -> CdrDecoder | JsonDecoder | None:
+        schema = container.schemas.get(channel.schema_id)
+        name = schema.name if schema is not None else ""
+        text = schema.data.decode("utf-8", "replace") if schema is not None else ""
+        key = (channel.topic, channel.message_encoding, name, text)
+        if key not in self._decoders:
+            self._decoders[key] = self._make_decoder(channel, name, schema.encoding if schema else "", text)
+        return self._decoders[key]
+
+    def _make_decoder(self, channel: Any, name: str, language: str, text: str) -> CdrDecoder | JsonDecoder | None:
+        if channel.message_encoding == "json":
+            return JsonDecoder()
+        if channel.message_encoding == "cdr":
+            definitions = definitions_of(name, text if language in ("ros2msg", "") else "")
+            if definitions is not None:
+                return CdrDecoder(short_name(name), definitions)
+            reason = f"{name or 'no type'}: no ros2msg definition (schema {language or 'empty'!r})"
+        else:
+            reason = f"{name or 'no type'}: encoding {channel.message_encoding!r}, expected 'cdr' or 'json'"
+        self.undecoded[channel.topic] = reason
+        return None
+
+
+def _type_of(channel: Any, container: Container) -> str:
+    schema = container.schemas.get(channel.schema_id)
+    return str(schema.name if schema is not None else channel.message_encoding)
+
+
+@contextmanager
+def _bytes(source: Source) -> Iterator[tuple[Readable, int | None]]:
+    """Open the file; one that is compressed as a whole (`.mcap.zstd`) is decompressed while it is read."""
+    with source.stream() as stream:
+        if not source.head.startswith(ZSTD_MAGIC):
+            yield stream, source.size
+            return
+        import zstandard
+
+        with zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(stream, closefd=False) as reader:
+            yield _Patient(reader), None
+
+
+class _Patient:
+    """A decompressor whose reads return what was asked for, and nothing where the data are cut or damaged."""
+
+    def __init__(self, reader: Any) -> None:
+        self._reader = reader
+
+    def read(self, count: int) -> bytes:
+        import zstandard
+
+        parts: list[bytes] = []
+        while count > 0:
+            try:
+                part = self._reader.read(min(count, 1 << 24))
+            except zstandard.ZstdError:
+                break
+            if not part:
+                break
+            parts.append(part)
+            count -= len(part)
+        return b"".join(parts)
+
+
+def _recognise(source: Source) -> bool:
+    if source.head.startswith(MAGIC):
+        return True
+    if not source.head.startswith(ZSTD_MAGIC):
+        return False
+    with _bytes(source) as (stream, _):
+        return bytes(stream.read(len(MAGIC))) == MAGIC
+
+
+FORMAT = LogFormat(
+    name="MCAP",
+    suffixes=(".mcap",),
+    recognise=_recognise,
+    open=lambda source: [McapLog(source.name, [source])],
+    write=write_mcap,
+    priority=10,
+)

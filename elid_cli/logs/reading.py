@@ -1,0 +1,246 @@
+"""From log files to one `Recording`: recognise, resolve, load, convert, align, check, join."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import LogError
+from elid_cli.logs.checks import Checked, check
+from elid_cli.logs.clocks import in_seconds
+from elid_cli.logs.guards import suspicions
+from elid_cli.logs.mapping import parse_mapping
+from elid_cli.logs.raw import RawLog, Stream
+from elid_cli.logs.registry import recognise
+from elid_cli.logs.repair import Aligned, Sampled, align
+from elid_cli.logs.resolve import Layer, Placement, Plan, resolve
+from elid_cli.logs.source import Source, open_source
+from elid_cli.recording import Recording, Segment
+from elid_cli.robot import Robot
+
+Array = NDArray[np.float64]
+
+SAME_RATE = 1e-6
+"""Relative difference of sample times that counts as none when logs are joined."""
+BETWEEN_LOGS = 1.0
+"""s between logs in the joined time."""
+OPTIONAL = ("dq", "dtheta", "tau_link", "temperature")
+
+
+@dataclass(frozen=True)
+class _Options:
+    """How to read, the same for every log of a call."""
+
+    robot: Robot
+    mapping: Mapping[str, Any] | None
+    strict: bool
+    rate: float | None
+    time_source: str
+
+
+@dataclass
+class _Part:
+    """One contiguous source of samples (a file, or an episode of one), checked."""
+
+    aligned: Aligned
+    checked: Checked
+    plan: Plan
+    source: int
+    repairs: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def read_recording(
+    paths: Sequence[str | Path],
+    robot: Robot,
+    mapping: Mapping[str, Any] | None = None,
+    *,
+    strict: bool = False,
+    rate: float | None = None,
+    time_source: str = "auto",
+) -> Recording:
+    """Read one or more logs of a robot into one recording.
+
+    Parameters
+    ----------
+    paths
+        Files or rosbag2 folders, in order; ``-`` is CSV on standard input. Formats are told by content.
+    robot
+        Whose joints and default mapping (`robot.log`) are used.
+    mapping
+        The mapping of ``--map`` as written in YAML (`read_map_options`); tried before the robot's own.
+    strict
+        Refuse logs that are cut or damaged, do not fit `mapping`, or lack a signal of some joint.
+    rate
+        Sample rate, Hz, of a log that has no time.
+    time_source
+        ``auto``, ``header`` (header stamps) or ``log`` (log times).
+
+    Raises
+    ------
+    LogError
+        If a log cannot be used.
+    UsageError
+        If the mapping is wrong.
+    """
+    if isinstance(paths, str | Path):
+        paths = [paths]
+    options = _Options(robot, mapping, strict, rate, time_source)
+    parts: list[_Part] = []
+    sources = []
+    for index, path in enumerate(paths):
+        source = open_source(path)
+        sources.append(source)
+        opened = recognise(source).open(source)
+        for raw in opened:
+            parts.append(_read(raw, _part_name(source, raw), index, options))
+    if not parts:
+        raise LogError("no log given", hint="elid identify LOG --robot ROBOT")
+    return _joined(parts, sources, robot)
+
+
+def _part_name(source: Source, raw: RawLog) -> str:
+    return str(getattr(raw, "name", "") or source.name)
+
+
+def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
+    robot = options.robot
+    plan = resolve(raw.channels, _layers(raw, options), robot)
+    if not {"q", "theta"} & set(plan.placements):
+        check({}, 0, robot, plan, raw, name, strict=options.strict)
+    streams = raw.load([pick for placement in plan.placements.values() for pick in placement.picks])
+    if options.strict and (raw.losses or plan.unfit):
+        raise LogError(
+            f"{name}: {(raw.losses + list(plan.unfit))[0]}",
+            detail="refused because --strict was asked for",
+            hint="without --strict elid uses what is whole",
+        )
+    notes = [*raw.notes, *plan.notes]
+    factor = plan.time.factor if plan.time is not None else None
+    seconds = in_seconds(streams, source=options.time_source, factor=factor, rate=options.rate, name=name, notes=notes)
+    aligned = align(_converted(plan, streams, seconds, robot), robot.joint_names, name)
+    signals = dict(aligned.signals)
+    for signal, placement in plan.placements.items():
+        _add(signals, signal, placement)
+    checked = check(signals, aligned.t.size, robot, plan, raw, name, strict=options.strict)
+    checked.warnings.extend(suspicions(checked, aligned, robot, plan))
+    return _Part(aligned, checked, plan, index, [*raw.losses, *plan.unfit, *aligned.repairs], notes)
+
+
+def _layers(raw: RawLog, options: _Options) -> list[Layer]:
+    layers = []
+    for where, mapping in (("--map", options.mapping), (f"the log block of {options.robot.name}", options.robot.log)):
+        if mapping:
+            layers.append(Layer(where, *parse_mapping(mapping, options.robot, where)))
+    for mapping in raw.canonical:
+        layers.append(Layer("canonical names", *parse_mapping(mapping, options.robot, "canonical"), canonical=True))
+    return layers
+
+
+def _converted(plan: Plan, streams: Sequence[Stream], seconds: Sequence[Array], robot: Robot) -> list[Sampled]:
+    """Return the streams in SI units at the joint; columns sampled together of one signal become one stream."""
+    sampled: list[Sampled] = []
+    remaining = iter(zip(streams, seconds, strict=True))
+    for signal, placement in plan.placements.items():
+        gain, offset = placement.spec.gain(robot), placement.spec.offsets(robot)
+        pieces: list[tuple[tuple[int, ...], Array, Array]] = []
+        for joints in placement.joints:
+            stream, t = next(remaining)
+            chosen = list(joints)
+            values = stream.values
+            if (gain[chosen] != 1).any() or offset[chosen].any():
+                values = values * gain[chosen] + offset[chosen]
+            pieces.append((joints, values, t))
+        for clock in dict.fromkeys(id(t) for _, _, t in pieces):
+            together = [piece for piece in pieces if id(piece[2]) == clock]
+            joints = tuple(j for piece in together for j in piece[0])
+            values = together[0][1] if len(together) == 1 else np.hstack([piece[1] for piece in together])
+            sampled.append(Sampled(signal, joints, values, together[0][2]))
+    return sampled
+
+
+def _add(signals: dict[str, Array], signal: str, placement: Placement) -> None:
+    """Add the other signal of a mapping's `add` (a deflection sensor: q = theta + deflection)."""
+    other = placement.spec.add
+    if other and signal in signals:
+        if other not in signals:
+            raise LogError(f"{signal} is mapped as an addition to {other}, which the log does not hold")
+        signals[signal] = signals[signal] + signals[other]
+
+
+def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> Recording:
+    dt = parts[0].aligned.dt
+    several = len(parts) > 1
+    blocks: dict[str, list[Array]] = {}
+    times: list[Array] = []
+    segments: list[Segment] = []
+    repairs: list[str] = []
+    notes: list[str] = []
+    warnings: list[str] = []
+    begin, samples = 0.0, 0
+    optional = [s for s in OPTIONAL if any(s in part.checked.optional for part in parts)]
+    for part in parts:
+        prefix = f"{sources[part.source].name}: " if several else ""
+        repairs.extend(prefix + text for text in part.repairs)
+        notes.extend(prefix + text for text in part.notes)
+        warnings.extend(prefix + text for text in part.checked.warnings)
+        aligned = part.aligned
+        signals = {s: getattr(part.checked, s) for s in ("q", "theta", "tau")}
+        empty = np.full_like(part.checked.q, np.nan) if optional else part.checked.q
+        signals |= {s: part.checked.optional.get(s, empty) for s in optional}
+        t, bounds = aligned.t, list(aligned.segments)
+        if abs(aligned.dt - dt) > SAME_RATE * dt:
+            repairs.append(f"{prefix}{1 / aligned.dt:.6g} Hz resampled to {1 / dt:.6g} Hz, the rate of the first log")
+            t, signals, bounds = _resampled(aligned, signals, dt)
+        times.append(t + begin)
+        for signal, values in signals.items():
+            blocks.setdefault(signal, []).append(values)
+        segments.extend(Segment(samples + a, samples + b, part.source) for a, b in bounds)
+        begin += float(t[-1]) + BETWEEN_LOGS
+        samples += t.size
+    whole = {s: values[0] if len(values) == 1 else np.concatenate(values) for s, values in blocks.items()}
+    places = parts[0].plan.placements
+    return Recording(
+        joints=robot.joint_names,
+        dt=dt,
+        t=times[0] if len(times) == 1 else np.concatenate(times),
+        q=whole["q"],
+        theta=whole["theta"],
+        tau=whole["tau"],
+        dq=whole.get("dq"),
+        dtheta=whole.get("dtheta"),
+        tau_link=whole.get("tau_link"),
+        temperature=whole.get("temperature"),
+        segments=tuple(segments),
+        files=tuple(source.name for source in sources),
+        sha256=tuple(source.sha256 for source in sources),
+        repairs=tuple(dict.fromkeys(repairs)),
+        notes=tuple(dict.fromkeys(notes)),
+        warnings=tuple(dict.fromkeys(warnings)),
+        sources={signal: placement.places for signal, placement in places.items()},
+    )
+
+
+def _resampled(
+    aligned: Aligned, signals: Mapping[str, Array], dt: float
+) -> tuple[Array, dict[str, Array], list[tuple[int, int]]]:
+    """Bring a log to another sample time, stretch by stretch."""
+    from elid_cli.logs.interpolate import interpolate
+
+    pieces: dict[str, list[Array]] = {signal: [] for signal in signals}
+    times: list[Array] = []
+    bounds: list[tuple[int, int]] = []
+    for start, stop in aligned.segments:
+        t = aligned.t[start:stop]
+        at = t[0] + dt * np.arange(int(np.floor((t[-1] - t[0]) / dt + 1e-9)) + 1)
+        for signal, values in signals.items():
+            pieces[signal].append(interpolate(t, values[start:stop], at))
+        first = bounds[-1][1] if bounds else 0
+        bounds.append((first, first + at.size))
+        times.append(at)
+    return np.concatenate(times), {signal: np.concatenate(parts) for signal, parts in pieces.items()}, bounds

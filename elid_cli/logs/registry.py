@@ -1,0 +1,57 @@
+"""Find the log formats: every module of this package that defines `FORMAT`."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from functools import cache
+from pathlib import Path
+
+from elid_cli.errors import LogError, UsageError
+from elid_cli.logs.raw import LogFormat
+from elid_cli.logs.source import Source
+
+
+@cache
+def formats() -> tuple[LogFormat, ...]:
+    """Return every format, in the order in which they are asked."""
+    found = []
+    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
+        if module.name.endswith("_log"):
+            found.append(importlib.import_module(f"{__package__}.{module.name}").FORMAT)
+    return tuple(sorted(found, key=lambda fmt: (fmt.priority, fmt.name)))
+
+
+def recognise(source: Source) -> LogFormat:
+    """Return the format of a log by its content.
+
+    Raises
+    ------
+    LogError
+        If no format recognises it.
+    """
+    for candidate in formats():
+        if candidate.recognise(source):
+            return candidate
+    raise LogError(
+        f"{source.name}: not a log that elid can read",
+        detail=f"its content is none of: {', '.join(fmt.name for fmt in formats() if fmt.write)}",
+        hint="export it as CSV with a header row, HDF5 or MCAP (FORMATS: Logs)",
+    )
+
+
+def writer_for(path: str | Path) -> LogFormat:
+    """Return the format that writes files with this suffix.
+
+    Raises
+    ------
+    UsageError
+        If the suffix belongs to no format that can be written.
+    """
+    name = Path(path).name.lower()
+    writable = [fmt for fmt in formats() if fmt.write is not None]
+    for fmt in writable:
+        if name.endswith(fmt.suffixes):
+            return fmt
+    known = ", ".join(suffix for fmt in writable for suffix in fmt.suffixes)
+    raise UsageError(f"{path}: cannot tell the log format from the name", hint=f"use one of the suffixes {known}")

@@ -1,0 +1,284 @@
+"""Bring every signal of a log onto one even time base; what was done is said, gaps are never interpolated across."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import LogError
+from elid_cli.logs.grid import Grid, grid_of, identical, onto, regularised
+from elid_cli.logs.interpolate import interpolate
+from elid_cli.logs.timeline import Timeline, build, fill_limit
+
+Array = NDArray[np.float64]
+
+REQUIRED = ("theta", "tau", "q")
+"""Signals that decide the time base, in this order among equally fast ones."""
+SHORTEST = 20
+"""Samples of a stretch below which it is of no use."""
+COVERED = 0.9
+"""Share of the samples that an optional signal has to cover to be kept."""
+NAMED_GAPS = 3
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """One stream in SI units: its columns are `joints` (from 0) of `signal`."""
+
+    signal: str
+    joints: tuple[int, ...]
+    values: Array
+    """Shape (N, len(joints))."""
+    t: Array
+    """s, shape (N,), in the order of the file."""
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """All signals on one time base, shape (N, n) each; NaN columns where a joint has none."""
+
+    t: Array
+    dt: float
+    signals: Mapping[str, Array]
+    segments: tuple[tuple[int, int], ...]
+    repairs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Track:
+    signal: str
+    joints: tuple[int, ...]
+    values: Array
+    line: Timeline
+
+
+def align(streams: Sequence[Sampled], joints: Sequence[str], name: str) -> Aligned:
+    """Return all signals on the time base of the fastest required one.
+
+    Raises
+    ------
+    LogError
+        If the time of the required signals never advances or no usable stretch is left.
+    """
+    repairs: list[str] = []
+    tracks = [
+        track for lines in [_timelines(streams, repairs, name)] for track in _tracks(streams, lines, joints, repairs)
+    ]
+    required = [track for track in tracks if track.signal in REQUIRED]
+    if not required:
+        raise LogError(f"{name}: no usable samples", detail="theta, q and tau hold no numbers")
+    leader = min(
+        required, key=lambda track: (round(track.line.dt, 9), -track.line.t.size, REQUIRED.index(track.signal))
+    )
+    grid = grid_of(leader.line)
+    signals = _assemble(tracks, grid, len(joints), leader, repairs)
+    _fill(signals, grid, joints, repairs)
+    mask = _usable(signals, grid, joints, repairs)
+    return _cut(signals, grid, mask, repairs, name)
+
+
+def _timelines(streams: Sequence[Sampled], repairs: list[str], name: str) -> dict[int, Timeline]:
+    """Return one timeline per clock array; equal arrays share one."""
+    groups: dict[int, list[Sampled]] = {}
+    for stream in streams:
+        twin = next((key for key, members in groups.items() if _same(members[0].t, stream.t)), id(stream.t))
+        groups.setdefault(twin, []).append(stream)
+    lines: dict[int, Timeline] = {}
+    shifts: tuple[tuple[float, float], ...] = ()
+    for members in groups.values():
+        label = "/".join(dict.fromkeys(stream.signal for stream in members)) if len(groups) > 1 else "time"
+        judge = next((stream for stream in members if stream.signal in ("theta", "q")), members[0])
+        line = build(judge.t, judge.values, label, shifts)
+        if line is None:
+            if any(stream.signal in REQUIRED for stream in members):
+                raise LogError(
+                    f"{name}: time never advances" if judge.t.size > 1 else f"{name}: {judge.t.size} samples",
+                    detail=f"the stamps of {label} hold a single instant in {judge.t.size} samples",
+                    hint="name another clock: --map t=stamp, --time log, or --rate 1000",
+                )
+            continue
+        line = regularised(line, judge.values, label)
+        repairs.extend(line.repairs)
+        shifts = shifts or line.shifts
+        for stream in members:
+            lines[id(stream.t)] = line
+    return lines
+
+
+def _same(a: Array, b: Array) -> bool:
+    return a is b or (a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True)))
+
+
+def _tracks(
+    streams: Sequence[Sampled], lines: Mapping[int, Timeline], joints: Sequence[str], repairs: list[str]
+) -> Iterator[_Track]:
+    """Yield the streams without their missing values: columns that miss the same samples stay together."""
+    for stream in streams:
+        line = lines.get(id(stream.t))
+        if line is None:
+            continue
+        if np.isfinite(stream.values.sum()) and np.isfinite(stream.values).all():
+            yield _Track(stream.signal, stream.joints, stream.values, line)
+            continue
+        finite = np.isfinite(stream.values)
+        groups: dict[bytes, list[int]] = {}
+        for k in range(len(stream.joints)):
+            groups.setdefault(finite[:, k].tobytes(), []).append(k)
+        for columns in groups.values():
+            held = finite[:, columns[0]]
+            if not held.any():
+                continue
+            sub = line if held.all() else line.subset(held)
+            if sub.t.size < 2:
+                continue
+            missing = held.size - np.count_nonzero(held)
+            who = " ".join(joints[stream.joints[k]] for k in columns)
+            if 0 < missing < 0.5 * held.size:
+                repairs.append(f"{stream.signal} of {who}: {missing} of {held.size} values are not numbers, left out")
+            elif missing:  # a column with stamps of its own
+                sub = replace(sub, dt=_own_dt(sub))
+                sub = Timeline(sub.t, sub.rows, sub.dt, _rebreak(sub), sub.repairs, sub.shifts)
+            yield _Track(stream.signal, tuple(stream.joints[k] for k in columns), stream.values[:, columns], sub)
+
+
+def _own_dt(line: Timeline) -> float:
+    from elid_cli.logs.timeline import sample_time
+
+    return sample_time(line.t)
+
+
+def _rebreak(line: Timeline) -> NDArray[np.intp]:
+    wide = np.flatnonzero(np.diff(line.t) > (fill_limit(line.dt) + 1.5) * line.dt) + 1
+    return np.concatenate([[0], wide]).astype(np.intp)
+
+
+def _assemble(tracks: Sequence[_Track], grid: Grid, n: int, leader: _Track, repairs: list[str]) -> dict[str, Array]:
+    signals: dict[str, Array] = {}
+    apart: dict[str, float] = {}
+    for track in tracks:
+        if track.joints == tuple(range(n)) and track.signal not in signals and identical(track.line, grid):
+            signals[track.signal] = track.values
+            continue
+        target = signals.setdefault(track.signal, np.full((grid.samples, n), np.nan))
+        values, interpolated = onto(grid, track.line, track.values)
+        target[:, list(track.joints)] = values
+        if interpolated and track.line is not leader.line:
+            apart[track.signal] = 1 / track.line.dt
+    if apart:
+        who = ", ".join(f"{signal} ({rate:.6g} Hz)" for signal, rate in apart.items())
+        repairs.append(
+            f"sampled at other instants than {leader.signal} ({1 / grid.dt:.6g} Hz): {who}, interpolated to it"
+        )
+    return signals
+
+
+def _fill(signals: Mapping[str, Array], grid: Grid, joints: Sequence[str], repairs: list[str]) -> None:
+    """Bridge short runs of missing samples inside a stretch."""
+    limit = fill_limit(grid.dt)
+    bridged: dict[str, int] = {}
+    for signal, values in signals.items():
+        if np.isfinite(values.sum()):
+            continue
+        if signal == "temperature":
+            _hold(values)
+            continue
+        for j in range(len(joints)):
+            count = sum(_bridge(values[start:stop, j], limit) for start, stop in grid.bounds())
+            if count:
+                bridged[f"{signal}.{joints[j]}"] = count
+    if bridged:
+        most = max(bridged, key=lambda key: bridged[key])
+        signal_names = " ".join(dict.fromkeys(key.split(".")[0] for key in bridged))
+        repairs.append(
+            f"missing samples in runs of at most {limit} bridged by interpolation: "
+            f"{bridged[most]} of {most}" + (f" (also in {signal_names})" if len(bridged) > 1 else "")
+        )
+
+
+def _bridge(column: Array, limit: int) -> int:
+    """Interpolate NaN runs of at most `limit` samples that have neighbours on both sides; return how many samples."""
+    missing = np.isnan(column)
+    if not missing.any() or missing.all():
+        return 0
+    edges = np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8))
+    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    short = (stops - starts <= limit) & (starts > 0) & (stops < column.size)
+    if not short.any():
+        return 0
+    index = np.arange(column.size, dtype=float)
+    wanted = np.concatenate([np.arange(a, b) for a, b in zip(starts[short], stops[short], strict=True)])
+    held = ~missing
+    column[wanted] = interpolate(index[held], column[held][:, None], index[wanted], order=4)[:, 0]
+    return int(wanted.size)
+
+
+def _hold(values: Array) -> None:
+    """Interpolate a slow signal linearly everywhere, held at its ends."""
+    index = np.arange(values.shape[0])
+    for j in range(values.shape[1]):
+        held = np.isfinite(values[:, j])
+        if held.any():
+            values[:, j] = np.interp(index, index[held], values[held, j])
+
+
+def _usable(signals: dict[str, Array], grid: Grid, joints: Sequence[str], repairs: list[str]) -> NDArray[np.bool_]:
+    """Return where every signal that the log has is known; optional ones with long holes are dropped."""
+    mask = np.ones(grid.samples, dtype=bool)
+    for signal in sorted(signals, key=lambda name: name not in REQUIRED):
+        values = signals[signal]
+        if np.isfinite(values.sum()):
+            continue
+        for j, joint in enumerate(joints):
+            finite = np.isfinite(values[:, j])
+            if not finite.any() or signal == "temperature":
+                continue
+            if signal not in REQUIRED and np.count_nonzero(finite & mask) < COVERED * np.count_nonzero(mask):
+                values[:, j] = np.nan
+                repairs.append(f"{signal} of {joint} has too many holes and is not used")
+                continue
+            mask &= finite
+    return mask
+
+
+def _cut(signals: Mapping[str, Array], grid: Grid, mask: NDArray[np.bool_], repairs: list[str], name: str) -> Aligned:
+    """Cut the log into stretches where everything is known."""
+    stretches: list[tuple[int, int]] = []
+    short = 0
+    for start, stop in grid.bounds():
+        edges = np.diff(np.concatenate([[False], mask[start:stop], [False]]).astype(np.int8))
+        for a, b in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+            if b - a >= SHORTEST:
+                stretches.append((start + int(a), start + int(b)))
+            else:
+                short += 1
+    t = grid.times()
+    if not stretches:
+        known = int(np.count_nonzero(mask))
+        raise LogError(
+            f"{name}: {known} usable samples, at least {SHORTEST} in a row are needed",
+            detail="; ".join(repairs[:2]),
+            hint="elid info LOG shows rates and gaps of every channel",
+        )
+    gaps = [(float(t[stop - 1]), float(t[begin] - t[stop - 1])) for (_, stop), (begin, _) in pairwise(stretches)]
+    if gaps:
+        longest = sorted(gaps, key=lambda gap: -gap[1])[:NAMED_GAPS]
+        named = ", ".join(f"{length:.4g} s after t = {when - t[0]:.6g} s" for when, length in sorted(longest))
+        more = f" and {len(gaps) - NAMED_GAPS} shorter" if len(gaps) > NAMED_GAPS else ""
+        repairs.append(f"{len(gaps)} gap{'s' * (len(gaps) > 1)}, split there: {named}{more}")
+    if short:
+        repairs.append(f"{short} stretch{'es' * (short > 1)} of fewer than {SHORTEST} samples between gaps left out")
+    segments: list[tuple[int, int]] = []
+    for start, stop in stretches:
+        begin = segments[-1][1] if segments else 0
+        segments.append((begin, begin + stop - start))
+    if segments[-1][1] == t.size:
+        kept = dict(signals)
+    else:
+        rows = np.concatenate([np.arange(start, stop) for start, stop in stretches])
+        kept = {signal: values[rows] for signal, values in signals.items()}
+        t = t[rows]
+    return Aligned(t - t[0], grid.dt, kept, tuple(segments), tuple(repairs))

@@ -1,0 +1,221 @@
+"""Decide which channel each signal is taken from: the user's mapping, the robot's, then the canonical names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from elid_cli.errors import nearest
+from elid_cli.logs.mapping import POSITIONS, SIGNALS, TORQUES, VELOCITIES, SignalMap, SignalMaps, TimeMap
+from elid_cli.logs.raw import Channel, Pick
+from elid_cli.robot import Robot
+
+DEFAULT_FIELDS = dict.fromkeys(POSITIONS, "position") | dict.fromkeys(VELOCITIES, "velocity")
+DEFAULT_FIELDS |= dict.fromkeys(TORQUES, "effort") | {"temperature": "temperature"}
+
+
+@dataclass(frozen=True)
+class Placement:
+    """One signal's place: the picks that bring it, and which joint each picked column is."""
+
+    spec: SignalMap
+    picks: tuple[Pick, ...]
+    joints: tuple[tuple[int, ...], ...]
+    """Joint indices (from 0) of the columns of each pick."""
+    places: str
+    """Where it comes from, as a user would write it."""
+    unnamed: bool = False
+    """Whether values without names were taken in the robot's joint order."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One mapping to try, with the words that name it."""
+
+    where: str
+    signals: SignalMaps
+    time: TimeMap | None = None
+    canonical: bool = False
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Where every signal of a log is read from, and what had to be decided for that."""
+
+    placements: Mapping[str, Placement]
+    time: TimeMap | None
+    unfit: tuple[str, ...]
+    """Mapped signals that the log does not hold, and what was done instead."""
+    notes: tuple[str, ...]
+    reasons: Mapping[str, str]
+    """Signals that nothing fits -> why."""
+
+
+def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) -> Plan:
+    """Place every signal with the first layer that fits it."""
+    by_source: dict[str, list[Channel]] = {}
+    for channel in channels:
+        by_source.setdefault(channel.source, []).append(channel)
+    time, unfit, notes = _place_time(by_source, layers)
+    placements: dict[str, Placement] = {}
+    reasons: dict[str, str] = {}
+    failed: dict[str, tuple[str, str]] = {}
+    for signal in SIGNALS:
+        for layer in layers:
+            spec = layer.signals.get(signal)
+            if spec is None:
+                continue
+            found = place(spec, by_source, robot, time.source if time else "")
+            if isinstance(found, Placement):
+                placements[signal] = found
+                break
+            reasons.setdefault(signal, found)
+            if not layer.canonical and signal not in failed:
+                failed[signal] = (layer.where, found)
+    unfit += _unfit(failed, placements)
+    for signal, placement in placements.items():
+        reasons.pop(signal, None)
+        if placement.unnamed:
+            notes.append(f"{signal}: values of {placement.places} have no names: taken in the robot's joint order")
+    return Plan(placements, time, tuple(unfit), tuple(notes), reasons)
+
+
+def place(spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Robot, time: str) -> Placement | str:
+    """Return where a signal is, or the reason why its mapping does not fit the log."""
+    if isinstance(spec.source, tuple) or "{joint}" in spec.source or "{i}" in spec.source:
+        return _place_each(spec, by_source, robot, time)
+    channel = _find(spec, spec.source, by_source)
+    if isinstance(channel, str):
+        return channel
+    chosen = _columns(spec, channel, robot)
+    if isinstance(chosen, str):
+        return chosen
+    columns, joints = chosen
+    pick = Pick(channel.source, channel.field, columns, spec.time or time)
+    return Placement(spec, (pick,), (joints,), channel.address, unnamed=not channel.labels and robot.n > 1)
+
+
+def _place_each(
+    spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Robot, time: str
+) -> Placement | str:
+    picks: list[Pick] = []
+    joints: list[tuple[int, ...]] = []
+    reason = ""
+    for j, (joint, source) in enumerate(zip(robot.joint_names, sources_of(spec, robot), strict=True)):
+        if source is None:
+            continue
+        channel = _find(spec, source, by_source)
+        if isinstance(channel, str):
+            reason = reason or channel
+            continue
+        column: int | str = 0
+        if channel.labels:
+            column = _log_name(spec, joint)
+            if column not in channel.labels and channel.width == 1:
+                column = channel.labels[0]
+        elif channel.width != 1:
+            reason = reason or f"{channel.address} holds {channel.width} values per sample, not one"
+            continue
+        picks.append(Pick(channel.source, channel.field, (column,), spec.time or time))
+        joints.append((j,))
+    if not picks:
+        return reason or "no column is named"
+    pattern = spec.source if isinstance(spec.source, str) else ", ".join(str(place) for place in spec.source)
+    return Placement(spec, tuple(picks), tuple(joints), pattern)
+
+
+def sources_of(spec: SignalMap, robot: Robot) -> list[str | None]:
+    """Return the column, dataset or topic of every joint that a pattern or list of places stands for."""
+    if isinstance(spec.source, tuple):
+        return list(spec.source)
+    sources: list[str | None] = []
+    for i, joint in enumerate(robot.joint_names, start=1):
+        name = _log_name(spec, joint)
+        number = name if isinstance(name, int) else i
+        sources.append(spec.source.replace("{joint}", str(name)).replace("{i}", str(number)))
+    return sources
+
+
+def _log_name(spec: SignalMap, joint: str) -> str | int:
+    return spec.joints.get(joint, joint) if spec.joints else joint
+
+
+def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel]]) -> Channel | str:
+    """Return the channel that `source` and the mapping's field name, or why there is none."""
+    field = spec.field
+    found = by_source.get(source)
+    if found is None and not field:  # the short form /topic.field
+        for cut in (i for i, letter in enumerate(source) if letter == "."):
+            if source[:cut] in by_source:
+                found, field = by_source[source[:cut]], source[cut + 1 :]
+                break
+    if found is None:
+        near = nearest(source, by_source)
+        return f"the log has no {source!r}" + (f" (nearest: {near!r})" if near else "")
+    fields = {channel.field: channel for channel in found}
+    if field in fields:
+        return fields[field]
+    if not field:
+        if DEFAULT_FIELDS[spec.signal] in fields:
+            return fields[DEFAULT_FIELDS[spec.signal]]
+        if len(found) == 1:
+            return found[0]
+    wanted = field or DEFAULT_FIELDS[spec.signal]
+    return f"{found[0].source} has no field {wanted!r}, only {', '.join(fields)}"
+
+
+def _columns(spec: SignalMap, channel: Channel, robot: Robot) -> tuple[tuple[int | str, ...], tuple[int, ...]] | str:
+    names = [_log_name(spec, joint) for joint in robot.joint_names]
+    if spec.joints is not None:
+        names = [name if joint in spec.joints else None for joint, name in zip(robot.joint_names, names, strict=True)]  # type: ignore[misc]
+    if all(isinstance(name, int) for name in names if name is not None) and any(name is not None for name in names):
+        pairs = [(name, j) for j, name in enumerate(names) if name is not None]
+    elif channel.labels:
+        pairs = [(name, j) for j, name in enumerate(names) if name in channel.labels]
+        if not pairs:
+            return f"{channel.address} holds {' '.join(channel.labels)}, none of them {_listed(names)}"
+        if channel.open_ended:
+            pairs = [(name, j) for j, name in enumerate(names) if name is not None]
+    elif channel.width == robot.n:
+        pairs = [(j, j) for j in range(robot.n)]
+    else:
+        return f"{channel.address} holds {channel.width} unnamed values per sample for {robot.n} joints"
+    beyond = [name for name, _ in pairs if isinstance(name, int) and not 0 <= name < channel.width]
+    if beyond:
+        return f"{channel.address} holds {channel.width} values per sample, counted from 0: no {beyond[0]}"
+    return tuple(name for name, _ in pairs), tuple(j for _, j in pairs)
+
+
+def _listed(names: Sequence[object]) -> str:
+    return " ".join(str(name) for name in names if name is not None)
+
+
+def _place_time(
+    by_source: Mapping[str, Sequence[Channel]], layers: Sequence[Layer]
+) -> tuple[TimeMap | None, list[str], list[str]]:
+    unfit: list[str] = []
+    for layer in layers:
+        if layer.time is None:
+            continue
+        if not layer.time.source or layer.time.source in by_source or (layer.canonical and not by_source):
+            own = layer.time.source.lstrip("/") in ("t", "")
+            return layer.time, unfit, [] if own or not layer.canonical else [f"time is taken from {layer.time.source}"]
+        if not layer.canonical:
+            near = nearest(layer.time.source, by_source)
+            unfit.append(
+                f"{layer.where}: t: the log has no {layer.time.source!r}" + (f" (nearest: {near!r})" if near else "")
+            )
+    return None, unfit, []
+
+
+def _unfit(failed: Mapping[str, tuple[str, str]], placements: Mapping[str, Placement]) -> list[str]:
+    """Say once per mapping which of its signals fell back to other places."""
+    said: list[str] = []
+    for where in dict.fromkeys(where for where, _ in failed.values()):
+        signals = [signal for signal, (place_of, _) in failed.items() if place_of == where]
+        fallen = [signal for signal in signals if signal in placements]
+        if not fallen:
+            continue
+        places = ", ".join(f"{signal} from {placements[signal].places}" for signal in fallen)
+        said.append(f"{where} does not fit this log ({failed[fallen[0]][1]}): canonical names used instead, {places}")
+    return said

@@ -1,0 +1,117 @@
+"""Where a log's bytes come from: a file, a folder (rosbag2) or standard input."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import stat
+import sys
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import IO
+
+from elid_cli.errors import LogError, UsageError, nearest
+
+HEAD = 4096
+"""Bytes that a format may look at to recognise itself."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """The bytes of one log; `name` is what the user typed."""
+
+    name: str
+    path: Path | None = None
+    data: bytes | None = None
+
+    @property
+    def is_folder(self) -> bool:
+        """Whether the log is a folder of files."""
+        return self.path is not None and self.path.is_dir()
+
+    @cached_property
+    def head(self) -> bytes:
+        """The first bytes of the log (empty for a folder)."""
+        if self.is_folder:
+            return b""
+        with self.stream() as stream:
+            return stream.read(HEAD)
+
+    def stream(self) -> IO[bytes]:
+        """Open the bytes for reading from the start."""
+        if self.data is not None:
+            return io.BytesIO(self.data)
+        assert self.path is not None
+        try:
+            return self.path.open("rb")
+        except OSError as error:
+            raise _unreadable(self.name, error) from error
+
+    def read(self) -> bytes:
+        """Return all bytes."""
+        if self.data is not None:
+            return self.data
+        with self.stream() as stream:
+            return stream.read()
+
+    @property
+    def size(self) -> int:
+        """Size in bytes (0 for a folder)."""
+        if self.data is not None:
+            return len(self.data)
+        assert self.path is not None
+        return 0 if self.is_folder else self.path.stat().st_size
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the bytes; of a folder: of its files' names and hashes in order of name."""
+        if self.is_folder:
+            assert self.path is not None
+            total = hashlib.sha256()
+            for file in sorted(p for p in self.path.rglob("*") if p.is_file()):
+                part = Source(str(file), file)
+                total.update(f"{file.relative_to(self.path).as_posix()} {part.sha256}\n".encode())
+            return total.hexdigest()
+        with self.stream() as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
+
+
+def open_source(path: str | Path) -> Source:
+    """Return the source that `path` names; ``-`` is standard input.
+
+    Raises
+    ------
+    LogError
+        If the path does not exist, cannot be read, or is neither a file nor a folder.
+    """
+    name = str(path)
+    if name == "-":
+        data = sys.stdin.buffer.read()
+        if not data.strip():
+            raise LogError("standard input: empty", hint="pipe a CSV log into elid, or name a file")
+        return Source("-", data=data)
+    file = Path(name)
+    try:
+        mode = file.stat().st_mode
+    except OSError as error:
+        raise _unreadable(name, error) from error
+    if stat.S_ISDIR(mode):
+        return Source(name, file)
+    if not stat.S_ISREG(mode):
+        raise LogError(f"{name}: not a regular file", hint="a pipe can be read as standard input: elid … - < PIPE")
+    source = Source(name, file)
+    if not source.head.strip(b"\x00"):
+        what = "empty" if source.size == 0 else "holds only zero bytes"
+        raise LogError(f"{name}: {what}", hint="record the log again, or name another file")
+    return source
+
+
+def _unreadable(name: str, error: OSError) -> LogError | UsageError:
+    if isinstance(error, FileNotFoundError):
+        folder = Path(name).parent
+        siblings = [p.name for p in folder.iterdir()] if folder.is_dir() else []
+        near = nearest(Path(name).name, siblings)
+        hint = f"did you mean {str(folder / near)!r}?" if near else "check the path"
+        return LogError(f"{name}: no such file", hint=hint)
+    return LogError(f"{name}: cannot be read", detail=(error.strerror or str(error)).lower())
