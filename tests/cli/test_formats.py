@@ -12,7 +12,17 @@ import pytest
 from elid_cli import formats
 from elid_cli.errors import UsageError
 from elid_cli.report import (
-    Column, Figure, KeyValues, Mark, Quantity, Report, Table, Text, cell_text, number_text, percent,
+    Column,
+    Figure,
+    KeyValues,
+    Mark,
+    Quantity,
+    Report,
+    Table,
+    Text,
+    cell_text,
+    number_text,
+    percent,
 )  # fmt: skip
 
 LONG = " + ".join(f"{k}.25*Izz{k}" for k in range(1, 30))

@@ -1,0 +1,151 @@
+"""Comparing saved identifications: which base parameters moved by more than their uncertainty.
+
+Two estimates a and b with standard errors s_a and s_b of independent logs differ by z = (b - a)/sqrt(s_a² + s_b²)
+standard deviations. With many parameters a few exceed two by chance; three is the default threshold.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from elid_cli.errors import UsageError
+from elid_cli.text_file import read_text
+
+LARGEST = 50_000_000
+"""Bytes of the largest result that is read."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One base parameter of one result; None: not given or refused."""
+
+    value: float | None
+    std_error: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class Saved:
+    """What a saved JSON of ``elid identify`` or ``elid diagnose`` says."""
+
+    file: str
+    robot: str
+    parameters: Mapping[str, Estimate]
+    error: Mapping[str, float]
+    """Held-out error of each joint, relative to its torque."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A base parameter in two results."""
+
+    name: str
+    unit: str
+    before: Estimate
+    after: Estimate
+
+    @property
+    def deviations(self) -> float:
+        """How many standard deviations lie between the two; NaN where one of them is missing."""
+        values = (self.before.value, self.after.value, self.before.std_error, self.after.std_error)
+        a, b, sa, sb = (math.nan if v is None else v for v in values)
+        spread = math.hypot(sa, sb)
+        if spread == 0:
+            return 0.0 if a == b else math.copysign(math.inf, b - a)
+        return (b - a) / spread
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A result compared with the first one."""
+
+    first: Saved
+    other: Saved
+    changes: tuple[Change, ...]
+    """Base parameters that both have, in the first's order."""
+    unshared: tuple[str, ...]
+    """Base parameters that only one of them has."""
+
+    def moved(self, sigmas: float) -> tuple[Change, ...]:
+        """Return the parameters that moved by more than `sigmas` standard deviations."""
+        return tuple(change for change in self.changes if abs(change.deviations) > sigmas)
+
+
+def read_saved(path: str | Path) -> Saved:
+    """Read a saved result.
+
+    Raises
+    ------
+    UsageError
+        No such file, not JSON, or not the JSON of a command that estimates parameters.
+    """
+    text = read_text(Path(path), UsageError, suffixes=(".json",), most=LARGEST)
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as problem:
+        where = f"{path}:{problem.lineno}" if isinstance(problem, json.JSONDecodeError) else str(path)
+        raise UsageError(f"{where}: not JSON", hint=f"elid identify LOG --robot ROBOT --json > {path}") from None
+    if not isinstance(data, dict) or data.get("schema") != "elid/1":
+        raise UsageError(f"{path}: not a result of elid", hint=f"elid identify LOG --robot ROBOT --json > {path}")
+    after = data.get("after")
+    error = after.get("error") if isinstance(after, dict) else data.get("error")
+    parameters = _parameters(data.get("base_parameters"), str(path))
+    if not any(estimate.value is not None for estimate in parameters.values()):
+        detail = f"it was made by elid {data.get('command')}"
+        raise UsageError(f"{path}: holds no estimates", detail=detail, hint="compare results of identify or diagnose")
+    return Saved(str(path), str(data.get("robot", "")), parameters, _relative(error))
+
+
+def compare(results: Sequence[Saved]) -> tuple[Comparison, ...]:
+    """Compare every result with the first.
+
+    Raises
+    ------
+    UsageError
+        Fewer than two results, or two without a common base parameter.
+    """
+    if len(results) < 2:
+        raise UsageError("compare: one result given, at least two are needed", hint="elid compare A.json B.json")
+    first, *others = results
+    return tuple(_compare(first, other) for other in others)
+
+
+def _compare(first: Saved, other: Saved) -> Comparison:
+    shared = [name for name in first.parameters if name in other.parameters]
+    if not shared:
+        raise UsageError(
+            f"{other.file}: shares no base parameter with {first.file}",
+            detail=f"they are of {other.robot} and {first.robot}",
+        )
+    changes = tuple(
+        Change(name, first.parameters[name].unit, first.parameters[name], other.parameters[name]) for name in shared
+    )
+    every = (*first.parameters, *other.parameters)
+    return Comparison(first, other, changes, tuple(dict.fromkeys(name for name in every if name not in shared)))
+
+
+def _parameters(entries: Any, where: str) -> dict[str, Estimate]:
+    well_formed = isinstance(entries, list) and all(isinstance(e, dict) and "name" in e for e in entries)
+    if not well_formed:
+        raise UsageError(f"{where}: holds no base parameters", hint="compare results of identify or diagnose")
+    return {str(entry["name"]): _estimate(entry) for entry in entries}
+
+
+def _estimate(entry: Mapping[str, Any]) -> Estimate:
+    return Estimate(_number(entry.get("estimate")), _number(entry.get("std_error")), str(entry.get("unit", "")))
+
+
+def _relative(error: Any) -> dict[str, float]:
+    if not isinstance(error, dict):
+        return {}
+    found = {str(j): _number(e.get("relative")) for j, e in error.items() if isinstance(e, dict)}
+    return {joint: value for joint, value in found.items() if value is not None}
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -1,0 +1,73 @@
+"""`elid compare` on saved results."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+
+def result(**changes: float | None) -> dict[str, Any]:
+    values = {"K1": 3000.0, "m1 - 4*Izz1": -30.8, "fv1": 0.2, "fs2": None} | changes
+    return {
+        "schema": "elid/1", "command": "identify", "robot": "planar2",
+        "base_parameters": [
+            {"name": n, "unit": "N·m", "estimate": v, "std_error": None if v is None else 0.01 * abs(v)}
+            for n, v in values.items()
+        ],
+        "error": {"joint1": {"rms": 0.3, "relative": 0.012}},
+    }  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "a.json").write_text(json.dumps(result()))
+    (tmp_path / "same.json").write_text(json.dumps(result(K1=3040.0)))
+    (tmp_path / "worn.json").write_text(json.dumps(result(K1=2500.0, fv2=1.0)))
+    (tmp_path / "other.json").write_text(json.dumps(result() | {"base_parameters": [
+        {"name": "Jm9", "estimate": 1.0, "std_error": 0.1}]}))  # fmt: skip
+    (tmp_path / "text.json").write_text("{\n oops")
+    (tmp_path / "info.json").write_text('{"schema": "elid/1", "command": "info"}')
+    (tmp_path / "foreign.json").write_text("[1, 2]")
+    return tmp_path
+
+
+def test_what_moved_is_named(elid, folder: Path) -> None:
+    done = elid("compare", "a.json", "same.json", "worn.json", "--fail-on-change", cwd=folder)
+    assert done.returncode == 1
+    assert done.stderr == "error: worn.json: 1 parameter moved\n"
+    assert "result 2 against result 1: none of 4 base parameters moved" in done.stdout
+    row = next(line.split() for line in done.stdout.splitlines() if line.startswith("  K1"))
+    assert row == ["K1", "3000", "2500", "-17", "%", "-13", "N·m"]  # 500/hypot(30, 25) = 12.8
+
+
+def test_the_json_says_the_same(elid, folder: Path) -> None:
+    done = elid("compare", "a.json", "worn.json", "--json", cwd=folder)
+    assert done.returncode == 0
+    (comparison,) = json.loads(done.stdout)["comparisons"]
+    assert comparison["moved"] == ["K1"]
+    assert comparison["unshared"] == ["fv2"]
+    changes = {c["name"]: c["deviations"] for c in comparison["changes"]}
+    assert changes["K1"] == pytest.approx(-500 / (30**2 + 25**2) ** 0.5)
+    assert changes["fs2"] is None
+    assert changes["fv1"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        (["a.json"], "at least two are needed"),
+        (["a.json", "text.json"], "text.json:2: not JSON"),
+        (["a.json", "foreign.json"], "foreign.json: not a result of elid"),
+        (["a.json", "info.json"], "info.json: holds no base parameters"),
+        (["a.json", "other.json"], "other.json: shares no base parameter with a.json"),
+        (["a.json", "wrn.json"], "wrn.json: no such file\n  hint: did you mean 'worn.json'?"),
+    ],
+)
+def test_wrong_files_are_one_error(elid, folder: Path, files, words) -> None:
+    done = elid("compare", *files, cwd=folder)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert len(done.stderr.splitlines()) <= 3
