@@ -26,6 +26,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("model",),
     ("reduction",),
     ("base",),
+    ("effects",),
     ("estimate",),
     ("diagnosis",),
     ("simulation",),
