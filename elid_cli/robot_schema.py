@@ -42,6 +42,8 @@ EFFECT_NAMES = (
     "contact",
     "flexible_mode",
     "lookup",
+    "sensor_gain",
+    "sensor_offset",
 )
 """Names that ``effects:`` may use (FORMATS: names of effects)."""
 

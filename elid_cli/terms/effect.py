@@ -41,6 +41,8 @@ class Parameter:
     meaning: str
     low: float = -np.inf
     high: float = np.inf
+    fixed: bool = False
+    """Of a shape: chosen from the grid and never refined (an exponent, the number of another joint)."""
 
 
 class RowKey(NamedTuple):
@@ -75,6 +77,8 @@ class Scene:
     starts: Sequence[int] = (0,)
     """Indices at which a new segment begins; effects with memory start afresh there."""
     temperature: Array | None = None
+    tau_link: Array | None = None
+    """Measured torque in the transmission, where joint torque sensors exist."""
     cache: dict[object, Array] = field(default_factory=dict, compare=False, repr=False)
     """Results that several effects share, keyed by (name, …)."""
 
@@ -160,6 +164,11 @@ class Effect(ABC):
         return [()]
 
     @classmethod
+    def looks(cls, scene: Scene, joint: int) -> int:
+        """Return how many shapes the grid was chosen from: the look-elsewhere factor of a search."""
+        return max(1, len(cls.grid(scene, joint)))
+
+    @classmethod
     def applies(cls, robot: Robot, joint: int) -> bool:
         """Whether the effect can exist at this joint."""
         if cls.whole_robot and joint != 0:
@@ -168,7 +177,11 @@ class Effect(ABC):
 
     @abstractmethod
     def columns(self, scene: Scene) -> Columns:
-        """Return the columns of the amplitudes in the rows they act on (link and motor rows, model side)."""
+        """Return the columns of the amplitudes in the rows they act on (link and motor rows, model side).
+
+        A row of zeros is an amplitude that this robot cannot show (a tilt about an axis that no joint feels); its
+        coefficient is 0.
+        """
 
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
         """Return the parameters as files and reports name them, from fitted linear coefficients (d,).
@@ -197,7 +210,6 @@ class Effect(ABC):
         """Whether fitted, named values are physically possible (a backlash must open, a delay must not lead)."""
         specs = (*cls.amplitudes, *cls.shapes)
         return all(p.low <= values[p.name] <= p.high for p in specs if p.name in values)
-
 
     def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
         """Return what the robot becomes (``simulated = "robot"``: a payload, a tilted base).

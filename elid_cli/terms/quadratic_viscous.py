@@ -1,0 +1,37 @@
+"""Nonlinear viscous friction: a power of speed other than one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elid_cli.terms.effect import Columns, Effect, Parameter, Scene
+from elid_cli.terms.rows import motor_row
+
+
+class QuadraticViscous(Effect):
+    """Friction that grows with a power of speed: churning above one, shear thinning below one."""
+
+    name = "quadratic_viscous"
+    summary = "viscous friction that bends with speed (quadratic, cubic, square root)"
+    equation = "motor row: amplitude sign(θ') |θ'|^power"
+    physics = (
+        "Churned oil and windage grow with the square of speed or faster; grease that thins under shear, or warms in"
+        " the contact, makes friction grow slower than speed."
+    )
+    typical = "10-50 % of the viscous friction at top speed; power 0.5, 2 or 3"
+    fingerprint = "motor and sum rows, odd in velocity and curved, largest at top speed"
+    record = "speeds over a range of three or more, the highest held for a while; the power stays vague otherwise"
+    place = "motor"
+    amplitudes = (Parameter("amplitude", "N·m·(s/rad)^power", "friction at 1 rad/s"),)
+    shapes = (Parameter("power", "1", "power of speed", low=0.3, high=4.0),)
+    twins = ()
+
+    @classmethod
+    def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
+        """Return the three powers that occur in practice."""
+        return [(2.0,), (3.0,), (0.5,)]
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the column of the amplitude in the motor row."""
+        speed = np.abs(scene.motion.dtheta[:, self.joint])
+        return motor_row(self.joint, scene.direction(self.joint) * speed ** self.shape[0])
