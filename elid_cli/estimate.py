@@ -105,6 +105,10 @@ class Identification:
     nuisances: tuple[Nuisance, ...] = ()
     warnings: tuple[str, ...] = ()
     estimator: str = "default"
+    triangles: Triangles | None = None
+    """The reduced data, for those who fit again under further conditions (`physical`)."""
+    weights: Mapping[Row, float] = field(default_factory=dict)
+    """Weight of every row group in the fit: one over its residual rms."""
 
     def relative_error(self) -> Array:
         """Return |estimate - reference| / |reference|, (b,); NaN where there is no non-zero reference."""
@@ -206,6 +210,8 @@ def _assemble(
         nuisances=nuisances,
         warnings=_suspicious(base, estimate, deviation, known),
         estimator=options.estimator,
+        triangles=triangles,
+        weights=solution.weights,
     )
 
 
