@@ -1,13 +1,208 @@
-"""Units and signs told from theta against q: noticed and proposed as a mapping, never applied."""
+"""Units and signs told from theta against q, and efforts against the motion: noticed, proposed, never applied.
+
+Behind a transmission theta and q differ by the deflection, which is small. Where the best straight line
+``theta = slope · q + offset`` is far from the identity, one of the two is in another unit, sign or place.
+"""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli.logs.checks import Checked
 from elid_cli.logs.repair import Aligned
 from elid_cli.logs.resolve import Plan
 from elid_cli.robot import Robot
 
+Array = NDArray[np.float64]
+
+SAMPLES = 50_000
+"""Samples that are looked at (evenly taken)."""
+ALIKE = 0.98
+"""Correlation above which two signals are the same motion."""
+UNLIKE = 0.9
+"""Correlation below which a swap is considered."""
+CLOSE = 0.03
+"""Relative distance at which a slope is taken for a known factor."""
+LARGE_OFFSET = 0.02
+"""rad or m; a constant theta - q above this is worth a word …"""
+OF_DEFLECTION = 5.0
+"""… if it is also this many times the spread of theta - q."""
+STALE = 0.5
+"""Share of samples equal to the one before above which a moving signal is sampled and held."""
+
 
 def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> list[str]:
-    """Return one sentence per suspicion, with a mapping to paste."""
-    return []
+    """Return one sentence per suspicion, with a mapping to paste where there is one."""
+    step = max(1, aligned.t.size // SAMPLES)
+    found: list[str] = []
+    for start, stop in aligned.segments[:1]:
+        q, theta = checked.q[start:stop], checked.theta[start:stop]
+        found.extend(_wraps(q, theta, robot))
+        found.extend(_stale(checked, start, stop, robot))
+    q, theta = checked.q[::step], checked.theta[::step]
+    pairs = [_Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
+    compared = [pair for pair in pairs if pair is not None]
+    swapped = _swap(q, theta, compared, robot)
+    if swapped:
+        return [*found, swapped]
+    for pair in compared:
+        found.extend(pair.sentences(plan))
+    return found
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """The straight line from q to theta of one joint."""
+
+    j: int
+    name: str
+    gear: float
+    slope: float
+    offset: float
+    correlation: float
+    spread: float
+    """Standard deviation of theta - q."""
+    revolute: bool
+
+    @staticmethod
+    def of(j: int, q: Array, theta: Array, robot: Robot) -> _Pair | None:
+        joint = robot.joints[j]
+        if not joint.elastic or not (np.isfinite(q).all() and np.isfinite(theta).all()) or q.size < 3:
+            return None
+        moved, turned = float(q.std()), float(theta.std())
+        if moved < 1e-9 or turned < 1e-9:
+            return None
+        correlation = float(np.corrcoef(q, theta)[0, 1])
+        slope = math.copysign(turned / moved, correlation)
+        return _Pair(
+            j,
+            joint.name,
+            joint.gear_ratio,
+            slope,
+            float(np.mean(theta) - np.mean(q)),
+            correlation,
+            float((theta - q).std()),
+            joint.revolute,
+        )
+
+    def sentences(self, plan: Plan) -> Iterator[str]:
+        """Yield what is suspicious about this joint."""
+        if abs(self.correlation) < ALIKE:
+            return
+        where = f"{self.name}: theta"
+        size = abs(self.slope)
+        if self.slope < 0:
+            yield f"{where} runs against q: one of them has the opposite sign; {self._paste(plan, 'theta', 'sign: -1')}"
+        if abs(size - 1) > 2 * CLOSE:
+            what, paste = self._factor(size)
+            yield f"{where} moves {size:.4g} times as far as q: {what}" + (
+                f"; {self._paste(plan, *paste)}" if paste else ""
+            )
+        elif self.slope > 0 and abs(self.offset) > max(LARGE_OFFSET, OF_DEFLECTION * self.spread):
+            unit = "rad" if self.revolute else "m"
+            turns = self.offset / (2 * math.pi)
+            whole = self.revolute and abs(turns - round(turns)) < 1e-3 and round(turns) != 0
+            also = f" ({round(turns)} whole turns)" if whole else ""
+            paste = self._paste(plan, "theta", f"offset: {{{self.name}: {-self.offset:.6g}}}")
+            yield f"{where} is {self.offset:+.4g} {unit}{also} away from q throughout; {paste}"
+
+    def _factor(self, size: float) -> tuple[str, tuple[str, str] | None]:
+        """Return the likely reason of a slope and the signal and key that would mend it."""
+        gear = abs(self.gear)
+        known = [
+            (180 / math.pi, "theta looks like degrees", ("theta", "unit: deg"), True),
+            (math.pi / 180, "q looks like degrees", ("q", "unit: deg"), True),
+            (1 / (2 * math.pi), "theta looks like turns", ("theta", "unit: rev"), True),
+            (2 * math.pi, "q looks like turns", ("q", "unit: rev"), True),
+            (1000.0, "theta looks like mm", ("theta", "unit: mm"), False),
+            (1e-3, "q looks like mm", ("q", "unit: mm"), False),
+            (gear, "theta is not divided by the gear ratio", ("theta", "side: motor"), self.revolute),
+            (1 / gear, "theta is divided by the gear ratio twice, or the gear ratio is inverted", None, self.revolute),
+            (gear * 180 / math.pi, "theta looks like motor-side degrees", ("theta", "unit: deg, side: motor"), True),
+            (gear / (2 * math.pi), "theta looks like motor-side turns", ("theta", "unit: rev, side: motor"), True),
+        ]
+        for factor, what, paste, turning in known:
+            if turning == self.revolute and abs(size / factor - 1) < CLOSE and abs(factor - 1) > CLOSE:
+                return what, paste
+        for signal, per_turn in (("theta", size * 2 * math.pi), ("q", 2 * math.pi / size)):
+            bits = math.log2(per_turn) if per_turn > 0 else 0
+            if per_turn > 200 and self.revolute and (abs(bits - round(bits)) < 0.01 or abs(per_turn / 500 % 1) < 0.01):
+                return f"{signal} looks like encoder counts", (signal, f"unit: counts:{round(per_turn)}")
+            geared = per_turn / gear if signal == "theta" and gear > 0 else 0
+            bits = math.log2(geared) if geared > 1 else 0
+            if geared > 200 and self.revolute and abs(bits - round(bits)) < 0.01:
+                return "theta looks like motor-side encoder counts", (
+                    "theta",
+                    f"unit: counts:{round(geared)}, side: motor",
+                )
+        return "check units and gear ratio", None
+
+    def _paste(self, plan: Plan, signal: str, key: str) -> str:
+        placement = plan.placements.get(signal)
+        place = placement.places if placement is not None else signal
+        source, dot, field = place.rpartition(".") if place.startswith("/") else (place, "", "")
+        words = f"from: {source}, field: {field}" if dot else f'from: "{place}"'
+        return f"if so, map it: {signal}: {{{words}, {key}}}"
+
+
+def _swap(q: Array, theta: Array, pairs: list[_Pair], robot: Robot) -> str:
+    """Name a pair of joints whose theta fit each other's q far better than their own."""
+    bad = [pair.j for pair in pairs if abs(pair.correlation) < UNLIKE]
+    for index, a in enumerate(bad):
+        for b in bad[index + 1 :]:
+            crossed = [
+                abs(float(np.corrcoef(q[:, a], theta[:, b])[0, 1])),
+                abs(float(np.corrcoef(q[:, b], theta[:, a])[0, 1])),
+            ]
+            if min(crossed) > ALIKE:
+                one, two = robot.joint_names[a], robot.joint_names[b]
+                return (
+                    f"theta of {one} and {two} look swapped: each follows the other's q; "
+                    f"if so, map it with joints: {{{one}: {two}, {two}: {one}}}"
+                )
+    return ""
+
+
+def _wraps(q: Array, theta: Array, robot: Robot) -> Iterator[str]:
+    """Name joints whose angle jumps by a whole turn."""
+    for signal, values in (("q", q), ("theta", theta)):
+        steps = np.diff(values, axis=0)
+        for j, joint in enumerate(robot.joints):
+            if not joint.revolute:
+                continue
+            for turn, unit in ((2 * math.pi, "±pi"), (360.0, "±180°"), (1.0, "one turn")):
+                jumps = np.abs(np.abs(steps[:, j]) - turn) < 0.05 * turn
+                usual = float(np.nanmedian(np.abs(steps[:, j]))) if steps.size else 0.0
+                if jumps.any() and usual < 0.02 * turn and np.count_nonzero(jumps) < 0.05 * jumps.size:
+                    if turn == 1.0 and np.nanmax(np.abs(values[:, j])) > 1.0:
+                        continue
+                    yield (
+                        f"{joint.name}: {signal} wraps at {unit} ({np.count_nonzero(jumps)} times): "
+                        "unwrap it before identifying, its derivatives are wrong there"
+                    )
+                    break
+
+
+def _stale(checked: Checked, start: int, stop: int, robot: Robot) -> Iterator[str]:
+    """Name signals that are sampled and held: most samples repeat the one before while the joint moves."""
+    for signal in ("q", "theta", "tau"):
+        values = getattr(checked, signal)[start:stop]
+        if values.shape[0] < 100:
+            continue
+        for j, name in enumerate(robot.joint_names):
+            column = values[:, j]
+            if np.isnan(column[0]):
+                continue
+            changed = np.flatnonzero(np.diff(column))
+            if changed.size < 20:
+                continue
+            holds = np.diff(changed)
+            period = float(np.median(holds))
+            regular = np.count_nonzero(holds == period) > 0.8 * holds.size
+            if period >= 2 and regular and changed.size < STALE * column.size * 1.05:
+                yield f"{name}: {signal} changes only every {period:.0f} samples: it was sampled slower and repeated"

@@ -110,7 +110,7 @@ def _part_name(source: Source, raw: RawLog) -> str:
 
 def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     robot = options.robot
-    plan = resolve(raw.channels, _layers(raw, options), robot)
+    plan = resolve(raw.channels, layers_of(raw, robot, options.mapping), robot)
     if not {"q", "theta"} & set(plan.placements):
         check({}, 0, robot, plan, raw, name, strict=options.strict)
     streams = raw.load([pick for placement in plan.placements.values() for pick in placement.picks])
@@ -132,13 +132,14 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     return _Part(aligned, checked, plan, index, [*raw.losses, *plan.unfit, *aligned.repairs], notes)
 
 
-def _layers(raw: RawLog, options: _Options) -> list[Layer]:
+def layers_of(raw: RawLog, robot: Robot, mapping: Mapping[str, Any] | None) -> list[Layer]:
+    """Return the mappings to try in turn: the user's, the robot's, the format's canonical names."""
     layers = []
-    for where, mapping in (("--map", options.mapping), (f"the log block of {options.robot.name}", options.robot.log)):
-        if mapping:
-            layers.append(Layer(where, *parse_mapping(mapping, options.robot, where)))
-    for mapping in raw.canonical:
-        layers.append(Layer("canonical names", *parse_mapping(mapping, options.robot, "canonical"), canonical=True))
+    for where, given in (("--map", mapping), (f"the log block of {robot.name}", robot.log)):
+        if given:
+            layers.append(Layer(where, *parse_mapping(given, robot, where)))
+    for given in raw.canonical:
+        layers.append(Layer("canonical names", *parse_mapping(given, robot, "canonical"), canonical=True))
     return layers
 
 

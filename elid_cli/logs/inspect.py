@@ -1,0 +1,168 @@
+"""What is in a log: channels with counts, rates and gaps, what elid would take each signal from (`elid info`)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from elid_cli.errors import LogError
+from elid_cli.logs.clocks import in_seconds
+from elid_cli.logs.raw import Channel, LogFormat, Pick, RawLog
+from elid_cli.logs.reading import layers_of
+from elid_cli.logs.registry import recognise
+from elid_cli.logs.resolve import Plan, resolve
+from elid_cli.logs.source import open_source
+from elid_cli.logs.suggest import suggestion
+from elid_cli.logs.timeline import build
+from elid_cli.robot import Joint, Robot
+
+NEEDED = ("q", "theta", "tau")
+
+
+@dataclass(frozen=True)
+class ChannelInfo:
+    """One column, dataset or message field."""
+
+    name: str
+    kind: str
+    count: int | None
+    """Samples; None where they were not counted."""
+    rate: float | None
+    """Hz; None where the channel has no usable time."""
+    gaps: int
+    span: float | None
+    """s from first to last sample."""
+    labels: tuple[str, ...]
+    """Joint names in it."""
+    signals: tuple[str, ...]
+    """Signals that elid would take from it."""
+
+
+@dataclass(frozen=True)
+class LogInfo:
+    """What `elid info` says about one log."""
+
+    file: str
+    format: str
+    sha256: str
+    parts: int
+    """Episodes in it."""
+    joints: tuple[str, ...]
+    """The robot's joints, or the names found in the log where no robot is given."""
+    channels: tuple[ChannelInfo, ...]
+    taken: Mapping[str, str]
+    """Signal -> where elid would read it."""
+    missing: tuple[str, ...]
+    """Signals that elid would need and cannot place."""
+    mapping: str
+    """YAML to paste for the missing ones, guessed from names; empty where nothing fits."""
+    losses: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    reasons: Mapping[str, str] = field(default_factory=dict)
+
+
+def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[str, Any] | None = None) -> LogInfo:
+    """Return what is in a log; with a robot, where its signals would be read from.
+
+    Raises
+    ------
+    LogError
+        If the file cannot be read at all.
+    """
+    source = open_source(path)
+    fmt: LogFormat = recognise(source)
+    opened = fmt.open(source)
+    raw = opened[0]
+    chosen = robot if robot is not None else Robot("log", tuple(Joint(name) for name in _joint_names(raw)))
+    plan = resolve(raw.channels, layers_of(raw, chosen, mapping), chosen)
+    taken = {signal: placement.places for signal, placement in plan.placements.items()}
+    missing = tuple(signal for signal in NEEDED if signal not in taken)
+    rigid = chosen.n > 0 and not chosen.elastic.any()
+    if rigid and {"q", "theta"} & set(taken):
+        missing = tuple(signal for signal in missing if signal == "tau")
+    notes: list[str] = [*raw.notes, *plan.notes]
+    infos = _measured(raw, plan, notes)
+    timeless = not any(info.rate for info in infos)
+    wanted = (("t",) if timeless else ()) + missing
+    return LogInfo(
+        file=source.name,
+        format=fmt.name,
+        sha256=source.sha256,
+        parts=len(opened),
+        joints=chosen.joint_names,
+        channels=infos,
+        taken=taken,
+        missing=missing,
+        mapping=suggestion(raw.channels, chosen.joint_names, wanted),
+        losses=(*raw.losses, *plan.unfit),
+        notes=tuple(dict.fromkeys(notes)),
+        reasons={signal: reason for signal, reason in plan.reasons.items() if signal in missing},
+    )
+
+
+def _measured(raw: RawLog, plan: Plan, notes: list[str]) -> tuple[ChannelInfo, ...]:
+    """Load one column of every source and measure its clock."""
+    signals: dict[str, list[str]] = {}
+    for signal, placement in plan.placements.items():
+        for pick in placement.picks:
+            signals.setdefault(Channel(pick.source, pick.field).address, []).append(signal)
+    own_time = {pick.source: pick.time for p in plan.placements.values() for pick in p.picks}
+    time = plan.time.source if plan.time is not None else ""
+    fields = {c.source: c.field for c in reversed(raw.channels) if c.width and not c.field.endswith("sec")}
+    picks = [Pick(source, name, (0,), own_time.get(source, "" if name else time)) for source, name in fields.items()]
+    factor = plan.time.factor if plan.time is not None else None
+    clocks = _clocks(raw, picks, factor, notes)
+    infos = []
+    for channel in raw.channels:
+        if re.search(r"(^|\.)(nano|n)?secs?$", channel.field):
+            continue
+        count, rate, gaps, span = clocks.get(channel.source, (channel.rows, None, 0, None))
+        used = tuple(dict.fromkeys(signals.get(channel.address, ())))
+        infos.append(ChannelInfo(channel.address, channel.kind, count, rate, gaps, span, channel.labels, used))
+    return tuple(infos)
+
+
+def _clocks(
+    raw: RawLog, picks: Sequence[Pick], factor: float | None, notes: list[str]
+) -> dict[str, tuple[int | None, float | None, int, float | None]]:
+    """Return (samples, rate in Hz, gaps, span in s) of every source."""
+    try:
+        streams = raw.load(picks)
+    except LogError:  # datasets of other lengths than the time: each on its own
+        streams = []
+        for pick in list(picks):
+            try:
+                streams += raw.load([pick])
+            except LogError:
+                streams += raw.load([Pick(pick.source, pick.field, pick.columns)])
+    found: dict[str, tuple[int | None, float | None, int, float | None]] = {}
+    for pick, stream in zip(picks, streams, strict=True):
+        count = stream.values.shape[0]
+        try:
+            (t,) = in_seconds([stream], factor=factor, notes=notes)
+            line = build(t, stream.values, pick.source)
+        except LogError:
+            line = None
+        if line is None:
+            found[pick.source] = (count, None, 0, None)
+            continue
+        gaps = len(line.stretches) - 1
+        found[pick.source] = (count, float(1 / line.dt), gaps, float(line.t[-1] - line.t[0]))
+    return found
+
+
+def _joint_names(raw: RawLog) -> tuple[str, ...]:
+    """Return the joints that a log names itself, for `elid info` without a robot."""
+    labelled = [channel.labels for channel in raw.channels if channel.labels]
+    if labelled:
+        return tuple(dict.fromkeys(label for labels in labelled for label in labels))
+    named = [m.group(1) for c in raw.channels if (m := re.fullmatch(r"/?(?:q|theta|tau)[./](.+)", c.source))]
+    if named:
+        return tuple(dict.fromkeys(named))
+    wide = [channel.width for channel in raw.channels if channel.source in ("/q", "/theta", "/tau")]
+    numbers = {int(m.group(1)) for c in raw.channels if (m := re.match(r"[A-Za-z_]+(\d+)", c.source))}
+    count = wide[0] if wide else max((number for number in numbers if number < 100), default=1)
+    return tuple(f"joint{i + 1}" for i in range(count))

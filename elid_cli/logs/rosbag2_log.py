@@ -1,0 +1,68 @@
+"""rosbag2 folders: the MCAP splits of one recording, read as one log in time order."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from elid_cli.errors import LogError
+from elid_cli.logs.foreign_log import kind_of, refuse
+from elid_cli.logs.mcap_log import McapLog
+from elid_cli.logs.raw import LogFormat, RawLog
+from elid_cli.logs.source import Source
+
+LARGEST_METADATA = 10 << 20
+
+
+def _open(source: Source) -> Sequence[RawLog]:
+    assert source.path is not None
+    files = _splits(source.path)
+    for file in files:
+        known = kind_of(file.head)
+        if known is not None and "MCAP" not in known[0]:
+            refuse(file)
+    if not files:
+        held = ", ".join(sorted(p.name for p in source.path.iterdir())[:6]) or "nothing"
+        raise LogError(
+            f"{source.name}: a folder without MCAP files",
+            detail=f"it holds {held}",
+            hint="name the log itself, or the folder that `ros2 bag record -s mcap` made",
+        )
+    return [McapLog(source.name, files)]
+
+
+def _splits(folder: Path) -> list[Source]:
+    """Return the bag's files in recording order: as metadata.yaml lists them, else by number."""
+    present = {p.name: p for p in folder.iterdir() if p.is_file() and p.name != "metadata.yaml"}
+    listed = _listed(folder / "metadata.yaml")
+    names = [name for name in (Path(entry).name for entry in listed) if name in present]
+    rest = [name for name in present if name not in names and re.search(r"\.(mcap(\.zstd)?|db3)$", name)]
+    return [Source(str(present[name]), present[name]) for name in [*names, *sorted(rest, key=_numbered)]]
+
+
+def _numbered(name: str) -> list[int | str]:
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
+
+
+def _listed(metadata: Path) -> list[str]:
+    """Return the files that metadata.yaml names; nothing where it is missing or damaged."""
+    import yaml
+
+    try:
+        if metadata.stat().st_size > LARGEST_METADATA:
+            return []
+        content = yaml.safe_load(metadata.read_text("utf-8"))
+        paths = content["rosbag2_bagfile_information"]["relative_file_paths"]
+        return [str(path) for path in paths]
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, RecursionError):
+        return []
+
+
+FORMAT = LogFormat(
+    name="rosbag2",
+    suffixes=(),
+    recognise=lambda source: source.is_folder,
+    open=_open,
+    priority=0,
+)
