@@ -24,6 +24,8 @@ _Function = Callable[[Sequence[float]], list[float]]
 
 _NEGLIGIBLE = 1e-9
 """A column smaller than this share of the largest one does not move the robot."""
+_WIDE = 10.0
+"""Feed-forward friction is rounded over this many widths."""
 
 
 class Dynamics:
@@ -174,12 +176,22 @@ class Dynamics:
 
     def gravity(self, q: Array) -> Array:
         """Return the torques that hold the links at rest, N·m; positions and result of shape (N, n)."""
+        return self.feedforward(q, np.zeros_like(q), np.zeros_like(q))[0]
+
+    def feedforward(self, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array]:
+        """Return (torque through the transmissions, motor torque) for motors that move with their links, N·m.
+
+        Positions, velocities, accelerations and results are of shape (N, n). Friction is rounded widely, so that
+        the torque hardly jumps at reversals. For a rigid joint both torques are the motor's.
+        """
         n = self.robot.n
-        rows = np.zeros((BLOCKS * n, q.shape[0]))
-        rows[: 3 * n] = np.concatenate([np.sin(q.T), np.cos(q.T), q.T])
-        out = np.empty((n, q.shape[0]))
-        self._gravity.run(rows, out)
-        return out.T.copy()
+        inputs = inputs_of(Motion(np.zeros(q.shape[0]), q, dq, ddq, q, dq, ddq))
+        inputs[7::9] = np.tanh(inputs[5::9] / (_WIDE * self.friction_width))
+        out = np.empty((2 * n, q.shape[0]))
+        self._inverse_program.run(inputs, out)
+        total = out[:n] + out[n:]
+        rigid = ~self.robot.elastic
+        return np.where(rigid, total.T, out[:n].T), total.T.copy()
 
     def fastest_mode(self, q: Vector) -> float:
         """Return the highest natural frequency of links and motors on their springs at a position, rad/s."""
@@ -209,11 +221,11 @@ class Dynamics:
         return self._folded.mass().scalar()
 
     @cached_property
-    def _gravity(self) -> Program:
-        return self._folded.gravity()
+    def _inverse(self) -> _Function:
+        return self._inverse_program.scalar()
 
     @cached_property
-    def _inverse(self) -> _Function:
+    def _inverse_program(self) -> Program:
         """Trace the regressor's own rows (`Model.trace`), so that it shares no elimination with `solve`."""
         n = self.robot.n
         graph = Graph(9 * n)
@@ -222,7 +234,7 @@ class Dynamics:
             place = row.joint if row.kind == "link" else n + row.joint
             for name, value in columns.items():
                 outputs[place] = outputs[place] + value * self._values[name]
-        return compile_program(graph, outputs).scalar()
+        return compile_program(graph, outputs)
 
     def _no_rotor(self, k: int) -> RobotError:
         return RobotError(

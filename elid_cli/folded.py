@@ -85,15 +85,6 @@ class FoldedModel:
         B, C = self._mass_blocks(blocks)
         return compile_program(graph, [value for b, c in zip(B, C, strict=True) for value in (*b, *c)])
 
-    def gravity(self) -> Program:
-        """Trace the link rows at rest with unloaded springs."""
-        graph, blocks = self._inputs()
-        sin, cos, q = blocks[:3]
-        states = [JointState(s, c, x, 0.0, 0.0) for s, c, x in zip(sin, cos, q, strict=True)]
-        motors = [MotorState(0.0, 0.0, 0.0, 0.0)] * self.robot.n
-        link, _ = self._rows(states, motors)
-        return compile_program(graph, link)
-
     def _inputs(self) -> tuple[Graph, list[list[Scalar]]]:
         n = self.robot.n
         graph = Graph(BLOCKS * n)
