@@ -88,10 +88,12 @@ def number_text(value: float | None, digits: int = 4, resolution: float | None =
         finest = math.floor(math.log10(abs(resolution))) - 1
         digits = max(1, min(magnitude - finest + 1, 15))
         decimals = -finest
-    elif float(value).is_integer() and magnitude < 15:
-        return f"{int(value):d}" if magnitude < 7 or isinstance(value, int) else f"{value:.{digits - 1}e}"
+    elif isinstance(value, int):
+        return f"{value:d}"
     else:
         decimals = digits - 1 - magnitude
+        while decimals > 0 and round(value, decimals - 1) == value:  # an exact short number stays short
+            decimals -= 1
     if magnitude < -4 or magnitude >= 7:
         return f"{value:.{digits - 1}e}"
     return f"{value:.{min(max(decimals, 0), 12)}f}"

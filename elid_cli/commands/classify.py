@@ -47,7 +47,7 @@ def classify(
         check_names(gates, base.classes)
         recording = found = None
         if logs:
-            recording = load_recording(logs, machine, reading, output, advance)
+            recording = load_recording(logs, machine, reading, output, conditioning.rate)
             found = identify(machine, load_signals(recording, machine, conditioning, advance))
     emit(classification_report(machine, base, robot, found, recording), output)
     check_gates(gates, classes=base.classes if found is None else found.this_log)

@@ -27,7 +27,7 @@ def check_gates(
     broken = []
     if gates.max_error is not None and error is not None:
         broken += [
-            f"{joint}: held-out error {100 * e.relative:.3g} % exceeds --max-error {100 * gates.max_error:.3g} %"
+            f"{joint}: torque error {100 * e.relative:.3g} % exceeds --max-error {100 * gates.max_error:.3g} %"
             for joint, e in error.items()
             if not e.relative <= gates.max_error
         ]

@@ -42,15 +42,16 @@ def identify(
         check_writable(Path(write_robot))
     with progress(output, "reading") as advance:
         from elid_cli import estimate, robot_file
+        from elid_cli.refined import refined
         from elid_cli.reports.identification import identification_report
 
         machine = robot_file.read_robot(robot)
         check_names(gates, machine.parameter_names())
-        recording = load_recording(logs, machine, reading, output, advance)
+        recording = load_recording(logs, machine, reading, output, conditioning.rate)
         signals = load_signals(recording, machine, conditioning, advance)
         choice = estimate.EstimateOptions(estimator=fit.estimator, accurate=fit.accurate)
         found = estimate.identify(machine, signals, choice)
     if write_robot is not None:
-        robot_file.write_robot(found.refined_robot(), write_robot)
+        robot_file.write_robot(refined(machine, found.standard, found.nuisances), write_robot)
     emit(identification_report(found, recording, robot), output)
     check_gates(gates, found.error, found.this_log)

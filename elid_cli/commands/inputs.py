@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from elid_cli.commands.emit import note
@@ -16,14 +17,16 @@ if TYPE_CHECKING:
 
 
 def load_recording(
-    logs: Sequence[str], robot: Robot, reading: Reading, output: Output, progress: Progress | None
+    logs: Sequence[str], robot: Robot, reading: Reading, output: Output, rate: float | None = None
 ) -> Recording:
-    """Read the logs as the robot's signals; repairs and warnings go to stderr."""
-    from elid_cli.logs import read_recording
-    from elid_cli.logs.mapping import read_map_options
+    """Read the logs as the robot's signals; `rate` (Hz) is for one that holds no time.
+
+    What was repaired and what looks wrong goes to stderr.
+    """
+    from elid_cli.logs import read_map_options, read_recording
 
     recording = read_recording(
-        logs, robot, read_map_options(reading.maps), strict=reading.strict, time_source=reading.time, progress=progress
+        logs, robot, read_map_options(reading.maps), strict=reading.strict, rate=rate, time_source=reading.time
     )
     note(recording.repairs, output, "repaired")
     note(recording.warnings, output, "warning")
@@ -36,7 +39,10 @@ def load_signals(recording: Recording, robot: Robot, conditioning: Conditioning,
 
     if progress is not None:
         progress("smoothing", 0.0)
-    return prepare(recording, robot, signal_options(conditioning))
+    options = signal_options(conditioning)
+    if options.rate == recording.rate:  # --rate told the sample rate of a log without time, and no wish to decimate
+        options = replace(options, rate=None)
+    return prepare(recording, robot, options)
 
 
 def signal_options(conditioning: Conditioning) -> SignalOptions:

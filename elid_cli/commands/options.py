@@ -94,7 +94,7 @@ conditioning = gathered(
     option(SIGNALS, "--cutoff", type=Number(above=0), metavar="HZ",
            help="Cut-off of the zero-phase low-pass. Default: from the log."),
     option(SIGNALS, "--rate", type=Number(above=0), metavar="HZ",
-           help="Rate after decimation. Default: five times the cut-off."),
+           help="Rate after decimation, by default from the cut-off. Of a log without time: its sample rate."),
     option(SIGNALS, "--min-velocity", type=Number(least=0), metavar="V",
            help="Leave out samples slower than V rad/s, where friction is undefined."),
     option(SIGNALS, "--measured-velocity/--no-measured-velocity", default=True,

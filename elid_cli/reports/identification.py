@@ -141,12 +141,14 @@ def base_table(found: Identification) -> Table:
     return Table("base_parameters", tuple(columns), tuple(rows), shown=SHOWN)
 
 
-def error_table(key: str, robot: Robot, error: Mapping[str, JointError], title: str = "") -> Table:
-    """Return how well each joint's torque is predicted on data that the fit never saw."""
+def error_table(
+    key: str, robot: Robot, error: Mapping[str, JointError], title: str = "", *, fitted: bool = True
+) -> Table:
+    """Return how well each joint's torque is predicted, on data that the fit (if any) never saw."""
     columns = [
         Column("joint", "joint"),
         Column("torque_rms", "torque rms", align="right"),
-        Column("rms", "held-out error", align="right"),
+        Column("rms", "held-out error" if fitted else "error", align="right"),
         Column("relative", "share", align="right"),
     ]
     with_floor = any(e.floor is not None for e in error.values())

@@ -1,0 +1,41 @@
+"""Judge a robot file on a log: nothing is fitted."""
+
+from __future__ import annotations
+
+from elid_cli.commands import options
+from elid_cli.commands.group import verb
+from elid_cli.commands.options import Conditioning, Gates, Output, Reading
+
+
+@verb("elid validate run08.mcap --robot identified.yaml --max-error 5%")
+@options.logs()
+@options.robot
+@options.reading
+@options.conditioning
+@options.gathered("gates", Gates, options.max_error)
+@options.output
+def validate(
+    logs: tuple[str, ...],
+    robot: str,
+    reading: Reading,
+    conditioning: Conditioning,
+    gates: Gates,
+    output: Output,
+) -> None:
+    """Say how well a robot file, with its parameters and effects, predicts the motor torques of a log."""
+    from elid_cli.commands.emit import check_output, emit
+    from elid_cli.commands.gates import check_gates
+    from elid_cli.commands.inputs import load_recording, load_signals
+    from elid_cli.commands.progress import progress
+
+    check_output(output)
+    with progress(output, "reading") as advance:
+        from elid_cli.reports.validation import validation_report
+        from elid_cli.robot_file import read_robot
+        from elid_cli.validation import validate as judge
+
+        machine = read_robot(robot)
+        recording = load_recording(logs, machine, reading, output, conditioning.rate)
+        found = judge(machine, load_signals(recording, machine, conditioning, advance))
+    emit(validation_report(found, recording, robot), output)
+    check_gates(gates, found.error)

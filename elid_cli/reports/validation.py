@@ -1,0 +1,33 @@
+"""The answer of ``elid validate``: how well a described robot predicts a log."""
+
+from __future__ import annotations
+
+from elid_cli.recording import Recording
+from elid_cli.report import KeyValues, Report, Section, Text
+from elid_cli.reports.identification import error_payload, error_table
+from elid_cli.reports.inputs import command, heading, log_payload, recorded_items, robot_payload, used_items
+from elid_cli.validation import Validation
+
+
+def validation_report(found: Validation, recording: Recording, robot_argument: str) -> Report:
+    """Return the report of one validation."""
+    effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in found.robot.effects)
+    facts = (
+        *recorded_items(found.robot, recording),
+        *used_items(found.settings),
+        ("predicted with", f"the robot file's own values{f' and {effects}' if effects else ''}; nothing was fitted"),
+    )
+    payload = {
+        **robot_payload(found.robot),
+        "log": log_payload(recording),
+        "settings": dict(found.settings),
+        "error": error_payload(found.error),
+    }
+    sections: tuple[Section, ...] = (
+        heading(found.robot, recording),
+        KeyValues("inputs", facts),
+        error_table("error", found.robot, found.error, fitted=False),
+        *(Text(f"warning{k}", line, "warning") for k, line in enumerate(recording.warnings)),
+        Text("next", command("diagnose", recording, robot_argument), "next"),
+    )
+    return Report("validate", payload, sections)
