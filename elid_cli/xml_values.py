@@ -23,11 +23,19 @@ class Element:
     line: int
     children: list[Element] = field(default_factory=list)
     text: str = ""
+    owner: str = ""
+    """The nearest named element around this one, as errors call it: ``joint 'elbow'``."""
+
+    @property
+    def label(self) -> str:
+        """How errors call this element."""
+        if "name" in self.attributes:
+            return f"{self.tag} {self.attributes['name']!r}"
+        return f"{self.tag} of {self.owner}" if self.owner else self.tag
 
     def error(self, what: str, *, hint: str = "") -> RobotError:
         """Return the error ``file:line: <tag name>: what``, to be raised."""
-        name = f" {self.attributes['name']!r}" if "name" in self.attributes else ""
-        return RobotError(f"{self.file}:{self.line}: {self.tag}{name}: {what}", hint=hint)
+        return RobotError(f"{self.file}:{self.line}: {self.label}: {what}", hint=hint)
 
     def all(self, tag: str) -> Iterator[Element]:
         """Yield the children of a tag."""
@@ -37,7 +45,7 @@ class Element:
         """Return the only child of a tag, None where there is none; a second one is an error."""
         found = list(self.all(tag))
         if len(found) > 1:
-            raise found[1].error(f"a second one in {self.tag} {self.attributes.get('name', '')!r}")
+            raise found[1].error(f"a second {tag}")
         return found[0] if found else None
 
     def need(self, key: str) -> str:
@@ -87,6 +95,9 @@ def parse_xml(text: str, file: str) -> Element:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, attributes, file, parser.CurrentLineNumber)
+        if open_elements:
+            around = open_elements[-1]
+            element.owner = around.label if "name" in around.attributes else around.owner
         count[0] += 1
         if len(open_elements) >= DEEPEST or count[0] > MOST_ELEMENTS:
             raise element.error(f"more than {DEEPEST} levels or {MOST_ELEMENTS} elements")

@@ -1,0 +1,56 @@
+"""Random robots with the parameters of real bodies, for tests that need more than the shipped ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elid_cli.robot import LINK_PARAMETERS, Joint, Robot
+
+
+def unit(rng: np.random.Generator) -> tuple[float, float, float]:
+    x, y, z = (lambda v: v / np.linalg.norm(v))(rng.normal(size=3))
+    return float(x), float(y), float(z)
+
+
+def random_robot(
+    seed: int, n: int, dh: str, *, kinds: str = "r", rigid: tuple[int, ...] = (), own_axes: bool = False
+) -> Robot:
+    """Return a robot of n joints, types taken cyclically from `kinds` (r, p), with every parameter known.
+
+    Bodies are ten point masses and the disc of the rotor that they carry, so they can be taken apart again.
+    """
+    rng = np.random.default_rng(seed)
+    axes = [unit(rng) if own_axes else (0.0, 0.0, 1.0) for _ in range(n)]
+    rotors = rng.uniform(1e-4, 1e-2, n)
+    joints = []
+    for i in range(n):
+        points, masses = rng.normal(size=(10, 3)) * 0.1, rng.uniform(0.1, 1.0, 10)
+        tensor = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, points, strict=True))
+        if i + 1 < n:
+            z = np.array(axes[i + 1])
+            tensor = tensor + rotors[i + 1] / 2 * (np.eye(3) + np.outer(z, z))
+        xx, yy, zz = np.diag(tensor)
+        values = [masses.sum(), *(masses @ points), xx, yy, zz, tensor[0, 1], tensor[0, 2], tensor[1, 2]]
+        parameters = dict(zip(LINK_PARAMETERS, map(float, values), strict=True))
+        parameters |= {"Jm": float(rotors[i]), "fs": float(rng.uniform(0, 2)), "fv": float(rng.uniform(0, 2))}
+        if i not in rigid:
+            parameters["K"] = float(rng.uniform(500, 5000))
+        geometry = {
+            key: float(value) for key, value in zip(("a", "alpha", "d", "theta"), rng.normal(size=4), strict=True)
+        }
+        if dh == "urdf":
+            geometry = {"xyz": tuple(map(float, rng.normal(size=3))), "rpy": tuple(map(float, rng.normal(size=3)))}
+            geometry["axis"] = unit(rng)
+        joints.append(
+            Joint(
+                name=f"axis_{i + 1}",
+                type="revolute" if kinds[i % len(kinds)] == "r" else "prismatic",
+                gear_ratio=float(rng.uniform(5, 120) * rng.choice([-1, 1])),
+                motor_axis=axes[i],
+                transmission="rigid" if i in rigid else "elastic",
+                parameters=parameters,
+                **geometry,
+            )
+        )
+    gx, gy, gz = rng.normal(size=3) * 6
+    return Robot(name=f"random{seed}", joints=tuple(joints), gravity=(float(gx), float(gy), float(gz)), dh=dh)
