@@ -228,7 +228,7 @@ class Effect(ABC):
         """Return the torque (N·m) that the motor delivers while `command` is logged (``simulated = "motor"``)."""
         raise NotImplementedError(f"{self.name} does not act in the motor")
 
-    def logged(self, signals: Mapping[str, Array], dt: float, coefficients: Array) -> dict[str, Array]:
+    def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the signals that differ in the log from what happened (``simulated = "log"``).
 
         Parameters
@@ -238,8 +238,8 @@ class Effect(ABC):
             they are and return changed copies.
         dt
             Sample time, s.
-        coefficients
-            The amplitudes, from `coefficients`.
+        values
+            The parameters as `named` gives them; with the signs of its amplitudes turned, a log is corrected.
 
         """
         raise NotImplementedError(f"{self.name} does not act in the log")
