@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.acting import ActiveEffect, Stage
 from elid_cli.dynamics import Dynamics
+from elid_cli.simulation.acting import ActiveEffect, Stage
 from elid_cli.terms.effect import OscillatorEffect, Scene
 
 Array = NDArray[np.float64]

@@ -10,12 +10,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.acting import ActiveEffect
-from elid_cli.control import ControlOptions, Gains
 from elid_cli.dynamics import Dynamics
 from elid_cli.errors import RobotError
-from elid_cli.integration import System, Torque
 from elid_cli.reference import Reference
+from elid_cli.simulation.acting import ActiveEffect
+from elid_cli.simulation.control import ControlOptions, Gains
+from elid_cli.simulation.integration import System, Torque
 
 Array = NDArray[np.float64]
 

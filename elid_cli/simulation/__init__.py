@@ -1,0 +1,10 @@
+"""Simulated logs: a described robot, with its effects, follows a smooth reference under control, and a logger watches.
+
+``simulate(robot, SimulationOptions(...))`` returns a `Recording`, ``run`` the exact motion as well.
+"""
+
+from elid_cli.simulation.control import ControlOptions, Gains
+from elid_cli.simulation.run import Simulation, SimulationOptions, run, simulate
+from elid_cli.simulation.sensors import SensorOptions
+
+__all__ = ["ControlOptions", "Gains", "SensorOptions", "Simulation", "SimulationOptions", "run", "simulate"]

@@ -1,0 +1,142 @@
+"""Effects at work in a simulation: torques at one instant, internal states, altered robots (terms/effect.py)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.dynamics import Dynamics
+from elid_cli.errors import RobotError, did_you_mean
+from elid_cli.motion import Motion
+from elid_cli.robot import EffectSpec, Robot
+from elid_cli.terms import effect_classes
+from elid_cli.terms.effect import Columns, Effect, MemoryEffect, OscillatorEffect, Scene
+
+Array = NDArray[np.float64]
+
+
+def warm_up(t: float) -> float:
+    """Return the motors' temperature (°C) at time t (s): 20 towards 50, two thirds of the way in ten minutes."""
+    return 50.0 - 30.0 * math.exp(-t / 600.0)
+
+
+class ActiveEffect:
+    """One effect of a robot file with its amplitudes and, for effects with memory, its state."""
+
+    def __init__(self, effect: Effect, coefficients: Array) -> None:
+        self.effect = effect
+        self.coefficients = coefficients
+        self._amplitudes: list[float] = coefficients.tolist()
+        self._state = 0.0
+        self._drive: float | None = None
+
+    def torques(self, scene: Scene, state: Sequence[float]) -> list[tuple[str, int, float]]:
+        """Return (side, joint, torque) of every row it acts on; `state` is an oscillator's."""
+        effect = self.effect
+        columns: Columns
+        if isinstance(effect, MemoryEffect):
+            columns = effect.columns_of(scene, np.array([self._advanced(scene)]))
+        elif isinstance(effect, OscillatorEffect):
+            columns = effect.columns_of(scene, np.array(state)[:, None])
+        else:
+            columns = effect.columns(scene)
+        return [
+            (key.side, key.joint, sum(c * float(v) for c, v in zip(self._amplitudes, column[:, 0], strict=True)))
+            for key, column in columns.items()
+        ]
+
+    def accept(self, scene: Scene) -> None:
+        """Keep the state that the step just taken has reached."""
+        if isinstance(self.effect, MemoryEffect):
+            self._state = self._advanced(scene)
+            self._drive = float(self.effect.drive(scene)[0])
+
+    def _advanced(self, scene: Scene) -> float:
+        assert isinstance(self.effect, MemoryEffect)
+        now = float(self.effect.drive(scene)[0])
+        if self._drive is None:
+            self._drive = now
+        return self.effect.advance(self._state, self._drive, now)
+
+
+class Stage:
+    """A `Scene` of one instant whose arrays are overwritten at every evaluation."""
+
+    def __init__(self, dynamics: Dynamics, dt: float, duration: float) -> None:
+        n = dynamics.robot.n
+        t, self._joint = np.zeros(1), np.zeros((9, 1, n))
+        self._t = t
+        self._temperature = np.full((1, n), warm_up(0.0))
+        q, dq, ddq, theta, dtheta, ddtheta, tau, load, predicted = self._joint
+        self.scene = Scene(
+            robot=dynamics.robot,
+            motion=Motion(t, q, dq, ddq, theta, dtheta, ddtheta),
+            dt=dt,
+            tau=tau,
+            load=load,
+            predicted=predicted,
+            parameters=dynamics.parameters,
+            duration=duration,
+            stiffness=dynamics.stiffness,
+            temperature=self._temperature,
+        )
+        self._K = np.nan_to_num(dynamics.stiffness)
+
+    def set(
+        self, t: float, q: list[float], dq: list[float], theta: list[float], dtheta: list[float], tau: list[float]
+    ) -> Scene:
+        """Return the scene at an instant; accelerations are 0 (not known yet)."""
+        self._t[0] = t
+        self._temperature[0] = warm_up(t)
+        self.scene.cache.clear()
+        values = self._joint[:, 0]
+        values[0], values[1], values[3], values[4], values[6] = q, dq, theta, dtheta, tau
+        values[8] = tau
+        values[2] = values[5] = 0.0
+        values[7] = self._K * (values[3] - values[0])
+        return self.scene
+
+    def accelerate(self, ddq: list[float], ddtheta: list[float]) -> Scene:
+        """Return the scene with accelerations."""
+        self._joint[2, 0], self._joint[5, 0] = ddq, ddtheta
+        self.scene.cache.clear()
+        return self.scene
+
+
+def active_effects(robot: Robot, scene: Scene) -> list[ActiveEffect]:
+    """Return the effects that a robot file declares, in its order.
+
+    Raises
+    ------
+    RobotError
+        An effect, joint or parameter that does not exist or does not fit.
+
+    """
+    return [_active(robot, spec, scene) for spec in robot.effects]
+
+
+def _active(robot: Robot, spec: EffectSpec, scene: Scene) -> ActiveEffect:
+    library = effect_classes()
+    where = f"{robot.name}: effect {spec.effect}"
+    if spec.effect not in library:
+        raise RobotError(f"{robot.name}: no effect named {spec.effect!r}", hint=did_you_mean(spec.effect, library))
+    kind = library[spec.effect]
+    if spec.joint is not None and spec.joint not in robot.joint_names:
+        raise RobotError(f"{where}: no joint named {spec.joint!r}", hint=did_you_mean(spec.joint, robot.joint_names))
+    if spec.joint is None and not kind.whole_robot and robot.n > 1:
+        raise RobotError(f"{where}: no joint", hint=f"joint: {robot.joint_names[0]}")
+    joint = 0 if spec.joint is None or kind.whole_robot else robot.joint_names.index(spec.joint)
+    if not kind.applies(robot, joint):
+        raise RobotError(f"{where}: does not apply to {robot.joints[joint].name}, whose transmission is rigid")
+    try:
+        coefficients, shape = kind.coefficients(scene, joint, spec.parameters)
+    except KeyError as problem:
+        names = [parameter.name for parameter in (*kind.amplitudes, *kind.shapes)]
+        given = ", ".join(spec.parameters) or "none"
+        raise RobotError(
+            f"{where}: no parameter {problem.args[0]!r}", detail=f"given: {given}", hint=f"it has {', '.join(names)}"
+        ) from None
+    return ActiveEffect(kind(joint, shape), np.asarray(coefficients, dtype=float))
