@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,10 @@ def warm_up(t: float) -> float:
 class ActiveEffect:
     """One effect of a robot file with its amplitudes and, for effects with memory, its state."""
 
-    def __init__(self, effect: Effect, coefficients: Array) -> None:
+    def __init__(self, effect: Effect, coefficients: Array, values: Mapping[str, float]) -> None:
         self.effect = effect
         self.coefficients = coefficients
+        self.values = values
         self._amplitudes: list[float] = coefficients.tolist()
         self._state = 0.0
         self._drive: float | None = None
@@ -139,4 +140,6 @@ def _active(robot: Robot, spec: EffectSpec, scene: Scene) -> ActiveEffect:
         raise RobotError(
             f"{where}: no parameter {problem.args[0]!r}", detail=f"given: {given}", hint=f"it has {', '.join(names)}"
         ) from None
-    return ActiveEffect(kind(joint, shape), np.asarray(coefficients, dtype=float))
+    effect = kind(joint, shape)
+    coefficients = np.asarray(coefficients, dtype=float)
+    return ActiveEffect(effect, coefficients, effect.named(scene, coefficients))

@@ -170,7 +170,7 @@ def _recording(
     }
     for active in effects:
         if active.effect.simulated == "log":
-            signals |= active.effect.logged(signals, dt, active.coefficients)
+            signals |= active.effect.logged(signals, dt, active.values)
     logged = measured(robot, signals, dt, options.sensors, options.seed)
     return Recording(
         joints=robot.joint_names,
