@@ -83,6 +83,8 @@ def number_text(value: float | None, digits: int = 4, resolution: float | None =
         return "–"
     if math.isinf(value):
         return "inf" if value > 0 else "-inf"
+    if not resolution and isinstance(value, float):
+        value = float(f"{value:.{digits - 1}e}") if abs(value) < 10 ** (digits - 1) else value
     magnitude = math.floor(math.log10(abs(value))) if value else 0
     if resolution and math.isfinite(resolution):
         finest = math.floor(math.log10(abs(resolution))) - 1

@@ -52,10 +52,19 @@ def logs(*, required: bool = True) -> Decorator:
     return click.argument("logs", nargs=-1, required=required, type=File(), metavar=metavar)
 
 
-robot = option(
-    INPUT, "--robot", metavar="ROBOT", envvar="ELID_ROBOT", required=True, show_envvar=True,
-    shell_complete=completing(robots, files=True),
-    help="Name of a robot that ships with elid (puma560), or a YAML or URDF file.",
+def _robot(*, required: bool) -> Decorator:
+    return option(
+        INPUT, "--robot", metavar="ROBOT", envvar="ELID_ROBOT", required=required, show_envvar=True,
+        shell_complete=completing(robots, files=True),
+        help="Name of a robot that ships with elid (puma560), or a YAML or URDF file.",
+    )  # fmt: skip
+
+
+robot, optional_robot = _robot(required=True), _robot(required=False)
+
+maps = option(
+    INPUT, "--map", "maps", metavar="MAP", multiple=True, type=File(),
+    help="Where the log keeps its signals: a YAML file, or SIGNAL=PLACE. Repeatable.",
 )  # fmt: skip
 
 
@@ -70,8 +79,7 @@ class Reading:
 
 reading = gathered(
     "reading", Reading,
-    option(INPUT, "--map", "maps", metavar="MAP", multiple=True, type=File(),
-           help="Where the log keeps its signals: a YAML file, or SIGNAL=PLACE. Repeatable."),
+    maps,
     option(INPUT, "--time", type=click.Choice(("auto", "header", "log")), default="auto",
            help="Clock of an MCAP log: the messages' header stamps, or the times of logging."),
     option(INPUT, "--strict", is_flag=True, help="Refuse a damaged log instead of using what is whole."),

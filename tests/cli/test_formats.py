@@ -161,7 +161,7 @@ def test_unknown_formats_are_named() -> None:
         (61.4321, 4, None, "61.43"), (0.00012345, 3, None, "0.000123"), (1.2345e-7, 3, None, "1.23e-07"),
         (7.5e8, 3, None, "7.50e+08"), (math.nan, 4, None, "–"), (None, 4, None, "–"), (-math.inf, 4, None, "-inf"),
         (12.34, 4, math.inf, "12.34"), (0.5, 4, 3.0, "0.5"),
-        (0.0635, 4, None, "0.0635"), (24.84, 5, None, "24.84"), (12, 1, None, "12"),
+        (0.0635, 4, None, "0.0635"), (24.84, 5, None, "24.84"), (12, 1, None, "12"), (9.99999975, 4, None, "10"),
     ],
 )  # fmt: skip
 def test_numbers(value, digits, resolution, text) -> None:
