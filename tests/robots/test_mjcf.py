@@ -9,6 +9,7 @@ import pytest
 from elastic_lagrange import accelerations
 from random_robots import random_robot
 
+from elid_cli.dynamics import Dynamics
 from elid_cli.errors import RobotError
 from elid_cli.mjcf import mjcf_text, write_mjcf
 from elid_cli.robot import Limits, Robot
@@ -36,6 +37,7 @@ def compare(
     values = known_parameters(robot)
     model = mujoco.MjModel.from_xml_string(mjcf_text(robot, values))
     data = mujoco.MjData(model)
+    dynamics = Dynamics(robot, values)
     rng = np.random.default_rng(5)
     n, worst = robot.n, 0.0
     links = [model.joint(name).id for name in robot.joint_names]
@@ -50,8 +52,12 @@ def compare(
         data.ctrl[:] = tau
         mujoco.mj_forward(model, data)
         found = data.qacc[model.jnt_dofadr[links]], data.qacc[model.jnt_dofadr[motors]] / robot.gear_ratios
-        for ours, theirs in zip(accelerations(robot, values, (q, dq, theta, dtheta), tau), found, strict=True):
-            worst = max(worst, float(np.abs(ours - theirs).max() / np.abs(ours).max()))
+        reference = accelerations(robot, values, (q, dq, theta, dtheta), tau)
+        elids = dynamics.acceleration(q.tolist(), dq.tolist(), theta.tolist(), dtheta.tolist(), tau.tolist())
+        for ours, theirs, energies in zip(elids, found, reference, strict=True):
+            scale = np.abs(energies).max()
+            assert np.abs(ours - energies).max() < 1e-9 * scale  # elid's own forward dynamics
+            worst = max(worst, float(np.abs(ours - theirs).max() / scale))
         for k, name in enumerate(robot.joint_names):
             assert data.sensor(f"{name}_q").data[0] == pytest.approx(q[k], abs=1e-12)
             assert data.sensor(f"{name}_theta").data[0] == pytest.approx(theta[k], abs=1e-12)
