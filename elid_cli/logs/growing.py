@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 
 
 class Growing:
-    """Rows appended to one array; growing re-uses the memory (realloc), so that nothing is ever held twice."""
+    """Rows appended to one array; growing re-uses the memory (realloc), so that nothing is ever held twice.
 
-    def __init__(self, width: int | None, dtype: Any = np.float64) -> None:
+    With a sound `hint` of the final number of rows nothing is moved at all; memory is taken when it is written to.
+    """
+
+    def __init__(self, width: int | None, dtype: Any = np.float64, hint: int = 0) -> None:
         self._shape: tuple[int, ...] = () if width is None else (width,)
-        self._array: NDArray[Any] = np.empty((0, *self._shape), dtype)
+        self._array: NDArray[Any] = np.empty((hint, *self._shape), dtype)
         self.rows = 0
 
     def extend(self, count: int) -> NDArray[Any]:
@@ -27,5 +30,6 @@ class Growing:
 
     def finish(self) -> NDArray[Any]:
         """Return all rows."""
-        self._array.resize((self.rows, *self._shape), refcheck=False)
+        if self.rows < self._array.shape[0]:
+            self._array.resize((self.rows, *self._shape), refcheck=False)
         return self._array

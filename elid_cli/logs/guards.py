@@ -32,6 +32,8 @@ LARGE_OFFSET = 0.02
 """rad or m; a constant theta - q above this is worth a word …"""
 OF_DEFLECTION = 5.0
 """… if it is also this many times the spread of theta - q."""
+FAR = 40.0
+"""rad; robots' joints rarely turn more than six times."""
 STALE = 0.5
 """Share of samples equal to the one before above which a moving signal is sampled and held."""
 
@@ -68,6 +70,8 @@ class _Pair:
     spread: float
     """Standard deviation of theta - q."""
     revolute: bool
+    reach: float
+    """Largest |q|."""
 
     @staticmethod
     def of(j: int, q: Array, theta: Array, robot: Robot) -> _Pair | None:
@@ -88,10 +92,13 @@ class _Pair:
             correlation,
             float((theta - q).std()),
             joint.revolute,
+            float(np.abs(q).max()),
         )
 
     def sentences(self, plan: Plan) -> Iterator[str]:
         """Yield what is suspicious about this joint."""
+        if self.revolute and self.reach > FAR:
+            yield f"{self.name}: q reaches {self.reach:.4g} rad: if it is in degrees, map it with unit: deg"
         if abs(self.correlation) < ALIKE:
             return
         where = f"{self.name}: theta"
@@ -99,10 +106,9 @@ class _Pair:
         if self.slope < 0:
             yield f"{where} runs against q: one of them has the opposite sign; {self._paste(plan, 'theta', 'sign: -1')}"
         if abs(size - 1) > 2 * CLOSE:
-            what, paste = self._factor(size)
-            yield f"{where} moves {size:.4g} times as far as q: {what}" + (
-                f"; {self._paste(plan, *paste)}" if paste else ""
-            )
+            what, mend = self._factor(size)
+            mapping = f"; {self._paste(plan, *mend)}" if mend else ""
+            yield f"{where} moves {size:.4g} times as far as q: {what}{mapping}"
         elif self.slope > 0 and abs(self.offset) > max(LARGE_OFFSET, OF_DEFLECTION * self.spread):
             unit = "rad" if self.revolute else "m"
             turns = self.offset / (2 * math.pi)

@@ -27,24 +27,24 @@ REMEMBERED = 64
 class Table:
     """Everything wanted from one topic: growing columns for each (field, columns) and its clocks."""
 
-    def __init__(self, wanted: Sequence[tuple[str, tuple[int | str, ...]]]) -> None:
+    def __init__(self, wanted: Sequence[tuple[str, tuple[int | str, ...]]], hint: int = 0) -> None:
         self.wanted = tuple(dict.fromkeys(wanted))
-        self.values = [Growing(len(columns)) for _, columns in self.wanted]
-        self.header = Growing(None, np.int64)
-        self.logged = Growing(None, np.int64)
+        self.values = [Growing(len(columns), hint=hint) for _, columns in self.wanted]
+        self.header = Growing(None, np.int64, hint)
+        self.logged = Growing(None, np.int64, hint)
         self.undecodable = 0
         self.problem = ""
 
     def extend(self, log_times: NDArray[np.int64]) -> tuple[list[NDArray[Any]], NDArray[Any]]:
-        """Add one row per message; return the new rows of every wanted column set and of the header stamps."""
+        """Add one row per message; return the new rows of every wanted column set and of the header stamps.
+
+        The rows of the column sets have to be written whole, NaN where a message has nothing.
+        """
         count = log_times.size
         self.logged.extend(count)[:] = log_times
         stamps = self.header.extend(count)
         stamps[:] = 0
-        rows = [values.extend(count) for values in self.values]
-        for row in rows:
-            row[:] = np.nan
-        return rows, stamps
+        return [values.extend(count) for values in self.values], stamps
 
 
 class CdrDecoder:
@@ -93,6 +93,8 @@ class CdrDecoder:
             except CdrError as error:
                 table.undecodable += 1
                 table.problem = table.problem or str(error)
+                for row in rows:
+                    row[0 if where is None else where[0]] = np.nan
                 where = np.arange(matrix.shape[0])[1:] if where is None else where[1:]
                 matrix = matrix[1:]
                 continue
@@ -140,7 +142,10 @@ class _Plan:
     ) -> None:
         """Write the wanted numbers of messages, shape (M, length), to the table's rows `where`."""
         for wanted, target in zip(table.wanted, rows, strict=True):
-            for offset, dtype, take, put in self._places(wanted):
+            places = self._places(wanted)
+            if sum(len(put) for *_, put in places) < target.shape[1]:
+                target[where] = np.nan
+            for offset, dtype, take, put in places:
                 size = int(dtype[2])
                 block = matrix[:, offset : offset + size * (max(take) + 1)].view(dtype)
                 straight = take == list(range(len(take)))
@@ -159,9 +164,10 @@ class _Plan:
         for paths in STAMPS:
             if all(self.layout.width(path) == 1 for path in paths):
                 whole, parts = (self.layout.numbers[path][0] for path in paths)
-                return _numbers(matrix, whole.offset, whole.dtype).astype(np.int64) * 1_000_000_000 + _numbers(
-                    matrix, parts.offset, parts.dtype
-                )
+                seconds = _numbers(matrix, whole.offset, whole.dtype).astype(np.int64)
+                seconds *= 1_000_000_000
+                seconds += _numbers(matrix, parts.offset, parts.dtype)
+                return seconds
         return None
 
     def _places(self, wanted: tuple[str, tuple[int | str, ...]]) -> list[tuple[int, str, list[int], list[int]]]:
@@ -227,6 +233,8 @@ class JsonDecoder:
     def decode(self, messages: Messages, chosen: NDArray[np.intp], table: Table) -> None:
         """Append the messages `chosen` (indices) to a table."""
         rows, stamps = table.extend(messages.log_times[chosen])
+        for target in rows:
+            target[:] = np.nan
         for row, index in enumerate(chosen):
             flat = self._flat(messages, int(index))
             if flat is None:

@@ -54,7 +54,9 @@ class McapLog:
             wanted.setdefault(pick.source, []).append((pick.field, pick.columns))
             if pick.time:
                 wanted[pick.source].append((pick.time, (0,)))
-        tables = {topic: Table(fields) for topic, fields in wanted.items()}
+        known = {channel.source: channel.rows or 0 for channel in self.channels}
+        most = sum(source.size for source in self._sources)  # a summary may lie; a message takes more than a byte
+        tables = {topic: Table(fields, min(known.get(topic, 0), most)) for topic, fields in wanted.items()}
         self.losses.clear()
         for container, messages in self._walk():
             for identifier in np.unique(messages.channels):
