@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -119,6 +121,36 @@ def sampled_reference(t: Array, q: Array) -> SplineReference:
         raise UsageError("a reference needs at least six samples with increasing times")
     since = t - t[0]
     return SplineReference(tuple(_interpolate(since, column) for column in q.T), float(since[-1]))
+
+
+def read_reference(path: str, robot: Robot) -> SplineReference:
+    """Return the reference that a CSV file holds: columns ``t`` (s) and ``q.<joint>``, others are ignored.
+
+    Raises
+    ------
+    UsageError
+        No such file, a column that is missing, or something that is no number.
+
+    """
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as stream:
+            rows = [row for row in csv.reader(stream) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else "no CSV file"
+        raise UsageError(f"{path}: {reason.lower()}") from None
+    head = [name.strip() for name in rows[0]] if rows else []
+    columns = []
+    for name in ("t", *(f"q.{joint}" for joint in robot.joint_names)):
+        if name not in head:
+            raise UsageError(f"{path}: no column {name!r}", detail=f"it has {', '.join(head) or 'none'}")
+        columns.append(head.index(name))
+    try:
+        values = np.array([[float(row[k]) for k in columns] for row in rows[1:]]).reshape(-1, len(columns))
+    except (ValueError, IndexError):
+        raise UsageError(f"{path}: a row is short or holds something that is no number") from None
+    if not np.isfinite(values).all():
+        raise UsageError(f"{path}: a value is not finite")
+    return sampled_reference(values[:, 0], values[:, 1:])
 
 
 def _random_spline(joint: Joint, duration: float, generator: np.random.Generator, options: ReferenceOptions) -> Spline:

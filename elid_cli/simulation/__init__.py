@@ -4,7 +4,18 @@
 """
 
 from elid_cli.simulation.control import ControlOptions, Gains
-from elid_cli.simulation.run import Simulation, SimulationOptions, run, simulate
+from elid_cli.simulation.run import JointFacts, Simulation, SimulationOptions, exact, filed, run, simulate
 from elid_cli.simulation.sensors import SensorOptions
 
-__all__ = ["ControlOptions", "Gains", "SensorOptions", "Simulation", "SimulationOptions", "run", "simulate"]
+__all__ = [
+    "ControlOptions",
+    "Gains",
+    "JointFacts",
+    "SensorOptions",
+    "Simulation",
+    "SimulationOptions",
+    "exact",
+    "filed",
+    "run",
+    "simulate",
+]

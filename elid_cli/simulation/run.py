@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +50,24 @@ class SimulationOptions:
 
 
 @dataclass(frozen=True)
+class JointFacts:
+    """What one joint did, rad (m) and N·m."""
+
+    range: float
+    """Link's travel."""
+    speed: float
+    """Top speed of the link."""
+    deflection: float
+    """Largest |q - θ|."""
+    tau: float
+    """rms of the logged torque."""
+    tracking: float
+    """rms of the link's deviation from its reference."""
+    kp: float
+    kd: float
+
+
+@dataclass(frozen=True)
 class Simulation:
     """A simulated log and what was behind it."""
 
@@ -56,11 +76,14 @@ class Simulation:
     """The exact motion at the log's instants, accelerations included."""
     tau: Array
     """Torque that the motors delivered from each instant on, N·m, shape (N, n)."""
+    tau_link: Array
+    """Torque through the transmissions, N·m, shape (N, n); NaN where rigid."""
     reference: Array
     """Link positions that were asked for, shape (N, n)."""
     gains: Gains
     step: float
     """Integration step, s."""
+    facts: tuple[JointFacts, ...]
 
 
 def simulate(
@@ -119,7 +142,32 @@ def run(
     motion = _motion(trace)
     recording = _recording(robot, motion, trace, effects, dt, options)
     asked = reference.evaluate(motion.t)[0]
-    return Simulation(recording, motion, np.array(trace.delivered), asked, gains, clock.step)
+    facts = _facts(recording, motion, asked, gains)
+    delivered, transmitted = np.array(trace.delivered), np.array(trace.transmitted)
+    return Simulation(recording, motion, delivered, transmitted, asked, gains, clock.step, facts)
+
+
+def exact(result: Simulation) -> Recording:
+    """Return the log that perfect sensors would have given: the motion, and the torque that motors delivered."""
+    motion = result.motion
+    return replace(
+        result.recording,
+        t=motion.t,
+        q=motion.q,
+        theta=motion.theta,
+        tau=result.tau,
+        dq=motion.dq,
+        dtheta=motion.dtheta,
+        tau_link=result.tau_link,
+        temperature=None,
+    )
+
+
+def filed(result: Simulation, path: str) -> Simulation:
+    """Return the result with the name and the hash of the file that its log was written to."""
+    with Path(path).open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    return replace(result, recording=replace(result.recording, files=(path,), sha256=(digest,)))
 
 
 def _samples(options: SimulationOptions) -> int:
@@ -147,6 +195,19 @@ def _phases(
         else:
             phases.append((start, changed))
     return [(start, System(dynamics, effects, dt, options.duration)) for start, dynamics in phases]
+
+
+def _facts(recording: Recording, motion: Motion, asked: Array, gains: Gains) -> tuple[JointFacts, ...]:
+    columns = (
+        np.ptp(motion.q, axis=0),
+        np.abs(motion.dq).max(axis=0),
+        np.abs(motion.q - motion.theta).max(axis=0),
+        np.sqrt(np.mean(recording.tau**2, axis=0)),
+        np.sqrt(np.mean((motion.q - asked) ** 2, axis=0)),
+        gains.kp,
+        gains.kd,
+    )
+    return tuple(JointFacts(*row) for row in np.stack(columns, axis=1).tolist())
 
 
 def _motion(trace: Trace) -> Motion:
