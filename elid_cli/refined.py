@@ -1,55 +1,56 @@
-"""A robot description that holds what was found: the file that ``--write-robot`` writes."""
+"""A robot description that holds what was found: identified parameters, effects, corrected delays."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.base import BaseParameters, find_base
+from elid_cli.model import Model
 from elid_cli.robot import EffectSpec, Robot
 
-
-class Found(Protocol):
-    """An effect with the values that were found."""
-
-    @property
-    def effect(self) -> str:
-        """Its name."""
-
-    @property
-    def joint(self) -> str | None:
-        """Its joint."""
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """Its parameters."""
+Array = NDArray[np.float64]
 
 
-def refined(robot: Robot, standard: NDArray[np.float64], found: Sequence[Found] = ()) -> Robot:
-    """Return the robot with standard parameters (p,) and effects as found; of an effect declared before, the new one.
+def representative(base: BaseParameters, estimate: Array, reference: Array) -> Array:
+    """Return standard parameters (p,) that reproduce base parameters exactly and stay nearest to the reference.
 
     Parameters
     ----------
-    robot
-        The robot that was identified.
-    standard
-        Any representative of the base parameters: predictions need nothing more.
-    found
-        Effects and nuisances, with their values.
+    base
+        Base parameters of the robot.
+    estimate
+        Their values, (b,); NaN where refused: there the reference stands (zero where that is unknown).
+    reference
+        Reference standard parameters, (p,); NaN where unknown.
     """
-    values = dict(zip(robot.parameter_names(), (float(v) for v in standard), strict=True))
+    start = np.nan_to_num(reference)
+    present = base.transform @ start
+    wanted = np.where(np.isfinite(estimate), estimate, present)
+    scale = np.maximum(np.abs(start), 1e-3 * np.maximum(np.abs(start).max(initial=0.0), 1.0))
+    weighted = base.transform * scale
+    step = scale * (np.linalg.pinv(weighted, rcond=1e-12) @ (wanted - present))
+    result: Array = start + step
+    # one correction removes the rounding of the pseudo-inverse in the leaders
+    result[base.leaders] += wanted - base.transform @ result
+    return result
+
+
+def refined_robot(robot: Robot, standard: Array, effects: Sequence[EffectSpec]) -> Robot:
+    """Return the robot with standard parameters (p,) and effects in place of its own."""
+    values = dict(zip(robot.parameter_names(), standard, strict=True))
+    classes = find_base(Model(robot)).classes
     joints = []
     for i, joint in enumerate(robot.joints, start=1):
-        parameters = {name[: -len(str(i))]: v for name, v in values.items() if _number(name) == i}
-        joints.append(replace(joint, parameters=parameters))
-    new = tuple(EffectSpec(f.effect, f.joint, dict(f.parameters)) for f in found)
-    replaced = {(spec.effect, spec.joint) for spec in new}
-    kept = tuple(spec for spec in robot.effects if (spec.effect, spec.joint) not in replaced)
-    return replace(robot, joints=tuple(joints), effects=(*kept, *new))
+        kinds = {name[: -len(str(i))]: float(v) for name, v in values.items() if _number(name) == i}
+        kept = {k: v for k, v in kinds.items() if k in joint.parameters or classes[f"{k}{i}"] != "unidentifiable"}
+        joints.append(replace(joint, parameters=MappingProxyType(kept)))
+    return replace(robot, joints=tuple(joints), effects=tuple(effects))
 
 
 def _number(name: str) -> int:
-    return int(name.lstrip("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"))
+    return int(name[len(name.rstrip("0123456789")) :])

@@ -1,4 +1,4 @@
-"""Validation: how well a described robot predicts a log that it was not fitted to. Nothing is estimated here."""
+"""How well a described robot, parameters and effects fixed, predicts a log."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters, find_base
-from elid_cli.effects import declared_effects, extra_of, scene_of
+from elid_cli.effects import extra_of, resolve, scene_of
 from elid_cli.errors import RobotError
-from elid_cli.estimate import EstimateOptions, JointError, joint_errors, masked_as_needed
-from elid_cli.model import Model
-from elid_cli.observation import observe
-from elid_cli.reduction import reduce
+from elid_cli.estimate import JointError
+from elid_cli.model import Model, Row
+from elid_cli.observation import Observation, observe
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
 
@@ -23,52 +22,67 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Validation:
-    """How well a robot description predicts a log."""
+    """Prediction error of a robot description on a log, without fitting."""
 
     robot: Robot
     error: Mapping[str, JointError]
-    """Error of the predicted motor torque per joint, over the whole log."""
+    residual: Mapping[Row, Array]
+    """Measured minus predicted torque per row group, (M,); the columns of masked instants included."""
+    observation: Observation
     settings: Mapping[str, object] = field(default_factory=dict)
 
 
-def validate(robot: Robot, signals: Signals) -> Validation:
-    """Predict a log's motor torques with the robot file's own parameters and effects.
+def validate(
+    robot: Robot, signals: Signals, chosen: NDArray[np.bool_] | None = None, *, observation: Observation | None = None
+) -> Validation:
+    """Predict the motor torque of a log from a robot description.
+
+    Parameters
+    ----------
+    robot
+        Description with parameter values, and effects with theirs.
+    signals
+        The log.
+    chosen
+        Instants to judge, (M,), default all.
+    observation
+        The log's equations where they are at hand.
 
     Raises
     ------
     RobotError
-        The file lacks a value that the prediction needs.
+        If the description holds no parameter values, or an effect lacks some.
     """
     model = Model(robot)
-    base = find_base(model)
-    standard = representative(robot, base)
-    observation = masked_as_needed(observe(model, signals), base, EstimateOptions())
-    scene = scene_of(model, signals, standard)
-    extras, amplitudes = [], []
-    for declared in declared_effects(robot, scene):
-        kind, joint = type(declared.effect), declared.effect.joint
-        missing = [p.name for p in (*kind.amplitudes, *kind.shapes) if p.name not in declared.spec.parameters]
-        if missing:
-            raise RobotError(f"{robot.name}: effect {kind.name} of {robot.joints[joint].name}: no {missing[0]}")
-        extras.append(extra_of(declared.effect, scene, signals))
-        amplitudes.append(kind.coefficients(scene, joint, declared.spec.parameters)[0])
-    triangles = reduce(observation, extras)
-    values = np.concatenate([standard, *amplitudes])
-    squares = {row: sum(t.squares(values) for t in triangles.of(row)) for row in triangles.rows}
+    standard = complete(robot, find_base(model))
+    observation = observe(model, signals) if observation is None else observation
+    residual = {group.row: group.target - standard[group.index] @ group.columns for group in observation.groups}
+    if robot.effects:
+        scene = scene_of(model, signals, standard)
+        for spec in robot.effects:
+            kind, joint = resolve(robot, spec)
+            try:
+                linear, shape = kind.coefficients(scene, joint, spec.parameters)
+            except KeyError as error:
+                raise RobotError(
+                    f"{robot.name}: effect {spec.effect} has no value for {error.args[0]!r}",
+                    hint="elid identify fits declared effects: use its --write-robot",
+                ) from None
+            for row, columns in extra_of(kind(joint, shape), scene, signals).rows.items():
+                residual[row] = residual[row] - linear @ columns
     settings = {"cutoff": signals.filter.cutoff, "rate": signals.rate, "instants": observation.instants}
-    return Validation(robot, joint_errors(robot, triangles, squares), settings)
+    return Validation(robot, _errors(robot, observation, residual, chosen), residual, observation, settings)
 
 
-def representative(robot: Robot, base: BaseParameters) -> Array:
-    """Return standard parameters (p,) that predict as the robot file's do: base parameters at their leaders.
+def complete(robot: Robot, base: BaseParameters) -> Array:
+    """Return the standard parameters (p,) of a robot file; those that no torque depends on count as 0.
 
     Raises
     ------
     RobotError
         A base parameter contains a parameter that the file does not give.
     """
-    values = base.values(robot.reference())
-    unknown = [base.parameters[k] for k in base.leaders[~np.isfinite(values)]]
+    unknown = [base.parameters[k] for k in base.leaders[~np.isfinite(base.values(robot.reference()))]]
     if unknown:
         more = f" and {len(unknown) - 8} more" if len(unknown) > 8 else ""
         raise RobotError(
@@ -76,6 +90,27 @@ def representative(robot: Robot, base: BaseParameters) -> Array:
             detail=f"not known: those led by {', '.join(unknown[:8])}{more}",
             hint=f"elid identify LOG --robot {robot.name} --write-robot {robot.name}-identified.yaml",
         )
-    standard = np.zeros(len(base.parameters))
-    standard[base.leaders] = values
-    return standard
+    return np.nan_to_num(robot.reference())
+
+
+def _errors(
+    robot: Robot, observation: Observation, residual: Mapping[Row, Array], chosen: NDArray[np.bool_] | None
+) -> dict[str, JointError]:
+    errors = {}
+    use = {g.row: g.use if chosen is None else g.use & chosen for g in observation.groups}
+
+    def rms(row: Row) -> float | None:
+        if row not in use or not use[row].any():
+            return None
+        return float(np.sqrt(np.mean(residual[row][use[row]] ** 2)))
+
+    for k, joint in enumerate(robot.joints):
+        total = rms(Row("sum", k))
+        if total is None:
+            continue
+        torque = float(np.sqrt(np.mean(observation.tau[k][use[Row("sum", k)]] ** 2)))
+        spring = rms(Row("motor", k))
+        errors[joint.name] = JointError(
+            total, total / torque, spring, None if spring is None else spring / torque, torque
+        )
+    return errors

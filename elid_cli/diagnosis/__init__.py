@@ -1,0 +1,5 @@
+"""Diagnosis: from the residual to the effect that the model lacks, and the error before and after."""
+
+from elid_cli.diagnosis.diagnose import DiagnoseOptions, Diagnosis, FoundEffect, Rival, Unexplained, diagnose
+
+__all__ = ["DiagnoseOptions", "Diagnosis", "FoundEffect", "Rival", "Unexplained", "diagnose"]

@@ -1,0 +1,416 @@
+"""Diagnosis of a log: the missing effects, the error before and after, and what stays unexplained."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.base import find_base
+from elid_cli.diagnosis.screen import Candidate
+from elid_cli.diagnosis.search import Found, Step, search
+from elid_cli.diagnosis.state import Log, State, fit
+from elid_cli.diagnosis.stretches import folds
+from elid_cli.diagnosis.triage import Organised, RowState, organise, rows_of, words
+from elid_cli.effects import declared_effects, scene_of
+from elid_cli.estimate import JointError, Nuisance
+from elid_cli.model import Model, Row
+from elid_cli.observation import observe
+from elid_cli.reduction import Triangles, reduce
+from elid_cli.refined import refined_robot, representative
+from elid_cli.robot import EffectSpec, Robot
+from elid_cli.signals import Signals
+from elid_cli.solve import reweighted
+from elid_cli.terms import effect_classes
+from elid_cli.terms.effect import Effect
+from elid_cli.validation import Validation, validate
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+UNEXPLAINED = 1.3
+"""Residual over floor above which what is left counts as unexplained structure."""
+_NEVER_SEARCHED = ("lookup",)
+
+
+@dataclass(frozen=True)
+class DiagnoseOptions:
+    """How to diagnose."""
+
+    lookup: bool = False
+    """Add a smooth curve over the best variable where structure remains that no named effect explains."""
+    only: tuple[str, ...] = ()
+    """Names of effects to try; empty: all."""
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An effect that the data cannot tell apart from a named one."""
+
+    effect: str
+    joint: str | None
+    instead_of: str
+    gain: float
+    parameters: Mapping[str, float]
+    separate: str
+    """What to record to tell them apart."""
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that held-out data support."""
+
+    effect: str
+    joint: str | None
+    parameters: Mapping[str, float]
+    std_error: Mapping[str, float]
+    gain: float
+    """Fraction of the held-out residual variance, in the rows it acts on, that it takes away."""
+    net: float
+    """Gain in log-likelihood on the training stretches, net of its price."""
+    folds: tuple[bool, ...]
+    """In which cross-validation folds it helps."""
+    local: bool
+    """Whether it lives in a part of the log only, which cross-validation over time cannot judge."""
+    summary: str
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Structure that no effect of the library explains."""
+
+    joint: str
+    rows: str
+    variable: str
+    share: float
+    """Part of the row's residual variance that follows the variable."""
+    rms: float
+    ratio: float
+    """Residual over the noise floor."""
+    nearest: tuple[tuple[str, str | None, float], ...]
+    """Nearest candidates: effect, joint, part of the whitened residual variance they would take away."""
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A base parameter that the found effects moved."""
+
+    name: str
+    before: float
+    after: float
+    deviations: float
+    """Shift in standard deviations of the estimate after."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything `elid diagnose` says."""
+
+    robot: Robot
+    refined: Robot
+    before: Mapping[str, JointError]
+    after: Mapping[str, JointError]
+    effects: tuple[FoundEffect, ...]
+    also_possible: tuple[Rival, ...]
+    nuisances: tuple[Nuisance, ...]
+    unexplained: tuple[Unexplained, ...]
+    rows_before: tuple[RowState, ...]
+    rows_after: tuple[RowState, ...]
+    triage: tuple[str, ...]
+    organised: Mapping[tuple[str, str], tuple[Organised, ...]]
+    """What the residual before follows, per (joint, rows)."""
+    moved: tuple[Moved, ...]
+    sufficient: bool
+    """Whether the model before already left nothing but noise."""
+    tried: int
+    held_out: tuple[tuple[float, float], ...]
+    """Held-out stretches, s."""
+    validation_before: Validation
+    validation_after: Validation
+    chosen: NDArray[np.bool_]
+    """Held-out instants, (M,)."""
+    state_before: State
+    state_after: State
+    curves: tuple[FoundEffect, ...] = ()
+    """Smooth curves added by request where no named effect explains the structure."""
+
+
+def divided(model: Model, signals: Signals) -> Log:
+    """Return a log with its stretches divided into training folds and held-out ones."""
+    observation = observe(model, signals)
+    return Log(model, find_base(model), signals, observation, folds(observation.instants))
+
+
+def diagnose(
+    robot: Robot, signals: Signals, options: DiagnoseOptions | None = None, progress: Progress | None = None
+) -> Diagnosis:
+    """Find the effects that a robot's model lacks.
+
+    Parameters
+    ----------
+    robot
+        The robot; its declared effects are part of the model before.
+    signals
+        The log.
+    options
+        See `DiagnoseOptions`.
+    progress
+        Called with a label and the finished part, 0 to 1.
+    """
+    options = options or DiagnoseOptions()
+    model = Model(robot)
+    log = divided(model, signals)
+    library = {
+        name: kind
+        for name, kind in effect_classes().items()
+        if name not in _NEVER_SEARCHED and (not options.only or name in options.only)
+    }
+    plain = reweighted(reduce(log.training, (), log.fold), log.base.count).values[: model.parameters]
+    declared = [d.effect for d in declared_effects(robot, scene_of(model, signals, plain))]
+    found = _supported(search(log, declared, library, progress), len(declared))
+    curves: list[Effect] = []
+    if options.lookup:
+        found, curves = _with_curves(found)
+    return _result(robot, log, found, len(declared), curves)
+
+
+def _supported(found: Found, declared: int) -> Found:
+    """Drop effects that the held-out stretches do not support."""
+    state, steps = found.after, list(found.steps)
+    changed = True
+    while changed and steps:
+        changed = False
+        for k, step in enumerate(steps):
+            if step.candidate.effect.local:
+                continue
+            if held_out_gain(state, declared + k) <= 0:
+                kept = [e for i, e in enumerate(state.effects) if i != declared + k]
+                state = fit(state.log, kept, state.scene)
+                steps.pop(k)
+                changed = True
+                break
+    return replace(found, after=state, steps=tuple(steps))
+
+
+def held_out_triangles(state: State) -> Triangles:
+    """Return the triangles of the held-out stretches with the state's columns."""
+    log = state.log
+    return reduce(log.observation.only(log.fold < 0), state.extras)
+
+
+def held_out_gain(state: State, number: int) -> float:
+    """Return the part of the held-out residual variance that effect `number` takes away in its rows."""
+    without = fit(state.log, [e for i, e in enumerate(state.effects) if i != number], state.scene)
+    rows = [row for row in state.columns[number].rows if row in state.triangles.rows]
+    outside, inside = held_out_triangles(without), held_out_triangles(state)
+    before = sum(t.squares(without.solution.values) for r in rows for t in outside.of(r))
+    after = sum(t.squares(state.solution.values) for r in rows for t in inside.of(r))
+    return 1.0 - after / before if before > 0 else 0.0
+
+
+def _with_curves(found: Found) -> tuple[Found, list[Effect]]:
+    """Add a smooth curve over the variable that the worst remaining row follows most."""
+    from elid_cli.diagnosis.curves import best_curve
+
+    curve = best_curve(found.after)
+    if curve is None:
+        return found, []
+    grown = fit(found.after.log, (*found.after.effects, curve), found.after.scene)
+    if held_out_gain(grown, len(grown.effects) - 1) <= 0:
+        return found, []
+    return replace(found, after=grown), [curve]
+
+
+def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence[Effect]) -> Diagnosis:
+    before, after = found.before, found.after
+    chosen = log.fold < 0
+    first = described(robot, before)
+    last = described(robot, after)
+    validations = [validate(r, log.signals, chosen, observation=log.observation) for r in (first, last)]
+    rows_before, rows_after = rows_of(before), rows_of(after)
+    effects = tuple(_found(after, declared + k, step) for k, step in enumerate(found.steps))
+    extra = tuple(_curve(after, len(after.effects) - len(curves) + k) for k in range(len(curves)))
+    unexplained = _unexplained(after, rows_after, found.remaining)
+    return Diagnosis(
+        robot=robot,
+        refined=last,
+        before=_floored(validations[0].error, before),
+        after=_floored(validations[1].error, after),
+        effects=effects,
+        also_possible=_rivals(robot, found.steps, effects),
+        nuisances=_nuisances(after),
+        unexplained=unexplained,
+        rows_before=rows_before,
+        rows_after=rows_after,
+        triage=words(rows_before),
+        organised={
+            (robot.joint_names[row.joint], row.kind): tuple(organise(before, row)[:4]) for row in before.triangles.rows
+        },
+        moved=moved(before, after),
+        sufficient=not effects and not unexplained,
+        tried=found.tried,
+        held_out=_spans(log, chosen),
+        validation_before=validations[0],
+        validation_after=validations[1],
+        chosen=chosen,
+        state_before=before,
+        state_after=after,
+        curves=extra,
+    )
+
+
+def described(robot: Robot, state: State) -> Robot:
+    """Return the robot description that a state amounts to: parameters, effects, corrected torque delays."""
+    base = state.log.base
+    standard = representative(base, base.transform @ state.standard, robot.reference())
+    names = robot.joint_names
+    specs = [
+        EffectSpec(e.name, None if e.whole_robot else names[e.joint], state.named(k))
+        for k, e in enumerate(state.effects)
+    ]
+    specs += [EffectSpec("torque_delay", names[j], {"delay": d}) for j, d in state.delays.items()]
+    return refined_robot(robot, standard, specs)
+
+
+def _found(state: State, number: int, step: Step) -> FoundEffect:
+    effect = state.effects[number]
+    return FoundEffect(
+        effect=effect.name,
+        joint=None if effect.whole_robot else state.log.model.robot.joint_names[effect.joint],
+        parameters=state.named(number),
+        std_error=_errors(state, number),
+        gain=held_out_gain(state, number),
+        net=step.candidate.net,
+        folds=tuple(bool(g > 0) for g in step.candidate.gain.folds),
+        local=effect.local,
+        summary=effect.summary,
+    )
+
+
+def _curve(state: State, number: int) -> FoundEffect:
+    effect = state.effects[number]
+    joint = state.log.model.robot.joint_names[effect.joint]
+    gain = held_out_gain(state, number)
+    return FoundEffect(effect.name, joint, state.named(number), {}, gain, 0.0, (), False, effect.summary)
+
+
+def _errors(state: State, number: int) -> dict[str, float]:
+    """Return standard errors of an effect's named parameters by first-order propagation of its coefficients."""
+    effect, place = state.effects[number], state.place(number)
+    where = [np.flatnonzero(state.solution.basis == c) for c in range(place.start, place.stop)]
+    if any(not len(w) for w in where):
+        return {}
+    index = [int(w[0]) for w in where]
+    covariance = state.covariance[np.ix_(index, index)]
+    centre = state.coefficients(number)
+    names = state.named(number)
+    jacobian = np.zeros((len(names), len(centre)))
+    for k in range(len(centre)):
+        step = 1e-4 * max(abs(float(centre[k])), 1e-9)
+        moved_ = effect.named(state.scene, centre + step * np.eye(len(centre))[k])
+        jacobian[:, k] = [(moved_[n] - names[n]) / step for n in names]
+    spread = np.sqrt(np.maximum(np.einsum("ak,kl,al->a", jacobian, covariance, jacobian), 0.0))
+    return {name: float(s) for name, s in zip(names, spread, strict=True) if s > 0}
+
+
+def _rivals(robot: Robot, steps: Sequence[Step], effects: Sequence[FoundEffect]) -> tuple[Rival, ...]:
+    named = {(e.effect, e.joint) for e in effects}
+    rivals: dict[tuple[str, str | None], Rival] = {}
+    for step, effect in zip(steps, effects, strict=True):
+        for candidate in step.rivals:
+            joint = None if candidate.effect.whole_robot else robot.joint_names[candidate.effect.joint]
+            key = (candidate.effect.name, joint)
+            if key in named or key in rivals:
+                continue
+            ratio = candidate.gain.likelihood / max(step.candidate.gain.likelihood, 1e-9)
+            rivals[key] = Rival(
+                candidate.effect.name,
+                joint,
+                effect.effect,
+                effect.gain * min(ratio, 1.0),
+                candidate.values,
+                candidate.effect.record,
+            )
+    return tuple(rivals.values())
+
+
+def _nuisances(state: State) -> tuple[Nuisance, ...]:
+    names = state.log.model.robot.joint_names
+    found = []
+    first = state.log.model.parameters
+    for k, extra in enumerate(state.nuisances):
+        where = np.flatnonzero(state.solution.basis == first + k)
+        deviation = float(np.sqrt(state.covariance[where[0], where[0]])) if len(where) else float("nan")
+        joint = names[next(iter(extra.rows)).joint]
+        value = float(state.solution.values[first + k])
+        found.append(Nuisance(extra.name, joint, {"delay": value}, {"delay": deviation}))
+    return tuple(found)
+
+
+def _unexplained(
+    state: State, rows: Sequence[RowState], remaining: Sequence[Candidate]
+) -> tuple[Unexplained, ...]:
+    names = state.log.model.robot.joint_names
+    found = []
+    for item in rows:
+        if item.ratio <= UNEXPLAINED:
+            continue
+        joint = names.index(item.joint)
+        organised = organise(state, Row("sum" if item.rows == "sum" else "motor", joint))
+        best = organised[0] if organised else Organised("none", 0.0)
+        near = tuple(
+            (
+                c.effect.name,
+                None if c.effect.whole_robot else names[c.effect.joint],
+                1.0 - float(np.exp(-2.0 * c.gain.likelihood / max(c.gain.count, 1))),
+            )
+            for c in remaining
+            if c.effect.joint == joint or c.effect.whole_robot
+        )[:3]
+        kind = "link" if item.rows == "sum" and _quiet(rows, item.joint) else item.rows
+        found.append(Unexplained(item.joint, kind, best.variable, best.share, item.rms, item.ratio, near))
+    return tuple(found)
+
+
+def _quiet(rows: Sequence[RowState], joint: str) -> bool:
+    """Whether the motor row of a joint is at its floor (so that a high sum row means the link side)."""
+    motor = [r.ratio for r in rows if r.joint == joint and r.rows == "motor"]
+    return bool(motor) and motor[0] <= UNEXPLAINED
+
+
+def moved(before: State, after: State) -> tuple[Moved, ...]:
+    """Return the base parameters with their shift in standard deviations, largest first."""
+    base = before.log.base
+    transform = np.concatenate([base.transform, np.zeros((base.count, after.triangles.extras))], axis=1)
+    part = transform[:, after.solution.basis]
+    deviation = np.sqrt(np.maximum(np.diag(part @ after.covariance @ part.T), 0.0))
+    old, new = base.transform @ before.standard, base.transform @ after.standard
+    known = after.solution.estimable(transform)
+    shifts = [
+        Moved(name, float(a), float(b), float((b - a) / d))
+        for name, a, b, d, k in zip(base.names, old, new, deviation, known, strict=True)
+        if k and d > 0
+    ]
+    return tuple(sorted(shifts, key=lambda m: -abs(m.deviations)))
+
+
+def _floored(errors: Mapping[str, JointError], state: State) -> dict[str, JointError]:
+    names = state.log.model.robot.joint_names
+    return {
+        name: replace(
+            e,
+            floor=state.floor.rms.get(Row("sum", names.index(name))),
+            spring_floor=state.floor.rms.get(Row("motor", names.index(name))),
+        )
+        for name, e in errors.items()
+    }
+
+
+def _spans(log: Log, chosen: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+    t = log.observation.t
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(int), [0]])))
+    return tuple((float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True))
+
+

@@ -1,0 +1,152 @@
+"""The present model during a search: its effects, its fit to the training stretches, and the noise it is judged by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.base import BaseParameters
+from elid_cli.covariance import sandwich
+from elid_cli.diagnosis.projected import Projected, project
+from elid_cli.diagnosis.stretches import FOLDS
+from elid_cli.diagnosis.whitening import whiteners
+from elid_cli.effects import extra_of, scene_of
+from elid_cli.floor import Floor, noise_floor
+from elid_cli.model import Model, Row
+from elid_cli.nuisance import DELAY, delay_columns, significant
+from elid_cli.observation import Observation
+from elid_cli.reduction import Extra, Triangles, reduce
+from elid_cli.signals import Signals
+from elid_cli.solve import Solution, reweighted
+from elid_cli.terms.effect import Effect, Scene
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log and its division; everything that stays the same during a search."""
+
+    model: Model
+    base: BaseParameters
+    signals: Signals
+    observation: Observation
+    fold: NDArray[np.intp]
+    """Fold of every instant, -1 where held out, (M,)."""
+
+    @property
+    def training(self) -> Observation:
+        """Return the observation with the held-out stretches masked."""
+        return self.observation.only(self.fold >= 0)
+
+
+@dataclass(frozen=True)
+class State:
+    """A model with its fit."""
+
+    log: Log
+    effects: tuple[Effect, ...]
+    nuisances: tuple[Extra, ...]
+    columns: tuple[Extra, ...]
+    """Columns of the effects, in their order."""
+    triangles: Triangles
+    solution: Solution
+    scene: Scene
+
+    @property
+    def extras(self) -> tuple[Extra, ...]:
+        """All columns beyond the standard parameters: nuisances first, then effects."""
+        return (*self.nuisances, *self.columns)
+
+    @property
+    def standard(self) -> Array:
+        """Return a representative of the standard parameters, (p,)."""
+        return self.solution.values[: self.log.model.parameters]
+
+    def place(self, number: int) -> slice:
+        """Return where the coefficients of effect `number` stand in the solution."""
+        first = self.log.model.parameters + sum(e.width for e in (*self.nuisances, *self.columns[:number]))
+        return slice(first, first + self.columns[number].width)
+
+    def coefficients(self, number: int) -> Array:
+        """Return the fitted coefficients of an effect, (d,)."""
+        return self.solution.values[self.place(number)]
+
+    def named(self, number: int) -> dict[str, float]:
+        """Return an effect's parameters as reports name them."""
+        return self.effects[number].named(self.scene, self.coefficients(number))
+
+    @property
+    def delays(self) -> dict[int, float]:
+        """Return the torque delay that is corrected, s, by joint."""
+        first = self.log.model.parameters
+        return {
+            next(iter(extra.rows)).joint: float(self.solution.values[first + k])
+            for k, extra in enumerate(self.nuisances)
+            if extra.name == DELAY
+        }
+
+    @cached_property
+    def floor(self) -> Floor:
+        """Propagated sensor noise at this model's parameters."""
+        return noise_floor(self.log.model, self.log.signals, self.log.observation, self.standard)
+
+    @cached_property
+    def projected(self) -> Projected:
+        """Whitened problem in which further effects are scored, training stretches only."""
+        training = self.log.training
+        return project(
+            training, self.extras, self.solution, whiteners(training, self.floor), self.log.fold, FOLDS
+        )
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the solution's basis, (r, r)."""
+        return sandwich(self.log.training, self.solution, self.extras)
+
+    def rms(self, row: Row) -> float:
+        """Return the training residual rms of a row group, N·m."""
+        return self.triangles.rms(self.solution.values, row)
+
+    def ratios(self) -> dict[Row, float]:
+        """Return residual over floor of every row group (training stretches)."""
+        least = {row: 2e-4 * self.triangles.torque_rms(row) for row in self.triangles.rows}
+        return {row: self.rms(row) / max(self.floor.rms[row], least[row]) for row in self.triangles.rows}
+
+
+def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None) -> State:
+    """Fit the model with some effects to the training stretches.
+
+    Parameters
+    ----------
+    log
+        The log and its division.
+    effects
+        Effects with their shapes.
+    scene
+        Scene from which the effects' columns are computed; None: made from a fit without effects.
+    """
+    training = log.training
+    if scene is None:
+        plain = reduce(training, (), log.fold)
+        scene = scene_of(log.model, log.signals, reweighted(plain, log.base.count).values[: log.model.parameters])
+    columns = tuple(extra_of(effect, scene, log.signals) for effect in effects)
+    delays = [] if any(e.name == DELAY for e in effects) else delay_columns(training)
+    if delays:
+        extras = [*delays, *columns]
+        trial = reweighted(reduce(training, extras, log.fold), log.base.count + sum(e.width for e in extras))
+        kept = significant(training, trial, extras, log.signals)
+        delays = [extra for extra in delays if any(extra is k for k in kept)]
+    extras = [*delays, *columns]
+    triangles = reduce(training, extras, log.fold)
+    solution = reweighted(triangles, log.base.count + sum(e.width for e in extras))
+    return State(log, tuple(effects), tuple(delays), columns, triangles, solution, scene)
+
+
+def refreshed(state: State) -> State:
+    """Return the state with the scene (load, prediction) recomputed from its own parameters, and fitted again."""
+    return fit(state.log, state.effects, scene_of(state.log.model, state.log.signals, state.standard))

@@ -1,0 +1,157 @@
+"""Row triage: which side of the transmission a residual sits on, in words, and what it organises against."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.diagnosis.state import State
+from elid_cli.model import Row
+
+Array = NDArray[np.float64]
+
+HIGH = 1.3
+"""Residual over floor above which a row counts as high."""
+_BINS = 24
+
+
+@dataclass(frozen=True)
+class RowState:
+    """Residual of one row group against its floor (training stretches)."""
+
+    joint: str
+    rows: str
+    rms: float
+    share: float
+    """rms over the rms of the torque."""
+    ratio: float
+    """rms over the noise floor."""
+
+
+@dataclass(frozen=True)
+class Organised:
+    """How much of a row's residual variance follows one variable."""
+
+    variable: str
+    share: float
+
+
+def rows_of(state: State) -> tuple[RowState, ...]:
+    """Return residual, share of torque and ratio to the floor of every row group."""
+    ratios = state.ratios()
+    names = state.log.model.robot.joint_names
+    return tuple(
+        RowState(
+            names[row.joint], row.kind, state.rms(row), state.rms(row) / state.triangles.torque_rms(row), ratios[row]
+        )
+        for row in state.triangles.rows
+    )
+
+
+def words(rows: tuple[RowState, ...]) -> tuple[str, ...]:
+    """Return one sentence per joint whose residual is above the floor (METHODS: row triage)."""
+    ratio = {(r.joint, r.rows): r.ratio for r in rows}
+    joints = list(dict.fromkeys(r.joint for r in rows))
+    sentences = []
+    high_sum = [j for j in joints if ratio.get((j, "sum"), 0) > HIGH]
+    for joint in joints:
+        total, motor = ratio.get((joint, "sum"), 0.0), ratio.get((joint, "motor"))
+        if motor is None:
+            if total > HIGH:
+                sentences.append(f"{joint}: torque row {total:.1f} times its floor (rigid joint: one row)")
+        elif motor > HIGH >= total:
+            sentences.append(f"{joint}: spring path: motor row {motor:.1f} times its floor, sum row at the floor")
+        elif motor > HIGH and total > HIGH:
+            sentences.append(
+                f"{joint}: motor side or torque channel: sum row {total:.1f} and motor row {motor:.1f} times the floor"
+            )
+        elif total > HIGH:
+            sentences.append(f"{joint}: link side: sum row {total:.1f} times its floor, motor row at the floor")
+    if len(high_sum) > 1:
+        sentences.append(f"several joints at once ({', '.join(high_sum)}): payload, gravity, contact or the base, too")
+    return tuple(sentences)
+
+
+def organise(state: State, row: Row) -> list[Organised]:
+    """Return what a row's residual follows, strongest first: binned means, and the strongest spectral line.
+
+    The share is the part of the variance between bins, corrected for the number of bins and the residual's own
+    correlation, so that noise gives about 0.
+    """
+    training = state.log.training
+    group = training.group(row)
+    use = group.use
+    residual = _residual(state, row)[use]
+    total = float(np.sum(residual**2))
+    if total <= 0 or len(residual) < 4 * _BINS:
+        return []
+    independent = max(len(residual) * _white_share(residual), 4.0 * _BINS)
+    found = [
+        Organised(name, _between(residual, values[use], total, independent))
+        for name, values in variables(state, row.joint).items()
+    ]
+    found.append(_line(residual, total, state.log.signals.rate))
+    return sorted((o for o in found if o.share > 0), key=lambda o: -o.share)
+
+
+def variables(state: State, joint: int) -> dict[str, Array]:
+    """Return what a residual may follow, at the observation's instants, each (M,)."""
+    signals = state.log.signals
+    motion, outputs = signals.motion, signals.outputs
+    robot = state.log.model.robot
+    result = {
+        "dtheta": motion.dtheta[outputs, joint],
+        "theta": motion.theta[outputs, joint],
+        "ddtheta": motion.ddtheta[outputs, joint],
+        "tau": state.log.observation.tau[joint],
+        "t": state.log.observation.t,
+    }
+    if robot.joints[joint].elastic:
+        result["deflection"] = motion.q[outputs, joint] - motion.theta[outputs, joint]
+        result["deflection_rate"] = motion.dq[outputs, joint] - motion.dtheta[outputs, joint]
+    for other in range(robot.n):
+        if other != joint and not signals.still[other]:
+            result[f"theta of {robot.joint_names[other]}"] = motion.theta[outputs, other]
+            result[f"dtheta of {robot.joint_names[other]}"] = motion.dtheta[outputs, other]
+    return result
+
+
+def _residual(state: State, row: Row) -> Array:
+    from elid_cli.covariance import residuals
+
+    return residuals(state.log.observation, state.solution.values, state.extras)[(row.kind, row.joint)]
+
+
+def _between(residual: Array, values: Array, total: float, independent: float) -> float:
+    order = np.argsort(values, kind="stable")
+    bins = np.array_split(residual[order], _BINS)
+    between = sum(len(b) * float(np.mean(b)) ** 2 for b in bins) / total
+    # under noise alone the between share is about bins / independent samples
+    expected = _BINS / independent
+    return (between - expected) / max(1.0 - expected, 1e-9)
+
+
+def _white_share(residual: Array) -> float:
+    centred = residual - residual.mean()
+    power = float(centred @ centred)
+    rho = [float(centred[k:] @ centred[:-k]) / power for k in range(1, 12)] if power > 0 else [0.0]
+    return 1.0 / (1.0 + 2.0 * sum(max(r, 0.0) for r in rho))
+
+
+def _line(residual: Array, total: float, rate: float) -> Organised:
+    spectrum = np.abs(np.fft.rfft(residual * np.hanning(len(residual)))) ** 2
+    frequency = np.fft.rfftfreq(len(residual), 1.0 / rate)
+    spectrum[frequency < 0.5] = 0.0
+    peak = int(np.argmax(spectrum))
+    near = slice(max(peak - 3, 0), peak + 4)
+    share = float(spectrum[near].sum() / max(spectrum.sum(), 1e-300))
+    background = 7.0 / max(len(spectrum), 1)
+    return Organised(f"frequency {frequency[peak]:.1f} Hz", max(share - 4 * background, 0.0))
+
+
+def summary(organised: Mapping[str, list[Organised]]) -> dict[str, str]:
+    """Return the strongest variable per row in words."""
+    return {row: f"{o[0].variable} ({o[0].share:.0%})" for row, o in organised.items() if o}
