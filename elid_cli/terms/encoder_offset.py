@@ -1,0 +1,54 @@
+"""Encoder offset: motor and link encoders disagree by a constant angle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.terms.effect import Columns, Effect, Parameter, Scene
+from elid_cli.terms.rows import spring_rows
+
+Array = NDArray[np.float64]
+
+
+class EncoderOffset(Effect):
+    """A constant in the deflection that is no deflection."""
+
+    name = "encoder_offset"
+    summary = "zeros of motor and link encoder that do not agree"
+    equation = "link row: +K offset, motor row: the same with -"
+    physics = "The two encoders were zeroed at different times, or under load, so that their difference has a constant."
+    typical = "0.1-5 mrad"
+    fingerprint = "motor row shifted by a constant with the sum row at its floor"
+    record = "anything that moves; a torque offset would shift the sum row as well"
+    place = "encoder"
+    elastic_only = True
+    amplitudes = (Parameter("offset", "rad", "what the motor encoder reads too much, the link's taken as true"),)
+    twins = ("torque_offset", "asymmetric_coulomb")
+    simulated = "log"
+
+    def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
+        """Return the offset: the coefficient is K times it."""
+        return {"offset": float(coefficients[0]) / float(scene.stiffness[self.joint])}
+
+    @classmethod
+    def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
+        """Invert `named`."""
+        return np.array([values["offset"] * float(scene.stiffness[joint])]), ()
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether the offset is a small angle (of a sliding joint: a small distance), by K a positive one."""
+        return abs(values["offset"]) < 0.3 and not scene.stiffness[joint] <= 0
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the constant in both rows of the transmission."""
+        return spring_rows(self.joint, np.ones(scene.samples))
+
+    def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
+        """Return the motor's position as logged."""
+        theta = np.array(signals["theta"])
+        theta[:, self.joint] += values["offset"]
+        return {"theta": theta}

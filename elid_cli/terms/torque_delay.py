@@ -1,0 +1,46 @@
+"""Torque delay: the logged torque is ahead of the one that acts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.terms.effect import Columns, Effect, Parameter, Scene
+from elid_cli.terms.rows import derivative, motor_row
+from elid_cli.terms.shifted import shifted
+
+Array = NDArray[np.float64]
+
+
+class TorqueDelay(Effect):
+    """A time shift between the torque channel and the position channels."""
+
+    name = "torque_delay"
+    summary = "torque that acts later than logged"
+    equation = "motor row: delay dτ/dt, that is τ(t - delay) acts at t"
+    physics = (
+        "The log holds the commanded torque; current loop, amplifier and zero-order hold deliver it later (half a"
+        " sample at least)."
+    )
+    typical = "half a sample to 8 ms"
+    fingerprint = "motor and sum rows, along the torque's own rate of change"
+    record = "fast torque changes; a transmission damper shows in the motor row only, a delay in the sum row as well"
+    place = "torque"
+    amplitudes = (Parameter("delay", "s", "time from a logged torque to its effect", low=-1e-4, high=0.1),)
+    twins = ("transmission_damping",)
+    simulated = "log"
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the torque's derivative in the motor row: model + delay dτ/dt = τ."""
+        key = ("torque rate", self.joint)
+        if key not in scene.cache:
+            scene.cache[key] = derivative(scene.tau[:, self.joint], scene.dt, scene.starts)
+        return motor_row(self.joint, scene.cache[key])
+
+    def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
+        """Return the torque as logged: ahead of the one that acts."""
+        tau = np.array(signals["tau"])
+        tau[:, self.joint] = shifted(tau[:, self.joint], values["delay"] / dt)
+        return {"tau": tau}

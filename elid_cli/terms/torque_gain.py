@@ -1,0 +1,52 @@
+"""Torque gain: the torque channel is off by a factor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.robot import Robot
+from elid_cli.terms.effect import Columns, Effect, Parameter, Scene
+from elid_cli.terms.rows import motor_row
+
+Array = NDArray[np.float64]
+
+
+class TorqueGain(Effect):
+    """A torque constant that differs from the one the log was scaled with.
+
+    The column is the torque that the model predicts. The measured one would explain everything by itself, with
+    every parameter at 0 and a gain of -1.
+    """
+
+    name = "torque_gain"
+    summary = "torque constant off by a factor, against the other joints"
+    equation = "motor row: gain τ_predicted, that is τ_logged = (1 + gain) τ"
+    physics = "Torque constants scatter by a few per cent and fall as the magnets warm; current sensors have gains."
+    typical = "±3-10 %"
+    fingerprint = "motor and sum rows of one joint, proportional to its torque"
+    record = (
+        "motion in which joints load each other; a factor common to all joints scales every parameter and no log shows"
+        " it, so that a gain is always one against the others"
+    )
+    place = "torque"
+    amplitudes = (Parameter("gain", "1", "share by which the logged torque is too large", low=-0.6, high=1.5),)
+    twins = ("load_friction",)
+    simulated = "log"
+
+    @classmethod
+    def applies(cls, robot: Robot, joint: int) -> bool:
+        """Whether there is another joint to compare with."""
+        return robot.n > 1
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the predicted torque in the motor row."""
+        return motor_row(self.joint, scene.predicted[:, self.joint])
+
+    def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
+        """Return the torque as logged."""
+        tau = np.array(signals["tau"])
+        tau[:, self.joint] *= 1.0 + values["gain"]
+        return {"tau": tau}
