@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.errors import LogError
+from elid_cli.errors import LogError, nearest
 from elid_cli.logs.raw import RawLog
 from elid_cli.logs.resolve import Plan
 from elid_cli.robot import Robot
@@ -117,19 +117,23 @@ class _Fault:
         placement = self.plan.placements.get(signal)
         need = f"{self.robot.name!r} needs {signal} ({MEANING[signal]})" + (f" of {joint}" if joint else "")
         if placement is None:
-            reason = self.plan.reasons.get(signal, "")
+            reasons = self.plan.reasons
+            reason = "; ".join(dict.fromkeys(reasons[s] for s in (signal, "q") if s in reasons))
             return f"{need}; {reason + '; ' if reason else ''}{self._contents()}"
         sources = {pick.source for pick in placement.picks}
         labels = dict.fromkeys(
             label for channel in self.raw.channels if channel.source in sources for label in channel.labels
         )
+        close = nearest(joint, labels) if joint else None
         seen = f"which names {' '.join(labels)}" if labels else "which holds no numbers for it"
+        seen += f" (nearest: {close})" if close else ""
         if joint in labels:
             seen = "which is empty, NaN or zero for it"
         return f"{need}; it is read from {placement.places}, {seen}"
 
     def _contents(self) -> str:
-        named = list(dict.fromkeys(channel.address for channel in self.raw.channels))
+        shown = [channel for channel in self.raw.channels if not channel.field.endswith("sec")]
+        named = list(dict.fromkeys(c.address if c.width else f"{c.source} (not decoded: {c.kind})" for c in shown))
         more = f" and {len(named) - LISTED} more" if len(named) > LISTED else ""
         return f"the log holds {', '.join(named[:LISTED])}{more}" if named else "the log holds no channels"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -23,6 +23,8 @@ SHORTEST = 20
 COVERED = 0.9
 """Share of the samples that an optional signal has to cover to be kept."""
 NAMED_GAPS = 3
+DENSE = 0.8
+"""Share of numbers in a column below which it has stamps of its own rather than missing values."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +67,9 @@ def align(streams: Sequence[Sampled], joints: Sequence[str], name: str) -> Align
         If the time of the required signals never advances or no usable stretch is left.
     """
     repairs: list[str] = []
-    tracks = [
-        track for lines in [_timelines(streams, repairs, name)] for track in _tracks(streams, lines, joints, repairs)
-    ]
+    whole = [piece for stream in streams for piece in _without_holes(stream, repairs)]
+    lines = _timelines(whole, repairs, name)
+    tracks = [track for stream in whole for track in _tracks(stream, lines[id(stream)], joints, repairs)]
     required = [track for track in tracks if track.signal in REQUIRED]
     if not required:
         raise LogError(f"{name}: no usable samples", detail="theta, q and tau hold no numbers")
@@ -81,31 +83,56 @@ def align(streams: Sequence[Sampled], joints: Sequence[str], name: str) -> Align
     return _cut(signals, grid, mask, repairs, name)
 
 
-def _timelines(streams: Sequence[Sampled], repairs: list[str], name: str) -> dict[int, Timeline]:
-    """Return one timeline per clock array; equal arrays share one."""
-    groups: dict[int, list[Sampled]] = {}
+def _without_holes(stream: Sampled, repairs: list[str]) -> Iterator[Sampled]:
+    """Yield a stream without the rows that hold nothing for it; columns with stamps of their own become streams.
+
+    A topic may be shared by publishers that each know some joints, a CSV table by channels of different rates.
+    """
+    if np.isfinite(stream.values.sum()) and np.isfinite(stream.values).all():
+        yield stream
+        return
+    finite = np.isfinite(stream.values)
+    groups: dict[bytes, list[int]] = {}
+    for k in range(len(stream.joints)):
+        share = np.count_nonzero(finite[:, k]) / max(finite.shape[0], 1)
+        if share > 0:
+            groups.setdefault(finite[:, k].tobytes() if share < DENSE else b"", []).append(k)
+    for columns in groups.values():
+        held = finite[:, columns].any(axis=1)
+        missing = held.size - np.count_nonzero(held)
+        if 0 < missing < (1 - DENSE) * held.size:
+            repairs.append(f"{stream.signal}: {missing} of {held.size} samples hold no number, left out")
+        t, values = (stream.t[held], stream.values[held]) if missing else (stream.t, stream.values)
+        chosen = values if len(columns) == len(stream.joints) else values[:, columns]
+        yield Sampled(stream.signal, tuple(stream.joints[k] for k in columns), chosen, t)
+
+
+def _timelines(streams: Sequence[Sampled], repairs: list[str], name: str) -> dict[int, Timeline | None]:
+    """Return the timeline of every stream (by identity); equal clocks share one. None: its time never advances."""
+    groups: list[list[Sampled]] = []
     for stream in streams:
-        twin = next((key for key, members in groups.items() if _same(members[0].t, stream.t)), id(stream.t))
-        groups.setdefault(twin, []).append(stream)
-    lines: dict[int, Timeline] = {}
+        twin = next((group for group in groups if _same(group[0].t, stream.t)), None)
+        if twin is None:
+            groups.append([stream])
+        else:
+            twin.append(stream)
+    lines: dict[int, Timeline | None] = {}
     shifts: tuple[tuple[float, float], ...] = ()
-    for members in groups.values():
+    for members in groups:
         label = "/".join(dict.fromkeys(stream.signal for stream in members)) if len(groups) > 1 else "time"
         judge = next((stream for stream in members if stream.signal in ("theta", "q")), members[0])
         line = build(judge.t, judge.values, label, shifts)
-        if line is None:
-            if any(stream.signal in REQUIRED for stream in members):
-                raise LogError(
-                    f"{name}: time never advances" if judge.t.size > 1 else f"{name}: {judge.t.size} samples",
-                    detail=f"the stamps of {label} hold a single instant in {judge.t.size} samples",
-                    hint="name another clock: --map t=stamp, --time log, or --rate 1000",
-                )
-            continue
-        line = regularised(line, judge.values, label)
-        repairs.extend(line.repairs)
-        shifts = shifts or line.shifts
-        for stream in members:
-            lines[id(stream.t)] = line
+        if line is None and any(stream.signal in REQUIRED for stream in members):
+            raise LogError(
+                f"{name}: time never advances" if judge.t.size > 1 else f"{name}: {judge.t.size} samples",
+                detail=f"the stamps of {label} hold a single instant in {judge.t.size} samples",
+                hint="name another clock: --map t=stamp, --time log, or --rate 1000",
+            )
+        if line is not None:
+            line = regularised(line, judge.values, label)
+            repairs.extend(line.repairs)
+            shifts = shifts or line.shifts
+        lines.update((id(stream), line) for stream in members)
     return lines
 
 
@@ -113,47 +140,26 @@ def _same(a: Array, b: Array) -> bool:
     return a is b or (a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True)))
 
 
-def _tracks(
-    streams: Sequence[Sampled], lines: Mapping[int, Timeline], joints: Sequence[str], repairs: list[str]
-) -> Iterator[_Track]:
-    """Yield the streams without their missing values: columns that miss the same samples stay together."""
-    for stream in streams:
-        line = lines.get(id(stream.t))
-        if line is None:
-            continue
-        if np.isfinite(stream.values.sum()) and np.isfinite(stream.values).all():
-            yield _Track(stream.signal, stream.joints, stream.values, line)
-            continue
-        finite = np.isfinite(stream.values)
-        groups: dict[bytes, list[int]] = {}
-        for k in range(len(stream.joints)):
-            groups.setdefault(finite[:, k].tobytes(), []).append(k)
-        for columns in groups.values():
-            held = finite[:, columns[0]]
-            if not held.any():
-                continue
-            sub = line if held.all() else line.subset(held)
-            if sub.t.size < 2:
-                continue
-            missing = held.size - np.count_nonzero(held)
+def _tracks(stream: Sampled, line: Timeline | None, joints: Sequence[str], repairs: list[str]) -> Iterator[_Track]:
+    """Yield a stream without its sporadic missing values: columns that miss the same samples stay together."""
+    if line is None:
+        return
+    if np.isfinite(stream.values.sum()) and np.isfinite(stream.values).all():
+        yield _Track(stream.signal, stream.joints, stream.values, line)
+        return
+    finite = np.isfinite(stream.values)
+    groups: dict[bytes, list[int]] = {}
+    for k in range(len(stream.joints)):
+        groups.setdefault(finite[:, k].tobytes(), []).append(k)
+    for columns in groups.values():
+        held = finite[:, columns[0]]
+        missing = held.size - np.count_nonzero(held)
+        if missing:
             who = " ".join(joints[stream.joints[k]] for k in columns)
-            if 0 < missing < 0.5 * held.size:
-                repairs.append(f"{stream.signal} of {who}: {missing} of {held.size} values are not numbers, left out")
-            elif missing:  # a column with stamps of its own
-                sub = replace(sub, dt=_own_dt(sub))
-                sub = Timeline(sub.t, sub.rows, sub.dt, _rebreak(sub), sub.repairs, sub.shifts)
+            repairs.append(f"{stream.signal} of {who}: {missing} of {held.size} values are not numbers, left out")
+        sub = line.subset(held) if missing else line
+        if sub.t.size >= 2:
             yield _Track(stream.signal, tuple(stream.joints[k] for k in columns), stream.values[:, columns], sub)
-
-
-def _own_dt(line: Timeline) -> float:
-    from elid_cli.logs.timeline import sample_time
-
-    return sample_time(line.t)
-
-
-def _rebreak(line: Timeline) -> NDArray[np.intp]:
-    wide = np.flatnonzero(np.diff(line.t) > (fill_limit(line.dt) + 1.5) * line.dt) + 1
-    return np.concatenate([[0], wide]).astype(np.intp)
 
 
 def _assemble(tracks: Sequence[_Track], grid: Grid, n: int, leader: _Track, repairs: list[str]) -> dict[str, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from elid_cli.errors import nearest
@@ -153,15 +153,29 @@ def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel
         near = nearest(source, by_source)
         return f"the log has no {source!r}" + (f" (nearest: {near!r})" if near else "")
     fields = {channel.field: channel for channel in found}
-    if field in fields:
-        return fields[field]
-    if not field:
+    if field:
+        near = _field_like(field, fields)
+        if near is not None:
+            return fields[near]
+    else:
         if DEFAULT_FIELDS[spec.signal] in fields:
             return fields[DEFAULT_FIELDS[spec.signal]]
         if len(found) == 1:
             return found[0]
     wanted = field or DEFAULT_FIELDS[spec.signal]
-    return f"{found[0].source} has no field {wanted!r}, only {', '.join(fields)}"
+    named = [name for name in fields if name and not name.endswith("sec")]
+    held = f"only {', '.join(named)}" if named else f"it cannot be decoded: {found[0].kind}"
+    return f"{found[0].source} has no field {wanted!r}, {held}"
+
+
+def _field_like(field: str, fields: Iterable[str]) -> str | None:
+    """Return the field that a path names: itself, an interface by its full path, or the only path that contains it."""
+    interface = field.removeprefix("interface_values.")
+    for exact in (field, interface):
+        if exact in fields:
+            return exact
+    holding = [path for path in fields if path.startswith(f"{field}.") or path.endswith(f".{field}")]
+    return holding[0] if len(holding) == 1 else None
 
 
 def _columns(spec: SignalMap, channel: Channel, robot: Robot) -> tuple[tuple[int | str, ...], tuple[int, ...]] | str:

@@ -1,0 +1,220 @@
+"""MCAP: every container, encoding and schema gives the same numbers as the official decoder, bit for bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_logs import JOINTS, ROBOT, like, read, recording, same
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from mcap_made import DYNAMIC, PLAIN, ROBOT_STATE, Bag, add_recording, canonical, joint_state
+from mcap_ros2.decoder import DecoderFactory
+
+from elid_cli.errors import LogError
+from elid_cli.logs import read_recording
+from elid_cli.logs.mcap_log import McapLog
+from elid_cli.logs.raw import Pick
+from elid_cli.logs.source import open_source
+
+BASE = recording(400)
+CONTAINERS = {
+    "zstd": {},
+    "lz4": {"compression": CompressionType.LZ4},
+    "none": {"compression": CompressionType.NONE},
+    "one chunk": {"chunk_size": 1 << 24},
+    "small chunks": {"chunk_size": 500},
+    "without chunks": {"use_chunking": False},
+    "without index": PLAIN,
+    "without chunks or index": {"use_chunking": False, **PLAIN},
+    "json": {"encoding": "json"},
+}
+
+
+def load(path: Path, *wanted: tuple[str, str, tuple[int | str, ...]]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Return values and log times of (topic, field, columns)."""
+    source = open_source(path)
+    log = McapLog(source.name, [source])
+    streams = log.load([Pick(*pick) for pick in wanted])
+    return [s.values for s in streams], [s.clocks["header stamp"] for s in streams]
+
+
+@pytest.mark.parametrize("name", CONTAINERS)
+def test_every_container_holds_the_same_log(tmp_path: Path, name: str) -> None:
+    got = read(canonical(tmp_path / "log.mcap", BASE, **CONTAINERS[name]))
+    same(got, BASE)
+    assert got.samples == 400
+    assert got.repairs == ()
+
+
+def test_joint_orders_frames_and_lengths_may_change_at_any_message(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    bag = Bag(chunk_size=3000)
+    bag.topic("/js")
+    names = ["a", "b", "c", "d"]
+    for k in range(300):
+        order = list(rng.permutation(4)) if k % 7 == 0 else list(range(4))
+        count = 2 if k % 11 == 0 else 4
+        chosen = [names[j] for j in order[:count]]
+        frame = "x" * int(rng.integers(0, 6)) if k % 3 == 0 else f"frame{k}"
+        values = rng.standard_normal((3, count))
+        velocity = values[1] if k % 5 else ()
+        bag.add("/js", k * 1000, joint_state(k * 1000 + 5, chosen, values[0], velocity, values[2], frame))
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    columns = tuple(names)
+    fields = ("position", "velocity", "effort")
+    got, stamps = load(path, *(("/js", field, columns) for field in fields))
+    with path.open("rb") as stream:
+        decoded = [m[3] for m in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()]
+    for field, values in zip(fields, got, strict=True):
+        wanted = np.full((300, 4), np.nan)
+        for row, message in enumerate(decoded):
+            for name, value in zip(message.name, getattr(message, field), strict=False):
+                wanted[row, names.index(name)] = value
+        assert np.array_equal(values, wanted, equal_nan=True)
+    assert stamps[0].tolist() == [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in decoded]
+
+
+def test_dynamic_joint_states_by_interface_name(tmp_path: Path) -> None:
+    bag = Bag()
+    bag.topic("/dynamic", "control_msgs/msg/DynamicJointState", DYNAMIC)
+    for row, t in enumerate(np.rint(BASE.t * 1e9).astype(int).tolist()):
+        message = joint_state(t + 10**9, list(JOINTS), ())
+        message["joint_names"] = list(reversed(JOINTS))
+        message["interface_values"] = [
+            {
+                "interface_names": ["motor_position", "position", "torque"][: 3 if joint != "" else 2],
+                "values": [BASE.theta[row, j], BASE.q[row, j], BASE.tau[row, j]],
+            }
+            for j, joint in reversed(list(enumerate(JOINTS)))
+        ]
+        bag.add("/dynamic", t, message)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    mapping = {
+        "q": {"from": "/dynamic", "field": "position"},
+        "theta": {"from": "/dynamic", "field": "interface_values.motor_position"},
+        "tau": "/dynamic.torque",
+    }
+    same(read(path, mapping=mapping), BASE)
+
+
+def test_custom_messages_by_dotted_path(tmp_path: Path) -> None:
+    bag = Bag()
+    bag.topic("/state", "arm_msgs/msg/RobotState", ROBOT_STATE)
+    for row, t in enumerate(np.rint(BASE.t * 1e9).astype(int).tolist()):
+        header = joint_state(t + 10**9, [], ())["header"]
+        state = {"header": header, "mode": 1, "o_t_ee": [float(x) for x in range(16)]}
+        state |= {"q": BASE.q[row].tolist(), "theta": BASE.theta[row].tolist(), "tau_j": BASE.tau[row].tolist()}
+        bag.add("/state", t, state)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    got = read(path, mapping={"q": "/state.q", "theta": "/state.theta", "tau": "/state.tau_j"})
+    same(got, BASE, signals=("q", "theta"))
+    assert np.array_equal(got.tau, BASE.tau.astype(np.float32))
+    assert any("no names" in note for note in got.notes)
+
+
+@pytest.mark.parametrize(("language", "shown"), [("ros2idl", "module sensor_msgs { };"), ("", ""), ("ros2msg", "")])
+def test_known_types_are_read_by_name_without_their_schema(tmp_path: Path, language: str, shown: str) -> None:
+    bag = Bag()
+    for topic in ("/joint_states", "/motor_states"):
+        bag.topic(topic, language=language, shown=shown)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(add_recording(bag, BASE).bytes())
+    same(read(path), BASE)
+
+
+def test_other_types_are_named_with_what_was_expected(tmp_path: Path) -> None:
+    bag = Bag()
+    bag.topic("/joint_states", "arm_msgs/msg/Unknown", ROBOT_STATE, language="ros2idl", shown="module x {};")
+    state = {"q": [0.0] * 3, "theta": [0.0] * 3, "tau_j": [0.0] * 3, "mode": 0, "o_t_ee": [0.0] * 16}
+    bag.add("/joint_states", 1, {"header": joint_state(1, [], ())["header"], **state})
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    with pytest.raises(LogError) as caught:
+        read(path)
+    assert "arm_msgs/msg/Unknown" in str(caught.value)
+    assert "ros2msg" in str(caught.value)
+
+
+def test_zero_header_stamps_give_way_to_the_log_time(tmp_path: Path) -> None:
+    bag = Bag()
+    for topic in ("/joint_states", "/motor_states"):
+        bag.topic(topic)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(add_recording(bag, BASE, header=False).bytes())
+    got = read(path)
+    same(got, BASE)
+    assert any("log time" in note for note in got.notes)
+
+
+def test_the_clock_can_be_chosen(tmp_path: Path) -> None:
+    path = canonical(tmp_path / "log.mcap", BASE)
+    same(read(path, time_source="log"), BASE)
+    same(read(path, time_source="header"), BASE)
+
+
+def test_several_publishers_may_share_a_topic(tmp_path: Path) -> None:
+    bag = Bag(chunk_size=2000)
+    for topic in ("/joint_states", "/motor_states"):
+        bag.topic(topic)
+    for row, t in enumerate(np.rint(BASE.t * 1e9).astype(int).tolist()):
+        stamp = t + 10**9
+        bag.add("/joint_states", t, joint_state(stamp, ["gripper"], [0.1 * row]))
+        bag.add("/joint_states", t, joint_state(stamp, list(JOINTS[:2]), BASE.q[row, :2]))
+        bag.add("/joint_states", t, joint_state(stamp, [JOINTS[2]], BASE.q[row, 2:]))
+        bag.add("/motor_states", t, joint_state(stamp, list(JOINTS), BASE.theta[row], effort=BASE.tau[row]))
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    same(read(path), BASE)
+
+
+def test_split_bags_are_one_log(tmp_path: Path) -> None:
+    pieces = [(0, 150), (150, 290), (290, 400)]
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    names = []
+    for k, (start, stop) in enumerate(pieces):
+        part = recording(400)
+        piece = Bag()
+        for topic in ("/joint_states", "/motor_states"):
+            piece.topic(topic)
+        cut = like(part, **{name: getattr(part, name)[start:stop] for name in ("t", "q", "theta", "tau")})
+        names.append(f"bag_{k + 9}.mcap")
+        (bag / names[-1]).write_bytes(add_recording(piece, cut).bytes())
+    for listed in (False, True):
+        if listed:
+            lines = "\n".join(f"    - {name}" for name in names)
+            (bag / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  relative_file_paths:\n{lines}\n")
+        got = read(bag)
+        same(got, BASE)
+        assert len(got.segments) == 1
+        assert got.samples == 400
+
+
+def test_a_whole_file_in_zstd_is_read(tmp_path: Path) -> None:
+    import zstandard
+
+    path = canonical(tmp_path / "log.mcap", BASE)
+    packed = tmp_path / "log.mcap.zstd"
+    packed.write_bytes(zstandard.ZstdCompressor().compress(path.read_bytes()))
+    same(read(packed), BASE)
+
+
+def test_a_bag_of_the_robot_with_other_names_lists_them(tmp_path: Path) -> None:
+    from elid_cli.robot import Joint, Robot
+
+    robot = Robot("other", (Joint("axis1"), Joint("axis2"), Joint("axis3")))
+    with pytest.raises(LogError) as caught:
+        read_recording([canonical(tmp_path / "log.mcap", BASE)], robot)
+    assert "shoulder elbow wrist" in str(caught.value)
+    assert caught.value.exit_code == 3
+    mapping = {
+        s: {"from": topic, "joints": dict(zip(robot.joint_names, JOINTS, strict=True))}
+        for s, topic in (("q", "/joint_states"), ("theta", "/motor_states"), ("tau", "/motor_states"))
+    }
+    same(read_recording([tmp_path / "log.mcap"], robot, mapping), BASE)
+    assert ROBOT.joint_names == JOINTS
