@@ -30,7 +30,8 @@ class Quantity:
     digits
         Significant digits, when `resolution` is not given.
     resolution
-        A standard deviation of the value, in the same unit: two digits of it decide the decimals.
+        A standard deviation of the value, in the same unit: its leading digit decides the decimals, or its leading
+        two where they are below 30, so that rounding never adds more than a sixth of it.
     tone
         How the cell should strike the eye.
     """
@@ -75,7 +76,7 @@ def cell_text(cell: Cell, *, unit: bool = True) -> str:
 
 
 def number_text(value: float | None, digits: int = 4, resolution: float | None = None) -> str:
-    """Return a number with `digits` significant digits, or as many decimals as two digits of `resolution` need.
+    """Return a number with `digits` significant digits, or as many decimals as `resolution` needs.
 
     Whole numbers keep all their digits up to 1e7, and get no decimals.
     """
@@ -87,7 +88,8 @@ def number_text(value: float | None, digits: int = 4, resolution: float | None =
         value = float(f"{value:.{digits - 1}e}") if abs(value) < 10 ** (digits - 1) else value
     magnitude = math.floor(math.log10(abs(value))) if value else 0
     if resolution and math.isfinite(resolution):
-        finest = math.floor(math.log10(abs(resolution))) - 1
+        leading = math.floor(math.log10(abs(resolution)))
+        finest = leading - 1 if abs(resolution) < 2.95 * 10.0**leading else leading
         digits = max(1, min(magnitude - finest + 1, 15))
         decimals = -finest
     elif isinstance(value, int):

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from elid_cli.commands import options
 from elid_cli.commands.group import verb
 from elid_cli.commands.options import Conditioning, Fit, Gates, Output, Reading
+
+if TYPE_CHECKING:
+    from elid_cli.estimate import Identification
+    from elid_cli.robot import Robot
 
 
 @verb("elid identify run07.mcap --robot puma560", "elid identify *.mcap --robot puma560 --write-robot mine.yaml")
@@ -42,7 +48,6 @@ def identify(
         check_writable(Path(write_robot))
     with progress(output, "reading") as advance:
         from elid_cli import estimate, robot_file
-        from elid_cli.refined import refined
         from elid_cli.reports.identification import identification_report
 
         machine = robot_file.read_robot(robot)
@@ -52,6 +57,18 @@ def identify(
         choice = estimate.EstimateOptions(estimator=fit.estimator, accurate=fit.accurate)
         found = estimate.identify(machine, signals, choice)
     if write_robot is not None:
-        robot_file.write_robot(refined(machine, found.standard, found.nuisances), write_robot)
+        robot_file.write_robot(_refined(found), write_robot)
     emit(identification_report(found, recording, robot), output)
     check_gates(gates, found.error, found.this_log)
+
+
+def _refined(found: Identification) -> Robot:
+    """Return the robot with what was found: values nearest to its own, nuisances as effects of the measurement."""
+    from elid_cli.refined import refined_robot, representative
+    from elid_cli.robot import EffectSpec
+
+    standard = representative(found.base, found.base.transform @ found.standard, found.robot.reference())
+    new = [EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances]
+    replaced = {(spec.effect, spec.joint) for spec in new}
+    kept = [spec for spec in found.robot.effects if (spec.effect, spec.joint) not in replaced]
+    return refined_robot(found.robot, standard, (*kept, *new))

@@ -96,13 +96,14 @@ def _word(kind: str | None) -> Cell:
 
 def reasons_table(found: Identification, shown: int = 12) -> list[Section]:
     """Return why parameters that the robot could identify are weak or missing; nothing where none is."""
-    lacking = {name: kind for name, kind in found.this_log.items() if kind in ("weak", "not excited")}
-    if not lacking:
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name, kind in found.this_log.items():
+        if kind in ("weak", "not excited"):
+            groups.setdefault((kind, found.reasons.get(name, "")), []).append(name)
+    if not groups:
         return []
     columns = (Column("parameter", "parameter"), Column("this_log", "this log"), Column("reason", "why"))
-    rows = tuple(
-        (name, Mark(kind, WORDS[kind][1]), found.reasons.get(name, "")) for name, kind in lacking.items()
-    )
+    rows = tuple((" ".join(names), Mark(kind, WORDS[kind][1]), reason) for (kind, reason), names in groups.items())
     return [Table("reasons", columns, rows, title="what this log cannot show", shown=shown)]
 
 

@@ -116,9 +116,9 @@ def base_table(found: Identification) -> Table:
         Column("name", "base parameter"),
         Column("estimate", "value", align="right"),
         Column("std_error", "± sd", align="right"),
-        Column("relative", "rel", align="right"),
+        Column("relative", "rel", "%", align="right"),
         Column("unit", "unit"),
-        *((Column("reference", "reference", align="right"), Column("off", "off", align="right")) if known else ()),
+        *((Column("reference", "ref", align="right"), Column("off", "off", "%", align="right")) if known else ()),
         Column("verdict", "verdict"),
     ]
     rows: list[tuple[Cell, ...]] = []
@@ -131,14 +131,20 @@ def base_table(found: Identification) -> Table:
             (
                 name,
                 Quantity(value, resolution=deviation),
-                Quantity(deviation, digits=2),
+                Quantity(deviation, resolution=deviation),
                 percent(deviation / abs(value) if value else None, 2),
                 found.base.units[k],
                 *reference,
-                verdict_mark(found.verdict[k]),
+                "" if found.verdict[k] == "supported" else verdict_mark(found.verdict[k]),
             )
         )
-    return Table("base_parameters", tuple(columns), tuple(rows), shown=SHOWN)
+    return Table("base_parameters", tuple(columns), tuple(rows), shown=SHOWN, note=_verdict_note(found))
+
+
+def _verdict_note(found: Identification) -> str:
+    if all(verdict == "supported" for verdict in found.verdict):
+        return "this log supports every one of them"
+    return "weak: known to worse than 30 %; refused: not known at all; the others this log supports"
 
 
 def error_table(

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 QUIET = ("NO_COLOR", "FORCE_COLOR", "COLUMNS", "ELID_ROBOT", "_ELID_COMPLETE", "PYTHONIOENCODING", "PYTHONWARNINGS")
@@ -75,3 +76,38 @@ def elid() -> Elid:
 
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+ROBOT = """\
+name: spindle
+gravity: [0, 0, -9.81]
+dh: standard
+joints:
+  - {name: "/joint[1]", a: 0, alpha: 0, d: 0, theta: 0, gear_ratio: 1, transmission: rigid,
+     parameters: {m: 2, Izz: 0.5, Jm: 0.1, fs: 0.4, fv: 0.3}}
+"""
+JOINT = "/joint[1]"
+
+
+def spindle_log(duration: float = 12.0, rate: float = 200.0, *, noise: float = 0.01, inertia: float = 0.6) -> str:
+    """Return a CSV log of a spindle with J = 0.6 kg·m², Coulomb 0.4 N·m and viscous friction 0.3 N·m·s/rad."""
+    generator = np.random.default_rng(0)
+    t = np.arange(round(duration * rate)) / rate
+    q, dq, ddq = np.zeros_like(t), np.zeros_like(t), np.zeros_like(t)
+    for amplitude, hertz, phase in [(0.8, 0.3, 0.0), (0.3, 0.7, 1.0), (0.1, 1.3, 2.0)]:
+        w = 2 * np.pi * hertz
+        q += amplitude * np.sin(w * t + phase)
+        dq += amplitude * w * np.cos(w * t + phase)
+        ddq -= amplitude * w**2 * np.sin(w * t + phase)
+    tau = inertia * ddq + 0.4 * np.sign(dq) + 0.3 * dq + noise * generator.standard_normal(t.size)
+    rows = (f"{a:.6f},{b:.9f},{b:.9f},{c:.6f}" for a, b, c in zip(t, q, tau, strict=True))
+    return "\n".join([f"t,q.{JOINT},theta.{JOINT},tau.{JOINT}", *rows]) + "\n"
+
+
+@pytest.fixture(scope="session")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a robot file and a log in it; tests must not write to it."""
+    folder = tmp_path_factory.mktemp("Läufe 1")
+    (folder / "spindle.yaml").write_text(ROBOT, "utf-8")
+    (folder / "run 07.csv").write_text(spindle_log())
+    return folder
