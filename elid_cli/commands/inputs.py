@@ -56,3 +56,13 @@ def signal_options(conditioning: Conditioning) -> SignalOptions:
         knots=conditioning.knots,
         measured_velocity=conditioning.measured_velocity,
     )
+
+
+def check_effects(names: Sequence[str]) -> None:
+    """Refuse the name of an effect that elid does not know (UsageError)."""
+    from elid_cli.errors import UsageError, did_you_mean
+    from elid_cli.terms import effect_classes
+
+    for name in names:
+        if name not in effect_classes():
+            raise UsageError(f"no effect {name!r}", hint=did_you_mean(name, effect_classes()))

@@ -145,7 +145,6 @@ require_independent = option(
     GATES, "--require-independent", multiple=True, metavar="NAME",
     help="Parameter that must be independent. Repeatable.",
 )  # fmt: skip
-fail_on_effect = option(GATES, "--fail-on-effect", is_flag=True, help="Fail when the model lacks an effect.")
 gates = gathered("gates", Gates, max_error, require_independent)
 
 write_robot = option(
@@ -156,7 +155,7 @@ check = option(
     help="Another log on which the result is judged. Repeatable.",
 )  # fmt: skip
 held_out = option(
-    INPUT, "--held-out", is_flag=True, help="Judge on the stretches that identify and diagnose hold out.",
+    INPUT, "--held-out", is_flag=True, help="Judge only on the stretches that diagnose holds out of its search.",
 )  # fmt: skip
 seed = option(
     FIT, "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of everything random.",

@@ -12,6 +12,7 @@ from elid_cli.commands.options import Conditioning, Gates, Output, Reading
 @options.robot
 @options.reading
 @options.conditioning
+@options.held_out
 @options.gathered("gates", Gates, options.max_error)
 @options.output
 def validate(
@@ -19,6 +20,7 @@ def validate(
     robot: str,
     reading: Reading,
     conditioning: Conditioning,
+    held_out: bool,
     gates: Gates,
     output: Output,
 ) -> None:
@@ -30,12 +32,19 @@ def validate(
 
     check_output(output)
     with progress(output, "reading") as advance:
+        from elid_cli.diagnosis.diagnose import divided
+        from elid_cli.model import Model
         from elid_cli.reports.validation import validation_report
         from elid_cli.robot_file import read_robot
         from elid_cli.validation import validate as judge
 
         machine = read_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate)
-        found = judge(machine, load_signals(recording, machine, conditioning, advance))
+        signals = load_signals(recording, machine, conditioning, advance)
+        if held_out:
+            log = divided(Model(machine), signals)
+            found = judge(machine, signals, log.fold < 0, observation=log.observation)
+        else:
+            found = judge(machine, signals)
     emit(validation_report(found, recording, robot), output)
     check_gates(gates, found.error)

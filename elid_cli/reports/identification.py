@@ -104,7 +104,7 @@ def result_items(found: Identification) -> Items:
     return (
         ("parameters", f"{counts['parameters']} standard, {counts['base']} base; {judged}"),
         ("condition", f"{number_text(found.condition, 2)}, rank margin {number_text(found.rank_margin, 2)}"),
-        *nuisance_items(found.nuisances),
+        *nuisance_items(found.robot, found.nuisances),
     )
 
 
@@ -168,7 +168,7 @@ def error_table(
         ]
     rows = []
     for name, e in error.items():
-        unit = "N·m" if robot.joints[robot.joint_names.index(name)].revolute else "N"
+        unit = torque_unit(robot, name)
         row: list[Cell] = [name, Quantity(e.torque_rms, unit, 3), Quantity(e.rms, unit, 3), percent(e.relative)]
         if with_floor:
             row.append(Quantity(e.rms / e.floor, digits=3, tone=_tone(e)) if e.floor else None)
@@ -176,6 +176,11 @@ def error_table(
             row += [Quantity(e.spring_rms, unit, 3), percent(e.spring_relative)]
         rows.append(tuple(row))
     return Table(key, tuple(columns), tuple(rows), title=title)
+
+
+def torque_unit(robot: Robot, joint: str) -> str:
+    """Return the unit of a joint's torque (or force)."""
+    return "N·m" if robot.joints[robot.joint_names.index(joint)].revolute else "N"
 
 
 def above_floor(error: Mapping[str, JointError]) -> list[str]:

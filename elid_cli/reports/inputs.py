@@ -10,6 +10,7 @@ from elid_cli.recording import Recording
 from elid_cli.report import Cell, Text, number_text
 from elid_cli.robot import Robot
 from elid_cli.robot_file import fingerprint
+from elid_cli.terms import effect_classes
 
 Items = tuple[tuple[str, Cell], ...]
 SIGNALS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
@@ -71,12 +72,32 @@ def used_items(settings: Mapping[str, object]) -> Items:
     return tuple(items)
 
 
-def nuisance_items(nuisances: Sequence[Any]) -> Items:
+def effect_text(
+    robot: Robot, effect: str, joint: str | None, values: Mapping[str, float], errors: Mapping[str, float]
+) -> str:
+    """Return an effect's parameters with units and standard errors: ``amplitude 0.25 ± 0.02 N·m, velocity …``."""
+    kind = effect_classes().get(effect)
+    units = {} if kind is None else {p.name: p.unit for p in (*kind.amplitudes, *kind.shapes)}
+    slides = joint in robot.joint_names and not robot.joints[robot.joint_names.index(joint)].revolute
+    parts = []
+    for name, value in values.items():
+        unit, scale = units.get(name, ""), 1.0
+        if slides:
+            unit = unit.replace("N·m·s/rad", "N·s/m").replace("N·m", "N").replace("rad", "m")
+        if unit == "s" and abs(value) < 0.1:
+            unit, scale = "ms", 1e3
+        error = errors.get(name)
+        spread = "" if error is None else f" ± {number_text(scale * error, resolution=scale * error)}"
+        number = number_text(scale * value, resolution=None if error is None else scale * error)
+        parts.append(f"{name} {number}{spread} {unit}".rstrip())
+    return ", ".join(parts)
+
+
+def nuisance_items(robot: Robot, nuisances: Sequence[Any]) -> Items:
     """Return what of the measurement was estimated along and corrected, one line per kind."""
     kinds: dict[str, list[str]] = {}
-    for nuisance in nuisances:
-        values = ", ".join(f"{name} {_nuisance_value(name, v)}" for name, v in nuisance.parameters.items())
-        kinds.setdefault(nuisance.effect, []).append(f"{nuisance.joint} {values}")
+    for n in nuisances:
+        kinds.setdefault(n.effect, []).append(f"{n.joint} {effect_text(robot, n.effect, n.joint, n.parameters, {})}")
     return tuple((kind.replace("_", " "), f"{'; '.join(found)}; corrected") for kind, found in kinds.items())
 
 
@@ -99,10 +120,6 @@ def _has(recording: Recording, name: str) -> bool:
         return True
     values = getattr(recording, name)
     return values is not None and not recording.sources and bool((values == values).any())
-
-
-def _nuisance_value(name: str, value: float) -> str:
-    return f"{number_text(1e3 * value, 2)} ms" if name == "delay" else number_text(value, 3)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -18,6 +18,7 @@ def simulation_report(robot: Robot, result: Simulation, options: SimulationOptio
     payload["simulation"] = {
         "seed": options.seed,
         "step": result.step,
+        "control_period": result.period,
         "continuous": options.control.continuous,
         "feedforward": options.control.feedforward,
         "friction_width": options.friction_width,
@@ -37,7 +38,8 @@ def simulation_report(robot: Robot, result: Simulation, options: SimulationOptio
 
 
 def _items(robot: Robot, result: Simulation, options: SimulationOptions) -> tuple[tuple[str, str], ...]:
-    torque = "acts at every instant" if options.control.continuous else "held over each sample (half a sample late)"
+    held = f"held for {number_text(1e3 * result.period, 3)} ms, logged at its start"
+    torque = "acts at every instant" if options.control.continuous else held
     step = f"{number_text(1e6 * result.step, 3)} µs, fourth-order Runge-Kutta"
     effects = [("effect", _effect_text(spec)) for spec in robot.effects] or [("effects", "none")]
     return (("seed", str(options.seed)), ("step", step), ("torque", torque), *effects)
