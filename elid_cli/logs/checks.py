@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from elid_cli.errors import LogError, nearest
 from elid_cli.logs.raw import RawLog
-from elid_cli.logs.resolve import Plan
+from elid_cli.logs.resolve import Placement, Plan
 from elid_cli.robot import Robot
 
 Array = NDArray[np.float64]
@@ -120,16 +121,24 @@ class _Fault:
             reasons = self.plan.reasons
             reason = "; ".join(dict.fromkeys(reasons[s] for s in (signal, "q") if s in reasons))
             return f"{need}; {reason + '; ' if reason else ''}{self._contents()}"
-        sources = {pick.source for pick in placement.picks}
-        labels = dict.fromkeys(
-            label for channel in self.raw.channels if channel.source in sources for label in channel.labels
-        )
+        labels = self._labels(placement)
         close = nearest(joint, labels) if joint else None
         seen = f"which names {' '.join(labels)}" if labels else "which holds no numbers for it"
         seen += f" (nearest: {close})" if close else ""
         if joint in labels:
             seen = "which is empty, NaN or zero for it"
         return f"{need}; it is read from {placement.places}, {seen}"
+
+    def _labels(self, placement: Placement) -> list[str]:
+        """Return the joint names that the log has where a signal is read from."""
+        sources = {pick.source for pick in placement.picks}
+        labels = [label for channel in self.raw.channels if channel.source in sources for label in channel.labels]
+        before, joint, after = placement.places.partition("{joint}")
+        if joint:
+            pattern = re.compile(f"{re.escape(before)}(.+){re.escape(after)}")
+            found = (pattern.fullmatch(channel.source) for channel in self.raw.channels)
+            labels += [match.group(1) for match in found if match]
+        return list(dict.fromkeys(labels))
 
     def _contents(self) -> str:
         shown = [channel for channel in self.raw.channels if not channel.field.endswith("sec")]

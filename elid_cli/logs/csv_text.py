@@ -54,7 +54,7 @@ def sniff(text: str, name: str) -> Dialect:
         raise LogError(f"{name}: no data", hint="a CSV log has one header row and one row per sample")
     separator = _separator([line[2] for line in content])
     decimal_comma = (
-        separator == ";"
+        separator in ";\t "
         and any(re.search(r"\d,\d", line[2]) for line in content)
         and not any(re.search(r"\d\.\d", line[2]) for line in content[1:])
     )

@@ -143,7 +143,7 @@ def onto(grid: Grid, line: Timeline, values: Array) -> tuple[Array, bool]:
                 continue
             t = line.t[low:high]
             rows = slice(low, high) if line.rows is None else line.rows[low:high]
-            slots = _on_grid(t, start, grid.dt)
+            slots = _on_grid(t, start, grid.dt) if line.dt < 1.5 * grid.dt else None
             if slots is not None:
                 inside = (slots >= 0) & (slots < count)
                 target[slots[inside]] = values[rows][inside]

@@ -44,7 +44,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
     found: list[str] = []
     for start, stop in aligned.segments[:1]:
         q, theta = checked.q[start:stop], checked.theta[start:stop]
-        found.extend(_wraps(q, theta, robot))
+        found.extend(_wraps(q, theta, robot, plan))
         found.extend(_stale(checked, start, stop, robot))
     q, theta = checked.q[::step], checked.theta[::step]
     pairs = [_Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
@@ -104,17 +104,17 @@ class _Pair:
         where = f"{self.name}: theta"
         size = abs(self.slope)
         if self.slope < 0:
-            yield f"{where} runs against q: one of them has the opposite sign; {self._paste(plan, 'theta', 'sign: -1')}"
+            yield f"{where} runs against q: one of them has the opposite sign; {_paste(plan, 'theta', 'sign: -1')}"
         if abs(size - 1) > 2 * CLOSE:
             what, mend = self._factor(size)
-            mapping = f"; {self._paste(plan, *mend)}" if mend else ""
+            mapping = f"; {_paste(plan, *mend)}" if mend else ""
             yield f"{where} moves {size:.4g} times as far as q: {what}{mapping}"
         elif self.slope > 0 and abs(self.offset) > max(LARGE_OFFSET, OF_DEFLECTION * self.spread):
             unit = "rad" if self.revolute else "m"
             turns = self.offset / (2 * math.pi)
             whole = self.revolute and abs(turns - round(turns)) < 1e-3 and round(turns) != 0
             also = f" ({round(turns)} whole turns)" if whole else ""
-            paste = self._paste(plan, "theta", f"offset: {{{self.name}: {-self.offset:.6g}}}")
+            paste = _paste(plan, "theta", f"offset: {{{self.name}: {-self.offset:.6g}}}")
             yield f"{where} is {self.offset:+.4g} {unit}{also} away from q throughout; {paste}"
 
     def _factor(self, size: float) -> tuple[str, tuple[str, str] | None]:
@@ -138,22 +138,25 @@ class _Pair:
         for signal, per_turn in (("theta", size * 2 * math.pi), ("q", 2 * math.pi / size)):
             bits = math.log2(per_turn) if per_turn > 0 else 0
             if per_turn > 200 and self.revolute and (abs(bits - round(bits)) < 0.01 or abs(per_turn / 500 % 1) < 0.01):
-                return f"{signal} looks like encoder counts", (signal, f"unit: counts:{round(per_turn)}")
+                whole = 2 ** round(bits) if abs(bits - round(bits)) < 0.01 else 500 * round(per_turn / 500)
+                return f"{signal} looks like encoder counts", (signal, f"unit: counts:{whole}")
             geared = per_turn / gear if signal == "theta" and gear > 0 else 0
             bits = math.log2(geared) if geared > 1 else 0
             if geared > 200 and self.revolute and abs(bits - round(bits)) < 0.01:
                 return "theta looks like motor-side encoder counts", (
                     "theta",
-                    f"unit: counts:{round(geared)}, side: motor",
+                    f"unit: counts:{2 ** round(bits)}, side: motor",
                 )
         return "check units and gear ratio", None
 
-    def _paste(self, plan: Plan, signal: str, key: str) -> str:
-        placement = plan.placements.get(signal)
-        place = placement.places if placement is not None else signal
-        source, dot, field = place.rpartition(".") if place.startswith("/") else (place, "", "")
-        words = f"from: {source}, field: {field}" if dot else f'from: "{place}"'
-        return f"if so, map it: {signal}: {{{words}, {key}}}"
+
+def _paste(plan: Plan, signal: str, key: str) -> str:
+    """Return the words that propose a mapping."""
+    placement = plan.placements.get(signal)
+    place = placement.places if placement is not None else signal
+    source, dot, field = place.rpartition(".") if place.startswith("/") else (place, "", "")
+    words = f"from: {source}, field: {field}" if dot else f'from: "{place}"'
+    return f"if so, map it: {signal}: {{{words}, {key}}}"
 
 
 def _swap(q: Array, theta: Array, pairs: list[_Pair], robot: Robot) -> str:
@@ -174,12 +177,12 @@ def _swap(q: Array, theta: Array, pairs: list[_Pair], robot: Robot) -> str:
     return ""
 
 
-def _wraps(q: Array, theta: Array, robot: Robot) -> Iterator[str]:
+def _wraps(q: Array, theta: Array, robot: Robot, plan: Plan) -> Iterator[str]:
     """Name joints whose angle jumps by a whole turn."""
     for signal, values in (("q", q), ("theta", theta)):
         steps = np.diff(values, axis=0)
         for j, joint in enumerate(robot.joints):
-            if not joint.revolute:
+            if not joint.revolute or not np.isfinite(values[0, j]):
                 continue
             for turn, unit in ((2 * math.pi, "±pi"), (360.0, "±180°"), (1.0, "one turn")):
                 jumps = np.abs(np.abs(steps[:, j]) - turn) < 0.05 * turn
@@ -188,8 +191,8 @@ def _wraps(q: Array, theta: Array, robot: Robot) -> Iterator[str]:
                     if turn == 1.0 and np.nanmax(np.abs(values[:, j])) > 1.0:
                         continue
                     yield (
-                        f"{joint.name}: {signal} wraps at {unit} ({np.count_nonzero(jumps)} times): "
-                        "unwrap it before identifying, its derivatives are wrong there"
+                        f"{joint.name}: {signal} wraps at {unit} ({np.count_nonzero(jumps)} times), its "
+                        f"derivatives are wrong there; {_paste(plan, signal, 'unwrap: true')}"
                     )
                     break
 

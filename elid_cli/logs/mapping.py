@@ -26,7 +26,7 @@ POSITIONS = ("q", "theta")
 VELOCITIES = ("dq", "dtheta")
 TORQUES = ("tau", "tau_link")
 SIGNALS = (*POSITIONS, "tau", *VELOCITIES, "tau_link", "temperature")
-KEYS = ("from", "field", "joints", "unit", "scale", "offset", "sign", "side", "add", "time", "names")
+KEYS = ("from", "field", "joints", "unit", "scale", "offset", "sign", "side", "add", "time", "unwrap")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "turn": 2 * math.pi, "m": 1.0, "mm": 1e-3, "cm": 1e-2}
 RATES = {"rad/s": 1.0, "deg/s": math.pi / 180, "rev/s": 2 * math.pi, "rpm": math.pi / 30, "m/s": 1.0, "mm/s": 1e-3}
@@ -54,8 +54,8 @@ class SignalMap:
     add: str = ""
     time: str = ""
     """Column or dataset with this signal's own stamps."""
-    names: str = ""
-    """Topic whose messages name this topic's values (names + values pairs)."""
+    unwrap: bool = False
+    """Whether the angle wraps at one turn of its unit and is to be made continuous first."""
 
     def gain(self, robot: Robot) -> Array:
         """Return the factor from raw to SI joint-side values, shape (n,)."""
@@ -64,6 +64,11 @@ class SignalMap:
             ratios = robot.gear_ratios
             gain = gain * ratios if self.signal in TORQUES else gain / ratios
         return np.asarray(gain, dtype=float)
+
+    @property
+    def turn(self) -> float:
+        """One turn in the log's own unit."""
+        return 2 * math.pi / self.factor
 
     def offsets(self, robot: Robot) -> Array:
         """Return the offsets in SI units at the joint, shape (n,)."""
@@ -201,13 +206,19 @@ def _signal(name: str, spec: Mapping[str, Any], robot: Robot, where: str) -> Sig
         motor_side=side == "motor",
         add=add,
         time=_text(spec.get("time", ""), where, "time"),
-        names=_text(spec.get("names", ""), where, "names"),
+        unwrap=_flag(spec.get("unwrap", False), where, "unwrap"),
     )
 
 
 def _text(value: Any, where: str, key: str) -> str:
     if not isinstance(value, str):
         raise UsageError(f"{where}: {key}: expected text", detail=f"found {value!r:.60}")
+    return value
+
+
+def _flag(value: Any, where: str, key: str) -> bool:
+    if not isinstance(value, bool):
+        raise UsageError(f"{where}: {key}: expected true or false", detail=f"found {value!r:.60}")
     return value
 
 

@@ -153,7 +153,7 @@ def _converted(plan: Plan, streams: Sequence[Stream], seconds: Sequence[Array], 
         for joints in placement.joints:
             stream, t = next(remaining)
             chosen = list(joints)
-            values = stream.values
+            values = _unwrapped(stream.values, placement.spec.turn) if placement.spec.unwrap else stream.values
             if (gain[chosen] != 1).any() or offset[chosen].any():
                 values = values * gain[chosen] + offset[chosen]
             pieces.append((joints, values, t))
@@ -163,6 +163,15 @@ def _converted(plan: Plan, streams: Sequence[Stream], seconds: Sequence[Array], 
             values = together[0][1] if len(together) == 1 else np.hstack([piece[1] for piece in together])
             sampled.append(Sampled(signal, joints, values, together[0][2]))
     return sampled
+
+
+def _unwrapped(values: Array, turn: float) -> Array:
+    """Return angles without their jumps by a turn; NaN stay where they are."""
+    result = values.copy()
+    for column in result.T:
+        known = np.isfinite(column)
+        column[known] = np.unwrap(column[known], period=turn)
+    return result
 
 
 def _add(signals: dict[str, Array], signal: str, placement: Placement) -> None:

@@ -1,0 +1,295 @@
+"""Broken clocks: the samples that remain hold the clean log's numbers, and what was done is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from faults import Table, table
+from made_logs import SIGNALS, read, recording, same, written
+from mcap_made import Bag, joint_state
+
+from elid_cli.errors import LogError
+
+BASE = recording()
+GOOD = table(BASE)
+RNG = np.random.default_rng(5)
+
+
+def said(got: object, *words: str) -> None:
+    text = " | ".join(got.repairs + got.notes)  # type: ignore[attr-defined]
+    for word in words:
+        assert word in text, text
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"), [("ns", 1e9), ("µs", 1e6), ("ms", 1e3), ("s", 1.0)], ids=["ns", "us", "ms", "s"]
+)
+def test_epochs_of_any_unit_are_told_apart(tmp_path: Path, name: str, factor: float) -> None:
+    broken = GOOD.with_time(lambda t: (t + 1_700_000_000) * factor)
+    got = read(broken.save(tmp_path / "log.csv"))
+    same(got, BASE)
+    assert got.samples == BASE.samples
+    if name != "s":
+        said(got, f"{name} since 1970")
+
+
+def test_relative_time_in_another_unit_by_mapping(tmp_path: Path) -> None:
+    broken = GOOD.with_time(lambda t: t * 1e6).renamed(t="stamp_us")
+    same(read(broken.save(tmp_path / "log.csv"), mapping={"t": {"from": "stamp_us", "unit": "us"}}), BASE)
+
+
+def test_quantised_and_single_precision_time_is_even(tmp_path: Path) -> None:
+    for change in (lambda t: np.round(t + 0.0000003, 6), lambda t: (t + 100).astype(np.float32).astype(float)):
+        got = read(GOOD.with_time(change).save(tmp_path / "log.csv"))
+        same(got, BASE)
+        assert got.dt == 0.001
+        assert got.repairs == ()
+
+
+def test_unordered_samples_are_sorted(tmp_path: Path) -> None:
+    index = np.arange(BASE.samples)
+    swapped = index.copy()
+    for k in range(100, 3900, 37):
+        swapped[[k, k + 1, k + 2]] = swapped[[k + 2, k, k + 1]]
+    for order in (swapped, RNG.permutation(index), np.concatenate([index[2000:], index[:2000]]), index[::-1]):
+        got = read(GOOD.take(order).save(tmp_path / "log.csv"))
+        same(got, BASE)
+        assert got.samples == BASE.samples
+        assert len(got.segments) == 1
+        said(got, "sorted")
+
+
+def test_repeated_rows_are_left_out(tmp_path: Path) -> None:
+    index = np.sort(np.concatenate([np.arange(BASE.samples), RNG.integers(0, 4000, 300)]))
+    got = read(GOOD.take(index).save(tmp_path / "log.csv"))
+    same(got, BASE)
+    assert got.samples == BASE.samples
+    said(got, "300 samples with a repeated stamp")
+
+
+def test_every_row_twice_is_one_log(tmp_path: Path) -> None:
+    got = read(GOOD.take(np.repeat(np.arange(BASE.samples), 2)).save(tmp_path / "log.csv"))
+    same(got, BASE)
+    assert got.samples == BASE.samples
+
+
+def test_a_repeated_stamp_with_other_values_costs_one_sample(tmp_path: Path) -> None:
+    def repeat(t: np.ndarray) -> np.ndarray:
+        t = t.copy()
+        t[500::500] = t[499:-1:500]
+        return t
+
+    got = read(GOOD.with_time(repeat).save(tmp_path / "log.csv"))
+    same(got, BASE, 2e-4)
+    assert len(got.segments) == 1
+    said(got, "repeated stamp", "with other values")
+
+
+def test_a_coarse_clock_is_spread_evenly(tmp_path: Path) -> None:
+    got = read(GOOD.with_time(lambda t: np.floor(t * 100 + 1e-9) / 100).save(tmp_path / "log.csv"))
+    assert got.samples == BASE.samples
+    assert got.dt == pytest.approx(0.001, rel=1e-4)
+    assert np.array_equal(got.q, BASE.q)
+    said(got, "coarse")
+
+
+def test_gaps_split_and_are_never_interpolated(tmp_path: Path) -> None:
+    index = np.concatenate([np.arange(1000), np.arange(1520, 2500), np.arange(2600, 4000)])
+    got = read(GOOD.take(index).save(tmp_path / "log.csv"))
+    same(got, BASE)
+    assert [len(s) for s in got.segments] == [1000, 980, 1400]
+    said(got, "2 gaps", "0.521 s after t = 0.999 s")
+
+
+def test_single_lost_samples_are_bridged(tmp_path: Path) -> None:
+    keep = RNG.random(BASE.samples) > 0.02
+    keep[[0, -1]] = True
+    got = read(GOOD.take(np.flatnonzero(keep)).save(tmp_path / "log.csv"))
+    same(got, BASE, 1e-4)
+    assert got.samples == BASE.samples
+    said(got, "bridged by interpolation")
+
+
+def test_scraps_between_gaps_are_left_out(tmp_path: Path) -> None:
+    index = np.concatenate([np.arange(1000), np.arange(1500, 1510), np.arange(2000, 4000)])
+    got = read(GOOD.take(index).save(tmp_path / "log.csv"))
+    same(got, BASE)
+    assert len(got.segments) == 2
+    said(got, "fewer than 20 samples")
+
+
+def test_a_clock_that_jumps_back_is_split(tmp_path: Path) -> None:
+    for jump in (0.5, 1.0005, 30.0):
+        broken = GOOD.with_time(lambda t, jump=jump: np.where(t < 2.0, t, t - jump) + 100)
+        got = read(broken.save(tmp_path / "log.csv"))
+        assert [len(s) for s in got.segments] == [2000, 2000]
+        order = [1, 0] if jump == 30.0 else [0, 1]  # far enough back it is a log whose halves were swapped
+        halves = [BASE.tau[:2000], BASE.tau[2000:]]
+        assert np.array_equal(got.tau, np.concatenate([halves[k] for k in order]))
+        assert (np.diff(got.t) > 0).all()
+
+
+def test_a_clock_that_jumps_forward_is_a_gap(tmp_path: Path) -> None:
+    got = read(GOOD.with_time(lambda t: np.where(t < 2.0, t, t + 3600)).save(tmp_path / "log.csv"))
+    assert [len(s) for s in got.segments] == [2000, 2000]
+    said(got, "1 gap", "3600 s")
+
+
+def test_jitter_of_the_stamps_alone_is_taken_out(tmp_path: Path) -> None:
+    noise = RNG.normal(0, 1.2e-4, BASE.samples)
+    got = read(GOOD.with_time(lambda t: t + noise).save(tmp_path / "log.csv"))
+    assert np.array_equal(got.q, BASE.q)
+    said(got, "jitter", "evenly spaced")
+
+
+def test_jitter_of_the_sampling_is_interpolated(tmp_path: Path) -> None:
+    t = BASE.t + np.random.default_rng(1).uniform(-3e-4, 3e-4, BASE.samples)
+    rows = np.column_stack([np.interp(t, BASE.t, GOOD.rows[:, k]) for k in range(1, len(GOOD.names))])
+    got = read(Table(GOOD.names, np.column_stack([t, rows])).save(tmp_path / "log.csv"))
+    shift = got.t + float(t[0])
+    for j in range(3):
+        # the base is known at any time: its own interpolation is exact to 1e-5
+        assert np.abs(got.q[5:-5, j] - np.interp(shift, BASE.t, BASE.q[:, j])[5:-5]).max() < 1e-3
+    said(got, "jitter", "interpolated")
+
+
+@pytest.mark.parametrize("fault", ["constant", "nan", "missing"])
+def test_time_that_never_advances_is_refused(tmp_path: Path, fault: str) -> None:
+    broken = {
+        "constant": GOOD.with_time(np.zeros_like),
+        "nan": GOOD.with_time(lambda t: t * np.nan),
+        "missing": GOOD.without("t"),
+    }[fault]
+    with pytest.raises(LogError) as caught:
+        read(broken.save(tmp_path / "log.csv"))
+    assert caught.value.exit_code == 3
+    assert "time" in caught.value.message
+    assert caught.value.hint
+
+
+def test_a_log_without_time_is_read_at_a_given_rate(tmp_path: Path) -> None:
+    got = read(GOOD.without("t").save(tmp_path / "log.csv"), rate=1000.0)
+    same(got, BASE)
+    said(got, "1000 Hz as given")
+
+
+def test_some_samples_without_a_stamp_are_left_out(tmp_path: Path) -> None:
+    def lose(t: np.ndarray) -> np.ndarray:
+        t = t.copy()
+        t[[100, 900, 2000]] = np.nan
+        return t
+
+    got = read(GOOD.with_time(lose).save(tmp_path / "log.csv"))
+    same(got, BASE, 1e-5)
+    said(got, "3 samples without a time")
+
+
+@pytest.mark.parametrize("samples", [1, 3, 19])
+def test_too_few_samples_are_refused(tmp_path: Path, samples: int) -> None:
+    with pytest.raises(LogError, match="samples") as caught:
+        read(GOOD.take(np.arange(samples)).save(tmp_path / "log.csv"))
+    assert caught.value.exit_code == 3
+
+
+def motion(t: np.ndarray) -> dict[str, np.ndarray]:
+    """The good log's signals at any time."""
+    phase = 2 * np.pi * t[:, None] * np.array([0.5, 0.9, 1.3]) + np.array([0.1, 1.0, 2.0])
+    q = np.sin(phase) * np.array([1.0, 0.7, 0.5])
+    tau = 20 * np.cos(phase * 1.5) + 5 * q + 1.0
+    return {"q": q, "theta": q + tau / 4000, "tau": tau}
+
+
+def two_topics(path: Path, link: np.ndarray, motor: np.ndarray, delay: int = 0) -> Path:
+    """Write a log whose two topics are sampled at their own instants."""
+    from made_logs import JOINTS
+
+    bag = Bag()
+    for topic in ("/joint_states", "/motor_states"):
+        bag.topic(topic)
+    epoch = 10**18
+    entries = []
+    for t, row in zip(link.tolist(), motion(link)["q"], strict=True):
+        stamp = epoch + round(t * 1e9)
+        entries.append((stamp, "/joint_states", joint_state(stamp, list(JOINTS), row)))
+    values = motion(motor)
+    for t, theta, tau in zip(motor.tolist(), values["theta"], values["tau"], strict=True):
+        stamp = epoch + round(t * 1e9)
+        entries.append((stamp, "/motor_states", joint_state(stamp, list(JOINTS), theta, effort=tau)))
+    for stamp, topic, message in sorted(entries, key=lambda entry: entry[0]):
+        bag.add(topic, stamp + delay, message)
+    path.write_bytes(bag.bytes())
+    return path
+
+
+@pytest.mark.parametrize(
+    ("rate", "offset"), [(1000, 0.00037), (500, 0.0), (400, 0.0003), (2000, 0.0001), (1000, 0.00001)]
+)
+def test_topics_at_other_rates_and_instants_share_one_time_base(tmp_path: Path, rate: int, offset: float) -> None:
+    link = np.arange(0, 2, 1 / rate) + offset
+    motor = np.arange(0, 2, 1e-3)
+    got = read(two_topics(tmp_path / "log.mcap", link, motor))
+    start = max(0.0, offset) if rate <= 1000 else 0.0
+    # t = 0 is the first sample kept: a sample of the faster topic
+    grid = (offset + np.arange(4000) / 2000) if rate == 2000 else motor
+    first = grid[grid >= start - 1e-9][0]
+    wanted = motion(got.t + first)
+    for signal in SIGNALS:
+        assert np.abs(getattr(got, signal) - wanted[signal]).max() < 2e-6
+    assert got.rate == pytest.approx(max(rate, 1000))
+    assert len(got.segments) == 1
+    said(got, "interpolated")
+
+
+def test_a_gap_in_one_topic_is_a_gap_of_the_log(tmp_path: Path) -> None:
+    motor = np.arange(0, 2, 1e-3)
+    link = np.concatenate([motor[:700], motor[1100:]])
+    got = read(two_topics(tmp_path / "log.mcap", link, motor))
+    assert [len(s) for s in got.segments] == [700, 900]
+    wanted = motion(got.t)
+    for signal in SIGNALS:
+        assert np.abs(getattr(got, signal) - wanted[signal]).max() < 1e-12
+    said(got, "1 gap")
+
+
+def test_topics_that_lose_single_messages_are_bridged(tmp_path: Path) -> None:
+    motor = np.arange(0, 2, 1e-3)
+    link = np.delete(motor, [100, 400, 401, 1500])
+    got = read(two_topics(tmp_path / "log.mcap", link, motor))
+    assert got.samples == 2000
+    wanted = motion(got.t)
+    assert np.abs(got.q - wanted["q"]).max() < 1e-8
+
+
+def test_header_stamps_that_run_backwards_give_way(tmp_path: Path) -> None:
+    from made_logs import JOINTS
+
+    bag = Bag()
+    for topic in ("/joint_states", "/motor_states"):
+        bag.topic(topic)
+    for row, t in enumerate(np.rint(BASE.t[:500] * 1e9).astype(int).tolist()):
+        stamp = 10**18 - t
+        bag.add("/joint_states", 10**18 + t, joint_state(stamp, list(JOINTS), BASE.q[row]))
+        bag.add("/motor_states", 10**18 + t, joint_state(stamp, list(JOINTS), BASE.theta[row], effort=BASE.tau[row]))
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    got = read(path)
+    same(got, BASE)
+    said(got, "run backwards", "log time")
+
+
+def test_two_episodes_of_hdf5_are_segments(tmp_path: Path) -> None:
+    import h5py
+
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        for k, (start, stop) in enumerate([(0, 1500), (2000, 4000)]):
+            group = file.create_group(f"data/demo_{k}")
+            group["t"] = BASE.t[start:stop]
+            for signal in SIGNALS:
+                group[signal] = getattr(BASE, signal)[start:stop]
+    got = read(path)
+    assert [len(s) for s in got.segments] == [1500, 2000]
+    assert np.array_equal(got.tau, np.concatenate([BASE.tau[:1500], BASE.tau[2000:]]))
+    assert written(tmp_path, "x.csv").exists()

@@ -1,0 +1,286 @@
+"""Missing, empty and wrong signals: refused by name, or read with a warning; never a quietly wrong number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from faults import table
+from made_logs import GEARS, JOINTS, ROBOT, like, read, recording, same, written
+from mcap_made import canonical
+
+from elid_cli.errors import LogError, UsageError
+from elid_cli.logs import read_map_options, read_recording
+from elid_cli.robot import Joint, Robot
+
+BASE = recording(600)
+GOOD = table(BASE)
+NAN = np.full_like(BASE.q, np.nan)
+
+
+def refused(path: Path, **options: object) -> LogError:
+    with pytest.raises(LogError) as caught:
+        read(path, **options)
+    assert caught.value.exit_code == 3
+    assert caught.value.hint
+    return caught.value
+
+
+@pytest.mark.parametrize("absent", ["empty", "zero", "nan"])
+@pytest.mark.parametrize("suffix", [".csv", ".h5", ".mcap"])
+def test_no_torque_at_all_is_refused(tmp_path: Path, absent: str, suffix: str) -> None:
+    tau = NAN if absent != "zero" else np.zeros_like(BASE.tau)
+    error = refused(written(tmp_path, f"log{suffix}", like(BASE, tau=tau)))
+    assert "no torque" in error.message
+    assert "--map tau=" in error.hint
+    assert "tau" in error.detail
+
+
+def test_a_missing_joint_lists_the_names_seen_and_the_nearest(tmp_path: Path) -> None:
+    robot = Robot("arm", (Joint("shoulder"), Joint("elbow"), Joint("wrist1")))
+    for suffix in (".mcap", ".csv", ".h5"):
+        path = written(tmp_path, f"log{suffix}", BASE)
+        with pytest.raises(LogError) as caught:
+            read_recording([path], robot)
+        assert "for wrist1" in caught.value.message
+        assert "wrist" in caught.value.detail.replace("wrist1", "")
+
+
+def test_an_elastic_joint_without_motor_position_is_refused(tmp_path: Path) -> None:
+    theta = BASE.theta.copy()
+    theta[:, 1] = np.nan
+    error = refused(written(tmp_path, "log.mcap", like(BASE, theta=theta)))
+    assert "no motor position for elbow" in error.message
+
+
+def test_one_side_only_is_read_with_a_warning(tmp_path: Path) -> None:
+    q = BASE.q.copy()
+    q[:, 2] = np.nan
+    for suffix in (".csv", ".h5", ".mcap"):
+        path = written(tmp_path, f"log{suffix}", like(BASE, q=q))
+        got = read(path)
+        assert np.isnan(got.q[:, 2]).all()
+        assert np.array_equal(got.theta, BASE.theta)
+        assert any("wrist" in text and "stiffness" in text for text in got.warnings)
+        assert "link position" in refused(path, strict=True).message
+
+
+def test_a_joint_without_torque_is_read_with_a_warning(tmp_path: Path) -> None:
+    tau = BASE.tau.copy()
+    tau[:, 0] = 0.0
+    got = read(written(tmp_path, "log.csv", like(BASE, tau=tau)))
+    assert np.isnan(got.tau[:, 0]).all()
+    assert np.array_equal(got.tau[:, 1:], BASE.tau[:, 1:])
+    assert any("zero throughout" in text for text in got.warnings)
+    refused(tmp_path / "log.csv", strict=True)
+
+
+def test_zero_velocities_and_link_torques_count_as_absent(tmp_path: Path) -> None:
+    zero = np.zeros_like(BASE.q)
+    got = read(written(tmp_path, "log.mcap", like(BASE, dq=zero, dtheta=zero, tau_link=zero)))
+    assert got.dq is got.dtheta is got.tau_link is None
+    assert got.warnings == ()
+
+
+def test_effort_on_joint_states_is_the_link_torque(tmp_path: Path) -> None:
+    got = read(written(tmp_path, "log.mcap", like(BASE, tau_link=0.9 * BASE.tau)))
+    assert got.tau_link is not None
+    assert np.array_equal(got.tau_link, 0.9 * BASE.tau)
+
+
+def test_infinite_values_count_as_missing(tmp_path: Path) -> None:
+    tau = BASE.tau.copy()
+    tau[100, 1] = np.inf
+    got = read(written(tmp_path, "log.h5", like(BASE, tau=tau)))
+    assert np.isfinite(got.tau).all()
+    same(got, BASE, 1e-3)
+    assert any("tau of elbow: 1 of 600" in text for text in got.repairs)
+
+
+# mappings
+
+
+def mapped(tmp_path: Path, raw: dict, spec: dict | str, signal: str = "theta") -> np.ndarray:
+    broken = GOOD.with_column("theta.elbow", raw["change"]) if "change" in raw else GOOD
+    got = read(broken.save(tmp_path / "log.csv"), mapping={signal: spec})
+    return getattr(got, signal)
+
+
+@pytest.mark.parametrize(
+    ("factor", "spec"),
+    [
+        (180 / np.pi, {"unit": "deg"}),
+        (1 / (2 * np.pi), {"unit": "rev"}),
+        (4096 / (2 * np.pi), {"unit": "counts:4096"}),
+        (-1.0, {"sign": -1}),
+        (2.0, {"scale": 0.5}),
+    ],
+)
+def test_units_scales_and_signs(tmp_path: Path, factor: float, spec: dict) -> None:
+    broken = GOOD
+    for joint in JOINTS:
+        broken = broken.with_column(f"theta.{joint}", lambda x: x * factor)
+    got = read(broken.save(tmp_path / "log.csv"), mapping={"theta": {"from": "theta.{joint}", **spec}})
+    assert np.abs(got.theta - BASE.theta).max() < 1e-12
+
+
+def test_motor_side_values_use_the_gear_ratio(tmp_path: Path) -> None:
+    broken = GOOD
+    for joint, gear in zip(JOINTS, GEARS, strict=True):
+        broken = broken.with_column(f"theta.{joint}", lambda x, gear=gear: x * gear)
+        broken = broken.with_column(f"tau.{joint}", lambda x, gear=gear: x / gear / 0.115)
+    mapping = {
+        "theta": {"from": "theta.{joint}", "side": "motor"},
+        "tau": {"from": "tau.{joint}", "unit": "A", "scale": [0.115] * 3, "side": "motor"},
+    }
+    same(read(broken.save(tmp_path / "log.csv"), mapping=mapping), BASE, 1e-12)
+
+
+def test_offsets_per_joint_and_a_deflection_sensor(tmp_path: Path) -> None:
+    broken = GOOD
+    for joint in JOINTS:
+        j = JOINTS.index(joint)
+        broken = broken.with_column(f"q.{joint}", lambda x, j=j: BASE.q[:, j] - BASE.theta[:, j])
+    broken = broken.with_column("theta.wrist", lambda x: x + 0.5)
+    mapping = {
+        "theta": {"from": "theta.{joint}", "offset": {"wrist": -0.5}},
+        "q": {"from": "q.{joint}", "add": "theta"},
+    }
+    same(read(broken.save(tmp_path / "log.csv"), mapping=mapping), BASE, 1e-12)
+
+
+def test_names_by_number_list_and_short_form(tmp_path: Path) -> None:
+    broken = GOOD.renamed(q__shoulder="pos1", q__elbow="pos2", q__wrist="pos3")
+    path = broken.save(tmp_path / "log.csv")
+    for spec in (
+        "pos{i}",
+        ["pos1", "pos2", "pos3"],
+        {"from": "pos{joint}", "joints": dict(zip(JOINTS, (1, 2, 3), strict=True))},
+    ):
+        same(read(path, mapping={"q": spec}), BASE)
+    same(read(path, mapping=read_map_options(["q=pos{i}"])), BASE)
+
+
+def test_the_robots_own_mapping_is_enough(tmp_path: Path) -> None:
+    robot = Robot("arm", ROBOT.joints, log={"q": {"from": "pos{i}"}})
+    broken = GOOD.renamed(q__shoulder="pos1", q__elbow="pos2", q__wrist="pos3")
+    same(read_recording([broken.save(tmp_path / "log.csv")], robot), BASE)
+
+
+def test_a_mapping_that_does_not_fit_falls_back_and_says_so(tmp_path: Path) -> None:
+    robot = Robot("arm", ROBOT.joints, log={"q": {"from": "/arm/js", "unit": "deg"}, "t": {"from": "stamp"}})
+    for suffix in (".csv", ".h5", ".mcap"):
+        got = read_recording([written(tmp_path, f"log{suffix}", BASE)], robot)
+        same(got, BASE)
+        assert any("does not fit this log" in text and "log block of arm" in text for text in got.repairs)
+    got = read(tmp_path / "log.mcap", mapping={"tau": "/motor_stats.effort"})
+    same(got, BASE)
+    assert any("nearest: '/motor_states'" in text for text in got.repairs)
+    refused(tmp_path / "log.mcap", mapping={"tau": "/motor_stats.effort"}, strict=True)
+
+
+def test_a_pattern_that_fits_some_joints_is_fine_for_rigid_ones(tmp_path: Path) -> None:
+    robot = Robot("arm", (*ROBOT.joints[:2], Joint("wrist", transmission="rigid")), log={"q": "q{i}_rad"})
+    broken = GOOD.renamed(q__shoulder="q1_rad", q__elbow="q2_rad").without("q.wrist")
+    got = read_recording([broken.save(tmp_path / "log.csv")], robot)
+    assert np.array_equal(got.q[:, :2], BASE.q[:, :2])
+    assert np.array_equal(got.q[:, 2], BASE.theta[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("mapping", "words"),
+    [
+        ({"thetta": "x"}, "did you mean 'theta'"),
+        ({"q": {"form": "x"}}, "did you mean 'from'"),
+        ({"q": {"from": "x", "unit": "degrees"}}, "did you mean 'deg'"),
+        ({"q": {"from": "x", "unit": "counts"}}, "counts:4096"),
+        ({"q": {"from": "x", "side": "moter"}}, "did you mean 'motor'"),
+        ({"q": {"from": "x", "joints": {"elbo": "a"}}}, "did you mean 'elbow'"),
+        ({"q": {"from": "x", "scale": [1, 2]}}, "2 numbers for 3 joints"),
+        ({"q": {"from": "x", "scale": float("nan")}}, "finite number"),
+        ({"q": {"from": "x", "add": "thet"}}, "did you mean 'theta'"),
+        ({"q": {"from": ["a", "b"]}}, "2 places for 3 joints"),
+        ({"q": {}}, "no 'from'"),
+        ({"q": 3}, "expected {from"),
+        ({"t": {"from": "x", "unit": "sec"}}, "did you mean"),
+    ],
+)
+def test_errors_in_mappings_name_the_key_and_the_nearest(tmp_path: Path, mapping: dict, words: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        read(written(tmp_path, "log.csv", BASE), mapping=mapping)
+    assert words in str(caught.value)
+    assert "--map" in caught.value.message
+    assert caught.value.exit_code == 2
+
+
+def test_map_options_read_files_and_short_forms(tmp_path: Path) -> None:
+    file = tmp_path / "map.yaml"
+    file.write_text("q: {from: /a, field: position}\nlog_time: {}\n")
+    assert read_map_options([str(file), "tau=/arm/motors.current"])["tau"] == {"from": "/arm/motors.current"}
+    file.write_text("q: {from: /a\n  field: [}\n")
+    with pytest.raises(UsageError, match=r"map.yaml:2: not valid YAML"):
+        read_map_options([str(file)])
+    with pytest.raises(UsageError, match="cannot be read"):
+        read_map_options([str(tmp_path / "no.yaml")])
+    with pytest.raises(UsageError, match="unknown signal 'torque'"):
+        read_map_options(["torque=/x"])
+    file.write_text("a: &a [x]\nb: &b [*a,*a,*a,*a,*a,*a,*a,*a,*a]\n" + "c: [*b,*b]\n" * 600)
+    with pytest.raises(UsageError, match="too large"):
+        read_map_options([str(file)])
+
+
+# units and signs told from theta against q
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda x: np.degrees(x), ["theta looks like degrees", "unit: deg"]),
+        (lambda x: x / (2 * np.pi), ["theta looks like turns", "unit: rev"]),
+        (lambda x: x * 8192 / (2 * np.pi), ["encoder counts", "unit: counts:8192"]),
+        (lambda x: x * 80, ["not divided by the gear ratio", "side: motor"]),
+        (lambda x: -x, ["opposite sign", "sign: -1"]),
+        (lambda x: x + 0.3, ["away from q", "offset: {elbow: -0.3"]),
+        (lambda x: x + 4 * np.pi, ["2 whole turns"]),
+        (lambda x: (x + 2.9 + np.pi) % (2 * np.pi) - np.pi, ["wraps", "unwrap: true"]),
+    ],
+    ids=["deg", "rev", "counts", "motor side", "sign", "offset", "turns", "wrap"],
+)
+def test_suspicious_units_are_noticed_and_never_applied(tmp_path: Path, change: object, words: list[str]) -> None:
+    base = recording(3000)
+    broken = table(base).with_column("theta.elbow", change)  # type: ignore[arg-type]
+    got = read(broken.save(tmp_path / "log.csv"))
+    assert np.array_equal(got.theta[:, 1], broken.rows[:, broken.column("theta.elbow")])
+    text = " | ".join(got.warnings)
+    for word in [*words, "elbow"]:
+        assert word in text, text
+    assert not any("shoulder" in warning or "wrist" in warning for warning in got.warnings)
+
+
+def test_a_wrapped_angle_is_unwrapped_on_request(tmp_path: Path) -> None:
+    broken = table(BASE)
+    for joint in JOINTS:
+        broken = broken.with_column(f"theta.{joint}", lambda x: np.degrees(x + 2.9 + np.pi) % 360 - 180)
+    mapping = {"theta": {"from": "theta.{joint}", "unit": "deg", "unwrap": True}}
+    got = read(broken.save(tmp_path / "log.csv"), mapping=mapping)
+    assert np.abs((got.theta - got.theta[0]) - (BASE.theta - BASE.theta[0])).max() < 1e-12
+
+
+def test_swapped_channels_are_noticed(tmp_path: Path) -> None:
+    base = recording(3000)
+    swapped = like(base, theta=base.theta[:, [1, 0, 2]])
+    got = read(written(tmp_path, "log.csv", swapped))
+    assert any("shoulder and elbow look swapped" in text for text in got.warnings)
+
+
+def test_held_samples_are_noticed(tmp_path: Path) -> None:
+    base = recording(3000)
+    held = like(base, tau=base.tau[np.arange(3000) // 4 * 4])
+    got = read(written(tmp_path, "log.csv", held))
+    assert any("tau changes only every 4 samples" in text for text in got.warnings)
+
+
+def test_a_good_log_raises_no_suspicion(tmp_path: Path) -> None:
+    assert read(written(tmp_path, "log.csv", recording())).warnings == ()
+    assert read(canonical(tmp_path / "log.mcap")).warnings == ()
