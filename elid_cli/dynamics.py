@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Vector = Sequence[float]
 _Function = Callable[[Sequence[float]], list[float]]
 
-_NEGLIGIBLE = 1e-9
+_NEGLIGIBLE = 1e-11
 """A column smaller than this share of the largest one does not move the robot."""
 _WIDE = 10.0
 """Feed-forward friction is rounded over this many widths."""

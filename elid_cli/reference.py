@@ -120,7 +120,7 @@ def sampled_reference(t: Array, q: Array) -> SplineReference:
     if t.shape[0] < DEGREE + 1 or not np.all(np.diff(t) > 0):
         raise UsageError("a reference needs at least six samples with increasing times")
     since = t - t[0]
-    return SplineReference(tuple(_interpolate(since, column) for column in q.T), float(since[-1]))
+    return SplineReference(tuple(_through(since, column) for column in q.T), float(since[-1]))
 
 
 def read_reference(path: str, robot: Robot) -> SplineReference:
@@ -154,37 +154,55 @@ def read_reference(path: str, robot: Robot) -> SplineReference:
 
 
 def _random_spline(joint: Joint, duration: float, generator: np.random.Generator, options: ReferenceOptions) -> Spline:
-    low, high = _range(joint)
-    speed, acceleration = _limits(joint)
+    low, high = range_of(joint)
+    speed, acceleration = limits_of(joint)
     speed, acceleration = speed * options.speed, acceleration * options.speed**2
     # a harmonic motion between way-points reaches both limits when its half period is pi v / a
     interval = options.interval or _SLOWER * math.pi * speed / acceleration
-    # three derivatives of zero at each end leave a quintic its freedom from six points on
-    count = max(round(duration / interval) + 1, DEGREE + 1)
+    count = max(round(duration / interval) + 1, DEGREE + 2)
     points = generator.uniform(-1.0, 1.0, count)
     points[0] = points[-1] = 0.0
-    unit = _interpolate(np.linspace(0.0, duration, count), points)
+    unit = _softly_through(np.linspace(0.0, duration, count), points)
     fine = np.linspace(0.0, duration, 40 * count)
     q, dq, ddq = (float(np.abs(unit.evaluate(fine, d)).max()) for d in range(3))
     size = min(0.5 * (high - low) * options.amplitude / max(q, 1.0), speed / dq, acceleration / ddq)
     return Spline(unit.knots, 0.5 * (low + high) + size * unit.points)
 
 
-def _interpolate(t: Array, points: Array) -> Spline:
+def _through(t: Array, points: Array) -> Spline:
+    """Return the spline through all points, with zero velocity and acceleration at both ends."""
     from scipy.interpolate import make_interp_spline
 
     rest = [(1, 0.0), (2, 0.0)]
-    spline = make_interp_spline(t, points, k=DEGREE, bc_type=(rest, rest))
+    spline = make_interp_spline(t, points, k=DEGREE, bc_type=(rest, rest))  # type: ignore[arg-type]  # the stubs know no lists
     return Spline(np.asarray(spline.t), np.asarray(spline.c))
 
 
-def _range(joint: Joint) -> tuple[float, float]:
+def _softly_through(t: Array, points: Array) -> Spline:
+    """Return the spline through all points but the second and the last but one, starting and ending without a jerk.
+
+    A jerk would make the wanted motor velocity jump, since it holds the rate of the spring's deflection.
+    """
+    from scipy.interpolate import BSpline
+
+    knots = np.concatenate([np.full(DEGREE, t[0]), t, np.full(DEGREE, t[-1])])
+    count = len(knots) - DEGREE - 1
+    basis = BSpline(knots, np.eye(count), DEGREE)
+    ends = [basis(end, d) for d in range(4) for end in (t[0], t[-1])]
+    wanted = [value for d in range(4) for value in ((points[0], points[-1]) if d == 0 else (0.0, 0.0))]
+    system = np.vstack([*ends, basis(t[2:-2])])
+    return Spline(knots, np.linalg.solve(system, np.concatenate([wanted, points[2:-2]])))
+
+
+def range_of(joint: Joint) -> tuple[float, float]:
+    """Return the range of a joint, rad or m, or a default where its limits are unknown."""
     if joint.limits.position is not None:
         return joint.limits.position
     return REVOLUTE_RANGE if joint.revolute else PRISMATIC_RANGE
 
 
-def _limits(joint: Joint) -> tuple[float, float]:
+def limits_of(joint: Joint) -> tuple[float, float]:
+    """Return the top speed and acceleration of a joint, or defaults where its limits are unknown."""
     speed, acceleration = joint.limits.velocity, joint.limits.acceleration
     default = (REVOLUTE_SPEED, REVOLUTE_ACCELERATION) if joint.revolute else (PRISMATIC_SPEED, PRISMATIC_ACCELERATION)
     return (default[0] if speed is None else speed, default[1] if acceleration is None else acceleration)

@@ -83,6 +83,8 @@ class Simulation:
     gains: Gains
     step: float
     """Integration step, s."""
+    period: float
+    """Controller's sample time, s."""
     facts: tuple[JointFacts, ...]
 
 
@@ -144,7 +146,7 @@ def run(
     asked = reference.evaluate(motion.t)[0]
     facts = _facts(recording, motion, asked, gains)
     delivered, transmitted = np.array(trace.delivered), np.array(trace.transmitted)
-    return Simulation(recording, motion, delivered, transmitted, asked, gains, clock.step, facts)
+    return Simulation(recording, motion, delivered, transmitted, asked, gains, clock.step, clock.period, facts)
 
 
 def exact(result: Simulation) -> Recording:
