@@ -6,8 +6,9 @@ amplitudes and all base parameters are eliminated, and what remains is a small s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -28,8 +29,14 @@ Array = NDArray[np.float64]
 
 _CHUNK = 16384
 """Samples whose full-rate regressor is held at a time."""
-SHAPE_SPREAD = 1.0
+SHAPE_SPREAD = 0.5
 """Prior standard deviation of a shape's logarithm about its start: holds shapes that the log does not show."""
+_SCAN = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Moves of a shape's logarithm that are tried before the refinement."""
+_SCANNED = 3
+"""Shapes of one joint up to which all combinations are tried."""
+_STARTS = 3
+"""Valleys of the grid that are refined."""
 _STEP = 1e-3
 """Relative step of the shapes' finite differences."""
 
@@ -172,6 +179,10 @@ class Declared:
 
     spec: EffectSpec
     effect: Effect
+    mean: Array = field(default_factory=lambda: np.zeros(0))
+    """Amplitudes that the file gives, 0 where it gives none, (d,); empty: nothing is known of them."""
+    spread: Array = field(default_factory=lambda: np.zeros(0))
+    """Prior standard deviation of the amplitudes, (d,); infinite where nothing is known."""
 
     @property
     def free(self) -> tuple[int, ...]:
@@ -200,15 +211,56 @@ def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:
     for spec in robot.effects:
         kind, joint = resolve(robot, spec)
         values = {p.name: 0.0 for p in kind.amplitudes} | dict(spec.parameters)
+        mean = np.zeros(len(kind.amplitudes))
         try:
-            shape = kind.coefficients(scene, joint, values)[1]
+            mean, shape = kind.coefficients(scene, joint, values)
         except KeyError:
             grid = kind.grid(scene, joint)
             if not grid:
                 continue
             shape = grid[len(grid) // 2]
-        found.append(Declared(spec, kind(joint, shape)))
+        found.append(Declared(spec, kind(joint, shape), mean, _amplitude_spread(kind, joint, mean, scene)))
     return tuple(found)
+
+
+def _amplitude_spread(kind: type[Effect], joint: int, mean: Array, scene: Scene) -> Array:
+    """Return how far amplitudes may lie from what the file gives: by its own size, or by that of the friction."""
+    spread = np.where(mean != 0, np.abs(mean), np.inf)
+    if kind.place == "motor":
+        names = {name: k for k, name in enumerate(scene.robot.parameter_names())}
+        speed = np.abs(scene.motion.dtheta[:, joint])
+        level = np.sqrt(
+            np.mean(
+                (scene.parameters[names[f"fs{joint + 1}"]] + scene.parameters[names[f"fv{joint + 1}"]] * speed) ** 2
+            )
+        )
+        units = np.array([p.unit in ("N·m", "N") for p in kind.amplitudes])
+        spread = np.where(units & ~(mean != 0) & (level > 0), level, spread)
+    return spread
+
+
+def amplitude_prior(effects: Sequence[Declared], first: int, width: int) -> Array | None:
+    """Return the equations that hold amplitudes near what is known of them, (k, width + 1), or None.
+
+    Parameters
+    ----------
+    effects
+        Effects in the order of their columns.
+    first
+        Column of the first amplitude.
+    width
+        Number of columns.
+    """
+    rows = []
+    place = first
+    for item in effects:
+        for d, (mean, spread) in enumerate(zip(item.mean, item.spread, strict=True)):
+            if np.isfinite(spread) and spread > 0:
+                row = np.zeros(width + 1)
+                row[place + d], row[-1] = 1.0 / spread, mean / spread
+                rows.append(row)
+        place += len(item.effect.amplitudes)
+    return np.array(rows) if rows else None
 
 
 def fit_declared(
@@ -235,8 +287,6 @@ def fit_declared(
     spread
         Standard deviation of the prior on a shape's logarithm about its start.
     """
-    from scipy.optimize import least_squares
-
     projection = _Projection(observation, weights, others)
     cache: dict[tuple[int, tuple[float, ...]], Extra] = {}
 
@@ -267,17 +317,61 @@ def fit_declared(
 
         def cost(z: Array) -> Array:
             columns = [extra(i, shape) for i, shape in enumerate(shapes(z))]
-            return np.concatenate([projection.residual(columns), (z - begin) / spread])
+            return np.concatenate([projection.residual(columns, effects), (z - begin) / spread])
 
-        found = least_squares(
-            cost, begin, bounds=bounds, diff_step=np.full(len(begin), 1e-2), x_scale=0.3, max_nfev=20, loss="linear"
-        )
-        start = shapes(found.x)
+        owners = [effects[i].effect.joint for i, _ in places]
+        found = _search(cost, begin, owners, bounds)
+        start = shapes(found)
     fitted = tuple(
         replace(item, effect=type(item.effect)(item.effect.joint, shape))
         for item, shape in zip(effects, start, strict=True)
     )
     return FittedEffects(fitted, tuple(extra(i, shape) for i, shape in enumerate(start)), scene)
+
+
+def _search(cost: Callable[[Array], Array], begin: Array, owners: Sequence[int], bounds: tuple[Array, Array]) -> Array:
+    """Return the shapes of least cost: a grid and refinement from its valleys joint after joint, then all together.
+
+    Shapes of one joint trade against each other, so their cost has more than one valley; those of different joints
+    hardly meet.
+    """
+    best = begin
+    for joint in sorted(set(owners)):
+        mine = np.array([k for k, owner in enumerate(owners) if owner == joint])
+
+        def inner(part: Array, mine: NDArray[np.intp] = mine, held: Array = best) -> Array:
+            whole = held.copy()
+            whole[mine] = part
+            return cost(whole)
+
+        limits = (bounds[0][mine], bounds[1][mine])
+        starts = _valleys(inner, begin[mine], limits) if len(mine) <= _SCANNED else [begin[mine]]
+        refined = [_refine(inner, start, limits) for start in starts]
+        best = best.copy()
+        best[mine] = min(refined, key=lambda item: item[1])[0]
+    return _refine(cost, best, bounds)[0] if len(set(owners)) > 1 else best
+
+
+def _refine(cost: Callable[[Array], Array], start: Array, bounds: tuple[Array, Array]) -> tuple[Array, float]:
+    from scipy.optimize import least_squares
+
+    step = np.full(len(start), _STEP)
+    found = least_squares(cost, start, bounds=bounds, diff_step=step, x_scale=0.3, max_nfev=25)
+    return np.asarray(found.x), float(found.cost)
+
+
+def _valleys(cost: Callable[[Array], Array], begin: Array, bounds: tuple[Array, Array]) -> list[Array]:
+    """Return the lowest grid points that are no neighbours of each other, at most `_STARTS`."""
+    moves = list(product(_SCAN, repeat=len(begin)))
+    points = [np.clip(begin + np.array(move), bounds[0] + 1e-9, bounds[1] - 1e-9) for move in moves]
+    values = np.array([float(np.sum(cost(point) ** 2)) for point in points])
+    found: list[Array] = []
+    for k in np.argsort(values):
+        if all(np.max(np.abs(points[k] - other)) > 0.6 for other in found):
+            found.append(points[k])
+        if len(found) == _STARTS:
+            break
+    return found
 
 
 def _bounds(
@@ -320,8 +414,8 @@ class _Projection:
         rest: Array = values - self._base @ (self._base.T @ values)
         return rest
 
-    def residual(self, extras: Sequence[Extra]) -> Array:
-        """Return the weighted residual with everything linear eliminated, (rows,)."""
+    def residual(self, extras: Sequence[Extra], effects: Sequence[Declared]) -> Array:
+        """Return the weighted residual with everything linear eliminated, the amplitudes' prior last, (rows,)."""
         columns = []
         for extra in extras:
             for d in range(extra.width):
@@ -332,11 +426,14 @@ class _Projection:
                 columns.append(np.concatenate(parts))
         if not columns:
             return self._target
-        block = self._rest(np.array(columns).T)
+        block, target = self._rest(np.array(columns).T), self._target
+        prior = amplitude_prior(effects, 0, block.shape[1])
+        if prior is not None:
+            block, target = np.concatenate([block, prior[:, :-1]]), np.concatenate([target, prior[:, -1]])
         norms = np.linalg.norm(block, axis=0)
         block = block[:, norms > 0] / norms[norms > 0]
-        solution = np.linalg.lstsq(block, self._target, rcond=1e-8)[0]
-        residual: Array = self._target - block @ solution
+        solution = np.linalg.lstsq(block, target, rcond=1e-8)[0]
+        residual: Array = target - block @ solution
         return residual
 
 

@@ -1,120 +1,100 @@
-"""Identification: base parameters from a log, how sure they are, and how well they predict torque not used."""
+"""Identification: base parameters from a log, how sure they are, and how well they predict torque not used.
+
+The default estimator is least squares on sum and motor rows (the spring eliminated, no homogeneous rows), filtered in
+parallel, every row group weighted by its own residual, with delay and offset of the torque channels and the shapes of
+declared effects estimated along.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters, find_base
 from elid_cli.covariance import residuals, sandwich
-from elid_cli.model import Model, Row
+from elid_cli.effects import (
+    SHAPE_SPREAD,
+    FittedEffects,
+    amplitude_prior,
+    declared_effects,
+    extra_of,
+    fit_declared,
+    scene_of,
+    shape_columns,
+)
+from elid_cli.heldout import held_out, joint_errors, with_floor
+from elid_cli.identification import (
+    EstimateOptions,
+    FittedEffect,
+    Identification,
+    JointError,
+    Nuisance,
+    Verdict,
+)
+from elid_cli.model import Model
 from elid_cli.nuisance import DELAY, delay_columns, offset_columns, significant
 from elid_cli.observation import Observation, observe
 from elid_cli.reduction import Extra, Triangles, folds_of, reduce
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
 from elid_cli.solve import Solution, reweighted, solve
+from elid_cli.verdicts import classes_in_log, judge, shortfall, suspicious, torque_scale
+
+__all__ = [
+    "EstimateOptions",
+    "Fit",
+    "FittedEffect",
+    "Identification",
+    "JointError",
+    "Nuisance",
+    "Verdict",
+    "fit_log",
+    "held_out",
+    "identify",
+    "joint_errors",
+    "masked_as_needed",
+    "with_floor",
+]
 
 Array = NDArray[np.float64]
-Verdict = Literal["supported", "weak", "refused"]
 
-WEAK = 0.3
-"""Relative standard deviation above which a parameter is only weakly excited."""
-REFUSED = 1.0
-"""Relative standard deviation above which a value says nothing."""
 STICKING = 2.5
 """Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""
-TORQUE_SHARE = 0.01
-"""A parameter matters on the scale at which it makes this share of a row's torque."""
+EFFECT_ROUNDS = 2
+"""Rounds of fitting shapes and everything else in turn."""
 
 
 @dataclass(frozen=True)
-class EstimateOptions:
-    """How to estimate."""
+class Fit:
+    """The default estimator's fit to a log, before it is judged."""
 
-    estimator: Literal["default", "paper"] = "default"
-    accurate: bool = False
-    folds: int = 6
-    """Contiguous stretches; each in turn is predicted by a fit to the others."""
-    delays: bool = True
-    """Estimate one torque delay per torque channel."""
-    offsets: bool = True
-    """Estimate one torque offset per torque channel."""
-    mask: bool | None = None
-    """Leave out reversals of the motors; None: of those motors that do not follow Coulomb friction there."""
-
-
-@dataclass(frozen=True)
-class JointError:
-    """Error of the predicted motor torque of one joint on data not used in the fit, N·m (N)."""
-
-    rms: float
-    """Motor torque minus prediction with the spring eliminated (sum row)."""
-    relative: float
-    """`rms` over the rms of the torque."""
-    spring_rms: float | None
-    """Motor row alone: spring torque from K (theta - q); None for a rigid joint."""
-    spring_relative: float | None
-    torque_rms: float
-    floor: float | None = None
-    """rms that the sensors' noise alone would leave in the sum row."""
-    spring_floor: float | None = None
-
-
-@dataclass(frozen=True)
-class Nuisance:
-    """Something of the measurement that was estimated along and corrected."""
-
-    effect: str
-    joint: str
-    parameters: Mapping[str, float]
-    std_error: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Identification:
-    """What a log says about a robot's parameters."""
-
-    robot: Robot
+    model: Model
     base: BaseParameters
-    estimate: Array
-    """Base parameters, (b,); NaN where refused."""
-    std_error: Array
-    reference: Array
-    """Reference values of the base parameters, (b,); NaN where unknown."""
-    verdict: tuple[Verdict, ...]
-    this_log: Mapping[str, str]
-    """Class of every standard parameter for this log: as structural, or weak, or not excited."""
-    reasons: Mapping[str, str]
-    """Why a parameter is weak, refused or not excited."""
-    error: Mapping[str, JointError]
-    condition: float
-    rank_margin: float
-    rank: int
+    signals: Signals
+    observation: Observation
+    nuisances: tuple[Extra, ...]
+    effects: FittedEffects | None
+    triangles: Triangles
+    solution: Solution
     covariance: Array
-    """Covariance of the base parameters, (b, b); NaN rows where refused."""
-    standard: Array
-    """A representative set of standard parameters (p,) that predicts as the base parameters do."""
-    delays: Array
-    """Torque delay per joint that was corrected, s, (n,)."""
-    settings: Mapping[str, object] = field(default_factory=dict)
-    nuisances: tuple[Nuisance, ...] = ()
-    warnings: tuple[str, ...] = ()
-    estimator: str = "default"
-    triangles: Triangles | None = None
-    """The reduced data, for those who fit again under further conditions (`physical`)."""
-    weights: Mapping[Row, float] = field(default_factory=dict)
-    """Weight of every row group in the fit: one over its residual rms."""
+    """Covariance of the basis of `solution`, shapes of effects accounted for, (r, r)."""
 
-    def relative_error(self) -> Array:
-        """Return |estimate - reference| / |reference|, (b,); NaN where there is no non-zero reference."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            error: Array = np.abs(self.estimate - self.reference) / np.abs(self.reference)
-        return np.where(self.reference == 0, np.nan, error)
+    @property
+    def extras(self) -> tuple[Extra, ...]:
+        """All columns beyond the standard parameters: nuisances, then effects."""
+        return (*self.nuisances, *(self.effects.extras if self.effects else ()))
+
+    @property
+    def transform(self) -> Array:
+        """Base parameters = transform @ solution, (b, p + e)."""
+        return np.concatenate([self.base.transform, np.zeros((self.base.count, self.triangles.extras))], axis=1)
+
+    def amplitudes(self) -> list[Array]:
+        """Return the fitted amplitudes of every declared effect, each (d,)."""
+        return _amplitudes(self.solution, self.base, self.nuisances, self.effects)
 
 
 def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = None) -> Identification:
@@ -126,26 +106,134 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
         If the log excites no parameter at all.
     """
     options = options or EstimateOptions()
+    if options.estimator == "paper":
+        from elid_cli.paper import identify_paper
+
+        return identify_paper(robot, signals, options)
     model = Model(robot)
-    base = find_base(model)
-    observation = masked_as_needed(observe(model, signals), base, options)
+    fit = fit_log(model, find_base(model), signals, options)
+    return assemble(fit, options)
+
+
+def fit_log(model: Model, base: BaseParameters, signals: Signals, options: EstimateOptions) -> Fit:
+    """Fit a log by the default estimator."""
+    observation = observe(model, signals)
+    if options.mask is not None:
+        observation = observation if options.mask else observation.unmasked(np.ones(model.robot.n, dtype=bool))
+    else:
+        start = _start_effects(model, base, observation, signals)
+        observation = masked_as_needed(observation, base, options, start.extras if start else ())
     fold = folds_of(observation, options.folds)
-    extras: list[Extra] = []
+    nuisances: list[Extra] = []
     if options.delays:
-        extras += delay_columns(observation)
+        nuisances += delay_columns(observation)
     if options.offsets:
-        extras += offset_columns(observation)
-    triangles = reduce(observation, extras, fold)
-    solution = reweighted(triangles, base.count + triangles.extras)
-    if extras:
-        extras = significant(observation, solution, extras, signals)
-        triangles = reduce(observation, extras, fold)
+        nuisances += offset_columns(observation)
+    effects = _start_effects(model, base, observation, signals)
+    for last in (False, True):
+        effects, triangles, solution = _fit_effects(model, base, observation, signals, nuisances, effects, fold)
+        if last or not nuisances:
+            break
+        nuisances = significant(observation, solution, nuisances, signals, effects.extras if effects else ())
+    covariance = _covariance(base, observation, signals, nuisances, effects, triangles, solution)
+    return Fit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
+
+
+def _start_effects(
+    model: Model, base: BaseParameters, observation: Observation, signals: Signals
+) -> FittedEffects | None:
+    """Return the robot file's effects at the shapes it gives, or None where it declares none."""
+    if not model.robot.effects:
+        return None
+    rough = reweighted(reduce(observation), base.count)
+    scene = scene_of(model, signals, rough.values[: model.parameters])
+    effects = declared_effects(model.robot, scene)
+    extras = tuple(extra_of(item.effect, scene, signals) for item in effects)
+    return FittedEffects(effects, extras, scene)
+
+
+def _fit_effects(
+    model: Model,
+    base: BaseParameters,
+    observation: Observation,
+    signals: Signals,
+    nuisances: Sequence[Extra],
+    effects: FittedEffects | None,
+    fold: NDArray[np.intp],
+) -> tuple[FittedEffects | None, Triangles, Solution]:
+    """Return effects with refined shapes, the triangles with their columns, and the solution."""
+    for _ in range(EFFECT_ROUNDS if effects else 0):
+        assert effects is not None
+        triangles = _reduced(observation, nuisances, effects)
         solution = reweighted(triangles, base.count + triangles.extras)
-    covariance = sandwich(observation, solution, extras)
-    return _assemble(robot, base, signals, observation, triangles, solution, covariance, extras, options)
+        scene = scene_of(model, signals, solution.values[: model.parameters])
+        effects = fit_declared(observation, signals, scene, effects.effects, solution.weights, nuisances)
+    triangles = _reduced(observation, nuisances, effects, fold)
+    return effects, triangles, reweighted(triangles, base.count + triangles.extras)
 
 
-def masked_as_needed(observation: Observation, base: BaseParameters, options: EstimateOptions) -> Observation:
+def _reduced(
+    observation: Observation,
+    nuisances: Sequence[Extra],
+    effects: FittedEffects | None,
+    fold: NDArray[np.intp] | None = None,
+) -> Triangles:
+    """Return triangles with the columns of nuisances and effects, and what is known of the effects' amplitudes."""
+    if effects is None:
+        return reduce(observation, nuisances, fold)
+    triangles = reduce(observation, (*nuisances, *effects.extras), fold)
+    first = triangles.parameters + sum(extra.width for extra in nuisances)
+    return replace(triangles, prior=amplitude_prior(effects.effects, first, triangles.width))
+
+
+def _amplitudes(
+    solution: Solution, base: BaseParameters, nuisances: Sequence[Extra], effects: FittedEffects | None
+) -> list[Array]:
+    place = len(base.parameters) + sum(extra.width for extra in nuisances)
+    found = []
+    for extra in effects.extras if effects else ():
+        found.append(solution.values[place : place + extra.width])
+        place += extra.width
+    return found
+
+
+def _covariance(
+    base: BaseParameters,
+    observation: Observation,
+    signals: Signals,
+    nuisances: Sequence[Extra],
+    effects: FittedEffects | None,
+    triangles: Triangles,
+    solution: Solution,
+) -> Array:
+    """Return the covariance of the solution's basis; shapes that were fitted count as parameters with their prior."""
+    extras = [*nuisances, *(effects.extras if effects else ())]
+    if effects is None:
+        return sandwich(observation, solution, extras)
+    shapes = shape_columns(effects, signals, _amplitudes(solution, base, nuisances, effects))
+    if not shapes:
+        return sandwich(observation, solution, extras)
+    extended = reduce(observation, [*extras, *shapes])
+    prior = np.zeros((len(shapes), extended.width + 1))
+    prior[np.arange(len(shapes)), triangles.width + np.arange(len(shapes))] = 1.0 / SHAPE_SPREAD
+    if triangles.prior is not None:
+        known = np.insert(triangles.prior, [triangles.width], np.zeros((1, len(shapes))), axis=1)
+        prior = np.concatenate([prior, known])
+    extended = replace(extended, prior=prior)
+    basis = np.concatenate([solution.basis, triangles.width + np.arange(len(shapes))]).astype(np.intp)
+    wider = solve(extended, solution.weights, basis=basis)
+    whole = sandwich(observation, wider, [*extras, *shapes])
+    place = {int(column): k for k, column in enumerate(wider.basis)}
+    kept = [place.get(int(column), -1) for column in solution.basis]
+    if min(kept) < 0:
+        return sandwich(observation, solution, extras)
+    covariance: Array = whole[np.ix_(kept, kept)]
+    return covariance
+
+
+def masked_as_needed(
+    observation: Observation, base: BaseParameters, options: EstimateOptions, effects: Sequence[Extra] = ()
+) -> Observation:
     """Return the observation with reversals counted for the joints whose residual there is no larger than elsewhere.
 
     A motor that sticks has no defined friction while it does; one that glides through zero tells most about its
@@ -153,8 +241,9 @@ def masked_as_needed(observation: Observation, base: BaseParameters, options: Es
     """
     if options.mask is not None:
         return observation if options.mask else observation.unmasked(np.ones(observation.robot.n, dtype=bool))
-    extras = [*delay_columns(observation), *offset_columns(observation)]
-    values = reweighted(reduce(observation, extras), base.count + len(extras)).values
+    extras = [*delay_columns(observation), *offset_columns(observation), *effects]
+    triangles = reduce(observation, extras)
+    values = reweighted(triangles, base.count + triangles.extras).values
     residual = residuals(observation, values, extras)
     glides = np.zeros(observation.robot.n, dtype=bool)
     for k in range(observation.robot.n):
@@ -167,198 +256,77 @@ def masked_as_needed(observation: Observation, base: BaseParameters, options: Es
     return observation.unmasked(glides)
 
 
-def _assemble(
-    robot: Robot,
-    base: BaseParameters,
-    signals: Signals,
-    observation: Observation,
-    triangles: Triangles,
-    solution: Solution,
-    covariance: Array,
-    extras: Sequence[Extra],
-    options: EstimateOptions,
-) -> Identification:
-    p = len(base.parameters)
-    transform = np.concatenate([base.transform, np.zeros((base.count, triangles.extras))], axis=1)
+def assemble(fit: Fit, options: EstimateOptions, refused: Mapping[str, str] | None = None) -> Identification:
+    """Judge a fit: verdicts, classes, held-out error."""
+    base, solution, robot = fit.base, fit.solution, fit.model.robot
+    transform = fit.transform
     known = solution.estimable(transform)
     estimate = transform @ solution.values
-    spread = transform[:, solution.basis] @ covariance @ transform[:, solution.basis].T
-    deviation = np.sqrt(np.diag(spread))
-    scale = torque_scale(base, triangles, solution)
-    verdict, reasons = judge(base, estimate, deviation, scale, known, signals)
-    refused = np.array([v == "refused" for v in verdict])
-    spread = np.where(refused[:, None] | refused[None], np.nan, spread)
-    this_log = classes_in_log(base, verdict, signals, reasons)
-    nuisances, delays = _nuisances(extras, solution, covariance, robot, p)
+    spread = transform[:, solution.basis] @ fit.covariance @ transform[:, solution.basis].T
+    deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    scale = torque_scale(base, fit.triangles)
+    verdict, reasons = judge(base, estimate, deviation, scale, known, robot, fit.signals, refused or {})
+    unsaid = np.array([v == "refused" for v in verdict])
+    nuisances, delays = _nuisances(fit)
+    warnings = [*suspicious(base, estimate, deviation, known)]
+    lacking = shortfall(base, solution, known, fit.signals)
     return Identification(
         robot=robot,
         base=base,
-        estimate=np.where(refused, np.nan, estimate),
-        std_error=np.where(refused, np.nan, deviation),
+        estimate=np.where(unsaid, np.nan, estimate),
+        std_error=np.where(unsaid, np.nan, deviation),
         reference=base.values(robot.reference()),
         verdict=verdict,
-        this_log=this_log,
+        this_log=classes_in_log(base, verdict, reasons),
         reasons=reasons,
-        error=held_out(robot, triangles, solution),
+        error=held_out(robot, fit.triangles, solution),
         condition=solution.condition,
         rank_margin=solution.margin,
         rank=int(known.sum()),
-        covariance=spread,
-        standard=solution.values[:p],
+        covariance=np.where(unsaid[:, None] | unsaid[None], np.nan, spread),
+        standard=solution.values[: len(base.parameters)],
         delays=delays,
-        settings=_settings(signals, observation, options),
+        settings=_settings(fit.signals, fit.observation, options),
         nuisances=nuisances,
-        warnings=_suspicious(base, estimate, deviation, known),
+        effects=_effects(fit),
+        warnings=tuple(warnings),
+        notes=(lacking,) if lacking else (),
         estimator=options.estimator,
-        triangles=triangles,
+        triangles=fit.triangles,
         weights=solution.weights,
     )
 
 
-def torque_scale(base: BaseParameters, triangles: Triangles, solution: Solution) -> Array:
-    """Return per base parameter the value that makes `TORQUE_SHARE` of the torque of the row it acts on most, (b,)."""
-    strongest = np.zeros(len(base.parameters))
-    for row in triangles.rows:
-        chosen = triangles.of(row)
-        torque = triangles.torque_rms(row)
-        count = sum(t.count for t in chosen)
-        for triangle in chosen[:1]:
-            standard = triangle.index < len(base.parameters)
-            squares = sum((t.factor[:, :-1] ** 2).sum(axis=0) for t in chosen)
-            share = np.sqrt(squares[standard] / count) / max(torque, 1e-300)
-            index = triangle.index[standard]
-            strongest[index] = np.maximum(strongest[index], share)
-    with np.errstate(divide="ignore"):
-        return TORQUE_SHARE / strongest[base.leaders]
+def _deviation(fit: Fit, column: int) -> float:
+    where = np.flatnonzero(fit.solution.basis == column)
+    return float(np.sqrt(max(fit.covariance[where[0], where[0]], 0.0))) if len(where) else float("nan")
 
 
-def judge(
-    base: BaseParameters,
-    estimate: Array,
-    deviation: Array,
-    scale: Array,
-    known: NDArray[np.bool_],
-    signals: Signals,
-) -> tuple[tuple[Verdict, ...], dict[str, str]]:
-    """Return the verdict on every base parameter and the reasons, by the leading parameter's name."""
-    verdicts: list[Verdict] = []
-    reasons: dict[str, str] = {}
-    for k, leader in enumerate(base.leaders):
-        name = base.parameters[leader]
-        size = max(abs(estimate[k]), scale[k] if np.isfinite(scale[k]) else 0.0)
-        if not known[k] or not np.isfinite(deviation[k]):
-            verdicts.append("refused")
-            reasons[name] = _why(name, signals)
-        elif deviation[k] > REFUSED * size or (name.startswith("K") and estimate[k] < 2 * deviation[k]):
-            verdicts.append("refused")
-            spread = f"standard deviation {deviation[k]:.2g} against a value of {estimate[k]:.2g}"
-            reasons[name] = f"{spread}: {_why(name, signals)}"
-        elif deviation[k] > WEAK * size:
-            verdicts.append("weak")
-            reasons[name] = f"known to {deviation[k] / size:.0%} only: {_why(name, signals)}"
-        else:
-            verdicts.append("supported")
-    return tuple(verdicts), reasons
-
-
-def _why(name: str, signals: Signals) -> str:
-    """Return in words what the log lacks for a parameter."""
-    kind = name.rstrip("0123456789")
-    joint = int(name[len(kind) :]) - 1
-    label = signals.joints[joint]
-    if signals.still[joint] and kind in ("Jm", "fs", "fv", "K"):
-        return f"{label} does not move"
-    still = [signals.joints[k] for k in np.flatnonzero(signals.still)]
-    if not np.isfinite(signals.tau[:, joint]).any():
-        return f"{label} has no torque in this log"
-    if still:
-        return f"{', '.join(still)} {'does' if len(still) == 1 else 'do'} not move"
-    if kind == "K":
-        return f"too little torque that varies passes through the transmission of {label}"
-    return "the motion excites it too little"
-
-
-def classes_in_log(
-    base: BaseParameters, verdict: Sequence[Verdict], signals: Signals, reasons: dict[str, str]
-) -> dict[str, str]:
-    """Return the class of every standard parameter for this log, and add the followers' reasons."""
-    result: dict[str, str] = dict(base.classes)
-    for k, leader in enumerate(base.leaders):
-        members = [base.parameters[j] for j in np.flatnonzero(base.transform[k])]
-        name = base.parameters[leader]
-        if verdict[k] == "supported":
-            continue
-        label = "weak" if verdict[k] == "weak" else "not excited"
-        result[name] = label
-        for member in members[1:]:
-            seen = [v for row, v in zip(base.transform, verdict, strict=True) if row[base.parameters.index(member)]]
-            if all(v == "refused" for v in seen):
-                result[member] = "not excited"
-                reasons.setdefault(member, reasons.get(name, ""))
-            elif all(v != "supported" for v in seen):
-                result[member] = "weak"
-                reasons.setdefault(member, reasons.get(name, ""))
-    return result
-
-
-def held_out(robot: Robot, triangles: Triangles, solution: Solution) -> dict[str, JointError]:
-    """Return each joint's error on every fold, predicted by a fit to the other folds."""
-    squares: dict[Row, float] = dict.fromkeys(triangles.rows, 0.0)
-    for fold in range(triangles.folds):
-        others = [f for f in range(triangles.folds) if f != fold]
-        fitted = solve(triangles, solution.weights, others or None, len(solution.basis)).values
-        for row in triangles.rows:
-            squares[row] += sum(t.squares(fitted) for t in triangles.of(row, [fold]))
-    return joint_errors(robot, triangles, squares)
-
-
-def joint_errors(
-    robot: Robot, triangles: Triangles, squares: Mapping[Row, float], folds: Sequence[int] | None = None
-) -> dict[str, JointError]:
-    """Return each joint's error from residual sums of squares per row group."""
-    errors = {}
-    for k, joint in enumerate(robot.joints):
-        total, motor = Row("sum", k), Row("motor", k)
-        if total not in squares:
-            continue
-        torque = triangles.torque_rms(total, folds)
-
-        def rms(row: Row) -> float:
-            count = sum(t.count for t in triangles.of(row, folds))
-            return float(np.sqrt(squares[row] / count)) if count else float("nan")
-
-        spring = rms(motor) if motor in squares else None
-        share = None if spring is None else spring / torque
-        errors[joint.name] = JointError(rms(total), rms(total) / torque, spring, share, torque)
-    return errors
-
-
-def _nuisances(
-    extras: Sequence[Extra], solution: Solution, covariance: Array, robot: Robot, p: int
-) -> tuple[tuple[Nuisance, ...], Array]:
+def _nuisances(fit: Fit) -> tuple[tuple[Nuisance, ...], Array]:
+    robot, p = fit.model.robot, len(fit.base.parameters)
     delays = np.zeros(robot.n)
     found = []
-    for k, extra in enumerate(extras):
+    for k, extra in enumerate(fit.nuisances):
         joint = next(iter(extra.rows)).joint
-        value = float(solution.values[p + k])
-        where = np.flatnonzero(solution.basis == p + k)
-        deviation = float(np.sqrt(covariance[where[0], where[0]])) if len(where) else float("nan")
+        value = float(fit.solution.values[p + k])
         kind = "delay" if extra.name == DELAY else "offset"
         if extra.name == DELAY:
             delays[joint] = value
-        found.append(Nuisance(extra.name, robot.joints[joint].name, {kind: value}, {kind: deviation}))
+        found.append(Nuisance(extra.name, robot.joints[joint].name, {kind: value}, {kind: _deviation(fit, p + k)}))
     return tuple(found), delays
 
 
-def _suspicious(base: BaseParameters, estimate: Array, deviation: Array, known: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Return a sentence for every stiffness, rotor inertia or friction that came out negative beyond doubt."""
-    sentences = []
-    for k, leader in enumerate(base.leaders):
-        name = base.parameters[leader]
-        positive = name.startswith(("K", "Jm", "fs", "fv")) and base.classes[name] == "independent"
-        if positive and known[k] and estimate[k] < -3 * deviation[k]:
-            sentences.append(f"{name} = {estimate[k]:.3g} is negative: check signs and units, or an effect is missing")
-    return tuple(sentences)
+def _effects(fit: Fit) -> tuple[FittedEffect, ...]:
+    if fit.effects is None:
+        return ()
+    place = fit.model.parameters + sum(extra.width for extra in fit.nuisances)
+    found = []
+    for item, values in zip(fit.effects.effects, fit.amplitudes(), strict=True):
+        named = item.effect.named(fit.effects.scene, values)
+        errors = {p.name: _deviation(fit, place + d) for d, p in enumerate(item.effect.amplitudes)}
+        found.append(FittedEffect(item.spec.effect, item.spec.joint, named, errors))
+        place += len(values)
+    return tuple(found)
 
 
 def _settings(signals: Signals, observation: Observation, options: EstimateOptions) -> dict[str, object]:
@@ -376,13 +344,3 @@ def _settings(signals: Signals, observation: Observation, options: EstimateOptio
         "estimator": options.estimator,
         "folds": options.folds,
     }
-
-
-def with_floor(identification: Identification, floor: Mapping[Row, float]) -> Identification:
-    """Return the identification with the noise floor of each row filled in."""
-    names = {joint.name: k for k, joint in enumerate(identification.robot.joints)}
-    errors = {
-        name: replace(e, floor=floor.get(Row("sum", names[name])), spring_floor=floor.get(Row("motor", names[name])))
-        for name, e in identification.error.items()
-    }
-    return replace(identification, error=errors)

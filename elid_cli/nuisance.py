@@ -49,13 +49,18 @@ def _channel_columns(observation: Observation, name: str, values: Array, unit: s
 
 
 def significant(
-    observation: Observation, solution: Solution, extras: Sequence[Extra], signals: Signals
+    observation: Observation,
+    solution: Solution,
+    extras: Sequence[Extra],
+    signals: Signals,
+    others: Sequence[Extra] = (),
 ) -> list[Extra]:
     """Return the nuisances whose coefficient is significant; a delay must also be no longer than one sample.
 
-    A longer delay is not a nuisance of sampling but an effect, for the diagnosis to name.
+    A longer delay is not a nuisance of sampling but an effect, for the diagnosis to name. `others` are further columns
+    that follow the nuisances in the solution.
     """
-    covariance = sandwich(observation, solution, extras)
+    covariance = sandwich(observation, solution, (*extras, *others))
     kept = []
     for k, extra in enumerate(extras):
         where = np.flatnonzero(solution.basis == observation.parameters + k)

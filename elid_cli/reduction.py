@@ -60,6 +60,9 @@ class Triangles:
     extras: int
     folds: int
     rows: tuple[Row, ...] = field(default=())
+    prior: Array | None = None
+    """Further equations [columns | target] in units of their standard deviation, (k, p + e + 1): what is known of
+    columns before the data speak."""
 
     @property
     def width(self) -> int:
@@ -97,6 +100,8 @@ class Triangles:
             parts.append(part)
         if not parts:
             return np.zeros((0, self.width + 1))
+        if self.prior is not None:
+            parts.append(self.prior)
         return _factor(np.concatenate(parts))
 
 

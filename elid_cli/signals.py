@@ -8,6 +8,7 @@ filtered in parallel with the model's columns.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.errors import DataError, LogError
+from elid_cli.fusion import Rate, rate_of, white_noise
 from elid_cli.lowpass import LowPass, low_pass
 from elid_cli.motion import Motion
 from elid_cli.recording import Recording, Segment
@@ -27,9 +29,9 @@ DEFAULT_CUTOFF = 10.0
 """Cut-off of the parallel filter, Hz, unless the data or the user choose another."""
 RATE_PER_CUTOFF = 5.0
 """Samples kept per second for every Hz of cut-off."""
-KNOTS = (0.008, 0.2)
+KNOTS = (0.008, 0.4)
 """Range of knot spacings tried, s."""
-_SPACINGS = 9
+_SPACINGS = 13
 STILL = 3.0
 """A joint whose range of motion is below this many standard deviations of its noise does not move."""
 MINIMUM_SAMPLES = 40
@@ -94,6 +96,8 @@ class Signals:
     """Per segment: splines of all link and of all motor channels, where splines were used."""
     velocity_used: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     notes: tuple[str, ...] = ()
+    recording: Recording | None = None
+    """What the signals were made from: estimators that model the raw samples start there."""
 
     @property
     def n(self) -> int:
@@ -132,8 +136,20 @@ def _plan(cutoff: float, rate: float | None, dt: float) -> LowPass:
     return low_pass(cutoff, dt, step)
 
 
-def prepare(recording: Recording, robot: Robot, options: SignalOptions | None = None) -> Signals:
+def prepare(
+    recording: Recording,
+    robot: Robot,
+    options: SignalOptions | None = None,
+    accelerations: tuple[Array, Array] | None = None,
+) -> Signals:
     """Smooth a recording's positions and plan its filtering.
+
+    Parameters
+    ----------
+    recording, robot, options
+        The log, the robot and how to treat it.
+    accelerations
+        Measured accelerations of links and motors, each (N, n), for logs made of simulations that have them.
 
     Raises
     ------
@@ -159,7 +175,7 @@ def prepare(recording: Recording, robot: Robot, options: SignalOptions | None = 
     if options.smoothing == "butterworth":
         smooth = _butterworth(link, motor, segments, dt, options)
     else:
-        smooth = _splined(recording, link, motor, segments, options)
+        smooth = _splined(recording, link, motor, segments, options, accelerations)
     still = _still(smooth, segments)
     motion = _motion(recording.t, smooth, still, segments)
     if still.all():
@@ -191,6 +207,7 @@ def prepare(recording: Recording, robot: Robot, options: SignalOptions | None = 
         splines=smooth.splines,
         velocity_used=smooth.velocity_used,
         notes=smooth.notes,
+        recording=recording,
     )
 
 
@@ -225,13 +242,20 @@ def _spacings(dt: float, options: SignalOptions) -> list[int]:
 
 
 def _splined(
-    recording: Recording, link: Array, motor: Array, segments: tuple[Segment, ...], options: SignalOptions
+    recording: Recording,
+    link: Array,
+    motor: Array,
+    segments: tuple[Segment, ...],
+    options: SignalOptions,
+    accelerations: tuple[Array, Array] | None,
 ) -> _Smooth:
     samples, n = link.shape
     dt = recording.dt
     both = np.concatenate([link, motor], axis=1).T
-    strides = _choose(both, segments, dt, n, options)
-    velocities, notes = _velocities(recording, both, segments, strides, options)
+    strides = _choose(both, segments, dt, n, options, ())
+    rates, notes = _rates(recording, accelerations, both, segments, strides, options)
+    if rates:
+        strides = _choose(both, segments, dt, n, options, rates)
     out = np.full((3, 2 * n, samples), np.nan)
     squares, counts = np.zeros(2 * n), np.zeros(2 * n)
     splines: list[tuple[Spline, Spline]] = []
@@ -239,16 +263,14 @@ def _splined(
         part = slice(segment.start, segment.stop)
         for stride in sorted(set(strides.tolist())):
             chosen = np.flatnonzero(np.concatenate([strides, strides]) == stride)
-            speeds, ratio = None, None
-            if velocities is not None:
-                speeds, ratio = velocities.values[chosen, part], velocities.ratio[chosen]
-            fit = fit_spline(np.ascontiguousarray(both[chosen, part]), stride, dt, speeds, ratio)
+            further = [(r.derivative, r.values[chosen, part], r.ratio[chosen]) for r in rates]
+            fit = fit_spline(np.ascontiguousarray(both[chosen, part]), stride, dt, further)
             for derivative in range(3):
                 out[derivative, chosen, part] = fit.spline.evaluate(derivative)
             squares[chosen] += fit.rms**2 * len(segment)
             counts[chosen] += len(segment)
     noise = np.sqrt(squares / counts)
-    used = np.zeros(2 * n, dtype=bool) if velocities is None else velocities.ratio > 0
+    used = np.any([r.ratio > 0 for r in rates], axis=0) if rates else np.zeros(2 * n, dtype=bool)
     return _Smooth(
         (out[0, :n].T, out[1, :n].T, out[2, :n].T),
         (out[0, n:].T, out[1, n:].T, out[2, n:].T),
@@ -261,7 +283,12 @@ def _splined(
 
 
 def _choose(
-    both: Array, segments: tuple[Segment, ...], dt: float, n: int, options: SignalOptions
+    both: Array,
+    segments: tuple[Segment, ...],
+    dt: float,
+    n: int,
+    options: SignalOptions,
+    rates: Sequence[Rate],
 ) -> NDArray[np.intp]:
     """Return the knot stride per joint: the finer of what its link and its motor channel prefer."""
     candidates = _spacings(dt, options)
@@ -269,54 +296,56 @@ def _choose(
         return np.full(n, candidates[0], dtype=np.intp)
     scores = np.zeros((len(candidates), 2 * n))
     for segment in segments:
-        part = np.ascontiguousarray(both[:, segment.start : segment.stop])
+        span = slice(segment.start, segment.stop)
+        part = np.ascontiguousarray(both[:, span])
+        noise = np.array([white_noise(channel) for channel in part]) if rates else np.zeros(0)
         for row, stride in enumerate(candidates):
-            if len(segment) > 12 * stride:
-                scores[row] += fit_spline(part, stride, dt).aicc
-            else:
+            if len(segment) <= 12 * stride:
                 scores[row] = np.inf
+            elif rates:
+                scores[row] += _fused_score(part, [(r, r.values[:, span]) for r in rates], noise, stride, dt)
+            else:
+                scores[row] += fit_spline(part, stride, dt).aicc
     best = np.argmin(scores, axis=0)
     finest = np.minimum(best[:n], best[n:])
     return np.array([candidates[k] for k in finest], dtype=np.intp)
 
 
-@dataclass(frozen=True)
-class _Velocities:
-    values: Array
-    ratio: Array
+def _fused_score(part: Array, rates: Sequence[tuple[Rate, Array]], noise: Array, stride: int, dt: float) -> Array:
+    """Return Akaike's criterion of splines seen through positions and rates of known noise, (channels,)."""
+    fit = fit_spline(part, stride, dt, [(r.derivative, values, r.ratio) for r, values in rates])
+    squares = np.nansum(fit.residual**2, axis=1)
+    for rate, values in rates:
+        squares += rate.ratio**2 * np.nansum((values - fit.spline.evaluate(rate.derivative)) ** 2, axis=1)
+    score: Array = squares / np.maximum(noise, 1e-300) ** 2 + 2.0 * fit.freedom
+    return score
 
 
-def _velocities(
-    recording: Recording, both: Array, segments: tuple[Segment, ...], strides: NDArray[np.intp], options: SignalOptions
-) -> tuple[_Velocities | None, tuple[str, ...]]:
-    """Return measured velocities that agree with the positions' derivative, with their weight in the fit."""
-    n = len(strides)
-    if not options.measured_velocity or (recording.dq is None and recording.dtheta is None):
-        return None, ()
-    absent = np.full((both.shape[1], n), np.nan)
-    parts = [absent if speeds is None else speeds for speeds in (recording.dq, recording.dtheta)]
-    speeds = np.concatenate(parts, axis=1).T
-    ratio = np.zeros(2 * n)
-    notes: list[str] = []
-    longest = max(segments, key=len)
-    part = slice(longest.start, longest.stop)
-    for k in range(2 * n):
-        if not np.isfinite(speeds[k, part]).any() or not np.isfinite(both[k, part]).any():
+def _rates(
+    recording: Recording,
+    accelerations: tuple[Array, Array] | None,
+    both: Array,
+    segments: tuple[Segment, ...],
+    strides: NDArray[np.intp],
+    options: SignalOptions,
+) -> tuple[list[Rate], tuple[str, ...]]:
+    """Return measured derivatives that agree with the positions, and a sentence for each that does not."""
+    if not options.measured_velocity:
+        return [], ()
+    absent = np.full((both.shape[1], len(strides)), np.nan)
+    measured = [(1, recording.dq, recording.dtheta), (2, *(accelerations or (None, None)))]
+    rates, notes = [], []
+    for derivative, link, motor in measured:
+        if link is None and motor is None:
             continue
-        stride = int(strides[k % n])
-        fit = fit_spline(both[k : k + 1, part], stride, recording.dt)
-        difference = speeds[k, part] - fit.spline.evaluate(1)[0]
-        position, speed = float(fit.rms[0]), float(np.sqrt(np.nanmean(difference**2)))
-        moving = float(np.nanstd(speeds[k, part]))
-        name = f"{'dq' if k < n else 'dtheta'} of {recording.joints[k % n]}"
-        if speed > 0.05 * moving:
-            share = f"{speed / moving:.0%}"
-            notes.append(f"measured {name} differs from the derivative of the position by {share}: not used")
-        elif speed > 0 and position > 0:
-            ratio[k] = position / speed
-    if not (ratio > 0).any():
-        return None, tuple(notes)
-    return _Velocities(np.where((ratio > 0)[:, None], speeds, np.nan), ratio), tuple(notes)
+        values = np.concatenate([absent if v is None else v for v in (link, motor)], axis=1).T
+        prefix = "d" * derivative
+        names = [f"{prefix}{side} of {joint}" for side in ("q", "theta") for joint in recording.joints]
+        rate, said = rate_of(derivative, values, both, names, segments, np.tile(strides, 2), recording.dt)
+        notes += said
+        if (rate.ratio > 0).any():
+            rates.append(rate)
+    return rates, tuple(notes)
 
 
 def _butterworth(

@@ -8,6 +8,7 @@ the same optimum as a Rauch-Tung-Striebel smoother with that prior).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -120,9 +121,7 @@ class Fit:
         return np.where(spare > 0, criterion, np.inf)
 
 
-def fit_spline(
-    values: Array, stride: int, dt: float, velocities: Array | None = None, ratio: Array | None = None
-) -> Fit:
+def fit_spline(values: Array, stride: int, dt: float, rates: Sequence[tuple[int, Array, Array]] = ()) -> Fit:
     """Fit quintic splines with knots every `stride` samples.
 
     Parameters
@@ -133,27 +132,24 @@ def fit_spline(
         Samples per knot interval, at least 1.
     dt
         Sample time, s.
-    velocities
-        Measured velocities of the same channels, (channels, N), or None; NaN where missing.
-    ratio
-        Standard deviation of position noise over that of velocity noise, s, (channels,).
+    rates
+        Measured derivatives of the same channels: (derivative, samples (channels, N) with NaN where missing, standard
+        deviation of position noise over that of this noise (channels,)).
     """
     channels, samples = values.shape
     intervals = max(1, -(-(samples - 1) // stride))
     padded = intervals * stride + 1
     local = np.arange(stride) / stride
-    designs = [basis(local), basis(local, 1) / (stride * dt)]
-    ends = [basis(np.ones(1)), basis(np.ones(1), 1) / (stride * dt)]
     known = np.isfinite(values)
-    shared = bool(known.all()) and velocities is None
+    shared = bool(known.all()) and not rates
     band = np.zeros((channels if not shared else 1, _ORDER, intervals + DEGREE))
     right = np.zeros((channels, intervals + DEGREE))
-    observed: list[tuple[Array, NDArray[np.bool_], Array | None]] = [(values, known, None)]
-    if velocities is not None and ratio is not None:
-        observed.append((velocities, np.isfinite(velocities), ratio))
-    for order, (data, present, scale) in enumerate(observed):
-        weight = present.astype(float) if scale is None else present * (scale**2)[:, None]
-        _accumulate(band, right, data, weight[:1] if shared else weight, designs[order], ends[order], stride, padded)
+    observed: list[tuple[int, Array, Array]] = [(0, values, np.ones(channels)), *rates]
+    for derivative, data, ratio in observed:
+        weight = np.isfinite(data) * (ratio**2)[:, None]
+        width = (stride * dt) ** derivative
+        design, end = basis(local, derivative) / width, basis(np.ones(1), derivative) / width
+        _accumulate(band, right, data, weight[:1] if shared else weight, design, end, stride, padded)
     coefficients = _solve(band, right)
     spline = Spline(coefficients, samples, stride, dt)
     residual = values - spline.evaluate()

@@ -1,0 +1,56 @@
+"""Errors on data not used in the fit: every contiguous stretch predicted by a fit to the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli.identification import Identification, JointError
+from elid_cli.model import Row
+from elid_cli.reduction import Triangles
+from elid_cli.robot import Robot
+from elid_cli.solve import Solution, solve
+
+
+def held_out(robot: Robot, triangles: Triangles, solution: Solution) -> dict[str, JointError]:
+    """Return each joint's error on every fold, predicted by a fit to the other folds."""
+    squares: dict[Row, float] = dict.fromkeys(triangles.rows, 0.0)
+    for fold in range(triangles.folds):
+        others = [f for f in range(triangles.folds) if f != fold]
+        fitted = solve(triangles, solution.weights, others or None, len(solution.basis)).values
+        for row in triangles.rows:
+            squares[row] += sum(t.squares(fitted) for t in triangles.of(row, [fold]))
+    return joint_errors(robot, triangles, squares)
+
+
+def joint_errors(
+    robot: Robot, triangles: Triangles, squares: Mapping[Row, float], folds: Sequence[int] | None = None
+) -> dict[str, JointError]:
+    """Return each joint's error from residual sums of squares per row group."""
+    errors = {}
+    for k, joint in enumerate(robot.joints):
+        total, motor = Row("sum", k), Row("motor", k)
+        if total not in squares:
+            continue
+        torque = triangles.torque_rms(total, folds)
+
+        def rms(row: Row) -> float:
+            count = sum(t.count for t in triangles.of(row, folds))
+            return float(np.sqrt(squares[row] / count)) if count else float("nan")
+
+        spring = rms(motor) if motor in squares else None
+        share = None if spring is None else spring / torque
+        errors[joint.name] = JointError(rms(total), rms(total) / torque, spring, share, torque)
+    return errors
+
+
+def with_floor(identification: Identification, floor: Mapping[Row, float]) -> Identification:
+    """Return the identification with the noise floor of each row filled in."""
+    names = {joint.name: k for k, joint in enumerate(identification.robot.joints)}
+    errors = {
+        name: replace(e, floor=floor.get(Row("sum", names[name])), spring_floor=floor.get(Row("motor", names[name])))
+        for name, e in identification.error.items()
+    }
+    return replace(identification, error=errors)
