@@ -48,6 +48,7 @@ def identify(
         check_writable(Path(write_robot))
     with progress(output, "reading") as advance:
         from elid_cli import estimate, robot_file
+        from elid_cli.by_log import errors_by_log
         from elid_cli.reports.identification import identification_report
 
         machine = robot_file.read_robot(robot)
@@ -56,9 +57,11 @@ def identify(
         signals = load_signals(recording, machine, conditioning, advance)
         choice = estimate.EstimateOptions(estimator=fit.estimator, accurate=fit.accurate)
         found = estimate.identify(machine, signals, choice)
+        refined = _refined(found)
+        logs_apart = errors_by_log(refined, signals, recording.files)
     if write_robot is not None:
-        robot_file.write_robot(_refined(found), write_robot)
-    emit(identification_report(found, recording, robot), output)
+        robot_file.write_robot(refined, write_robot)
+    emit(identification_report(found, recording, robot, logs_apart), output)
     check_gates(gates, found.error, found.this_log)
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from elid_cli.by_log import ByLog
 from elid_cli.estimate import Identification, JointError
 from elid_cli.recording import Recording
 from elid_cli.report import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, Tone, number_text, percent
@@ -24,23 +25,41 @@ from elid_cli.robot import Robot
 
 AT_FLOOR = 1.3
 """A held-out error within this factor of the sensors' noise holds no structure worth a search."""
+ODD = 1.5
+"""A log whose error is this many times the next worst one's fits worse than the others."""
 SHOWN = 20
 """Base parameters printed without --all."""
 
 
-def identification_report(found: Identification, recording: Recording, robot_argument: str) -> Report:
-    """Return the report of one identification; `robot_argument` is what ``--robot`` was given."""
+def identification_report(
+    found: Identification, recording: Recording, robot_argument: str, logs: Sequence[ByLog] = ()
+) -> Report:
+    """Return the report of one identification.
+
+    Parameters
+    ----------
+    found, recording
+        The result and what it was found from.
+    robot_argument
+        What ``--robot`` was given.
+    logs
+        The result's error on each of several logs.
+    """
     facts = (*recorded_items(found.robot, recording), *used_items(found.settings), *result_items(found))
     sections: list[Section] = [
         heading(found.robot, recording),
         KeyValues("inputs", facts),
         base_table(found),
         error_table("error", found.robot, found.error),
+        *_by_log(found.robot, logs),
         *reasons_table(found),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.warnings))),
         *_meaning(found, recording, robot_argument),
     ]
-    return Report("identify", identification_payload(found, recording), tuple(sections))
+    payload = identification_payload(found, recording)
+    if logs:
+        payload["error_by_log"] = [{"file": log.file, "error": error_payload(log.error)} for log in logs]
+    return Report("identify", payload, tuple(sections))
 
 
 def identification_payload(found: Identification, recording: Recording) -> dict[str, Any]:
@@ -176,6 +195,32 @@ def error_table(
             row += [Quantity(e.spring_rms, unit, 3), percent(e.spring_relative)]
         rows.append(tuple(row))
     return Table(key, tuple(columns), tuple(rows), title=title)
+
+
+def _by_log(robot: Robot, logs: Sequence[ByLog]) -> list[Section]:
+    """Return a table of logs by joints; the worst log of each joint stands out where it is well above the others."""
+    if not logs:
+        return []
+    joints = list(dict.fromkeys(joint for log in logs for joint in log.error))
+    columns = (Column("file", "log"), *(Column(joint, joint, torque_unit(robot, joint), "right") for joint in joints))
+    rows: list[tuple[Cell, ...]] = []
+    for log in logs:
+        cells: list[Cell] = [log.file]
+        for joint in joints:
+            error = log.error.get(joint)
+            others = [o.error[joint].rms for o in logs if o is not log and joint in o.error]
+            odd = error is not None and others and error.rms > ODD * max(others)
+            cells.append(Quantity(error.rms if error else None, digits=3, tone="warn" if odd else "plain"))
+        rows.append(tuple(cells))
+    return [Table("by_log", columns, tuple(rows), title="error on each log", note=_odd_note(logs, joints))]
+
+
+def _odd_note(logs: Sequence[ByLog], joints: Sequence[str]) -> str:
+    for joint in joints:
+        ranked = sorted((log for log in logs if joint in log.error), key=lambda log: log.error[joint].rms)
+        if len(ranked) > 1 and ranked[-1].error[joint].rms > ODD * ranked[-2].error[joint].rms:
+            return f"{ranked[-1].file} fits worse than the others at {joint}"
+    return ""
 
 
 def torque_unit(robot: Robot, joint: str) -> str:

@@ -251,3 +251,15 @@ def test_robots_complete(elid) -> None:
     words = "elid identify --robot pu"
     done = elid(_ELID_COMPLETE="bash_complete", COMP_WORDS=words, COMP_CWORD="3")
     assert done.stdout.split() == ["plain,puma560"]
+
+
+def test_several_logs_show_which_fits_worse(elid, place: Path, tmp_path: Path) -> None:
+    for name, inertia in [("a.csv", 0.6), ("b.csv", 0.6), ("worn.csv", 0.65)]:
+        (tmp_path / name).write_text(spindle_log(inertia=inertia))
+    logs = ("a.csv", "b.csv", "worn.csv")
+    done = elid("identify", *logs, "--robot", str(place / ROBOT), cwd=tmp_path)
+    assert f"worn.csv fits worse than the others at {JOINT}" in done.stdout
+    data = answer(elid("identify", *logs, "--robot", str(place / ROBOT), "--json", cwd=tmp_path))
+    errors = {entry["file"]: entry["error"][JOINT]["rms"] for entry in data["error_by_log"]}
+    assert errors["worn.csv"] > 1.5 * errors["a.csv"]
+    assert data["log"]["files"] == list(logs)
