@@ -32,7 +32,7 @@ class Contact(Effect):
         Parameter("time", "s", "middle of the window"),
         Parameter("width", "s", "length of the window", low=1e-3),
     )
-    twins = ("saturation",)
+    twins = ()
     local = True
 
     @classmethod

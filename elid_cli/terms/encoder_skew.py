@@ -40,7 +40,7 @@ class EncoderSkew(Effect):
     amplitudes = (
         Parameter("skew", "s", "age of the link encoder's reading beyond the motor encoder's", low=-0.1, high=0.1),
     )
-    twins = ("transmission_damping",)
+    twins = ()
     simulated = "log"
 
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:

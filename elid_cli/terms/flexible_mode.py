@@ -13,6 +13,9 @@ from elid_cli.terms.rows import link_row
 
 Array = NDArray[np.float64]
 
+STANDING = 0.02
+"""Share of the top speed below which a joint counts as standing at a segment's start."""
+
 
 class FlexibleMode(OscillatorEffect):
     """An inertia on a spring, carried by one link and shaken by its acceleration.
@@ -64,7 +67,7 @@ class FlexibleMode(OscillatorEffect):
         return link_row(self.joint, -(omega**2 * state[0] + 2 * zeta * omega * state[1]))
 
     def columns(self, scene: Scene) -> Columns:
-        """Run the oscillator through the log, from its rest under the first acceleration of every segment."""
+        """Run the oscillator through the log; every segment starts without vibration."""
         return self.columns_of(scene, self.history(scene))
 
     def history(self, scene: Scene) -> Array:
@@ -81,7 +84,10 @@ class FlexibleMode(OscillatorEffect):
             push = scene.motion.ddq[start:stop, self.joint]
             if not len(push):
                 continue
-            rest = -push[0] / pole  # y of y' = pole y + push at which a constant push leaves it
+            # a joint that stands has not shaken anything yet; one that moves has done so for long
+            speed = scene.motion.dq[start:stop, self.joint]
+            standing = abs(speed[0]) <= STANDING * float(np.max(np.abs(speed)))
+            rest = 0.0 if standing else -push[0] / pole  # y of y' = pole y + push that a constant push leaves alone
             y, _ = lfilter([ramp, whole - ramp], [1, -step], push.astype(complex), zi=[rest - ramp * push[0]])
             # impulse response of z: -exp(-ζωt) sin(ω_d t)/ω_d
             states[0, start:stop] = -y.imag / pole.imag

@@ -54,7 +54,7 @@ class GravityDirection(Effect):
                 ],
                 axis=1,
             )
-        return {RowKey("link", j): rows for j, rows in enumerate(scene.cache[key]) if np.any(rows)}
+        return {RowKey("link", j): rows.copy() for j, rows in enumerate(scene.cache[key]) if np.any(rows)}
 
     def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
         """Return the robot in the turned field of gravity."""

@@ -28,7 +28,7 @@ class Payload(Effect):
 
     name = "payload"
     summary = "mass gripped (or dropped) during the log"
-    equation = "link rows: (last body's columns) · change, for t > start"
+    equation = "link rows: (last body's columns) · change, for t ≥ start"
     physics = (
         "A gripper closes on a part. A payload that is there from the first instant to the last is part of the last"
         " body and cannot be seen in the log."
@@ -59,7 +59,7 @@ class Payload(Effect):
         key = ("last body",)
         if key not in scene.cache:
             scene.cache[key] = last_body(scene.robot, scene.motion) * independent(scene.robot)[:, None]
-        after = scene.motion.t > self.shape[0]
+        after = scene.motion.t >= self.shape[0]
         return {RowKey("link", j): rows * after for j, rows in enumerate(scene.cache[key])}
 
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:

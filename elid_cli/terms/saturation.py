@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 EVIDENCE = 0.02
 """Least share of the torque beyond a knee that has to be missing in the prediction for the knee to be tried."""
+COMMON = 0.7
+"""Part of the samples that a limit must leave untouched."""
 
 
 class Saturation(Effect):
@@ -35,7 +37,7 @@ class Saturation(Effect):
         ),
     )
     shapes = (Parameter("limit", "N·m", "largest torque that is delivered", low=0.0),)
-    twins = ("contact",)
+    twins = ()
     local = True
     simulated = "motor"
 
@@ -54,6 +56,12 @@ class Saturation(Effect):
             if power > 0 and float(excess @ missing) > EVIDENCE * power:
                 knees.append((float(limit),))
         return knees
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether the limit cuts peaks only: below them the excess is the measured torque itself and explains all."""
+        common = float(np.quantile(np.abs(scene.tau[:, joint]), COMMON))
+        return super().plausible(scene, joint, {"cut": 1.0, **values}) and values["limit"] >= common
 
     @classmethod
     def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:

@@ -27,7 +27,7 @@ class SensorOffset(Effect):
     place = "spring"
     elastic_only = True
     amplitudes = (Parameter("offset", "N·m", "what the sensor reads too much"),)
-    twins = ("encoder_offset",)
+    twins = ()
     simulated = "log"
 
     @classmethod

@@ -33,7 +33,7 @@ class TorqueGain(Effect):
     )
     place = "torque"
     amplitudes = (Parameter("gain", "1", "share by which the logged torque is too large", low=-0.6, high=1.5),)
-    twins = ("load_friction",)
+    twins = ()
     simulated = "log"
 
     @classmethod
