@@ -69,7 +69,7 @@ def walk(stream: Readable, size: int | None, container: Container) -> Iterator[M
     container
         Filled with schemas, channels and losses while walking.
     """
-    position = len(stream.read(len(MAGIC)))
+    start = position = len(stream.read(len(MAGIC)))
     loose = bytearray()
     pending: tuple[bytes, list[bytes]] | None = None
     ended = False

@@ -128,6 +128,7 @@ class McapLog:
             try:
                 stream.seek(-8, 2)
                 if stream.read(8) != MAGIC:
+                    self.notes.append("the end of the file is cut, its summary is not used")
                     return None, {}
                 stream.seek(0)
                 summary = SeekingReader(stream).get_summary()

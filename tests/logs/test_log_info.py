@@ -1,0 +1,104 @@
+"""What `elid info` knows: channels, rates, gaps, what would be taken, and a mapping that works when pasted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from faults import table
+from made_logs import JOINTS, ROBOT, like, read, recording, same, written
+from mcap_made import Bag, canonical, joint_state
+
+from elid_cli.logs import inspect_log
+
+BASE = recording(800)
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.h5", "log.mcap"])
+def test_canonical_logs_need_nothing(tmp_path: Path, name: str) -> None:
+    info = inspect_log(written(tmp_path, name, BASE))
+    assert info.missing == ()
+    assert info.mapping == ""
+    assert set(info.taken) == {"q", "theta", "tau"}
+    assert set(info.joints) == set(JOINTS)
+    used = [channel for channel in info.channels if channel.signals]
+    assert used
+    for channel in used:
+        assert channel.count == 800
+        assert channel.rate == pytest.approx(1000)
+        assert channel.span == pytest.approx(0.799)
+        assert channel.gaps == 0
+
+
+def test_gaps_are_counted(tmp_path: Path) -> None:
+    index = np.concatenate([np.arange(200), np.arange(300, 500), np.arange(600, 800)])
+    info = inspect_log(table(BASE).take(index).save(tmp_path / "log.csv"))
+    assert {channel.gaps for channel in info.channels} == {2}
+
+
+def test_the_suggested_mapping_can_be_pasted(tmp_path: Path) -> None:
+    broken = table(BASE).renamed(
+        **{f"theta__{joint}": f"motor{k + 1}_pos_rad" for k, joint in enumerate(JOINTS)},
+        **{f"q__{joint}": f"joint{k + 1}_pos_rad" for k, joint in enumerate(JOINTS)},
+        **{f"tau__{joint}": f"torque{k + 1}_Nm" for k, joint in enumerate(JOINTS)},
+    )
+    path = broken.save(tmp_path / "log.csv")
+    info = inspect_log(path, ROBOT)
+    assert info.missing == ("q", "theta", "tau")
+    same(read(path, mapping=yaml.safe_load(info.mapping)), BASE)
+
+
+def test_other_joint_names_are_paired_in_the_suggestion(tmp_path: Path) -> None:
+    bag = Bag()
+    for topic in ("/arm/joint_states", "/arm/motors"):
+        bag.topic(topic)
+    for row, t in enumerate(np.rint(BASE.t * 1e9).astype(int).tolist()):
+        stamp = 10**18 + t
+        names = [f"arm_{joint}" for joint in JOINTS]
+        bag.add("/arm/joint_states", stamp, joint_state(stamp, names, BASE.q[row]))
+        bag.add("/arm/motors", stamp, joint_state(stamp, names, BASE.theta[row], effort=BASE.tau[row]))
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    info = inspect_log(path, ROBOT)
+    mapping = yaml.safe_load(info.mapping)
+    assert mapping["q"]["joints"] == {joint: f"arm_{joint}" for joint in JOINTS}
+    mapping["tau"].pop("side", None)
+    same(read(path, mapping=mapping), BASE)
+
+
+def test_topics_that_cannot_be_decoded_are_listed(tmp_path: Path) -> None:
+    bag = Bag()
+    bag.topic("/joint_states", language="ros2idl", schema="arm_msgs/msg/X", shown="module x {};", text="float64 a\n")
+    bag.add("/joint_states", 5, {"a": 1.0})
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    (channel,) = inspect_log(path).channels
+    assert channel.name == "/joint_states"
+    assert "arm_msgs/msg/X" in channel.kind
+    assert channel.count == 1
+
+
+def test_info_does_not_need_a_robot_for_numbered_columns(tmp_path: Path) -> None:
+    names = {
+        f"{signal}__{joint}": f"{signal}{k + 1}_rad" for k, joint in enumerate(JOINTS) for signal in ("q", "theta")
+    }
+    names |= {f"tau__{joint}": f"current{k + 1}_A" for k, joint in enumerate(JOINTS)}
+    info = inspect_log(table(BASE).renamed(**names).save(tmp_path / "log.csv"))
+    assert len(info.joints) == 3
+    mapping = yaml.safe_load(info.mapping)
+    assert mapping["q"] == {"from": "q{i}_rad"}
+    assert mapping["theta"] == {"from": "theta{i}_rad"}
+    assert mapping["tau"]["from"] == "current{i}_A"
+    assert mapping["tau"]["unit"] == "A"
+
+
+def test_damaged_files_say_what_was_lost(tmp_path: Path) -> None:
+    data = canonical(tmp_path / "log.mcap", BASE, chunk_size=4000).read_bytes()
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(data[: len(data) // 2])
+    info = inspect_log(path, ROBOT)
+    assert info.losses
+    assert any((channel.count or 0) > 100 for channel in info.channels)
+    assert like(BASE).samples == 800
