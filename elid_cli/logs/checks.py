@@ -43,7 +43,7 @@ def check(
     LogError
         If a signal that the robot needs is missing; with `strict`, also if a joint lacks one it could do without.
     """
-    filled = {s: signals.get(s, np.full((samples, robot.n), np.nan)) for s in ("q", "theta", "tau")}
+    filled = {s: signals[s] if s in signals else np.full((samples, robot.n), np.nan) for s in ("q", "theta", "tau")}
     filled |= {s: values for s, values in signals.items() if s not in filled}
     warnings = _drop_zeros(filled, robot.joint_names)
     has: dict[str, NDArray[np.bool_]] = {

@@ -34,6 +34,10 @@ OF_DEFLECTION = 5.0
 """… if it is also this many times the spread of theta - q."""
 FAR = 40.0
 """rad; robots' joints rarely turn more than six times."""
+FOLLOWS = 0.95
+"""|correlation| of torque and deflection above which their relation is judged."""
+EXACTLY = 1e-3
+"""Share of tau that is not proportional to the deflection below which tau is no motor torque."""
 STALE = 0.5
 """Share of samples equal to the one before above which a moving signal is sampled and held."""
 
@@ -42,7 +46,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
     """Return one sentence per suspicion, with a mapping to paste where there is one."""
     step = max(1, aligned.t.size // SAMPLES)
     found: list[str] = []
-    for start, stop in aligned.segments[:1]:
+    for start, stop in [max(aligned.segments, key=lambda bounds: bounds[1] - bounds[0])]:
         q, theta = checked.q[start:stop], checked.theta[start:stop]
         found.extend(_wraps(q, theta, robot, plan))
         found.extend(_stale(checked, start, stop, robot))
@@ -54,6 +58,9 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
         return [*found, swapped]
     for pair in compared:
         found.extend(pair.sentences(plan))
+        if abs(pair.slope - 1) < CLOSE:
+            deflection = theta[:, pair.j] - q[:, pair.j]
+            found.extend(_efforts(pair, deflection, checked.tau[::step, pair.j], robot, plan))
     return found
 
 
@@ -159,6 +166,24 @@ def _paste(plan: Plan, signal: str, key: str) -> str:
     return f"if so, map it: {signal}: {{{words}, {key}}}"
 
 
+def _efforts(pair: _Pair, deflection: Array, tau: Array, robot: Robot, plan: Plan) -> Iterator[str]:
+    """Compare motor torque with deflection: tau = K (theta - q) + rotor inertia + friction."""
+    if not np.isfinite(tau).all() or tau.std() == 0 or deflection.std() == 0:
+        return
+    correlation = float(np.corrcoef(deflection, tau)[0, 1])
+    slope = correlation * float(tau.std() / deflection.std())
+    if correlation < -FOLLOWS:
+        yield f"{pair.name}: tau runs against the deflection theta - q; {_paste(plan, 'tau', 'sign: -1')}"
+    elif correlation**2 > 1 - EXACTLY**2:
+        yield (
+            f"{pair.name}: tau follows the deflection without any friction or inertia: it looks like the torque "
+            "in the transmission (tau_link), not the motor's"
+        )
+    stiffness = robot.joints[pair.j].parameters.get("K")
+    if correlation > FOLLOWS and stiffness and pair.gear > 2 and abs(slope * pair.gear / stiffness - 1) < 0.3:
+        yield f"{pair.name}: tau looks like the motor's shaft torque; {_paste(plan, 'tau', 'side: motor')}"
+
+
 def _swap(q: Array, theta: Array, pairs: list[_Pair], robot: Robot) -> str:
     """Name a pair of joints whose theta fit each other's q far better than their own."""
     bad = [pair.j for pair in pairs if abs(pair.correlation) < UNLIKE]
@@ -180,13 +205,14 @@ def _swap(q: Array, theta: Array, pairs: list[_Pair], robot: Robot) -> str:
 def _wraps(q: Array, theta: Array, robot: Robot, plan: Plan) -> Iterator[str]:
     """Name joints whose angle jumps by a whole turn."""
     for signal, values in (("q", q), ("theta", theta)):
-        steps = np.diff(values, axis=0)
+        largest = _largest_steps(values)
         for j, joint in enumerate(robot.joints):
-            if not joint.revolute or not np.isfinite(values[0, j]):
+            if not joint.revolute or not largest[j] > 0.9:  # no jump by any turn
                 continue
+            steps = np.abs(np.diff(values[:, j]))
+            usual = float(np.median(steps))
             for turn, unit in ((2 * math.pi, "±pi"), (360.0, "±180°"), (1.0, "one turn")):
-                jumps = np.abs(np.abs(steps[:, j]) - turn) < 0.05 * turn
-                usual = float(np.nanmedian(np.abs(steps[:, j]))) if steps.size else 0.0
+                jumps = np.abs(steps - turn) < 0.05 * turn
                 if jumps.any() and usual < 0.02 * turn and np.count_nonzero(jumps) < 0.05 * jumps.size:
                     if turn == 1.0 and np.nanmax(np.abs(values[:, j])) > 1.0:
                         continue
@@ -197,10 +223,18 @@ def _wraps(q: Array, theta: Array, robot: Robot, plan: Plan) -> Iterator[str]:
                     break
 
 
+def _largest_steps(values: Array) -> Array:
+    """Return the largest |step| of every column, block by block."""
+    largest = np.zeros(values.shape[1])
+    for start in range(0, values.shape[0] - 1, SAMPLES):
+        largest = np.maximum(largest, np.abs(np.diff(values[start : start + SAMPLES + 1], axis=0)).max(axis=0))
+    return largest
+
+
 def _stale(checked: Checked, start: int, stop: int, robot: Robot) -> Iterator[str]:
     """Name signals that are sampled and held: most samples repeat the one before while the joint moves."""
     for signal in ("q", "theta", "tau"):
-        values = getattr(checked, signal)[start:stop]
+        values = getattr(checked, signal)[start : min(stop, start + SAMPLES)]
         if values.shape[0] < 100:
             continue
         for j, name in enumerate(robot.joint_names):

@@ -25,7 +25,7 @@ def recording(samples: int = 4000, rate: float = 1000.0, *, velocities: bool = F
     q = np.sin(phase) * np.array([1.0, 0.7, 0.5])
     dq = np.cos(phase) * np.array([1.0, 0.7, 0.5]) * speed
     tau = 20 * np.cos(phase * 1.5) + 5 * q + 1.0
-    theta = q + tau / 4000
+    theta = q + (tau - 2 * dq) / 4000  # the rest is friction
     return Recording(
         JOINTS,
         1 / rate,

@@ -195,10 +195,12 @@ def test_too_few_samples_are_refused(tmp_path: Path, samples: int) -> None:
 
 def motion(t: np.ndarray) -> dict[str, np.ndarray]:
     """The good log's signals at any time."""
-    phase = 2 * np.pi * t[:, None] * np.array([0.5, 0.9, 1.3]) + np.array([0.1, 1.0, 2.0])
+    speed = 2 * np.pi * np.array([0.5, 0.9, 1.3])
+    phase = t[:, None] * speed + np.array([0.1, 1.0, 2.0])
     q = np.sin(phase) * np.array([1.0, 0.7, 0.5])
     tau = 20 * np.cos(phase * 1.5) + 5 * q + 1.0
-    return {"q": q, "theta": q + tau / 4000, "tau": tau}
+    dq = np.cos(phase) * np.array([1.0, 0.7, 0.5]) * speed
+    return {"q": q, "theta": q + (tau - 2 * dq) / 4000, "tau": tau}
 
 
 def two_topics(path: Path, link: np.ndarray, motor: np.ndarray, delay: int = 0) -> Path:

@@ -274,6 +274,18 @@ def test_swapped_channels_are_noticed(tmp_path: Path) -> None:
     assert any("shoulder and elbow look swapped" in text for text in got.warnings)
 
 
+def test_efforts_of_the_wrong_side_or_sign_are_noticed(tmp_path: Path) -> None:
+    base = recording(3000)
+    spring = 4000 * (base.theta - base.q)
+    got = read(written(tmp_path, "log.csv", like(base, tau=spring)))
+    assert sum("looks like the torque in the transmission" in text for text in got.warnings) == 3
+    got = read(written(tmp_path, "log.csv", like(base, tau=-base.tau)))
+    assert any("runs against the deflection" in text and "sign: -1" in text for text in got.warnings)
+    robot = Robot("arm", tuple(Joint(j.name, gear_ratio=j.gear_ratio, parameters={"K": 4000.0}) for j in ROBOT.joints))
+    got = read_recording([written(tmp_path, "log.csv", like(base, tau=base.tau / np.array(GEARS)))], robot)
+    assert any("shaft torque" in text and "side: motor" in text for text in got.warnings)
+
+
 def test_held_samples_are_noticed(tmp_path: Path) -> None:
     base = recording(3000)
     held = like(base, tau=base.tau[np.arange(3000) // 4 * 4])
