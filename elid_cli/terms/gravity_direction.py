@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.robot import Robot
+from elid_cli.terms.bodies import gravity_torque, with_gravity
 from elid_cli.terms.effect import Alteration, Columns, Effect, Parameter, RowKey, Scene
-from elid_cli.terms.rigid_torque import gravity_torque, with_gravity
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from elid_cli.motion import random_motion
 from elid_cli.robot import LINK_PARAMETERS, Robot
+from elid_cli.terms.bodies import last_body
 from elid_cli.terms.effect import Alteration, Columns, Effect, Parameter, RowKey, Scene
-from elid_cli.terms.rigid_torque import last_body
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ class Payload(Effect):
     place = "chain"
     whole_robot = True
     amplitudes = tuple(
-        Parameter(name, unit, f"change of {name} of the last body; what depends on it is within it")
+        Parameter(name, unit, f"change of the last body's {name}")
         for name, unit in zip(LINK_PARAMETERS, _UNITS, strict=True)
     )
     shapes = (Parameter("start", "s", "instant of the change", low=0.0),)

@@ -14,12 +14,12 @@ from scipy.interpolate import BSpline
 from elid_cli.motion import Motion
 from elid_cli.robot import LINK_PARAMETERS
 from elid_cli.terms import effect_classes
+from elid_cli.terms.bodies import gravity_torque, last_body
 from elid_cli.terms.effect import RowKey, Scene
 from elid_cli.terms.flexible_mode import FlexibleMode
 from elid_cli.terms.hysteresis import Hysteresis
 from elid_cli.terms.lookup import Lookup, b_splines
 from elid_cli.terms.payload import independent
-from elid_cli.terms.rigid_torque import gravity_torque, last_body, rigid_torque
 from elid_cli.terms.rows import derivative
 
 LIBRARY = effect_classes()
@@ -118,12 +118,13 @@ def test_every_order_in_between_resembles_one_of_the_grid(planar_scene: Scene) -
 
 
 SPRING = {
-    "backlash": lambda e, de, K: -3000.0 * np.clip(e, -1.5e-3, 1.5e-3),
-    "cubic_stiffness": lambda e, de, K: 4e6 * e**3,
-    "encoder_offset": lambda e, de, K: K * 1e-3 + 0 * e,
-    "sensor_gain": lambda e, de, K: -0.04 * K * e,
-    "sensor_offset": lambda e, de, K: 1.5 + 0 * e,
-    "transmission_damping": lambda e, de, K: 8.0 * de,
+    "backlash": lambda e, de, K, dq: -3000.0 * np.clip(e, -1.5e-3, 1.5e-3),
+    "cubic_stiffness": lambda e, de, K, dq: 4e6 * e**3,
+    "encoder_skew": lambda e, de, K, dq: K * 2e-3 * dq,
+    "encoder_offset": lambda e, de, K, dq: K * 1e-3 + 0 * e,
+    "sensor_gain": lambda e, de, K, dq: -0.04 * K * e,
+    "sensor_offset": lambda e, de, K, dq: 1.5 + 0 * e,
+    "transmission_damping": lambda e, de, K, dq: 8.0 * de,
 }
 
 
@@ -131,7 +132,7 @@ SPRING = {
 def test_effects_in_the_transmission(name: str, planar_scene: Scene) -> None:
     m = planar_scene.motion
     found = total(name, planar_scene)
-    expected = SPRING[name]((m.q - m.theta)[:, 0], (m.dq - m.dtheta)[:, 0], 3000.0)
+    expected = SPRING[name]((m.q - m.theta)[:, 0], (m.dq - m.dtheta)[:, 0], 3000.0, m.dq[:, 0])
     np.testing.assert_allclose(found[RowKey("link", 0)], expected, atol=1e-9)
     np.testing.assert_allclose(found[RowKey("motor", 0)], -expected, atol=1e-9)
 
@@ -240,24 +241,13 @@ def test_the_named_changes_of_a_payload_are_as_many_as_the_chain_can_show() -> N
     assert independent(robot).sum() == np.linalg.matrix_rank(columns, tol=1e-9)
 
 
-def test_rigid_torques_are_the_models(spatial_scene: Scene) -> None:
+def test_gravity_torques_are_the_models_at_rest(spatial_scene: Scene) -> None:
     s = spatial_scene
-    parameters = np.array(s.parameters)
-    for k, name in enumerate(s.robot.parameter_names()):
-        if name[:-1] in ("fs", "fv", "K"):
-            parameters[k] = 0
-    expected = torque_of(s.robot, s.motion, parameters)
-    found = rigid_torque(s.robot, s.motion, s.parameters)
-    for joint in range(3):
-        rows = [found.get(RowKey(side, joint), 0.0) for side in ("link", "motor")]
-        if joint == 1:  # rigid: the model has the sum in one row
-            np.testing.assert_allclose(rows[0] + rows[1], expected.sum(axis=0)[:, joint], atol=1e-9)
-        else:
-            np.testing.assert_allclose(rows, expected[:, :, joint], atol=1e-9)
-    still = gravity_torque(s.robot, s.motion.q, s.parameters, s.robot.gravity)
-    flat = replace(s.motion, **{k: np.zeros_like(s.motion.q) for k in ("dq", "ddq", "dtheta", "ddtheta")})
-    quiet = rigid_torque(s.robot, flat, s.parameters)
-    np.testing.assert_allclose(still[2], quiet[RowKey("link", 2)], atol=1e-9)
+    rest = np.zeros_like(s.motion.q)
+    flat = Motion(s.motion.t, s.motion.q, rest, rest, s.motion.q, rest, rest)
+    expected = torque_of(s.robot, flat, s.parameters).sum(axis=0)
+    found = gravity_torque(s.robot, s.motion.q, s.parameters, s.robot.gravity)
+    np.testing.assert_allclose(found, expected.T, atol=1e-9)
 
 
 def test_contact_is_a_raised_cosine(planar_scene: Scene) -> None:
@@ -363,22 +353,3 @@ def test_a_lookup_is_a_cubic_spline(planar_scene: Scene) -> None:
         rest = target - basis @ np.linalg.lstsq(basis, target, rcond=1e-9)[0]
         assert np.std(rest) < 0.01 * np.std(target)
     assert Lookup.grid(planar_scene, 0) == []
-
-
-def test_skew_columns_are_the_models_response_to_a_shifted_link(spatial_scene: Scene) -> None:
-    s, h = spatial_scene, 1e-5
-    motion = motion_of(spatial())
-    moved = {}
-    jerk = derivative(motion.ddq[:, 2], DT)
-    for sign in (1, -1):
-        q, dq, ddq = (np.array(a) for a in (motion.q, motion.dq, motion.ddq))
-        q[:, 2] += sign * h * motion.dq[:, 2]
-        dq[:, 2] += sign * h * motion.ddq[:, 2]
-        ddq[:, 2] += sign * h * jerk
-        moved[sign] = torque_of(s.robot, replace(motion, q=q, dq=dq, ddq=ddq), s.parameters, np.zeros((3000, 3)))
-    expected = (moved[1] - moved[-1]) / (2 * h)
-    found = total("encoder_skew", s, 2, skew=1.0)
-    for side, torques in enumerate(expected):
-        for joint in (0, 2):
-            got = found.get(RowKey("link" if side == 0 else "motor", joint), np.zeros(3000))
-            np.testing.assert_allclose(got, torques[:, joint], atol=2e-4 * np.abs(expected).max())

@@ -1,4 +1,4 @@
-"""Torques of the rigid bodies and rotors on arrays of samples, for effects that change or shift them.
+"""Torques of the rigid bodies on arrays of samples, for effects that turn gravity or change a body.
 
 `model.py` sits above the terms, so that this small evaluation uses the base terms directly, untraced.
 """
@@ -14,35 +14,10 @@ from numpy.typing import NDArray
 from elid_cli.kinematics import JointState, chain
 from elid_cli.motion import Motion
 from elid_cli.robot import LINK_PARAMETERS, Robot
-from elid_cli.terms.base_term import BaseTerm, ChainMotion, MotorState
-from elid_cli.terms.effect import RowKey
+from elid_cli.terms.base_term import ChainMotion
 from elid_cli.terms.rigid_body import RigidBody
-from elid_cli.terms.rotor import Rotor
 
 Array = NDArray[np.float64]
-
-
-def rigid_torque(robot: Robot, motion: Motion, parameters: Array) -> dict[RowKey, Array]:
-    """Return what bodies and rotors need in every row, without friction and springs, (N,) each.
-
-    Parameters
-    ----------
-    robot, motion
-        The robot and its states at N instants.
-    parameters
-        Standard parameters (p,); those that are NaN count as 0.
-
-    """
-    values = dict(zip(robot.parameter_names(), np.nan_to_num(parameters).tolist(), strict=True))
-    state = _moving(robot, motion)
-    terms: tuple[BaseTerm, ...] = (RigidBody(), Rotor())
-    torque: dict[RowKey, Array] = {}
-    for term in terms:
-        for side, joint, name, value in term.entries(robot, state):
-            if values[name]:
-                row = torque.setdefault(RowKey(side, joint), np.zeros(motion.samples))
-                row += np.asarray(value) * values[name]
-    return torque
 
 
 def gravity_torque(robot: Robot, q: Array, parameters: Array, gravity: Sequence[float]) -> Array:
@@ -73,11 +48,10 @@ def with_gravity(robot: Robot, gravity: Sequence[float]) -> Robot:
 
 
 def _moving(robot: Robot, motion: Motion) -> ChainMotion:
-    q, dq, ddq, dtheta, ddtheta = (a.T.copy() for a in (motion.q, motion.dq, motion.ddq, motion.dtheta, motion.ddtheta))
+    rows = (a.T.copy() for a in (motion.q, motion.dq, motion.ddq))
     # arrays stand where traced values usually do: the recursion only adds and multiplies
-    states = [JointState(np.sin(a), np.cos(a), a, v, w) for a, v, w in zip(q, dq, ddq, strict=True)]
-    motors = [MotorState(v, w, 0.0, 0.0) for v, w in zip(dtheta, ddtheta, strict=True)]
-    return ChainMotion(chain(robot, states), motors)
+    states = [JointState(np.sin(q), np.cos(q), q, v, a) for q, v, a in zip(*rows, strict=True)]
+    return ChainMotion(chain(robot, states), [])
 
 
 def _resting(robot: Robot, q: Array) -> ChainMotion:
