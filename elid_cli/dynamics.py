@@ -193,29 +193,6 @@ class Dynamics:
         rigid = ~self.robot.elastic
         return np.where(rigid, total.T, out[:n].T), total.T.copy()
 
-    def fastest_mode(self, q: Vector) -> float:
-        """Return the highest natural frequency of links and motors on their springs at a position, rad/s."""
-        n, elastic = self.robot.n, list(self.elastic)
-        if not elastic:
-            return 0.0
-        spring = np.zeros((len(elastic), n + len(elastic)))
-        for row, k in enumerate(elastic):
-            spring[row, k], spring[row, n + row] = 1.0, -1.0
-        K = spring.T @ (self.stiffness[elastic, None] * spring)
-        eigenvalues = np.linalg.eigvals(np.linalg.solve(self.mass_matrix(q), K))
-        return math.sqrt(max(float(np.max(eigenvalues.real)), 0.0))
-
-    def friction_rate(self, q: Vector) -> float:
-        """Return the fastest rate at which rounded friction slows a motor at a position, 1/s."""
-        n = self.robot.n
-        mobility = np.diag(np.linalg.inv(self.mass_matrix(q)))
-        rates = [0.0]
-        for k in range(n):
-            row = n + self.elastic.index(k) if k in self.elastic else k
-            slope = abs(self._values[f"fs{k + 1}"]) / self.friction_width + abs(self._values[f"fv{k + 1}"])
-            rates.append(slope * float(mobility[row]))
-        return max(rates)
-
     @cached_property
     def _mass(self) -> _Function:
         return self._folded.mass().scalar()

@@ -34,6 +34,10 @@ class ActiveEffect:
         self._state = 0.0
         self._drive: float | None = None
 
+    def reset(self) -> None:
+        """Begin anew: no memory."""
+        self._state, self._drive = 0.0, None
+
     def torques(self, scene: Scene, state: Sequence[float]) -> list[tuple[str, int, float]]:
         """Return (side, joint, torque) of every row it acts on; `state` is an oscillator's."""
         effect = self.effect

@@ -94,8 +94,7 @@ def measured(robot: Robot, signals: dict[str, Array], dt: float, options: Sensor
 
 def _noise(name: str, exact: Array, dt: float, options: SensorOptions, generator: np.random.Generator) -> Array:
     white = generator.standard_normal(exact.shape)
-    rms = np.sqrt(np.nanmean(np.square(exact), axis=0)) if np.isfinite(exact).any() else np.zeros(exact.shape[1])
-    rms = np.nan_to_num(rms)
+    rms = np.sqrt(np.mean(np.square(np.nan_to_num(exact)), axis=0))  # NaN: no such sensor at the joint
     if name in ("tau", "tau_link"):
         size = np.hypot(options.torque_noise, options.torque_noise_relative * rms)
         return size * _coloured(white, dt, options.torque_correlation)
