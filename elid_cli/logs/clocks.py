@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 TIME_SOURCES = {"auto": "", "header": "header stamp", "log": "log time"}
 """Values of --time -> the clock's name."""
+LONGEST = 1e10
+"""s; stamps further than this from the others are broken ones."""
 UNRULY = 0.05
 """Share of backward steps above which a clock is not taken as increasing."""
 EPOCHS = ((1e17, 1e-9, "ns"), (1e14, 1e-6, "µs"), (1e11, 1e-3, "ms"))
@@ -119,13 +121,21 @@ def _from_origin(unique: Mapping[int, NDArray[Any]], factor: float | None, notes
     finite = [stamps for stamps in finite if stamps.size]
     if not finite:
         raise LogError("the log's time holds no numbers", hint="elid info LOG shows its columns")
-    origin = min(stamps.min() for stamps in finite)
     whole = all(stamps.dtype.kind == "i" for stamps in unique.values())
+    middles = [float(np.median(stamps)) for stamps in finite]
     if whole:
         factor = 1e-9
     elif factor is None:
-        factor = _epoch_unit(float(max(np.abs(stamps).max() for stamps in finite)), notes)
-    return {key: (stamps - origin) * factor for key, stamps in unique.items()}
+        factor = _epoch_unit(max(abs(middle) for middle in middles), notes)
+    believed = [stamps[np.abs(stamps - middles[0]) < LONGEST / factor] for stamps in finite]
+    origin = min((stamps.min() for stamps in believed if stamps.size), default=middles[0])
+    seconds = {}
+    for key, stamps in unique.items():
+        with np.errstate(over="ignore"):
+            t = (stamps - origin) * factor
+        t[~(np.abs(t) < 2 * LONGEST)] = np.nan
+        seconds[key] = t
+    return seconds
 
 
 def _epoch_unit(largest: float, notes: list[str]) -> float:

@@ -95,13 +95,16 @@ def unpack(data: bytes, name: str) -> bytes:
 def decode(data: bytes, name: str) -> str:
     """Return the text of a CSV file: UTF-8 (with or without BOM), UTF-16 with BOM, else Latin-1."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return data.decode("utf-16", errors="replace")
-    if data.isascii():
-        return data.decode("ascii")
+        return _one_line_end(data.decode("utf-16", errors="replace"))
     try:
-        return data.decode("utf-8-sig")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return data.decode("latin-1")
+        text = data.decode("latin-1")
+    return _one_line_end(text)
+
+
+def _one_line_end(text: str) -> str:
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
 def _recognise(source: Source) -> bool:

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 OFFSET = 2e-3
 """Sample times by which two streams may be apart and still count as sampled together."""
+LONGEST_GAP = 1e6
+"""s; a longer gap is a clock that was set, and is shown as 1 s."""
 JUDGED = 20_000
 """Samples by which jitter of the stamps is told from jitter of the sampling."""
 SMOOTHER = 0.8
@@ -37,6 +39,15 @@ class Grid:
         """Return (start, stop) of each stretch among all samples."""
         stops = np.cumsum(self.counts).tolist()
         return list(zip([0, *stops[:-1]], stops, strict=True))
+
+    def shortened(self) -> Grid:
+        """Return the grid with absurd gaps (a clock set while recording) made short, so that time keeps its digits."""
+        starts = [0.0]
+        for k in range(1, len(self.starts)):
+            length = (self.counts[k - 1] - 1) * self.dt
+            gap = self.starts[k] - self.starts[k - 1] - length
+            starts.append(starts[-1] + length + (gap if gap < LONGEST_GAP else 1.0))
+        return Grid(self.dt, tuple(starts), self.counts)
 
     def times(self) -> Array:
         """Return the time of every sample, s, shape (N,)."""

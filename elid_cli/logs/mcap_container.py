@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import Any, Protocol
+from typing import IO, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,10 @@ LARGEST_CHUNK = 1 << 30
 DENSEST = 20_000
 """Uncompressed bytes per compressed byte that are still believed."""
 LARGEST_RECORD = 2 << 30
+LARGEST_SUMMARY = 256 << 20
 GATHERED = 4 << 20
 """Bytes of messages outside chunks that are decoded together."""
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, DATA_END = 1, 2, 3, 4, 5, 6, 7, 15
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, STATISTICS, DATA_END = 1, 2, 3, 4, 5, 6, 7, 11, 15
 
 
 class Readable(Protocol):
@@ -109,6 +110,40 @@ def walk(stream: Readable, size: int | None, container: Container) -> Iterator[M
     if not ended:
         lost = f", {size - start:d} bytes lost" if size is not None and position > start and size > start else ""
         container.losses.append(f"the file ends without its footer (cut while recording or copying{lost})")
+
+
+def summary(stream: IO[bytes], size: int) -> tuple[Container, dict[int, int]] | None:
+    """Return channels and message counts of the summary, or None where the file's end is not sound.
+
+    Only a hint: counts may lie, and channels may be missing.
+    """
+    tail = HEAD.size + 20 + len(MAGIC)
+    if size < len(MAGIC) + tail:
+        return None
+    stream.seek(size - tail)
+    end = stream.read(tail)
+    opcode, length = HEAD.unpack_from(end)
+    if not end.endswith(MAGIC) or opcode != FOOTER or length != 20:
+        return None
+    (begin,) = struct.unpack_from("<Q", end, HEAD.size)
+    container = Container()
+    counts: dict[int, int] = {}
+    if not 0 < size - tail - begin <= LARGEST_SUMMARY or begin < len(MAGIC):
+        return container, counts
+    stream.seek(begin)
+    data = stream.read(size - tail - begin)
+    position = 0
+    while position + HEAD.size <= len(data):
+        opcode, length = HEAD.unpack_from(data, position)
+        position += HEAD.size
+        body = data[position : position + length]
+        position += length
+        if opcode in (SCHEMA, CHANNEL):
+            _declare(opcode, body, container)
+        elif opcode == STATISTICS and len(body) >= 46:
+            pairs = np.frombuffer(body[46 : len(body) - (len(body) - 46) % 10], np.dtype([("id", "<u2"), ("n", "<u8")]))
+            counts = {int(identifier): int(count) for identifier, count in pairs}
+    return container, counts
 
 
 def _chunk(body: bytes, start: int, container: Container) -> bytes | None:

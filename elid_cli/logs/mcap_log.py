@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from elid_cli.logs.mcap_container import MAGIC, Container, Messages, Readable, walk
+from elid_cli.logs.mcap_container import MAGIC, Container, Messages, Readable, summary, walk
 from elid_cli.logs.mcap_decode import CdrDecoder, JsonDecoder, Table
 from elid_cli.logs.mcap_write import write_mcap
 from elid_cli.logs.raw import Channel, LogFormat, Pick, Stream
@@ -121,25 +121,17 @@ class McapLog:
         """Return the topics and message counts of the summary where the file has a sound one, else None."""
         if len(self._sources) != 1 or self._sources[0].head.startswith(ZSTD_MAGIC):
             return None, {}
-        from mcap.exceptions import McapError
-        from mcap.reader import SeekingReader
-
         with self._sources[0].stream() as stream:
-            try:
-                stream.seek(-8, 2)
-                if stream.read(8) != MAGIC:
-                    self.notes.append("the end of the file is cut, its summary is not used")
-                    return None, {}
-                stream.seek(0)
-                summary = SeekingReader(stream).get_summary()
-            except (McapError, OSError, ValueError, KeyError, MemoryError, OverflowError):
-                return None, {}
-        if summary is None or not summary.channels or summary.statistics is None:
+            found = summary(stream, self._sources[0].size)
+        if found is None:
+            self.notes.append("the end of the file is cut, its summary is not used")
+            return None, {}
+        container, by_channel = found
+        if not container.channels or not by_channel:
             return None, {}
         counts: dict[str, int] = {}
-        for identifier, channel in summary.channels.items():
-            count = summary.statistics.channel_message_counts.get(identifier, 0)
-            counts[channel.topic] = counts.get(channel.topic, 0) + count
+        for identifier, channel in container.channels.items():
+            counts[channel.topic] = counts.get(channel.topic, 0) + by_channel.get(identifier, 0)
         return {topic for topic, count in counts.items() if count}, counts
 
     def _walk(self) -> Iterator[tuple[Container, Messages]]:

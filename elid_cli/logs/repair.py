@@ -23,6 +23,8 @@ SHORTEST = 20
 COVERED = 0.9
 """Share of the samples that an optional signal has to cover to be kept."""
 NAMED_GAPS = 3
+LARGEST = 1e12
+"""A larger value, in SI units, is a broken one."""
 DENSE = 0.8
 """Share of numbers in a column below which it has stamps of its own rather than missing values."""
 
@@ -88,10 +90,10 @@ def _without_holes(stream: Sampled, repairs: list[str]) -> Iterator[Sampled]:
 
     A topic may be shared by publishers that each know some joints, a CSV table by channels of different rates.
     """
-    if np.isfinite(stream.values.sum()) and np.isfinite(stream.values).all():
+    if _sound(stream.values):
         yield stream
         return
-    finite = np.isfinite(stream.values)
+    finite = _numbers(stream.values)
     groups: dict[bytes, list[int]] = {}
     for k in range(len(stream.joints)):
         share = np.count_nonzero(finite[:, k]) / max(finite.shape[0], 1)
@@ -105,6 +107,16 @@ def _without_holes(stream: Sampled, repairs: list[str]) -> Iterator[Sampled]:
         t, values = (stream.t[held], stream.values[held]) if missing else (stream.t, stream.values)
         chosen = values if len(columns) == len(stream.joints) else values[:, columns]
         yield Sampled(stream.signal, tuple(stream.joints[k] for k in columns), chosen, t)
+
+
+def _sound(values: Array) -> bool:
+    """Whether all values are numbers of a believable size (NaN spread through min and max)."""
+    return values.size > 0 and bool(values.min() > -LARGEST and values.max() < LARGEST)
+
+
+def _numbers(values: Array) -> NDArray[np.bool_]:
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(values) < LARGEST)
 
 
 def _timelines(streams: Sequence[Sampled], repairs: list[str], name: str) -> dict[int, Timeline | None]:
@@ -144,10 +156,10 @@ def _tracks(stream: Sampled, line: Timeline | None, joints: Sequence[str], repai
     """Yield a stream without its sporadic missing values: columns that miss the same samples stay together."""
     if line is None:
         return
-    if np.isfinite(stream.values.sum()) and np.isfinite(stream.values).all():
+    if _sound(stream.values):
         yield _Track(stream.signal, stream.joints, stream.values, line)
         return
-    finite = np.isfinite(stream.values)
+    finite = _numbers(stream.values)
     groups: dict[bytes, list[int]] = {}
     for k in range(len(stream.joints)):
         groups.setdefault(finite[:, k].tobytes(), []).append(k)
@@ -282,9 +294,10 @@ def _cut(signals: Mapping[str, Array], grid: Grid, mask: NDArray[np.bool_], repa
         begin = segments[-1][1] if segments else 0
         segments.append((begin, begin + stop - start))
     if segments[-1][1] == t.size:
-        kept = dict(signals)
+        kept, rows = dict(signals), None
     else:
         rows = np.concatenate([np.arange(start, stop) for start, stop in stretches])
         kept = {signal: values[rows] for signal, values in signals.items()}
-        t = t[rows]
-    return Aligned(t - t[0], grid.dt, kept, tuple(segments), tuple(repairs))
+    shown = grid.shortened().times()
+    shown = shown if rows is None else shown[rows]
+    return Aligned(shown - shown[0], grid.dt, kept, tuple(segments), tuple(repairs))
