@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elid_cli.estimate import JointError
+from elid_cli.identification import JointError
 from elid_cli.model import Model
 from elid_cli.observation import observe
 from elid_cli.robot import Robot

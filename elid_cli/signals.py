@@ -31,7 +31,7 @@ RATE_PER_CUTOFF = 5.0
 """Samples kept per second for every Hz of cut-off."""
 KNOTS = (0.008, 0.4)
 """Range of knot spacings tried, s."""
-_SPACINGS = 13
+_PER_DECADE = 8
 STILL = 3.0
 """A joint whose range of motion is below this many standard deviations of its noise does not move."""
 MINIMUM_SAMPLES = 40
@@ -176,7 +176,7 @@ def prepare(
         smooth = _butterworth(link, motor, segments, dt, options)
     else:
         smooth = _splined(recording, link, motor, segments, options, accelerations)
-    still = _still(smooth, segments)
+    still = _still(smooth, segments) | _constant(link, segments) | _constant(motor, segments)
     motion = _motion(recording.t, smooth, still, segments)
     if still.all():
         ranges = [_span(smooth.values[0][:, k], segments) for k in range(robot.n)]
@@ -234,10 +234,10 @@ def _channels(recording: Recording, robot: Robot) -> tuple[Array, Array]:
     return link, motor
 
 
-def _spacings(dt: float, options: SignalOptions) -> list[int]:
+def _spacings(dt: float, options: SignalOptions, finest: float) -> list[int]:
     if options.knots is not None:
         return [max(1, round(options.knots / dt))]
-    wanted = np.geomspace(KNOTS[0], KNOTS[1], _SPACINGS) / dt
+    wanted = np.geomspace(finest, KNOTS[1], round(_PER_DECADE * np.log10(KNOTS[1] / finest))) / dt
     return sorted({max(2, round(float(w))) for w in wanted})
 
 
@@ -291,7 +291,7 @@ def _choose(
     rates: Sequence[Rate],
 ) -> NDArray[np.intp]:
     """Return the knot stride per joint: the finer of what its link and its motor channel prefer."""
-    candidates = _spacings(dt, options)
+    candidates = _spacings(dt, options, finest=2 * dt if rates else KNOTS[0])
     if len(candidates) == 1:
         return np.full(n, candidates[0], dtype=np.intp)
     scores = np.zeros((len(candidates), 2 * n))
@@ -385,6 +385,12 @@ def _still(smooth: _Smooth, segments: tuple[Segment, ...]) -> NDArray[np.bool_]:
             scale = float(np.nanmax(np.abs(channel[:, k]), initial=0.0))
             result[k] |= span <= max(STILL * float(noise[k]), 1e-9 * scale, 1e-12)
     return result
+
+
+def _constant(raw: Array, segments: tuple[Segment, ...]) -> NDArray[np.bool_]:
+    """Return which channels hold one value only, (n,): splines of a constant vibrate at their ends by rounding."""
+    known = np.isfinite(raw).any(axis=0)
+    return known & np.array([_span(raw[:, k], segments) == 0.0 for k in range(raw.shape[1])])
 
 
 def _motion(t: Array, smooth: _Smooth, still: NDArray[np.bool_], segments: tuple[Segment, ...]) -> Motion:

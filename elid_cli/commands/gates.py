@@ -10,7 +10,7 @@ from elid_cli.commands.options import Gates
 from elid_cli.errors import UsageError, did_you_mean
 
 if TYPE_CHECKING:
-    from elid_cli.estimate import JointError
+    from elid_cli.identification import JointError
 
 
 def check_names(gates: Gates, names: Collection[str]) -> None:

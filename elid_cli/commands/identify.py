@@ -9,7 +9,7 @@ from elid_cli.commands.group import verb
 from elid_cli.commands.options import Conditioning, Fit, Gates, Output, Reading
 
 if TYPE_CHECKING:
-    from elid_cli.estimate import Identification
+    from elid_cli.identification import Identification
     from elid_cli.robot import Robot
 
 
@@ -71,7 +71,10 @@ def _refined(found: Identification) -> Robot:
     from elid_cli.robot import EffectSpec
 
     standard = representative(found.base, found.base.transform @ found.standard, found.robot.reference())
-    new = [EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances]
+    new = [
+        *(EffectSpec(e.effect, e.joint, e.parameters) for e in found.effects),
+        *(EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances),
+    ]
     replaced = {(spec.effect, spec.joint) for spec in new}
     kept = [spec for spec in found.robot.effects if (spec.effect, spec.joint) not in replaced]
     return refined_robot(found.robot, standard, (*kept, *new))

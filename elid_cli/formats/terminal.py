@@ -7,6 +7,7 @@ of ``column: value`` lines instead. Nothing is ever cut. Data are never read as 
 from __future__ import annotations
 
 import io
+import re
 import textwrap
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 SUFFIXES = (".txt",)
+TIE = "\N{NO-BREAK SPACE}"
+UNITS = re.compile(r"(?<=\d) (?=(?:%|s|ms|µs|Hz|rad|mrad|N·m|N|kg|sd)(?:[\s,;:.)]|$))")
 INDENT = 2
 GAP = 2
 _STYLE: dict[Tone, str] = {"plain": "", "good": "green", "warn": "yellow", "bad": "bold red", "dim": "dim"}
@@ -83,7 +86,7 @@ class _Writer:
 
         line = RichText()
         for text, style in parts:
-            line.append(text, style=style)
+            line.append(text.replace(TIE, " "), style=style)
         line.rstrip()
         self.console.print(line)
 
@@ -94,7 +97,7 @@ class _Writer:
         """Return lines of at most `width` columns, broken between words only."""
         lines = [
             line
-            for paragraph in self._said(text).split("\n")
+            for paragraph in _joined_units(self._said(text)).split("\n")
             for line in textwrap.wrap(paragraph, max(width, 1), break_long_words=False, break_on_hyphens=False) or [""]
         ]
         return lines or [""]
@@ -128,7 +131,7 @@ class _Writer:
     def _hanging(self, label: str, cell: Cell, indent: int) -> None:
         """Print ``label value``, the value folded and its further lines indented by `indent`."""
         first = INDENT + _columns(label)
-        value = self._said(cell_text(cell))
+        value = _joined_units(self._said(cell_text(cell)))
         lines = textwrap.wrap(
             value, max(self.style.width, first + 1), initial_indent=" " * first, subsequent_indent=" " * indent,
             break_long_words=False, break_on_hyphens=False,
@@ -210,8 +213,13 @@ def fit(heads: list[str], rows: list[list[str]], right: list[bool], width: int) 
     return widths
 
 
+def _joined_units(text: str) -> str:
+    """Return the text with numbers tied to their units, so that no line ends between them."""
+    return UNITS.sub(TIE, text)
+
+
 def _longest_word(text: str) -> int:
-    return max(map(_columns, text.split()), default=1)
+    return max(map(_columns, _joined_units(text).split(" ")), default=1)
 
 
 def _columns(text: str) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from elid_cli.base import BaseParameters
-from elid_cli.estimate import Identification
+from elid_cli.identification import Identification
 from elid_cli.recording import Recording
 from elid_cli.report import Cell, Column, KeyValues, Mark, Report, Section, Table, Text, Tone, number_text
 from elid_cli.reports.inputs import Items, command, heading, log_payload, recorded_items, robot_payload, used_items

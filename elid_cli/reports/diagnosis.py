@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from elid_cli.diagnosis import Diagnosis, FoundEffect, Unexplained
-from elid_cli.estimate import Identification, JointError
+from elid_cli.identification import Identification, JointError
 from elid_cli.recording import Recording
 from elid_cli.report import (
     Cell,

@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from elid_cli.by_log import ByLog
-from elid_cli.estimate import Identification, JointError
+from elid_cli.identification import FittedEffect, Identification, JointError
 from elid_cli.recording import Recording
 from elid_cli.report import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, Tone, number_text, percent
 from elid_cli.reports.classification import class_payload, reasons_table, verdict_mark
 from elid_cli.reports.inputs import (
     Items,
     command,
+    effect_text,
     heading,
     log_payload,
     nuisance_items,
@@ -76,6 +77,8 @@ def identification_payload(found: Identification, recording: Recording) -> dict[
         "base_parameters": base_payload(found),
         "error": error_payload(found.error),
         "nuisances": nuisance_payload(found.nuisances),
+        "effects": nuisance_payload(found.effects),
+        "notes": list(found.notes),
         "warnings": list(found.warnings),
     }
 
@@ -124,7 +127,15 @@ def result_items(found: Identification) -> Items:
         ("parameters", f"{counts['parameters']} standard, {counts['base']} base; {judged}"),
         ("condition", f"{number_text(found.condition, 2)}, rank margin {number_text(found.rank_margin, 2)}"),
         *nuisance_items(found.robot, found.nuisances),
+        *(_effect_item(found.robot, effect) for effect in found.effects),
+        *(("note", sentence) for sentence in found.notes),
     )
+
+
+def _effect_item(robot: Robot, found: FittedEffect) -> tuple[str, Cell]:
+    """Return a declared effect with the values that this log gives it."""
+    values = effect_text(robot, found.effect, found.joint, found.parameters, found.std_error)
+    return (found.effect.replace("_", " "), f"{found.joint or 'robot'} {values}")
 
 
 def base_table(found: Identification) -> Table:

@@ -81,7 +81,7 @@ def effect_text(
     slides = joint in robot.joint_names and not robot.joints[robot.joint_names.index(joint)].revolute
     parts = []
     for name, value in values.items():
-        unit, scale = units.get(name, ""), 1.0
+        unit, scale = units.get(name, "").removeprefix("1"), 1.0
         if slides:
             unit = unit.replace("N·m·s/rad", "N·s/m").replace("N·m", "N").replace("rad", "m")
         if unit == "s" and abs(value) < 0.1:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -52,10 +52,11 @@ def test_help_loads_nothing_heavy(elid, arguments) -> None:
 
 def test_help_is_instant(elid) -> None:
     taken = []
-    for _ in range(3):
-        start = time.perf_counter()
+    for _ in range(5):  # processor time, since other tests may run on this machine at the same time
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         elid("--help")
-        taken.append(time.perf_counter() - start)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        taken.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     assert min(taken) < 0.2
 
 
