@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 DATA_TOLERANCE = 1e-7
 """Pivot below which a column of the log depends on others, relative to the largest, columns of unit norm."""
+ROUNDING = 1e-13
+"""Norm below which a standard parameter's column is zero, relative to the largest."""
 WEIGHT_ITERATIONS = 6
 
 
@@ -81,7 +83,10 @@ def solve(
     system = triangles.stacked(weights, folds)
     columns, target = system[:, :-1], system[:, -1]
     norms = np.linalg.norm(columns, axis=0)
-    live = np.flatnonzero(norms > 0) if basis is None else basis
+    # a standard parameter's column that is zero but for rounding must not be scaled up to a direction of its own
+    rounding = np.zeros(triangles.width)
+    rounding[: triangles.parameters] = ROUNDING * norms[: triangles.parameters].max(initial=0.0)
+    live = np.flatnonzero(norms > rounding) if basis is None else basis
     if not len(live) or not system.shape[0]:
         raise DataError("the log excites no parameter", hint="check that torque and motion are in the log: elid info")
     scaled = columns[:, live] / norms[live]

@@ -15,6 +15,7 @@ from elid_cli.estimate import JointError
 from elid_cli.model import Model, Row
 from elid_cli.observation import Observation, observe
 from elid_cli.robot import Robot
+from elid_cli.shifts import corrected, declared_shifts, unshifted_robot
 from elid_cli.signals import Signals
 
 Array = NDArray[np.float64]
@@ -55,11 +56,13 @@ def validate(
     """
     model = Model(robot)
     standard = complete(robot, find_base(model))
-    observation = observe(model, signals) if observation is None else observation
+    shifts = declared_shifts(robot)
+    signals = corrected(signals, shifts)
+    observation = observe(model, signals) if observation is None or shifts else observation
     residual = {group.row: group.target - standard[group.index] @ group.columns for group in observation.groups}
     if robot.effects:
         scene = scene_of(model, signals, standard)
-        for spec in robot.effects:
+        for spec in unshifted_robot(robot).effects:
             kind, joint = resolve(robot, spec)
             try:
                 linear, shape = kind.coefficients(scene, joint, spec.parameters)

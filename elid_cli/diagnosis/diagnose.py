@@ -21,6 +21,7 @@ from elid_cli.observation import observe
 from elid_cli.reduction import Triangles, reduce
 from elid_cli.refined import refined_robot, representative
 from elid_cli.robot import EffectSpec, Robot
+from elid_cli.shifts import corrected, declared_shifts
 from elid_cli.signals import Signals
 from elid_cli.solve import reweighted
 from elid_cli.terms import effect_classes
@@ -139,8 +140,10 @@ class Diagnosis:
 
 def divided(model: Model, signals: Signals) -> Log:
     """Return a log with its stretches divided into training folds and held-out ones."""
-    observation = observe(model, signals)
-    return Log(model, find_base(model), signals, observation, folds(observation.instants))
+    shifts = declared_shifts(model.robot)
+    moved_signals = corrected(signals, shifts)
+    observation = observe(model, moved_signals)
+    return Log(model, find_base(model), moved_signals, observation, folds(observation.instants), signals, shifts)
 
 
 def diagnose(
@@ -205,8 +208,10 @@ def held_out_gain(state: State, number: int) -> float:
     without = fit(state.log, [e for i, e in enumerate(state.effects) if i != number], state.scene)
     rows = [row for row in state.columns[number].rows if row in state.triangles.rows]
     outside, inside = held_out_triangles(without), held_out_triangles(state)
-    before = sum(t.squares(without.solution.values) for r in rows for t in outside.of(r))
-    after = sum(t.squares(state.solution.values) for r in rows for t in inside.of(r))
+    # rows are compared in units of their noise floor, or the noisier row would hide what the quieter one shows
+    weight = {r: max(state.floor.rms[r], 1e-4 * state.triangles.torque_rms(r)) ** -2 for r in rows}
+    before = sum(weight[r] * t.squares(without.solution.values) for r in rows for t in outside.of(r))
+    after = sum(weight[r] * t.squares(state.solution.values) for r in rows for t in inside.of(r))
     return 1.0 - after / before if before > 0 else 0.0
 
 
@@ -228,7 +233,7 @@ def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequenc
     chosen = log.fold < 0
     first = described(robot, before)
     last = described(robot, after)
-    validations = [validate(r, log.signals, chosen, observation=log.observation) for r in (first, last)]
+    validations = [validate(r, log.raw, chosen) for r in (first, last)]
     rows_before, rows_after = rows_of(before), rows_of(after)
     effects = tuple(_found(after, declared + k, step) for k, step in enumerate(found.steps))
     extra = tuple(_curve(after, len(after.effects) - len(curves) + k) for k in range(len(curves)))
@@ -298,7 +303,7 @@ def _curve(state: State, number: int) -> FoundEffect:
 
 def _errors(state: State, number: int) -> dict[str, float]:
     """Return standard errors of an effect's named parameters by first-order propagation of its coefficients."""
-    effect, place = state.effects[number], state.place(number)
+    place = state.place(number)
     where = [np.flatnonzero(state.solution.basis == c) for c in range(place.start, place.stop)]
     if any(not len(w) for w in where):
         return {}
@@ -309,7 +314,7 @@ def _errors(state: State, number: int) -> dict[str, float]:
     jacobian = np.zeros((len(names), len(centre)))
     for k in range(len(centre)):
         step = 1e-4 * max(abs(float(centre[k])), 1e-9)
-        moved_ = effect.named(state.scene, centre + step * np.eye(len(centre))[k])
+        moved_ = state.renamed(number, centre + step * np.eye(len(centre))[k])
         jacobian[:, k] = [(moved_[n] - names[n]) / step for n in names]
     spread = np.sqrt(np.maximum(np.einsum("ak,kl,al->a", jacobian, covariance, jacobian), 0.0))
     return {name: float(s) for name, s in zip(names, spread, strict=True) if s > 0}

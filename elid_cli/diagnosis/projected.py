@@ -32,7 +32,14 @@ class Gain:
     """Columns that were not already explained."""
     folds: Array
     """Reduction of the squared whitened residual per fold, predicted from the other folds, (folds,)."""
+    energy: Array
+    """Share of the columns' squares per fold, (folds,): where the effect acts at all."""
     count: int
+
+    @property
+    def acting(self) -> NDArray[np.bool_]:
+        """Folds in which the effect acts, (folds,)."""
+        return self.energy > 0.01
 
 
 @dataclass(frozen=True)
@@ -103,16 +110,18 @@ class Projected:
             n = int(np.count_nonzero(here))
             if n and old > 0 and new > 0:
                 likelihood += 0.5 * n * np.log(old / new) * independent_share(rest, here)
-        return Gain(likelihood, coefficients, int(rank), self._cross_validated(unit), self.count)
+        folds, energy = self._cross_validated(unit)
+        return Gain(likelihood, coefficients, int(rank), folds, energy, self.count)
 
-    def _cross_validated(self, unit: Array) -> Array:
+    def _cross_validated(self, unit: Array) -> tuple[Array, Array]:
         gram = np.array([unit[self.fold == f].T @ unit[self.fold == f] for f in range(self.folds)])
         load = np.array([unit[self.fold == f].T @ self.residual[self.fold == f] for f in range(self.folds)])
         gains = np.zeros(self.folds)
         for f in range(self.folds):
             left = np.linalg.lstsq(gram.sum(axis=0) - gram[f], load.sum(axis=0) - load[f], rcond=1e-9)[0]
             gains[f] = 2 * left @ load[f] - left @ gram[f] @ left
-        return gains
+        power = np.trace(gram, axis1=1, axis2=2)
+        return gains, power / max(float(power.sum()), 1e-300)
 
 
 def independent_share(rest: Array, here: NDArray[np.bool_]) -> float:

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.diagnosis.projected import Gain
-from elid_cli.diagnosis.state import State
-from elid_cli.effects import extra_of
+from elid_cli.diagnosis.state import State, fit
+from elid_cli.effects import extra_of, scene_of
 from elid_cli.reduction import Extra
-from elid_cli.terms.effect import Effect
+from elid_cli.terms.effect import Effect, Scene
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-FOLDS_NEEDED = 5
-"""Folds of six in which an effect must help, unless it lives in a part of the log only."""
+FOLDS_LOST = 1
+"""Folds in which an effect may fail to help, of those in which it acts."""
+NET_UNSEEN = 40.0
+"""Net gain of an effect that acts in one fold only, so that no other fold can judge it."""
 REFINED = 8
 """Best groups whose shapes are refined."""
+REFITTED = 12
+"""Best groups whose values are taken from a full fit where the stiffness matters."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +54,21 @@ class Candidate:
     @property
     def supported(self) -> bool:
         """Whether data that did not fit it support it."""
-        if self.effect.local:
-            return self.plausible
-        needed = min(FOLDS_NEEDED, len(self.gain.folds))
-        return self.plausible and self.folds_won >= needed and float(np.sum(self.gain.folds)) > 0
+        if self.effect.local and int(self.gain.acting.sum()) < 2:
+            return self.plausible and self.net > NET_UNSEEN
+        return self.plausible and validated(self.gain)
+
+    @property
+    def size(self) -> int:
+        """Number of free parameters, shapes included."""
+        return self.gain.width + len(self.effect.shape)
+
+
+def validated(gain: Gain) -> bool:
+    """Whether columns help in all but one of the folds in which they act, each predicted from the others."""
+    acting = gain.acting
+    won = int(np.sum(gain.folds[acting] > 0))
+    return won >= max(int(acting.sum()) - FOLDS_LOST, 1) and float(np.sum(gain.folds)) > 0
 
 
 def screen(
@@ -81,10 +96,28 @@ def screen(
         if candidate is not None:
             found.append(candidate)
     found.sort(key=lambda c: -c.net)
-    refined = [refine(state, c, len(groups)) if c.effect.shape else c for c in found[:REFINED]]
-    found[:REFINED] = refined
+    found[:REFINED] = [refine(state, c, len(groups)) if c.effect.shape else c for c in found[:REFINED]]
     found.sort(key=lambda c: -c.net)
+    found[:REFITTED] = [refitted(state, c) if c.effect.place in ("spring", "encoder") else c for c in found[:REFITTED]]
     return found
+
+
+def refitted(state: State, candidate: Candidate) -> Candidate:
+    """Return the candidate with its values taken from a fit that includes it.
+
+    What an effect of the spring path means in physical units depends on the stiffness, which the effect's absence
+    may have falsified.
+    """
+    grown = fit(state.log, (*state.effects, candidate.effect), state.scene)
+    again = scene_of(state.log.model, state.log.signals, grown.standard)
+    values = candidate.effect.named(again, grown.coefficients(len(grown.effects) - 1))
+    return replace(candidate, values=values, plausible=sensible(candidate.effect, again, values))
+
+
+def sensible(effect: Effect, scene: Scene, values: Mapping[str, float]) -> bool:
+    """Whether an effect's values are finite and physically possible."""
+    finite = all(np.isfinite(v) for v in values.values() if isinstance(v, (int, float)))
+    return finite and type(effect).plausible(scene, effect.joint, values)
 
 
 def _groups(state: State, library: Mapping[str, type[Effect]]) -> Iterator[tuple[type[Effect], int]]:
@@ -122,10 +155,8 @@ def score(state: State, effect: Effect, shapes: int, groups: int) -> Candidate |
     free = gain.width + len(effect.shape)
     price = 0.5 * free * np.log(max(gain.count, 2)) + np.log(max(shapes, 1)) + np.log(groups)
     values = effect.named(state.scene, gain.coefficients)
-    plausible = all(np.isfinite(v) for v in values.values() if isinstance(v, float)) and type(effect).plausible(
-        state.scene, effect.joint, values
-    )
-    return Candidate(effect, columns, gain, gain.likelihood - float(price), values, plausible, shapes)
+    net = gain.likelihood - float(price)
+    return Candidate(effect, columns, gain, net, values, sensible(effect, state.scene, values), shapes)
 
 
 def refine(state: State, candidate: Candidate, groups: int) -> Candidate:
@@ -167,9 +198,3 @@ def refine(state: State, candidate: Candidate, groups: int) -> Candidate:
 def _whole(kind: type[Effect], number: int) -> bool:
     """Whether a shape is a choice (another joint's number, an exponent) and not to be refined."""
     return bool(getattr(kind.shapes[number], "fixed", False))
-
-
-def rescored(state: State, candidates: Sequence[Candidate], groups: int) -> list[Candidate]:
-    """Return candidates scored against another state, best first."""
-    found = [score(state, c.effect, c.shapes, groups) for c in candidates]
-    return sorted((replace(c) for c in found if c is not None), key=lambda c: -c.net)

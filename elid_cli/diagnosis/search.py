@@ -8,9 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.diagnosis.screen import Candidate, score, screen
+from elid_cli.diagnosis.screen import FOLDS_LOST, Candidate, score, screen, sensible
 from elid_cli.diagnosis.state import Log, State, fit, refreshed
+from elid_cli.diagnosis.stretches import FOLDS
 from elid_cli.effects import Declared, fit_declared
+from elid_cli.model import Row
 from elid_cli.reduction import Extra
 from elid_cli.robot import EffectSpec
 from elid_cli.terms.effect import Effect
@@ -35,6 +37,10 @@ NEAR = 10.0
 NEAR_SHARE = 0.01
 """… or whose gain differs by this part: then the form of the curve decides, which a log can only hint at."""
 STEPS = 8
+PAIR = ("encoder_skew", "encoder_offset")
+"""Faults of the position channels that are tried together, before any physics."""
+PAIR_GAIN = 0.1
+"""Least part of the left-out motor row's error that both together must take away, also from either alone."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +84,7 @@ def search(
         Called with a label and the finished part.
     """
     before = refreshed(fit(log, declared))
-    state = before
-    steps: list[Step] = []
+    state, steps = _measurement_first(before, library)
     remaining: list[Candidate] = []
     tried = 0
     refused: set[tuple[str, int]] = set()
@@ -114,21 +119,84 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     able = [c for c in candidates if c.supported and c.net > threshold]
     if not able:
         return None
-    best = able[0]
-    margin = max(NEAR, NEAR_SHARE * best.net)
-    rivals = tuple(c for c in able[1:] if c.net > best.net - margin)
-    return Step(best, rivals)
+    margin = max(NEAR, NEAR_SHARE * able[0].net)
+    near = [c for c in able if c.net > able[0].net - margin]
+    # among equals the one with the fewest parameters: the others hold it as a special case, or fit its noise
+    best = min(near, key=lambda c: (c.size, -c.net))
+    return Step(best, tuple(c for c in near if c is not best))
+
+
+def _measurement_first(state: State, library: Mapping[str, type[Effect]]) -> tuple[State, list[Step]]:
+    """Accept skew and offset between a joint's two encoders where they help together.
+
+    They imitate physics, and each hides behind the other: the deflection of a stiff joint is so small that either
+    of them alone falsifies the stiffness, so neither alone would improve the fit.
+    """
+    steps: list[Step] = []
+    kinds = [library[name] for name in PAIR if name in library]
+    if len(kinds) < len(PAIR):
+        return state, steps
+    for joint in range(state.log.model.robot.n):
+        if not all(kind.applies(state.log.model.robot, joint) for kind in kinds):
+            continue
+        present = {(e.name, e.joint) for e in state.effects}
+        if any((kind.name, joint) in present for kind in kinds):
+            continue
+        trial = _pair(state, joint, kinds)
+        if trial is not None:
+            state, found = trial
+            steps += found
+    return state, steps
+
+
+def _pair(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[State, list[Step]] | None:
+    candidates = [score(state, kind(joint), 1, len(PAIR)) for kind in kinds]
+    scored = [c for c in candidates if c is not None]
+    if len(scored) < len(kinds):
+        return None
+    grown = refreshed(fit(state.log, (*state.effects, *(c.effect for c in scored)), state.scene))
+    first = len(grown.effects) - len(scored)
+    if not all(sensible(grown.effects[first + k], grown.scene, grown.named(first + k)) for k in range(len(scored))):
+        return None
+    rows = [Row("motor", joint)]
+    singles = [refreshed(fit(state.log, (*state.effects, c.effect), state.scene)) for c in scored]
+    gain = predicted_better(state, grown, rows)
+    if gain is None or gain < PAIR_GAIN or not _improves(state, grown, rows[0]):
+        return None
+    if any((predicted_better(single, grown, rows) or 0.0) < PAIR_GAIN for single in singles):
+        return None
+    share = 0.5 * state.projected.count / len(state.projected.places) * float(np.log(1.0 / max(1.0 - gain, 1e-6)))
+    return grown, [Step(replace(c, net=share), ()) for c in scored]
+
+
+def predicted_better(old: State, new: State, rows: Sequence[Row]) -> float | None:
+    """Return by which part the error of left-out folds falls, or None unless it falls in nearly every fold.
+
+    Both models are fitted anew without each fold; rows count in units of their present residual.
+    """
+    before, after = np.zeros(FOLDS), np.zeros(FOLDS)
+    for row in rows:
+        if row in old.triangles.rows:
+            unit = old.rms(row) ** -2 if old.rms(row) > 0 else 0.0
+            before += unit * old.left_out[row]
+            after += unit * new.left_out[row]
+    live = before > 0
+    won = int(np.sum(after[live] < before[live]))
+    if won < max(int(live.sum()) - FOLDS_LOST, 1) or after.sum() >= before.sum():
+        return None
+    return float(1.0 - after.sum() / before.sum())
 
 
 def _worthwhile(old: State, new: State, candidate: Candidate) -> bool:
     """Whether the refitted model improves some row the effect acts on by a size that matters in practice."""
-    for row in candidate.columns.rows:
-        if row not in old.triangles.rows:
-            continue
-        before, after = old.rms(row), new.rms(row)
-        gone = np.sqrt(max(before**2 - after**2, 0.0))
-        if after < (1 - SMALLEST_DROP) * before and gone > SMALLEST_TORQUE * old.triangles.torque_rms(row):
-            return True
+    last = len(new.effects) - 1
+    if not sensible(new.effects[last], new.scene, new.named(last)):
+        return False
+    judged = not candidate.effect.local or bool(candidate.gain.acting.all())
+    if judged and predicted_better(old, new, list(candidate.columns.rows)) is None:
+        return False
+    if any(_improves(old, new, row) for row in candidate.columns.rows):
+        return True
     gained = candidate.gain.likelihood / max(candidate.gain.count, 1)
     torque = [
         float(np.sqrt(np.mean((candidate.gain.coefficients @ values) ** 2))) / old.triangles.torque_rms(row)
@@ -136,6 +204,15 @@ def _worthwhile(old: State, new: State, candidate: Candidate) -> bool:
         if row in old.triangles.rows
     ]
     return gained > 0.5 * SMALLEST_VARIANCE and max(torque, default=0.0) > SMALLEST_TORQUE
+
+
+def _improves(old: State, new: State, row: Row) -> bool:
+    """Whether a row group's residual falls by a part of itself and of the torque that matters."""
+    if row not in old.triangles.rows:
+        return False
+    before, after = old.rms(row), new.rms(row)
+    gone = np.sqrt(max(before**2 - after**2, 0.0))
+    return after < (1 - SMALLEST_DROP) * before and bool(gone > SMALLEST_TORQUE * old.triangles.torque_rms(row))
 
 
 def _pruned(state: State, steps: list[Step], declared: int) -> tuple[State, list[Step]]:
@@ -167,10 +244,7 @@ def _polished(state: State, declared: int) -> State:
     )
     effects = [item.effect for item in fitted.effects]
     polished = refreshed(fit(state.log, effects, state.scene))
-    better = sum(polished.triangles.rms(polished.solution.values, r) / state.rms(r) for r in state.triangles.rows)
-    return polished if better < len(state.triangles.rows) + 1e-9 else state
-
-
-def with_rivals(step: Step, rivals: Sequence[Candidate]) -> Step:
-    """Return the step with other rivals."""
-    return replace(step, rivals=tuple(rivals))
+    better = sum(polished.rms(r) / state.rms(r) for r in state.triangles.rows) < len(state.triangles.rows) + 1e-9
+    kept = range(declared, len(effects))
+    possible = all(sensible(polished.effects[k], polished.scene, polished.named(k)) for k in kept)
+    return polished if better and possible else state

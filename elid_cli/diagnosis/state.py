@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,13 +18,20 @@ from elid_cli.effects import extra_of, scene_of
 from elid_cli.floor import Floor, noise_floor
 from elid_cli.model import Model, Row
 from elid_cli.nuisance import DELAY, delay_columns, significant
-from elid_cli.observation import Observation
+from elid_cli.observation import Observation, observe
 from elid_cli.reduction import Extra, Triangles, reduce
+from elid_cli.shifts import NAMES, Shifts, corrected
 from elid_cli.signals import Signals
-from elid_cli.solve import Solution, reweighted
+from elid_cli.solve import Solution, reweighted, solve
 from elid_cli.terms.effect import Effect, Scene
 
 Array = NDArray[np.float64]
+
+LONGEST_SHIFT = 0.05
+"""s; a channel that seems later than this is not moved."""
+_SETTLED = 0.002
+"""Part of a sample within which shifts count as settled."""
+_SHIFTING = 5
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,15 @@ class Log:
     observation: Observation
     fold: NDArray[np.intp]
     """Fold of every instant, -1 where held out, (M,)."""
+    raw: Signals
+    """The signals as logged; `signals` has late channels moved to where they belong."""
+    shifts: Shifts
+    """By how much channels were moved."""
+
+    def shifted(self, shifts: Shifts) -> Log:
+        """Return the log with other shifts of its channels."""
+        signals = corrected(self.raw, shifts)
+        return replace(self, signals=signals, observation=observe(self.model, signals), shifts=shifts)
 
     @property
     def training(self) -> Observation:
@@ -78,7 +94,15 @@ class State:
 
     def named(self, number: int) -> dict[str, float]:
         """Return an effect's parameters as reports name them."""
-        return self.effects[number].named(self.scene, self.coefficients(number))
+        return self.renamed(number, self.coefficients(number))
+
+    def renamed(self, number: int, coefficients: Array) -> dict[str, float]:
+        """Return an effect's parameters for other coefficients; shifts in time add to those already corrected."""
+        effect = self.effects[number]
+        values = effect.named(self.scene, coefficients)
+        if effect.name in NAMES:
+            values[NAMES[effect.name]] += self.log.shifts.of(effect.name, effect.joint)
+        return values
 
     @property
     def delays(self) -> dict[int, float]:
@@ -108,6 +132,17 @@ class State:
         """Covariance of the solution's basis, (r, r)."""
         return sandwich(self.log.training, self.solution, self.extras)
 
+    @cached_property
+    def left_out(self) -> dict[Row, Array]:
+        """Residual sum of squares of every row group per fold, predicted by a fit to the other folds, (folds,)."""
+        squares = {row: np.zeros(FOLDS) for row in self.triangles.rows}
+        for f in range(FOLDS):
+            others = [g for g in range(FOLDS) if g != f]
+            fitted = solve(self.triangles, self.solution.weights, others, len(self.solution.basis)).values
+            for row in squares:
+                squares[row][f] = sum(t.squares(fitted) for t in self.triangles.of(row, [f]))
+        return squares
+
     def rms(self, row: Row) -> float:
         """Return the training residual rms of a row group, N·m."""
         return self.triangles.rms(self.solution.values, row)
@@ -135,7 +170,8 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None) -> Stat
         plain = reduce(training, (), log.fold)
         scene = scene_of(log.model, log.signals, reweighted(plain, log.base.count).values[: log.model.parameters])
     columns = tuple(extra_of(effect, scene, log.signals) for effect in effects)
-    delays = [] if any(e.name == DELAY for e in effects) else delay_columns(training)
+    late = {e.joint for e in effects if e.name == DELAY}
+    delays = [extra for extra in delay_columns(training) if next(iter(extra.rows)).joint not in late]
     if delays:
         extras = [*delays, *columns]
         trial = reweighted(reduce(training, extras, log.fold), log.base.count + sum(e.width for e in extras))
@@ -148,5 +184,29 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None) -> Stat
 
 
 def refreshed(state: State) -> State:
-    """Return the state with the scene (load, prediction) recomputed from its own parameters, and fitted again."""
-    return fit(state.log, state.effects, scene_of(state.log.model, state.log.signals, state.standard))
+    """Return the state fitted again with the scene of its own parameters, late channels moved by what was found."""
+    for _ in range(_SHIFTING):
+        state = fit(state.log, state.effects, scene_of(state.log.model, state.log.signals, state.standard))
+        shifts, change = _shifts(state)
+        if change <= _SETTLED * state.log.signals.dt:
+            break
+        log = state.log.shifted(shifts)
+        state = fit(log, state.effects, scene_of(log.model, log.signals, state.standard))
+    return state
+
+
+def _shifts(state: State) -> tuple[Shifts, float]:
+    """Return the shifts that a state amounts to, and the largest change from those already corrected, s."""
+    n = state.log.model.robot.n
+    shifts, change = Shifts.none(n), 0.0
+    for k, effect in enumerate(state.effects):
+        if effect.name not in NAMES:
+            continue
+        present = state.log.shifts.of(effect.name, effect.joint)
+        value = state.named(k)[NAMES[effect.name]]
+        if not np.isfinite(value) or abs(value) > LONGEST_SHIFT:
+            value = present
+        shifts = shifts.moved(effect.name, effect.joint, value)
+        change = max(change, abs(value - present))
+    left = np.abs(np.concatenate([shifts.link - state.log.shifts.link, shifts.torque - state.log.shifts.torque]))
+    return shifts, max(change, float(left.max()))

@@ -14,8 +14,10 @@ Array = NDArray[np.float64]
 
 EVIDENCE = 0.02
 """Least share of the torque beyond a knee that has to be missing in the prediction for the knee to be tried."""
-COMMON = 0.7
-"""Part of the samples that a limit must leave untouched."""
+RARE = 0.15
+"""Largest part of the samples that a limit may cut."""
+LEFT = 0.5
+"""Largest part of the misfit beyond the limit that may remain when the torque is cut there."""
 
 
 class Saturation(Effect):
@@ -59,9 +61,19 @@ class Saturation(Effect):
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
-        """Whether the limit cuts peaks only: below them the excess is the measured torque itself and explains all."""
-        common = float(np.quantile(np.abs(scene.tau[:, joint]), COMMON))
-        return super().plausible(scene, joint, {"cut": 1.0, **values}) and values["limit"] >= common
+        """Whether the limit cuts peaks only, and the model without it needs about the limit there.
+
+        The excess is a part of the measured torque: taken as a column it would explain whatever it correlates with,
+        so the amplitude alone proves nothing.
+        """
+        tau, predicted, limit = scene.tau[:, joint], scene.predicted[:, joint], values["limit"]
+        beyond = np.abs(tau) > limit
+        share = float(np.mean(beyond))
+        if not 0 < share <= RARE or not super().plausible(scene, joint, {"cut": 1.0, **values}):
+            return False
+        command, needed = tau[beyond], predicted[beyond]
+        left = float(np.sum((np.sign(command) * limit - needed) ** 2))
+        return left < LEFT * float(np.sum((command - needed) ** 2))
 
     @classmethod
     def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
