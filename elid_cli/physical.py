@@ -34,12 +34,12 @@ that the log shows and for those that it does not. Two, because correlated resid
 three times larger than this weighting believes."""
 UNKNOWN = 0.1
 """Share of the pull, towards a typical body, where the robot file has no reference value."""
-AFFORDABLE = 0.002
+AFFORDABLE = 0.001
 """Relative rise of the residual's square that a pull may cost beyond that of the weakest."""
 MOVED = 2.0
 """Standard deviations by which a base parameter must move to be named."""
 CONTRADICTION = 0.02
-"""Relative rise of the held-out error of any joint above which data and a physical robot contradict each other."""
+"""Relative rise of the held-out error above which data and a physical robot contradict each other."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,15 @@ class PhysicalParameters:
         return with_parameters(self.robot, self.values)
 
     @property
+    def rises(self) -> dict[str, float]:
+        """Relative rise of every joint's held-out error, as a fraction; a fall is negative."""
+        return {j: self.error_after[j].rms / e.rms - 1 for j, e in self.error_before.items() if j in self.error_after}
+
+    @property
     def loss(self) -> float:
-        """Largest relative rise of a joint's held-out error, as a fraction; NaN without held-out errors."""
-        rises = [self.error_after[j].rms / e.rms - 1 for j, e in self.error_before.items() if j in self.error_after]
-        return max(rises, default=float("nan"))
+        """Relative rise of the held-out error of all joints together, each weighed by its own; NaN without any."""
+        squares = [(1 + rise) ** 2 for rise in self.rises.values()]
+        return float(np.sqrt(np.mean(squares))) - 1 if squares else float("nan")
 
     @property
     def contradiction(self) -> bool:

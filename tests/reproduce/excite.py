@@ -1,0 +1,48 @@
+"""How much better an exciting trajectory conditions the identification than random splines of equal length.
+
+    python tests/reproduce/excite.py [ROBOT] [SECONDS]
+
+Prints condition numbers and predicted standard errors over 20 random motions and for the trajectory of `elid excite`.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+from elid_cli.base import find_base
+from elid_cli.consistency import consistency, prior
+from elid_cli.excitation import BANDWIDTH, INSTANTS, ExciteOptions, excite
+from elid_cli.information import Information, residuals_of
+from elid_cli.model import Model
+from elid_cli.reference import random_reference
+from elid_cli.robot_file import read_robot
+
+
+def main(name: str, duration: float) -> None:
+    """Print the figures of one robot."""
+    robot = read_robot(name)
+    found = excite(robot, ExciteOptions(duration=duration))
+    model = Model(robot)
+    base = find_base(model)
+    grid = np.linspace(0.0, duration, round(duration * INSTANTS))
+    motions = [random_reference(robot, duration, seed).evaluate(grid) for seed in range(100, 120)]
+    parameters = prior(robot, consistency(robot, robot.reference()).scales)
+    unit = Information(model, base, parameters, np.ones((2, robot.n)), 1.0, motions[0])
+    residual = residuals_of(unit.torques(motions[0]), found.options.residual, robot.elastic)
+    information = Information(model, base, parameters, residual, duration * BANDWIDTH / len(grid), motions[0])
+    judged = [information.evaluate(motion) for motion in motions]
+    mine = information.evaluate(found.trajectory.evaluate(grid))
+    conditions = sorted(e.condition for e in judged)
+    gains = sorted(float(np.exp((mine.log_det - e.log_det) / base.count)) for e in judged)
+    print(f"{name}, {duration:g} s, condition number of the weighted base regressor (columns of unit norm):")
+    print(f"  20 random splines   {conditions[0]:.1f} to {conditions[-1]:.1f}, median {np.median(conditions):.1f}")
+    print(f"  elid excite         {mine.condition:.1f}: {np.median(conditions) / mine.condition:.2f} times better "
+          f"than the median, {conditions[0] / mine.condition:.2f} times than the best")
+    print(f"  standard errors     {gains[0]:.2f} to {gains[-1]:.2f} times smaller (geometric mean over "
+          f"{base.count} base parameters)")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else "puma560", float(sys.argv[2]) if len(sys.argv) > 2 else 20.0)
