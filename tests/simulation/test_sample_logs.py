@@ -18,7 +18,7 @@ FOLDER = Path(__file__).parents[2] / "sample_logs"
 TEXT = (FOLDER / "README.md").read_text("utf-8")
 COMMANDS = {
     words[words.index("-o") + 1]: words[1:]
-    for line in re.findall(r"^elid simulate(?:.|\\\n)*$", TEXT, re.MULTILINE)
+    for line in re.findall(r"^elid simulate(?:\\\n|.)*$", TEXT, re.MULTILINE)
     for words in [shlex.split(line.replace("\\\n", " "))]
 }
 
