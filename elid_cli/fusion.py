@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.lowpass import low_pass
 from elid_cli.recording import Segment
 from elid_cli.smoothing import fit_spline
 
@@ -21,6 +22,8 @@ Array = NDArray[np.float64]
 
 GROSS = 0.05
 """Disagreement, as a share of the rate's own spread, above which a measured rate is not used."""
+_BAND = 0.2
+"""Frequency below which rates are compared, in units of one over the knot spacing."""
 _AGREES = 1.3
 """Disagreement over what noise explains, up to which the rate's white noise is believed."""
 
@@ -40,6 +43,14 @@ def white_noise(values: Array) -> float:
     sixth = np.diff(values, 6)
     finite = sixth[np.isfinite(sixth)]
     return float(np.sqrt(np.mean(finite**2) / 924.0)) if finite.size else float("nan")
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("inf")
+
+
+def _filled(values: Array) -> Array:
+    return np.where(np.isfinite(values), values, 0.0)
 
 
 def rate_of(
@@ -80,14 +91,16 @@ def rate_of(
         stride = int(strides[k])
         fit = fit_spline(positions[k : k + 1, part], stride, dt)
         noise = max(white_noise(positions[k, part]), 1e-3 * float(fit.rms[0]))
-        difference = float(np.sqrt(np.nanmean((measured[k, part] - fit.spline.evaluate(derivative)[0]) ** 2)))
+        # a spline cannot follow what changes within a knot; a lag or a gain shows below that as well
+        band = low_pass(_BAND / (stride * dt), dt, 1)
+        difference = _rms(band.apply(_filled(measured[k, part] - fit.spline.evaluate(derivative)[0])))
         spread = float(np.nanstd(measured[k, part]))
         if spread == 0 or noise == 0:
             continue
         white = white_noise(measured[k, part])
         drawn = fit_spline(noise * generator.standard_normal((1, len(longest))), stride, dt)
-        propagated = float(np.sqrt(np.mean(drawn.spline.evaluate(derivative) ** 2)))
-        if difference <= _AGREES * np.hypot(white, propagated):
+        propagated = _rms(band.apply(drawn.spline.evaluate(derivative)[0]))
+        if difference <= _AGREES * np.hypot(white, propagated) + 1e-4 * spread:
             ratio[k] = noise / max(white, 1e-9 * spread)
         elif difference <= GROSS * spread:
             ratio[k] = noise / difference

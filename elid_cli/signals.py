@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 DEFAULT_CUTOFF = 10.0
 """Cut-off of the parallel filter, Hz, unless the data or the user choose another."""
+EFFECT_CUTOFF = 20.0
+"""The same where the robot file declares effects, whose shapes show in faster changes than inertia does."""
 RATE_PER_CUTOFF = 5.0
 """Samples kept per second for every Hz of cut-off."""
 KNOTS = (0.008, 0.4)
@@ -160,7 +162,8 @@ def prepare(
     """
     options = options or SignalOptions()
     dt = recording.dt
-    cutoff = DEFAULT_CUTOFF if options.cutoff is None else options.cutoff
+    usual = EFFECT_CUTOFF if robot.effects else DEFAULT_CUTOFF
+    cutoff = min(usual, 0.4 / dt) if options.cutoff is None else options.cutoff
     filter_ = _plan(cutoff, options.rate, dt)
     minimum = max(MINIMUM_SAMPLES, 2 * filter_.half + 2 * filter_.step)
     segments = tuple(s for s in recording.segments if len(s) >= minimum)

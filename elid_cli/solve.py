@@ -143,6 +143,6 @@ def weights_of(
     weights = {}
     for row in present:
         rms = triangles.rms(values, row, folds)
-        lowest = 1e-9 * triangles.torque_rms(row, folds)
+        lowest = 1e-5 * triangles.torque_rms(row, folds)
         weights[row] = 1.0 / max(rms, lowest)
     return weights
