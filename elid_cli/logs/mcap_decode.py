@@ -6,8 +6,7 @@ others at once. What differs teaches the next layout, so that joint orders and f
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -215,90 +214,3 @@ def _matrix(data: bytes, offsets: NDArray[np.int64], length: int) -> NDArray[np.
 def _numbers(matrix: NDArray[np.uint8], offset: int, dtype: str) -> NDArray[Any]:
     column: NDArray[Any] = matrix[:, offset : offset + int(dtype[2])].view(dtype)[:, 0]
     return column
-
-
-class JsonDecoder:
-    """Message-by-message decoder of JSON channels."""
-
-    def shapes(self, messages: Messages, chosen: NDArray[np.intp]) -> list[MessageShape]:
-        """Return the distinct shapes of some messages (for discovery)."""
-        shapes: dict[str, MessageShape] = {}
-        for index in chosen:
-            flat = self._flat(messages, int(index))
-            if flat is not None:
-                shape = _json_shape(flat)
-                shapes.setdefault(repr(shape), shape)
-        return list(shapes.values())
-
-    def decode(self, messages: Messages, chosen: NDArray[np.intp], table: Table) -> None:
-        """Append the messages `chosen` (indices) to a table."""
-        rows, stamps = table.extend(messages.log_times[chosen])
-        for target in rows:
-            target[:] = np.nan
-        for row, index in enumerate(chosen):
-            flat = self._flat(messages, int(index))
-            if flat is None:
-                table.undecodable += 1
-                table.problem = table.problem or "not a JSON object"
-                continue
-            shape = _json_shape(flat)
-            for (field, columns), target in zip(table.wanted, rows, strict=True):
-                found = shape.columns(field)
-                if found is None:
-                    continue
-                for put, take in match_columns(columns, found.labels, len(found.indices)):
-                    target[row, put] = flat[found.path][found.indices[take]]
-            stamps[row] = _json_stamp(flat)
-
-    def _flat(self, messages: Messages, index: int) -> dict[str, list[Any]] | None:
-        start, length = int(messages.offsets[index]), int(messages.lengths[index])
-        try:
-            decoded = json.loads(messages.data[start : start + length])
-        except (ValueError, RecursionError):
-            return None
-        if not isinstance(decoded, dict):
-            return None
-        flat: dict[str, list[Any]] = {}
-        _flatten(decoded, "", flat, 0)
-        return flat
-
-
-def _flatten(value: Any, path: str, flat: dict[str, list[Any]], depth: int) -> None:
-    if depth > 20:
-        return
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            _flatten(item, f"{path}.{key}" if path else str(key), flat, depth + 1)
-    elif isinstance(value, list):
-        if (value and isinstance(value[0], str)) or not value:
-            flat.setdefault(f"{path}\x00", []).append(len(flat.get(path, [])))  # where a list of strings starts
-        for item in value:
-            _flatten(item, path, flat, depth + 1)
-    elif isinstance(value, str):
-        flat.setdefault(path, []).append(value)
-    else:
-        number = float("nan") if value is None else float(value)
-        flat.setdefault(path, []).append(number)
-
-
-def _json_shape(flat: Mapping[str, list[Any]]) -> MessageShape:
-    widths, strings, starts = {}, {}, {}
-    for path, values in flat.items():
-        if path.endswith("\x00"):
-            starts[path[:-1]] = values
-        elif all(isinstance(value, float) for value in values):
-            widths[path] = len(values)
-        else:
-            strings[path] = [str(value) for value in values]
-    return MessageShape(widths, strings, starts)
-
-
-def _json_stamp(flat: Mapping[str, list[Any]]) -> int:
-    for prefix in ("header.stamp", "stamp"):
-        seconds = flat.get(f"{prefix}.sec", flat.get(f"{prefix}.secs"))
-        parts = next(
-            (flat[f"{prefix}.{name}"] for name in ("nanosec", "nsec", "nsecs") if f"{prefix}.{name}" in flat), [0.0]
-        )
-        if seconds and isinstance(seconds[0], float) and isinstance(parts[0], float):
-            return int(seconds[0]) * 1_000_000_000 + int(parts[0])
-    return 0

@@ -1,4 +1,4 @@
-"""MCAP logs: topics of CDR or JSON messages, read chunk by chunk; cut and damaged files give what is whole."""
+"""MCAP logs: topics of CDR, JSON or protobuf messages, chunk by chunk; damaged files give what is whole."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from elid_cli.logs.flat_decode import FlatDecoder, flat_json
 from elid_cli.logs.mcap_container import MAGIC, Container, Messages, Readable, summary, walk
-from elid_cli.logs.mcap_decode import CdrDecoder, JsonDecoder, Table
+from elid_cli.logs.mcap_decode import CdrDecoder, Table
 from elid_cli.logs.mcap_write import write_mcap
+from elid_cli.logs.protobuf import flattener
 from elid_cli.logs.raw import Channel, LogFormat, Pick, Stream
 from elid_cli.logs.ros_schema import definitions_of, short_name
 from elid_cli.logs.source import Source
@@ -37,7 +39,7 @@ class McapLog:
         self._sources = sources
         self.losses: list[str] = []
         self.notes: list[str] = []
-        self._decoders: dict[tuple[str, str, str, str], CdrDecoder | JsonDecoder | None] = {}
+        self._decoders: dict[tuple[str, str, str, bytes], CdrDecoder | FlatDecoder | None] = {}
         self.undecoded: dict[str, str] = {}
         """Topics that cannot be decoded -> why."""
         self.channels: Sequence[Channel] = self._discover()
@@ -143,27 +145,35 @@ class McapLog:
             prefix = f"{source.name}: " if len(self._sources) > 1 else ""
             self.losses.extend(prefix + loss for loss in container.losses)
 
-    def _decoder(self, channel: Any, container: Container) -> CdrDecoder | JsonDecoder | None:
+    def _decoder(self, channel: Any, container: Container) -> CdrDecoder | FlatDecoder | None:
         schema = container.schemas.get(channel.schema_id)
-        name = schema.name if schema is not None else ""
-        text = schema.data.decode("utf-8", "replace") if schema is not None else ""
-        key = (channel.topic, channel.message_encoding, name, text)
+        name, language, data = (schema.name, schema.encoding, schema.data) if schema is not None else ("", "", b"")
+        key = (channel.topic, channel.message_encoding, name, data)
         if key not in self._decoders:
-            self._decoders[key] = self._make_decoder(channel, name, schema.encoding if schema else "", text)
+            decoder, reason = make_decoder(channel.message_encoding, name, language, data)
+            self._decoders[key] = decoder
+            if decoder is None:
+                self.undecoded[channel.topic] = reason
         return self._decoders[key]
 
-    def _make_decoder(self, channel: Any, name: str, language: str, text: str) -> CdrDecoder | JsonDecoder | None:
-        if channel.message_encoding == "json":
-            return JsonDecoder()
-        if channel.message_encoding == "cdr":
-            definitions = definitions_of(name, text if language in ("ros2msg", "") else "")
-            if definitions is not None:
-                return CdrDecoder(short_name(name), definitions)
-            reason = f"{name or 'no type'}: no ros2msg definition (schema {language or 'empty'!r})"
-        else:
-            reason = f"{name or 'no type'}: encoding {channel.message_encoding!r}, expected 'cdr' or 'json'"
-        self.undecoded[channel.topic] = reason
-        return None
+
+def make_decoder(encoding: str, name: str, language: str, schema: bytes) -> tuple[CdrDecoder | FlatDecoder | None, str]:
+    """Return the decoder of a channel, or None and the reason."""
+    known = name or "no type"
+    if encoding == "json":
+        return FlatDecoder(flat_json), ""
+    if encoding == "cdr":
+        text = schema.decode("utf-8", "replace") if language in ("ros2msg", "") else ""
+        definitions = definitions_of(name, text)
+        if definitions is not None:
+            return CdrDecoder(short_name(name), definitions), ""
+        return None, f"{known}: no ros2msg definition (schema {language or 'empty'!r})"
+    if encoding == "protobuf":
+        flatten = flattener(name, schema)
+        if flatten is not None:
+            return FlatDecoder(flatten), ""
+        return None, f"{known}: its protobuf descriptor is missing or damaged"
+    return None, f"{known}: encoding {encoding!r}, expected cdr, json or protobuf"
 
 
 def _type_of(channel: Any, container: Container) -> str:

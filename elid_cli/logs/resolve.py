@@ -65,7 +65,7 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
             spec = layer.signals.get(signal)
             if spec is None:
                 continue
-            found = place(spec, by_source, robot, time.source if time else "")
+            found = place(spec, by_source, robot, time)
             if isinstance(found, Placement):
                 placements[signal] = found
                 break
@@ -80,7 +80,9 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
     return Plan(placements, time, tuple(unfit), tuple(notes), reasons)
 
 
-def place(spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Robot, time: str) -> Placement | str:
+def place(
+    spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Robot, time: TimeMap | None
+) -> Placement | str:
     """Return where a signal is, or the reason why its mapping does not fit the log."""
     if isinstance(spec.source, tuple) or "{joint}" in spec.source or "{i}" in spec.source:
         return _place_each(spec, by_source, robot, time)
@@ -91,12 +93,12 @@ def place(spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Ro
     if isinstance(chosen, str):
         return chosen
     columns, joints = chosen
-    pick = Pick(channel.source, channel.field, columns, spec.time or time)
+    pick = Pick(channel.source, channel.field, columns, _stamps(spec, channel, by_source, time))
     return Placement(spec, (pick,), (joints,), channel.address, unnamed=not channel.labels and robot.n > 1)
 
 
 def _place_each(
-    spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Robot, time: str
+    spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Robot, time: TimeMap | None
 ) -> Placement | str:
     picks: list[Pick] = []
     joints: list[tuple[int, ...]] = []
@@ -116,12 +118,20 @@ def _place_each(
         elif channel.width != 1:
             reason = reason or f"{channel.address} holds {channel.width} values per sample, not one"
             continue
-        picks.append(Pick(channel.source, channel.field, (column,), spec.time or time))
+        picks.append(Pick(channel.source, channel.field, (column,), _stamps(spec, channel, by_source, time)))
         joints.append((j,))
     if not picks:
         return reason or "no column is named"
     pattern = spec.source if isinstance(spec.source, str) else ", ".join(str(place) for place in spec.source)
     return Placement(spec, tuple(picks), tuple(joints), pattern)
+
+
+def _stamps(spec: SignalMap, channel: Channel, by_source: Mapping[str, Sequence[Channel]], time: TimeMap | None) -> str:
+    """Return the column, dataset or message field with a channel's stamps; empty: the log's own."""
+    if not channel.field:
+        return spec.time or (time.source if time else "")
+    wanted = spec.time or (time.field or time.source if time else "")
+    return wanted if any(other.field == wanted for other in by_source[channel.source]) else ""
 
 
 def sources_of(spec: SignalMap, robot: Robot) -> list[str | None]:
@@ -211,14 +221,14 @@ def _place_time(
     for layer in layers:
         if layer.time is None:
             continue
-        if not layer.time.source or layer.time.source in by_source or (layer.canonical and not by_source):
+        wanted = layer.time.field or layer.time.source
+        in_messages = any(channel.field == wanted for found in by_source.values() for channel in found)
+        if layer.time.source in by_source or in_messages:
             own = layer.time.source.lstrip("/") in ("t", "")
             return layer.time, unfit, [] if own or not layer.canonical else [f"time is taken from {layer.time.source}"]
         if not layer.canonical:
             near = nearest(layer.time.source, by_source)
-            unfit.append(
-                f"{layer.where}: t: the log has no {layer.time.source!r}" + (f" (nearest: {near!r})" if near else "")
-            )
+            unfit.append(f"{layer.where}: t: the log has no {wanted!r}" + (f" (nearest: {near!r})" if near else ""))
     return None, unfit, []
 
 

@@ -218,3 +218,69 @@ def test_a_bag_of_the_robot_with_other_names_lists_them(tmp_path: Path) -> None:
     }
     same(read_recording([tmp_path / "log.mcap"], robot, mapping), BASE)
     assert ROBOT.joint_names == JOINTS
+
+
+def test_stamps_may_be_a_field_of_the_message(tmp_path: Path) -> None:
+    text = "uint64 stamp_us\nstring[] name\nfloat64[] position\nfloat64[] effort\n"
+    bag = Bag()
+    for topic in ("/joint_states", "/motor_states"):
+        bag.topic(topic, "arm_msgs/msg/Stamped", text)
+    for row, t in enumerate(BASE.t.tolist()):
+        rest = {"stamp_us": round(t * 1e6) + 10**15, "name": list(JOINTS)}
+        logged = row * 3_000_000
+        bag.add("/joint_states", logged, {**rest, "position": BASE.q[row].tolist(), "effort": []})
+        position, effort = BASE.theta[row].tolist(), BASE.tau[row].tolist()
+        bag.add("/motor_states", logged, {**rest, "position": position, "effort": effort})
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    for spec in ({"from": "stamp_us", "unit": "us"}, {"from": "/joint_states", "field": "stamp_us", "unit": "us"}):
+        same(read(path, mapping={"t": spec}), BASE)
+    assert read(path).dt == pytest.approx(0.003)
+
+
+def varint(value: int) -> bytes:
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    return bytes([*out, value])
+
+
+def entry(number: int, value: int | str | bytes) -> bytes:
+    """One field of a protobuf message."""
+    if isinstance(value, int):
+        return varint(number << 3) + varint(value)
+    data = value.encode() if isinstance(value, str) else value
+    return varint(number << 3 | 2) + varint(len(data)) + data
+
+
+def described(name: str, *fields: tuple[str, int, int, int, str]) -> bytes:
+    """A DescriptorProto; fields are (name, number, label, type, type name)."""
+    parts = [entry(1, name)]
+    for field, number, label, kind, of in fields:
+        parts.append(entry(2, entry(1, field) + entry(3, number) + entry(4, label) + entry(5, kind) + entry(6, of)))
+    return b"".join(parts)
+
+
+def test_protobuf_joint_states(tmp_path: Path) -> None:
+    import struct
+
+    stamp = described("Timestamp", ("seconds", 1, 1, 3, ""), ("nanos", 2, 1, 5, ""))
+    packed = [(name, k, 3, 1, "") for k, name in enumerate(("position", "effort"), start=3)]
+    state = described("JointState", ("timestamp", 1, 1, 11, ".arm.Timestamp"), ("name", 2, 3, 9, ""), *packed)
+    schema = entry(1, entry(1, "arm.proto") + entry(2, "arm") + entry(4, stamp) + entry(4, state))
+    bag = Bag()
+    identifier = bag.writer.register_schema("arm.JointState", "protobuf", schema)
+    channels = [
+        bag.writer.register_channel(topic, "protobuf", identifier) for topic in ("/joint_states", "/motor_states")
+    ]
+    for row, t in enumerate(np.rint(BASE.t * 1e9).astype(int).tolist()):
+        when = t + 10**18
+        head = entry(1, entry(1, when // 10**9) + entry(2, when % 10**9)) + b"".join(entry(2, name) for name in JOINTS)
+        motor = entry(3, struct.pack("<3d", *BASE.theta[row])) + entry(4, struct.pack("<3d", *BASE.tau[row]))
+        link = b"".join(varint(3 << 3 | 1) + struct.pack("<d", x) for x in BASE.q[row])  # not packed: as valid
+        for channel, body in zip(channels, (link, motor), strict=True):
+            bag.writer.add_message(channel, when + 7, head + body, when)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    same(read(path), BASE)
