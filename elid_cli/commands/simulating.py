@@ -40,13 +40,13 @@ class MotionChoice:
     amplitude: float = 0.7
     speed: float = 1.0
     interval: float | None = None
-    trajectory: str | None = None
+    reference: str | None = None
 
 
 motion = gathered(
     "motion", MotionChoice,
     option(MOTION, "--duration", type=Number(above=0), metavar="S",
-           help="Length. Default: 10 s, or the trajectory's."),
+           help="Length. Default: 10 s, or the reference's."),
     option(MOTION, "--rate", type=Number(above=0), default=1000.0, show_default=True, metavar="HZ",
            help="Samples per second of log and controller."),
     option(MOTION, "--seed", type=click.IntRange(min=0), default=0, show_default=True,
@@ -57,7 +57,7 @@ motion = gathered(
            help="Slower or faster than the joints' limits allow."),
     option(MOTION, "--interval", type=Number(above=0), metavar="S",
            help="Time between way-points. Default: from the joints' limits."),
-    option(MOTION, "--trajectory", type=File(), metavar="TRAJ.csv",
+    option(MOTION, "--reference", type=File(), metavar="TRAJ.csv",
            help="Follow this instead: columns t and q.JOINT, as elid excite writes."),
 )  # fmt: skip
 
@@ -140,8 +140,8 @@ def options_of(
 
     duration = motion.duration
     reference: Reference | ReferenceOptions = ReferenceOptions(motion.amplitude, motion.speed, motion.interval)
-    if motion.trajectory is not None:
-        reference = read_reference(motion.trajectory, robot)
+    if motion.reference is not None:
+        reference = read_reference(motion.reference, robot)
         duration = duration or reference.duration
     absolute, relative = _torque_noise(sensors.torque_noise)
     return SimulationOptions(

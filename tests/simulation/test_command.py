@@ -79,7 +79,7 @@ def test_gains_of_every_joint_and_of_none(tmp_path: Path) -> None:
         ((*SHORT, "-o", "log.csv", "--kp", "1,2,3"), "3 values for 2 joints"),
         ((*SHORT, "-o", "log.csv", "--effect", "link_spring@joint1:stiffness=-9e4,preload=0"), "runs away"),
         (("--robot", "planar2", "--duration", "0.0001", "-o", "log.csv"), "two samples"),
-        ((*SHORT, "-o", "log.csv", "--trajectory", "none.csv"), "none.csv: no such file"),
+        ((*SHORT, "-o", "log.csv", "--reference", "none.csv"), "none.csv: no such file"),
     ],
 )
 def test_errors_are_three_lines_and_leave_no_file(tmp_path: Path, arguments: tuple[str, ...], said: str) -> None:
