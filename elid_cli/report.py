@@ -123,12 +123,17 @@ class KeyValues:
 
 @dataclass(frozen=True)
 class Column:
-    """A column: `unit` stands in its head when every row has the same."""
+    """A column: `unit` stands in its head when every row has the same.
+
+    Where `span` is set (for the first column only), a cell too long for the column takes a line of its own above the
+    rest of its row.
+    """
 
     key: str
     title: str
     unit: str = ""
     align: Literal["left", "right"] = "left"
+    span: bool = False
 
     @property
     def head(self) -> str:

@@ -150,13 +150,22 @@ class _Writer:
             for row in rows
         ]
         heads = [self._said(column.head) for column in table.columns]
-        widths = fit(heads, texts, [c.align == "right" for c in table.columns], self.style.width - INDENT)
+        width = self.style.width - INDENT
+        if table.columns[0].span:
+            widths = fit_spanning(heads, texts, width)
+        else:
+            widths = fit(heads, texts, [c.align == "right" for c in table.columns], width)
         if widths is None:
             self._records(heads, texts, rows)
         else:
             right = [column.align == "right" for column in table.columns]
             self._rows([heads], [[""] * len(heads)], widths, right, "dim")
-            self._rows(texts, [[_style(cell) for cell in row] for row in rows], widths, right)
+            for cells, row in zip(texts, rows, strict=True):
+                if table.columns[0].span and _columns(cells[0]) > widths[0]:
+                    for part in self._fold(cells[0], width):
+                        self._line((" " * INDENT + part, _style(row[0])))
+                    cells[0] = ""
+                self._rows([cells], [[_style(cell) for cell in row]], widths, right)
         if len(rows) < len(table.rows):
             self._line((" " * INDENT + self._said(f"… ({len(table.rows) - len(rows)} more: --all)"), "dim"))
         for line in self._fold(table.note, self.style.width - INDENT) if table.note else []:
@@ -211,6 +220,20 @@ def fit(heads: list[str], rows: list[list[str]], right: list[bool], width: int) 
         widths[k] += extra
         spare -= extra
     return widths
+
+
+def fit_spanning(heads: list[str], rows: list[list[str]], width: int) -> list[int] | None:
+    """Return widths with all columns but the first at their natural width, and the first at what is left.
+
+    Cells that the first column cannot hold do not widen it; None where not even its head fits.
+    """
+    others = [max(map(_columns, column)) for column in list(zip(heads, *rows, strict=True))[1:]]
+    room = width - sum(others) - GAP * len(others)
+    least = _longest_word(heads[0])
+    if room < least:
+        return None
+    first = [w for w in map(_columns, (heads[0], *(row[0] for row in rows))) if w <= room]
+    return [max([least, *first]), *others]
 
 
 def _joined_units(text: str) -> str:

@@ -143,7 +143,7 @@ def base_table(found: Identification) -> Table:
     relative = found.relative_error()
     known = any(value == value for value in found.reference)
     columns = [
-        Column("name", "base parameter"),
+        Column("name", "base parameter", span=True),
         Column("estimate", "value", align="right"),
         Column("std_error", "± sd", align="right"),
         Column("relative", "rel", "%", align="right"),

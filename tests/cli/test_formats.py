@@ -181,3 +181,14 @@ def test_a_report_is_checked_when_made() -> None:
         Report("x", {}, (Text("a", ""), Text("a", "")))
     with pytest.raises(ValueError, match="1 cells in a row of 2"):
         Table("t", (Column("a", "a"), Column("b", "b")), (("x",),))
+
+
+def test_a_spanning_cell_takes_a_line_of_its_own() -> None:
+    columns = (Column("name", "base parameter", span=True), *(Column(k, k * 10, align="right") for k in "abcd"))
+    rows = (("K1", *range(4)), ("m1 - 4*Izz1 + 4*Izz2 - 8*Izz3 + 16*Izz4", *range(4)))
+    report = Report("x", {}, (Table("t", columns, rows),))
+    lines = formats.render(report, "terminal", formats.Style(width=60)).splitlines()
+    numbers = lines[2]
+    assert numbers.split() == ["K1", "0", "1", "2", "3"]
+    assert lines[3] == "  m1 - 4*Izz1 + 4*Izz2 - 8*Izz3 + 16*Izz4"
+    assert lines[4] == numbers.replace("K1", "  ")
