@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,8 @@ Array = NDArray[np.float64]
 
 WIDTHS = (0.15, 0.3, 0.6)
 """s; lengths of a push that are tried."""
+LONGEST = 2.0
+"""s; a push that lasts longer is no moment any more."""
 BEST = 4
 """Places of each length that are returned."""
 
@@ -59,6 +63,13 @@ class Contact(Effect):
                 found.append((float(t[k]), width))
                 score[max(k - 2 * half, 0) : k + 2 * half + 1] = 0.0
         return found
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether the push is within the log, short, and no stronger than a few times what the motor gives."""
+        t, top = scene.motion.t, float(np.max(np.abs(scene.tau[:, joint]), initial=0.0))
+        inside = t[0] <= values["time"] <= t[-1] and 0 < values["width"] <= LONGEST
+        return bool(inside and abs(values["torque"]) <= 3 * top)
 
     @classmethod
     def looks(cls, scene: Scene, joint: int) -> int:

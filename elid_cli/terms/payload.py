@@ -16,6 +16,11 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-8
 """Share of a column that has to be new for it to count as independent of those before it."""
+THINNED = 600
+"""Instants of the log at which a change is tried."""
+MARGIN = 0.04
+"""Share of the log at either end in which no change is looked for."""
+BEST = 3
 _UNITS = ("kg", *["kg·m"] * 3, *["kg·m²"] * 6)
 
 
@@ -49,18 +54,34 @@ class Payload(Effect):
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
-        """Return instants spread over the log, away from its ends."""
-        first = float(scene.motion.t[0]) if scene.samples else 0.0
-        length = min(scene.duration, float(np.ptp(scene.motion.t))) if scene.samples else 0.0
-        return [(first + length * share,) for share in np.linspace(0.1, 0.9, 17)] if length > 0 else []
+        """Return the instants at which a change would explain most of the torque that the model misses."""
+        t = scene.motion.t
+        if len(t) < 100:
+            return []
+        thin = slice(None, None, max(1, len(t) // THINNED))
+        rows = _columns(scene)[:, :, thin]
+        gain = _gain(rows, (scene.tau - scene.predicted).T[:, thin])
+        times = t[thin]
+        gain[(times < times[0] + MARGIN * np.ptp(times)) | (times > times[-1] - MARGIN * np.ptp(times))] = 0.0
+        found: list[tuple[float, ...]] = []
+        apart = max(1, len(times) // 20)
+        for _ in range(BEST):
+            k = int(np.argmax(gain))
+            if gain[k] <= 0:
+                break
+            found.append((float(times[k]),))
+            gain[max(k - apart, 0) : k + apart + 1] = 0.0
+        return found
+
+    @classmethod
+    def looks(cls, scene: Scene, joint: int) -> int:
+        """Return how many instants the grid was chosen from."""
+        return min(THINNED, max(scene.samples, 1))
 
     def columns(self, scene: Scene) -> Columns:
         """Return the last body's independent columns in the link rows from the start on, zeros for the others."""
-        key = ("last body",)
-        if key not in scene.cache:
-            scene.cache[key] = last_body(scene.robot, scene.motion) * independent(scene.robot)[:, None]
         after = scene.motion.t >= self.shape[0]
-        return {RowKey("link", j): rows * after for j, rows in enumerate(scene.cache[key])}
+        return {RowKey("link", j): rows * after for j, rows in enumerate(_columns(scene))}
 
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
         """Return the changes that can be told apart, and the start."""
@@ -82,6 +103,37 @@ class Payload(Effect):
         for name, change in zip(LINK_PARAMETERS, coefficients, strict=True):
             changed[names.index(f"{name}{robot.n}")] += change
         return Alteration(self.shape[0], robot, changed)
+
+
+def _columns(scene: Scene) -> Array:
+    """Return the last body's columns, those that depend on others as zeros, (n, 10, N); shared by all starts."""
+    key = ("last body",)
+    if key not in scene.cache:
+        scene.cache[key] = last_body(scene.robot, scene.motion) * independent(scene.robot)[:, None]
+    return scene.cache[key]
+
+
+def _gain(rows: Array, missing: Array) -> Array:
+    """Return how much of the missing torque's square a change of the last body from each instant on explains, (N,).
+
+    `rows` (n, 10, N), `missing` (n, N). The model holds these columns from the first instant to the last already, so
+    that only what is orthogonal to them counts.
+    """
+    columns = rows[:, np.any(rows, axis=(0, 2))]
+    if not columns.size:
+        return np.zeros(missing.shape[1])
+    scale = 1.0 / np.maximum(np.std(missing, axis=1), 1e-12)  # rows of joints with more unexplained count less
+    columns, missing = columns * scale[:, None, None], missing * scale[:, None]
+    columns = columns / np.sqrt(np.sum(columns**2, axis=(0, 2)))[:, None]
+    squares = np.cumsum(np.einsum("jan,jbn->nab", columns, columns)[::-1], axis=0)[::-1]
+    products = np.cumsum(np.einsum("jan,jn->na", columns, missing)[::-1], axis=0)[::-1]
+    whole = np.linalg.pinv(squares[0], rcond=1e-8, hermitian=True)
+    left = squares - squares @ whole @ squares
+    right = products - squares @ whole @ products[0]
+    # a little of the whole keeps instants near the ends, which hardly change anything, from exploding
+    left = left + 1e-6 * np.eye(left.shape[1])
+    gain: Array = np.einsum("na,na->n", right, np.linalg.solve(left, right[..., None])[..., 0])
+    return gain
 
 
 def independent(robot: Robot) -> Array:

@@ -228,6 +228,22 @@ def test_payload_columns_are_the_difference_of_the_models_with_and_without(spati
         np.testing.assert_allclose(found, expected, atol=1e-8)
 
 
+def test_the_instant_of_a_payload_is_found_in_the_missing_torque(spatial_scene: Scene) -> None:
+    s = spatial_scene
+    linear, shape = LIBRARY["payload"].coefficients(s, 0, {"m": 0.8, "cx": 0.05, "start": 1.37})
+    columns = LIBRARY["payload"](0, shape).columns(s)
+    tau = np.array(s.predicted) + 0.5 * np.random.default_rng(0).normal(size=s.predicted.shape)
+    for row, values in columns.items():
+        tau[:, row.joint] += linear @ values
+    # as a fit would have it: the mean payload is within the last body
+    whole = np.concatenate(list(LIBRARY["payload"](0, (0.0,)).columns(s).values()), axis=1)
+    rest = (tau - s.predicted).T.reshape(-1)
+    rest = rest - np.linalg.lstsq(whole.T, rest, rcond=1e-9)[0] @ whole
+    found = LIBRARY["payload"].grid(replace(s, tau=s.predicted + rest.reshape(3, -1).T, cache={}), 0)
+    assert abs(found[0][0] - 1.37) < 0.02
+    assert len(found) <= 3
+
+
 def test_a_planar_arm_shows_mass_first_moment_and_one_inertia_of_a_payload() -> None:
     kept = dict(zip(LINK_PARAMETERS, independent(planar()), strict=True))
     assert [name for name, keep in kept.items() if keep] == ["m", "cx", "cy", "Izz"]
