@@ -56,7 +56,9 @@ ELSEWHERE = {"lookup": "no physics of its own", "sensor_gain": "acts on tau_link
 def simulated(name: str) -> Simulation:
     joint, parameters, _ = CASES[name]
     robot = replace(ROBOT, effects=(EffectSpec(name, joint, parameters),))
-    return run(robot, SimulationOptions(duration=DURATION, seed=4, control=ControlOptions(continuous=True)))
+    return run(
+        robot, SimulationOptions(duration=DURATION, seed=4, control=ControlOptions(continuous=True), accuracy=0.5)
+    )
 
 
 def logged_motion(result: Simulation) -> Motion:
