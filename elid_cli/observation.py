@@ -211,4 +211,5 @@ def pair(effects: Mapping[tuple[str, int], Array], robot: Robot) -> dict[Row, Ar
         rows[total] = rows[total] + values if total in rows else np.array(values, dtype=float)
         if side == "motor" and robot.joints[joint].elastic:
             rows[Row("motor", joint)] = np.array(values, dtype=float)
-    return rows
+    # what enters both rows of the spring cancels in their sum: such a row is not acted on at all
+    return {row: values for row, values in rows.items() if np.any(values)}

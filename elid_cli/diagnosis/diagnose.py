@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elid_cli.base import find_base
 from elid_cli.diagnosis.screen import Candidate
 from elid_cli.diagnosis.search import Found, Step, search
-from elid_cli.diagnosis.state import Log, State, fit
+from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.stretches import folds
 from elid_cli.diagnosis.triage import Organised, RowState, organise, rows_of, words
 from elid_cli.effects import declared_effects, scene_of
@@ -189,8 +189,7 @@ def _supported(found: Found, declared: int) -> Found:
             if step.candidate.effect.local:
                 continue
             if held_out_gain(state, declared + k) <= 0:
-                kept = [e for i, e in enumerate(state.effects) if i != declared + k]
-                state = fit(state.log, kept, state.scene)
+                state = refreshed(without(state, declared + k))
                 steps.pop(k)
                 changed = True
                 break
@@ -205,12 +204,12 @@ def held_out_triangles(state: State) -> Triangles:
 
 def held_out_gain(state: State, number: int) -> float:
     """Return the part of the held-out residual variance that effect `number` takes away in its rows."""
-    without = fit(state.log, [e for i, e in enumerate(state.effects) if i != number], state.scene)
+    lacking = without(state, number)
     rows = [row for row in state.columns[number].rows if row in state.triangles.rows]
-    outside, inside = held_out_triangles(without), held_out_triangles(state)
+    outside, inside = held_out_triangles(lacking), held_out_triangles(state)
     # rows are compared in units of their noise floor, or the noisier row would hide what the quieter one shows
     weight = {r: max(state.floor.rms[r], 1e-4 * state.triangles.torque_rms(r)) ** -2 for r in rows}
-    before = sum(weight[r] * t.squares(without.solution.values) for r in rows for t in outside.of(r))
+    before = sum(weight[r] * t.squares(lacking.solution.values) for r in rows for t in outside.of(r))
     after = sum(weight[r] * t.squares(state.solution.values) for r in rows for t in inside.of(r))
     return 1.0 - after / before if before > 0 else 0.0
 

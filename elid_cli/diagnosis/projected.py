@@ -49,8 +49,6 @@ class Projected:
     whiteners: tuple[JointWhitener, ...]
     places: tuple[slice, ...]
     """Where each joint's channels lie in the stacked vector."""
-    scale: Array
-    """One over the residual rms of every channel, at most 1 (the propagated noise), per stacked instant."""
     basis: Array
     """(total, r)"""
     residual: Array
@@ -77,11 +75,11 @@ class Projected:
             if series is None:
                 continue
             white = whitener.apply(series)
-            result[place] = white.transpose(0, 2, 1).reshape(-1, width)
+            seen = (self.fold[place] >= 0)[:, None]
+            result[place] = white.transpose(0, 2, 1).reshape(-1, width) * seen
             touched.append(number)
         if not touched:
             return None
-        result *= self.scale[:, None]
         return result, touched
 
     def gain(self, rows: Mapping[Row, Array]) -> Gain | None:
@@ -169,29 +167,23 @@ def project(
     columns_of = {
         group.row: _dense(group.row, observation, extras, solution) for group in observation.groups if group.count
     }
-    parts, targets, places, channels, labels, scales = [], [], [], [], [], []
+    parts, targets, places, channels, labels = [], [], [], [], []
     first = 0
+    adapted = []
     for number, whitener in enumerate(joints):
         r = len(whitener.rows)
         seen = whitener.use & (fold >= 0)
         series = np.array([columns_of[row] for row in whitener.rows])
-        white = whitener.apply(series).transpose(0, 2, 1).reshape(r * instants, -1)
+        whitener = whitener.mixed_by(series[:, -1:], seen)
+        adapted.append(whitener)
         mask = np.tile(seen, r)
-        white = white * mask[:, None]
-        rest = white[:, -1]
-        channel = np.repeat(np.arange(r), instants) + 2 * number
-        scale = np.zeros(r * instants)
-        for c in np.unique(channel):
-            here = (channel == c) & mask
-            rms = float(np.sqrt(np.mean(rest[here] ** 2))) if here.any() else 1.0
-            scale[here] = 1.0 / max(1.0, rms)
-        parts.append(white[:, :-1] * scale[:, None])
-        targets.append(rest * scale)
+        white = whitener.apply(series).transpose(0, 2, 1).reshape(r * instants, -1) * mask[:, None]
+        parts.append(white[:, :-1])
+        targets.append(white[:, -1])
         places.append(slice(first, first + r * instants))
         first += r * instants
-        channels.append(channel)
+        channels.append(np.repeat(np.arange(r), instants) + 2 * number)
         labels.append(np.where(mask, np.tile(fold, r), -1))
-        scales.append(scale)
     columns, target = np.concatenate(parts), np.concatenate(targets)
     norms = np.linalg.norm(columns, axis=0)
     columns = columns[:, norms > 0] / norms[norms > 0]
@@ -200,9 +192,8 @@ def project(
     basis = basis[:, kept]
     target = target - basis @ (basis.T @ target)
     return Projected(
-        joints,
+        tuple(adapted),
         tuple(places),
-        np.concatenate(scales),
         basis,
         target,
         np.concatenate(channels),

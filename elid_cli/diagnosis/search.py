@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.diagnosis.screen import FOLDS_LOST, Candidate, score, screen, sensible
-from elid_cli.diagnosis.state import Log, State, fit, refreshed
+from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.stretches import FOLDS
 from elid_cli.effects import Declared, fit_declared
 from elid_cli.model import Row
@@ -36,6 +36,8 @@ NEAR = 10.0
 """Effects whose net gain is this near to the best cannot be told apart from it …"""
 NEAR_SHARE = 0.01
 """… or whose gain differs by this part: then the form of the curve decides, which a log can only hint at."""
+KEPT = 0.03
+"""Part of the left-out error that an effect must take away to be kept whatever its likelihood."""
 STEPS = 8
 PAIR = ("encoder_skew", "encoder_offset")
 """Faults of the position channels that are tried together, before any physics."""
@@ -190,7 +192,7 @@ def predicted_better(old: State, new: State, rows: Sequence[Row]) -> float | Non
 def _worthwhile(old: State, new: State, candidate: Candidate) -> bool:
     """Whether the refitted model improves some row the effect acts on by a size that matters in practice."""
     last = len(new.effects) - 1
-    if not sensible(new.effects[last], new.scene, new.named(last)):
+    if not sensible(new.effects[last], new.scene, new.named(last)) or new.impossible > old.impossible:
         return False
     judged = not candidate.effect.local or bool(candidate.gain.acting.all())
     if judged and predicted_better(old, new, list(candidate.columns.rows)) is None:
@@ -220,15 +222,14 @@ def _pruned(state: State, steps: list[Step], declared: int) -> tuple[State, list
     while len(steps) > 1:
         losses = []
         for k in range(len(steps)):
-            others = [e for i, e in enumerate(state.effects) if i != declared + k]
-            without = fit(state.log, others, state.scene)
-            again = score(without, state.effects[declared + k], steps[k].candidate.shapes, 1)
-            losses.append(-np.inf if again is None else again.net)
+            lacking = without(state, declared + k)
+            again = score(lacking, state.effects[declared + k], steps[k].candidate.shapes, 1)
+            gain = predicted_better(lacking, state, list(state.columns[declared + k].rows)) or 0.0
+            losses.append(np.inf if gain > KEPT or again is None else again.net)
         worst = int(np.argmin(losses))
         if losses[worst] > NET:
             break
-        kept = [e for i, e in enumerate(state.effects) if i != declared + worst]
-        state = refreshed(fit(state.log, kept, state.scene))
+        state = refreshed(without(state, declared + worst))
         steps = [s for i, s in enumerate(steps) if i != worst]
     return state, steps
 

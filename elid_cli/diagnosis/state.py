@@ -143,6 +143,16 @@ class State:
                 squares[row][f] = sum(t.squares(fitted) for t in self.triangles.of(row, [f]))
         return squares
 
+    @property
+    def impossible(self) -> int:
+        """Return how many stiffnesses, rotor inertias and friction coefficients are negative."""
+        names = self.log.model.names
+        return sum(
+            1
+            for name, value in zip(names, self.standard, strict=True)
+            if value < 0 and name.startswith(("K", "Jm", "fs", "fv")) and self.log.base.classes[name] == "independent"
+        )
+
     def rms(self, row: Row) -> float:
         """Return the training residual rms of a row group, N·m."""
         return self.triangles.rms(self.solution.values, row)
@@ -193,6 +203,15 @@ def refreshed(state: State) -> State:
         log = state.log.shifted(shifts)
         state = fit(log, state.effects, scene_of(log.model, log.signals, state.standard))
     return state
+
+
+def without(state: State, number: int) -> State:
+    """Return the model without effect `number`, fitted; a channel that it had moved goes back to where it was."""
+    effect = state.effects[number]
+    log = state.log
+    if effect.name in NAMES and log.shifts.of(effect.name, effect.joint):
+        log = log.shifted(log.shifts.moved(effect.name, effect.joint, 0.0))
+    return fit(log, [e for i, e in enumerate(state.effects) if i != number], state.scene)
 
 
 def _shifts(state: State) -> tuple[Shifts, float]:

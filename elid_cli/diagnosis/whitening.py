@@ -2,8 +2,8 @@
 
 One torque channel drives a joint's sum and motor rows, and the deflection's noise enters only the motor row, so the
 two rows' noises are correlated with each other and in time. A vector autoregression fitted to *propagated noise* (never
-to the residual: that would treat a missing effect as noise and remove it) turns them into independent channels of
-unit variance.
+to the residual: that would treat a missing effect as noise and remove it) takes the correlation in time away; the
+correlation between the rows is that of the present residual.
 """
 
 from __future__ import annotations
@@ -37,6 +37,28 @@ class JointWhitener:
     """Inverse Cholesky factor of the innovations' covariance, (r, r)."""
     use: NDArray[np.bool_]
     """Instants whose whole history counts, (M,)."""
+
+    def mixed_by(self, residual: Array, seen: NDArray[np.bool_]) -> JointWhitener:
+        """Return the whitener whose rows are decorrelated as the residual's innovations are.
+
+        Which combination of a joint's rows is quiet depends on what dominates: torque noise and motor-side effects
+        leave the link row clean, link-side errors the motor row. Only the colour must come from propagated noise.
+
+        Parameters
+        ----------
+        residual
+            Residuals of the joint's rows, (r, 1, M).
+        seen
+            Instants that count, (M,).
+        """
+        plain = JointWhitener(self.rows, self.lags, np.eye(len(self.rows)), self.use)
+        innovations = plain.apply(residual)[:, 0, seen]
+        least = np.linalg.inv(self.mix)
+        covariance = innovations @ innovations.T / max(innovations.shape[1], 1) + 1e-6 * least @ least.T
+        scale = np.sqrt(np.diag(covariance))
+        unit = covariance / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+        mix = np.linalg.inv(np.linalg.cholesky(unit)) / scale[None]
+        return JointWhitener(self.rows, self.lags, mix, self.use)
 
     def apply(self, series: Array) -> Array:
         """Return whitened series, (r, d, M) to (r, d, M); instants outside `use` are zero."""

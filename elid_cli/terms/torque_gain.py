@@ -32,7 +32,7 @@ class TorqueGain(Effect):
         " it, so that a gain is always one against the others"
     )
     place = "torque"
-    amplitudes = (Parameter("gain", "1", "share by which the logged torque is too large", low=-0.6, high=1.5),)
+    amplitudes = (Parameter("gain", "1", "share by which the logged torque is too large", low=-0.35, high=0.5),)
     twins = ()
     simulated = "log"
 
