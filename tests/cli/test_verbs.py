@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import gzip
 import json
 import os
 import pty
 import re
 import signal
+import struct
 import subprocess
+import termios
 import time
 from pathlib import Path
 
@@ -104,15 +107,15 @@ def test_a_log_is_known_by_its_content(elid, place: Path, tmp_path: Path) -> Non
 
 def test_a_written_robot_predicts_as_well(elid, place: Path, tmp_path: Path) -> None:
     found = str(tmp_path / "gefunden ä.yaml")
-    first = on(place, elid, "identify", "--json", "--write-robot", found)
+    first = on(place, elid, "identify", "--json", "--cutoff", "10", "--write-robot", found)
     once = Path(found).read_bytes()
-    on(place, elid, "identify", "--json", "--write-robot", found)
+    on(place, elid, "identify", "--json", "--cutoff", "10", "--write-robot", found)
     assert Path(found).read_bytes() == once
     assert [p.name for p in tmp_path.iterdir()] == ["gefunden ä.yaml"]
     error = answer(first)["error"][JOINT]
-    judged = answer(elid("validate", str(place / LOG), "--robot", found, "--json"))["error"][JOINT]
+    judged = answer(elid("validate", str(place / LOG), "--robot", found, "--json", "--cutoff", "10"))["error"][JOINT]
     assert judged["rms"] == pytest.approx(error["rms"], rel=0.1)
-    again = answer(elid("identify", str(place / LOG), "--robot", found, "--json"))["error"][JOINT]
+    again = answer(elid("identify", str(place / LOG), "--robot", found, "--json", "--cutoff", "10"))["error"][JOINT]
     assert again["rms"] == pytest.approx(error["rms"], rel=1e-6)
 
 
@@ -214,21 +217,28 @@ def test_progress_is_shown_on_a_terminal_only_and_is_gone_at_the_end(elid, place
         assert "reading" not in elid.terminal(*arguments, *extra, **env)[1].split("spindle")[0]
 
 
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processor time of a running process")
 def test_a_first_sign_of_life_within_half_a_second(place: Path) -> None:
-    waits = []
-    while len(waits) < 6 and min(waits, default=1.0) > 0.5:  # other tests may take the machine meanwhile
+    taken = []
+    for _ in range(3):
         master, slave = pty.openpty()
-        start = time.perf_counter()
         process = subprocess.Popen(
             [*Elid.command, "identify", str(place / LOG), "--robot", str(place / ROBOT)],
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=slave, env=environment(COLUMNS="80"),
         )  # fmt: skip
         os.close(slave)
         os.read(master, 100)
-        waits.append(time.perf_counter() - start)
+        # processor time until then, since other tests may take the machine meanwhile
+        user, system = Path(f"/proc/{process.pid}/stat").read_text().rsplit(")", 1)[1].split()[11:13]
+        taken.append((int(user) + int(system)) / os.sysconf("SC_CLK_TCK"))
         process.wait()
         os.close(master)
-    assert min(waits) < 0.5
+    assert min(taken) < 0.5
+
+
+def waiting_in(pipe: int) -> int:
+    """Return how many bytes lie in a pipe."""
+    return struct.unpack("i", fcntl.ioctl(pipe, termios.FIONREAD, b"\0" * 4))[0]
 
 
 def test_control_c_while_reading_is_quiet(place: Path, tmp_path: Path) -> None:
@@ -240,7 +250,9 @@ def test_control_c_while_reading_is_quiet(place: Path, tmp_path: Path) -> None:
         assert process.stdin is not None
         process.stdin.write(spindle_log().encode()[:1000])
         process.stdin.flush()
-        time.sleep(1.0)  # long enough to be waiting for the rest of the log
+        while waiting_in(process.stdin.fileno()):  # until elid has taken what there is and waits for the rest
+            time.sleep(0.02)
+        time.sleep(0.1)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=30)
     assert (process.returncode, out, err) == (130, b"", b"")
