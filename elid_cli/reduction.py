@@ -28,8 +28,9 @@ class Extra:
 
     @property
     def width(self) -> int:
-        """Number of columns d."""
-        return next(iter(self.rows.values())).shape[0]
+        """Number of columns d; an effect outside the log acts in no row but keeps its amplitudes."""
+        first = next(iter(self.rows.values()), None)
+        return len(self.units) if first is None else first.shape[0]
 
 
 @dataclass(frozen=True)
