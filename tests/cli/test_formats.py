@@ -50,7 +50,7 @@ def report() -> Report:
             KeyValues("facts", (("recorded", PATH), ("share", percent(0.123)), ("used", LONG))),
             Table("base", columns, rows, title="base parameters"),
             Table("short", (Column("a", "a"),), tuple((f"row{k}",) for k in range(9)), shown=3),
-            Figure("plot", "a plot", "lines", {"x": np.zeros(3)}),
+            Figure("plot", "a plot", "singular", {"values": np.array([3.0, 1.0, 1e-9]), "rank": 2}),
             Text("why", "words [rad/s] " * 20),
             Text("next", f"elid diagnose {PATH} --robot planar2", "next"),
         ),
