@@ -93,7 +93,8 @@ def _table(section: Table) -> str:
     rows = [_row(section.columns, row) for row in section.rows]
     table = f'<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
     note = f"<p class=note>{escape(section.note)}</p>" if section.note else ""
-    name = section.title or section.key.replace("_", " ")
+    name = section.title or {"error": "torque error"}.get(section.key, section.key.replace("_", " "))
+    name = name[:1].upper() + name[1:]
     if len(rows) > LONG:
         return f"<details><summary>{escape(name)} ({len(rows)})</summary>{table}{note}</details>"
     return f"{_title(name)}{table}{note}"

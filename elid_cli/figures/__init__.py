@@ -1,0 +1,59 @@
+"""Pictures of a report's figures. One file per kind of figure: a module with ``draw(figure) -> matplotlib figure``.
+
+matplotlib is imported only when something is drawn, and pyplot never, so that no display and no global state matter.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import pkgutil
+from typing import TYPE_CHECKING, Any, Protocol, cast
+
+from elid_cli.report import Figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+SALT = "elid"
+"""Salt of the identifiers in an SVG: the same figure gives the same bytes."""
+RESOLUTION = 150
+"""Dots per inch of a PNG."""
+
+
+class Kind(Protocol):
+    """What a module in this folder offers."""
+
+    def draw(self, figure: Figure) -> Canvas:
+        """Return the picture."""
+
+
+def kinds() -> tuple[str, ...]:
+    """Return the kinds of figures that can be drawn."""
+    return tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name not in ("paint", "thin")))
+
+
+def picture(figure: Figure, suffix: str) -> bytes:
+    """Return a figure as a file of that format: ``svg`` or ``png``.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        matplotlib is not installed (extra ``plots``).
+    KeyError
+        There is no such kind of figure.
+
+    """
+    from elid_cli.figures.paint import settings
+
+    if figure.kind not in kinds():
+        raise KeyError(figure.kind)
+    kind = cast(Kind, importlib.import_module(f"{__name__}.{figure.kind}"))
+    import matplotlib
+
+    stream = io.BytesIO()
+    metadata: dict[str, Any] = {"Date": None, "Creator": None} if suffix == "svg" else {"Software": None}
+    chosen: Any = {**settings(), "svg.hashsalt": f"{SALT}-{figure.key}"}
+    with matplotlib.rc_context(chosen):
+        kind.draw(figure).savefig(stream, format=suffix, metadata=metadata, dpi=RESOLUTION)
+    return stream.getvalue()

@@ -1,0 +1,25 @@
+"""One effect: the residual without it and with it, against the variable that it follows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from elid_cli.figures.paint import BLUE, ORANGE, canvas, scatter_with_mean
+from elid_cli.report import Figure, number_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+
+def draw(figure: Figure) -> Canvas:
+    """Draw ``values``, ``without`` and ``with_it`` (M,), the ``variable``, ``unit`` and held-out errors."""
+    data = figure.data
+    made = canvas(2.7)
+    left, right = made.subplots(1, 2, sharex=True, sharey=True)
+    for axes, key, color, word in ((left, "without", ORANGE, "without"), (right, "with_it", BLUE, "with")):
+        scatter_with_mean(axes, data["values"], data[key], color)
+        error = data["error_without" if key == "without" else "error_with"]
+        axes.set_title(f"{word} {data['effect']}: held-out error {number_text(error, 3)} {data['unit']}")
+        axes.set_xlabel(data["variable"])
+    left.set_ylabel(f"residual of {data['joint']}, {data['rows']} row ({data['unit']})")
+    return made

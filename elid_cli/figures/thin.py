@@ -1,0 +1,72 @@
+"""Thinning of long logs without losing what the eye would see: envelopes of lines, occupied cells of clouds."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+COLUMNS = 900
+"""Columns of a line: about one per dot of a printed page's width."""
+CELLS = (260, 160)
+"""Cells of a cloud of points, across and up."""
+
+
+def envelope(t: Array, values: Array, columns: int = COLUMNS) -> tuple[Array, Array]:
+    """Return a shorter line through the smallest and the largest value of every column of time, in their order.
+
+    A line of at most two points per column is returned as it is. NaN (a gap) stays a gap.
+    """
+    n = len(values)
+    if n <= 2 * columns:
+        return t, values
+    edges = np.linspace(0, n, columns + 1).astype(int)
+    chosen: list[int] = []
+    for first, last in pairwise(edges.tolist()):
+        block = values[first:last]
+        finite = np.flatnonzero(np.isfinite(block))
+        if finite.size < len(block):
+            chosen.append(first + int(np.flatnonzero(~np.isfinite(block))[0]))
+        if finite.size:
+            low, high = finite[np.argmin(block[finite])], finite[np.argmax(block[finite])]
+            chosen += [first + int(low), first + int(high)]
+    index = np.array(sorted(set(chosen)), dtype=int)
+    return t[index], values[index]
+
+
+def cloud(x: Array, y: Array, cells: tuple[int, int] = CELLS) -> NDArray[np.intp]:
+    """Return the indices of one point per occupied cell of a fine grid: the same picture from fewer points."""
+    finite = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if finite.size <= 1500:
+        return finite
+    places = []
+    for values, count in ((x[finite], cells[0]), (y[finite], cells[1])):
+        low, span = float(values.min()), float(np.ptp(values)) or 1.0
+        places.append(np.minimum((values - low) / span * count, count - 1).astype(np.intp))
+    _, first = np.unique(places[0] * cells[1] + places[1], return_index=True)
+    return np.asarray(finite[np.sort(first)])
+
+
+def bands(x: Array, y: Array, bins: int = 40) -> tuple[Array, Array, Array, Array, Array]:
+    """Return bins of equal width with enough points in them: (centre, mean, low, high, smallest and largest (2, …)).
+
+    Low and high hold the middle 90 % of the points.
+    """
+    finite = np.isfinite(x) & np.isfinite(y)
+    x, y = x[finite], y[finite]
+    if not x.size or np.ptp(x) == 0:
+        empty = np.zeros(0)
+        return empty, empty, empty, empty, np.zeros((2, 0))
+    edges = np.linspace(x.min(), x.max(), bins + 1)
+    place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, bins - 1)
+    rows = []
+    for b in range(bins):
+        inside = y[place == b]
+        if inside.size >= 5:
+            low, high = np.quantile(inside, (0.05, 0.95))
+            rows.append((0.5 * (edges[b] + edges[b + 1]), inside.mean(), low, high, inside.min(), inside.max()))
+    table = np.array(rows).reshape(-1, 6).T
+    return table[0], table[1], table[2], table[3], table[4:6]
