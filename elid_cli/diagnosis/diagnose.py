@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import find_base
+from elid_cli.diagnosis.encoders import Skew
 from elid_cli.diagnosis.screen import Candidate
 from elid_cli.diagnosis.search import Found, Step, search
 from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
@@ -21,7 +22,7 @@ from elid_cli.observation import observe
 from elid_cli.reduction import Triangles, reduce
 from elid_cli.refined import refined_robot, representative
 from elid_cli.robot import EffectSpec, Robot
-from elid_cli.shifts import corrected, declared_shifts
+from elid_cli.shifts import SKEW, corrected, declared_shifts
 from elid_cli.signals import Signals
 from elid_cli.solve import reweighted
 from elid_cli.terms import effect_classes
@@ -76,6 +77,8 @@ class FoundEffect:
     local: bool
     """Whether it lives in a part of the log only, which cross-validation over time cannot judge."""
     summary: str
+    deflection: tuple[float, float] | None = None
+    """Of an effect seen in the positions alone: held-out rms of the deflection without and with it, rad (m)."""
 
 
 @dataclass(frozen=True)
@@ -235,6 +238,7 @@ def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequenc
     validations = [validate(r, log.raw, chosen) for r in (first, last)]
     rows_before, rows_after = rows_of(before), rows_of(after)
     effects = tuple(_found(after, declared + k, step) for k, step in enumerate(found.steps))
+    seen = tuple(_seen(robot, after, skew) for skew in found.skews)
     extra = tuple(_curve(after, len(after.effects) - len(curves) + k) for k in range(len(curves)))
     unexplained = _unexplained(after, rows_after, found.remaining)
     return Diagnosis(
@@ -242,7 +246,7 @@ def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequenc
         refined=last,
         before=_floored(validations[0].error, before),
         after=_floored(validations[1].error, after),
-        effects=effects,
+        effects=(*seen, *effects),
         also_possible=_rivals(robot, found.steps, effects),
         nuisances=_nuisances(after),
         unexplained=unexplained,
@@ -253,7 +257,7 @@ def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequenc
             (robot.joint_names[row.joint], row.kind): tuple(organise(before, row)[:4]) for row in before.triangles.rows
         },
         moved=moved(before, after),
-        sufficient=not effects and not unexplained,
+        sufficient=not effects and not seen and not unexplained,
         tried=found.tried,
         held_out=_spans(log, chosen),
         validation_before=validations[0],
@@ -275,6 +279,12 @@ def described(robot: Robot, state: State) -> Robot:
         for k, e in enumerate(state.effects)
     ]
     specs += [EffectSpec("torque_delay", names[j], {"delay": d}) for j, d in state.delays.items()]
+    moved_joints = {e.joint for e in state.effects if e.name == SKEW}
+    specs += [
+        EffectSpec(SKEW, names[j], {"skew": float(state.log.shifts.link[j])})
+        for j in np.flatnonzero(state.log.shifts.link)
+        if j not in moved_joints
+    ]
     return refined_robot(robot, standard, specs)
 
 
@@ -290,6 +300,22 @@ def _found(state: State, number: int, step: Step) -> FoundEffect:
         folds=tuple(bool(g > 0) for g in step.candidate.gain.folds),
         local=effect.local,
         summary=effect.summary,
+    )
+
+
+def _seen(robot: Robot, state: State, skew: Skew) -> FoundEffect:
+    """Return a skew that only the positions show; its gain is in the variance of the deflection."""
+    return FoundEffect(
+        effect=SKEW,
+        joint=robot.joint_names[skew.joint],
+        parameters={"skew": float(state.log.shifts.link[skew.joint])},
+        std_error={"skew": skew.deviation},
+        gain=skew.share,
+        net=0.0,
+        folds=(),
+        local=False,
+        summary="link encoder sampled at another instant than the motor encoder; seen in the positions alone",
+        deflection=(skew.without, skew.with_it),
     )
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.diagnosis.encoders import Skew, visible_skew
 from elid_cli.diagnosis.screen import FOLDS_LOST, Candidate, score, screen, sensible
 from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.stretches import FOLDS
@@ -15,6 +16,7 @@ from elid_cli.effects import Declared, fit_declared
 from elid_cli.model import Row
 from elid_cli.reduction import Extra
 from elid_cli.robot import EffectSpec
+from elid_cli.shifts import SKEW
 from elid_cli.terms.effect import Effect
 
 Array = NDArray[np.float64]
@@ -63,7 +65,8 @@ class Found:
     remaining: tuple[Candidate, ...]
     """Best candidates that were not accepted, best first."""
     tried: int
-    notes: tuple[str, ...] = field(default=())
+    skews: tuple[Skew, ...] = ()
+    """Skews between encoders that the positions show and the torques cannot."""
 
 
 def search(
@@ -87,6 +90,7 @@ def search(
     """
     before = refreshed(fit(log, declared))
     state, steps = _measurement_first(before, library)
+    state, seen = _seen_in_positions(state, library)
     remaining: list[Candidate] = []
     tried = 0
     refused: set[tuple[str, int]] = set()
@@ -107,7 +111,7 @@ def search(
         steps.append(chosen)
     state, steps = _pruned(state, steps, len(declared))
     state = _polished(state, len(declared))
-    return Found(before, state, tuple(steps), tuple(remaining[:5]), tried)
+    return Found(before, state, tuple(steps), tuple(remaining[:5]), tried, seen)
 
 
 def at_floor(state: State) -> bool:
@@ -149,6 +153,22 @@ def _measurement_first(state: State, library: Mapping[str, type[Effect]]) -> tup
             state, found = trial
             steps += found
     return state, steps
+
+
+def _seen_in_positions(state: State, library: Mapping[str, type[Effect]]) -> tuple[State, tuple[Skew, ...]]:
+    """Move the link channels of joints whose skew only the positions show."""
+    if SKEW not in library:
+        return state, ()
+    present = {e.joint for e in state.effects if e.name == SKEW}
+    seen = [visible_skew(state, k) for k in range(state.log.model.robot.n) if k not in present]
+    skews = tuple(s for s in seen if s is not None)
+    if not skews:
+        return state, ()
+    shifts = state.log.shifts
+    for item in skews:
+        shifts = shifts.moved(SKEW, item.joint, shifts.of(SKEW, item.joint) + item.skew)
+    log = state.log.shifted(shifts)
+    return refreshed(fit(log, state.effects, state.scene)), skews
 
 
 def _pair(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[State, list[Step]] | None:

@@ -216,8 +216,7 @@ def without(state: State, number: int) -> State:
 
 def _shifts(state: State) -> tuple[Shifts, float]:
     """Return the shifts that a state amounts to, and the largest change from those already corrected, s."""
-    n = state.log.model.robot.n
-    shifts, change = Shifts.none(n), 0.0
+    shifts, change = state.log.shifts, 0.0
     for k, effect in enumerate(state.effects):
         if effect.name not in NAMES:
             continue
@@ -227,5 +226,4 @@ def _shifts(state: State) -> tuple[Shifts, float]:
             value = present
         shifts = shifts.moved(effect.name, effect.joint, value)
         change = max(change, abs(value - present))
-    left = np.abs(np.concatenate([shifts.link - state.log.shifts.link, shifts.torque - state.log.shifts.torque]))
-    return shifts, max(change, float(left.max()))
+    return shifts, change

@@ -1,0 +1,97 @@
+"""Skew between a joint's encoders, seen in the positions alone.
+
+Where almost no torque crosses a transmission its stiffness stays unknown, and the torques cannot tell a skew from it.
+The deflection itself can: it follows the link's velocity, theta - q = skew q' + load / K + constant. That is a skew,
+and not viscous load on a soft spring, when the load that varies deflects the spring too little for its viscous part
+to be what is seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.covariance import long_run
+from elid_cli.diagnosis.state import State
+from elid_cli.model import Row
+
+Array = NDArray[np.float64]
+
+SURE = 6.0
+"""Standard deviations by which a skew must differ from zero."""
+SHARE = 0.5
+"""Least part of the deflection's remaining variance that the velocity must take away on held-out stretches."""
+TIMES_VISCOUS = 3.0
+"""How many times the deflection by viscous load the velocity's part must be."""
+LONGEST = 0.05
+"""s."""
+
+
+@dataclass(frozen=True)
+class Skew:
+    """A skew seen in the positions."""
+
+    joint: int
+    skew: float
+    """Age of the link encoder's reading beyond the motor encoder's, s."""
+    deviation: float
+    share: float
+    """Part of the held-out variance of the deflection that it explains beyond load and constant."""
+    without: float
+    """Held-out rms of the deflection that load and constant leave, rad (m)."""
+    with_it: float
+    """The same with the skew."""
+
+
+def visible_skew(state: State, joint: int) -> Skew | None:
+    """Return the skew that a joint's positions show beyond doubt, or None."""
+    log = state.log
+    robot = log.model.robot
+    if not robot.joints[joint].elastic or log.signals.still[joint]:
+        return None
+    motion = log.signals.motion
+    deflection = log.signals.decimate((motion.theta[:, joint] - motion.q[:, joint])[None])[0]
+    speed = log.signals.decimate(motion.dq[:, joint][None])[0]
+    load = link_load(state, joint)
+    known = np.isfinite(deflection) & np.isfinite(load)
+    train, test = known & (log.fold >= 0), known & (log.fold < 0)
+    if train.sum() < 50 or test.sum() < 10:
+        return None
+    columns = np.array([speed, load, np.ones_like(load)])
+    fitted, spread = _regression(columns[:, train].T, deflection[train], log.observation.stretch[train])
+    plain, _ = _regression(columns[1:, train].T, deflection[train], log.observation.stretch[train])
+    with_it = float(np.sum((deflection - fitted @ columns)[test] ** 2))
+    without = float(np.sum((deflection - plain @ columns[1:])[test] ** 2))
+    skew, deviation = float(fitted[0]), float(spread[0])
+    share = 1.0 - with_it / without if without > 0 else 0.0
+    viscous = abs(float(state.standard[log.model.index[f"fv{joint + 1}"]]))
+    compliance = abs(float(fitted[1])) + 2.0 * float(spread[1])
+    sure = abs(skew) > SURE * deviation and share > SHARE and abs(skew) < LONGEST
+    if not sure or abs(skew) <= TIMES_VISCOUS * viscous * compliance:
+        return None
+    count = float(test.sum())
+    return Skew(joint, skew, deviation, share, float(np.sqrt(without / count)), float(np.sqrt(with_it / count)))
+
+
+def link_load(state: State, joint: int) -> Array:
+    """Return the torque that the bodies need from a joint's transmission, from the present parameters, (M,)."""
+    log = state.log
+    total = log.observation.group(Row("sum", joint))
+    own = {log.model.index[f"{kind}{joint + 1}"] for kind in ("Jm", "fs", "fv")}
+    values = np.array([0.0 if int(k) in own else state.standard[k] for k in total.index])
+    load: Array = values @ total.columns
+    return load
+
+
+def _regression(columns: Array, target: Array, stretch: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return least-squares coefficients and their standard deviations under correlated residuals."""
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    unit = columns / scale
+    inverse = np.linalg.pinv(unit.T @ unit, rcond=1e-12)
+    fitted = inverse @ (unit.T @ target)
+    meat = long_run(unit * (target - unit @ fitted)[:, None], stretch)
+    spread = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0))
+    return fitted / scale, spread / scale
