@@ -33,7 +33,7 @@ class Hdf5Log:
     def __init__(
         self, name: str, stream: IO[bytes] | None, datasets: Mapping[str, Any], labels: tuple[str, ...]
     ) -> None:
-        self._name = name
+        self.name = name
         self._stream = stream  # kept open with the file object that h5py reads from
         self._datasets = datasets
         self._time = next((f"/{key}" for key in TIME_NAMES if f"/{key}" in datasets), "")
@@ -71,7 +71,7 @@ class Hdf5Log:
                 values = values[:, columns]
             if time and times[time].size != values.shape[0]:
                 raise LogError(
-                    f"{self._name}: {pick.source} has {values.shape[0]} samples, {time} has {times[time].size}",
+                    f"{self.name}: {pick.source} has {values.shape[0]} samples, {time} has {times[time].size}",
                     hint=f"name its own stamps in a mapping: {{from: {pick.source}, time: /path/to/stamps}}",
                 )
             streams.append(Stream(values, {"t": times[time]} if time else {}))
@@ -103,12 +103,12 @@ class Hdf5Log:
 
     def _read(self, path: str) -> Array:
         dataset = self._datasets[path]
-        refuse_bomb(dataset, f"{self._name}: {path}")
+        refuse_bomb(dataset, f"{self.name}: {path}")
         rows, width = self._shape(dataset)
         try:
             raw = dataset[()]
         except (OSError, RuntimeError, ValueError) as error:
-            raise LogError(f"{self._name}: {path} is damaged", detail=_reason(error)) from error
+            raise LogError(f"{self.name}: {path} is damaged", detail=_reason(error)) from error
         values = np.ascontiguousarray(raw.T if self._transposed(dataset) else raw, dtype=np.float64)
         return values.reshape(rows, width)
 

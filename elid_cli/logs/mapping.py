@@ -172,7 +172,7 @@ def _entry(name: Any, spec: Any, where: str) -> Mapping[str, Any]:
 
 
 def _time(spec: Mapping[str, Any], where: str) -> TimeMap:
-    unit = spec.get("unit")
+    unit = None if spec.get("unit") is None else _text(spec["unit"], where, "t: unit")
     if unit is not None and unit not in TIME_UNITS:
         raise UsageError(f"{where}: t: unknown unit {unit!r}", hint=did_you_mean(str(unit), TIME_UNITS))
     for key in spec:

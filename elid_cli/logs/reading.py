@@ -105,7 +105,8 @@ def read_recording(
 
 
 def _part_name(source: Source, raw: RawLog) -> str:
-    return str(getattr(raw, "name", "") or source.name)
+    own = str(getattr(raw, "name", "") or source.name)
+    return "standard input" if own == "-" else own
 
 
 def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:

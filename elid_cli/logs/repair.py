@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from elid_cli.errors import LogError
 from elid_cli.logs.grid import Grid, grid_of, identical, onto, regularised
-from elid_cli.logs.interpolate import interpolate
-from elid_cli.logs.timeline import Timeline, build, fill_limit
+from elid_cli.logs.holes import fill
+from elid_cli.logs.timeline import Timeline, build
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def align(streams: Sequence[Sampled], joints: Sequence[str], name: str) -> Align
     )
     grid = grid_of(leader.line)
     signals = _assemble(tracks, grid, len(joints), leader, repairs)
-    _fill(signals, grid, joints, repairs)
+    fill(signals, grid, joints, repairs)
     mask = _usable(signals, grid, joints, repairs)
     return _cut(signals, grid, mask, repairs, name)
 
@@ -135,17 +135,27 @@ def _timelines(streams: Sequence[Sampled], repairs: list[str], name: str) -> dic
         judge = next((stream for stream in members if stream.signal in ("theta", "q")), members[0])
         line = build(judge.t, judge.values, label, shifts)
         if line is None and any(stream.signal in REQUIRED for stream in members):
-            raise LogError(
-                f"{name}: time never advances" if judge.t.size > 1 else f"{name}: {judge.t.size} samples",
-                detail=f"the stamps of {label} hold a single instant in {judge.t.size} samples",
-                hint="name another clock: --map t=stamp, --time log, or --rate 1000",
-            )
+            raise _at_one_instant(name, label, judge.t.size)
         if line is not None:
             line = regularised(line, judge.values, label)
             repairs.extend(line.repairs)
             shifts = shifts or line.shifts
         lines.update((id(stream), line) for stream in members)
     return lines
+
+
+def _at_one_instant(name: str, label: str, samples: int) -> LogError:
+    if samples < SHORTEST:
+        return LogError(
+            f"{name}: {samples} sample{'s' * (samples != 1)} of {label}",
+            detail=f"at least {SHORTEST} in a row are needed",
+            hint="record a longer motion",
+        )
+    return LogError(
+        f"{name}: time never advances",
+        detail=f"the stamps of {label} hold a single instant in {samples} samples",
+        hint="name another clock: --map t=stamp, --time log, or --rate 1000",
+    )
 
 
 def _same(a: Array, b: Array) -> bool:
@@ -192,55 +202,6 @@ def _assemble(tracks: Sequence[_Track], grid: Grid, n: int, leader: _Track, repa
             f"sampled at other instants than {leader.signal} ({1 / grid.dt:.6g} Hz): {who}, interpolated to it"
         )
     return signals
-
-
-def _fill(signals: Mapping[str, Array], grid: Grid, joints: Sequence[str], repairs: list[str]) -> None:
-    """Bridge short runs of missing samples inside a stretch."""
-    limit = fill_limit(grid.dt)
-    bridged: dict[str, int] = {}
-    for signal, values in signals.items():
-        if np.isfinite(values.sum()):
-            continue
-        if signal == "temperature":
-            _hold(values)
-            continue
-        for j in range(len(joints)):
-            count = sum(_bridge(values[start:stop, j], limit) for start, stop in grid.bounds())
-            if count:
-                bridged[f"{signal}.{joints[j]}"] = count
-    if bridged:
-        most = max(bridged, key=lambda key: bridged[key])
-        signal_names = " ".join(dict.fromkeys(key.split(".")[0] for key in bridged))
-        repairs.append(
-            f"missing samples in runs of at most {limit} bridged by interpolation: "
-            f"{bridged[most]} of {most}" + (f" (also in {signal_names})" if len(bridged) > 1 else "")
-        )
-
-
-def _bridge(column: Array, limit: int) -> int:
-    """Interpolate NaN runs of at most `limit` samples that have neighbours on both sides; return how many samples."""
-    missing = np.isnan(column)
-    if not missing.any() or missing.all():
-        return 0
-    edges = np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8))
-    starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    short = (stops - starts <= limit) & (starts > 0) & (stops < column.size)
-    if not short.any():
-        return 0
-    index = np.arange(column.size, dtype=float)
-    wanted = np.concatenate([np.arange(a, b) for a, b in zip(starts[short], stops[short], strict=True)])
-    held = ~missing
-    column[wanted] = interpolate(index[held], column[held][:, None], index[wanted], order=4)[:, 0]
-    return int(wanted.size)
-
-
-def _hold(values: Array) -> None:
-    """Interpolate a slow signal linearly everywhere, held at its ends."""
-    index = np.arange(values.shape[0])
-    for j in range(values.shape[1]):
-        held = np.isfinite(values[:, j])
-        if held.any():
-            values[:, j] = np.interp(index, index[held], values[held, j])
 
 
 def _usable(signals: dict[str, Array], grid: Grid, joints: Sequence[str], repairs: list[str]) -> NDArray[np.bool_]:

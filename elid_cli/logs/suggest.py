@@ -13,7 +13,7 @@ WORDS: Mapping[str, tuple[str, ...]] = {
     "t": ("time", "stamp", "t"),
     "tau": ("taum", "tau", "torque", "effort", "current", "voltage", "u", "i"),
     "theta": ("theta", "motor_position", "motor_pos", "motor", "rotor"),
-    "q": ("q", "link", "joint", "position", "pos"),
+    "q": ("q", "link", "joint", "position", "pos", "deflection", "defl"),
 }
 """Words that name a signal, the surest first."""
 OTHER_SIDE = {"tau": ("cmd", "ref", "desired", "link"), "theta": ("ref", "cmd", "vel", "dtheta", "rad_s")}
@@ -89,6 +89,8 @@ def _spec(signal: str, channel: Channel, joints: Sequence[str]) -> str:
             names = list(channel.labels[: len(joints)])
         pairs = ", ".join(f"{joint}: {name}" for joint, name in zip(joints, names, strict=False))
         parts.append(f"joints: {{{pairs}}}")
+    if signal == "q" and "defl" in channel.address.lower():
+        parts.append("add: theta")
     if signal == "t":
         unit = next((u for u in ("ns", "us", "ms") if re.search(rf"(_|\b){u}\b", channel.source.lower())), "s")
         parts.append(f"unit: {unit}")
