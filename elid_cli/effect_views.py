@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.covariance import residuals
-from elid_cli.diagnosis.contributions import contributions
+from elid_cli.diagnosis.contributions import Contribution
 from elid_cli.diagnosis.diagnose import Diagnosis
 from elid_cli.diagnosis.state import fit
 from elid_cli.views import organised, variables
@@ -34,14 +35,14 @@ class EffectView:
     error_with: float
 
 
-def effect_views(found: Diagnosis) -> tuple[EffectView, ...]:
-    """Return a view of every effect and curve found."""
+def effect_views(found: Diagnosis, parts: Sequence[Contribution]) -> tuple[EffectView, ...]:
+    """Return a view of every effect and curve found; `parts` are their `contributions`."""
     state = found.state_after
     every = (*found.effects, *found.curves)
     first = len(state.effects) - len(every)
     names = found.robot.joint_names
     views = []
-    for k, part in enumerate(contributions(found)):
+    for k, part in enumerate(parts):
         joint = names.index(part.joint)
         rest = fit(state.log, [e for i, e in enumerate(state.effects) if i != first + k], state.scene)
         row = (part.rows, joint)

@@ -31,6 +31,11 @@ def check_output(output: Output) -> None:
         formats.check_drawing(Path(output.plot))
 
 
+def pictures_wanted(output: Output) -> bool:
+    """Return whether anybody will look at the report's figures, which cost time."""
+    return output.plot is not None or any(name.lower().endswith((".html", ".htm")) for name in output.report)
+
+
 def emit(report: Report, output: Output) -> None:
     """Write the report to the files asked for, then to stdout."""
     report = replace(report, invocation=invocation())

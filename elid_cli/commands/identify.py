@@ -13,12 +13,18 @@ if TYPE_CHECKING:
     from elid_cli.robot import Robot
 
 
-@verb("elid identify run07.mcap --robot puma560", "elid identify *.mcap --robot puma560 --write-robot mine.yaml")
+@verb(
+    "elid identify run07.mcap --robot puma560",
+    "elid identify *.mcap --robot puma560 --write-robot mine.yaml --report report.html",
+)
 @options.logs()
 @options.robot
 @options.reading
 @options.conditioning
 @options.fit
+@options.option(options.FIT, "--physical", is_flag=True,
+                help="Also find all parameters of a robot that could be built, what the log leaves open from the robot "
+                     "file; --write-robot then writes them.")
 @options.gates
 @options.write_robot
 @options.output
@@ -28,6 +34,7 @@ def identify(
     reading: Reading,
     conditioning: Conditioning,
     fit: Fit,
+    physical: bool,
     gates: Gates,
     write_robot: str | None,
     output: Output,
@@ -35,15 +42,20 @@ def identify(
     """Identify the base parameters of a robot from one or more logs: values, standard errors, comparison with the
     robot file, and the torque error per joint on stretches that the fit never saw.
     """  # noqa: D205
+    from dataclasses import replace
     from pathlib import Path
 
     from elid_cli.atomic import check_writable
-    from elid_cli.commands.emit import check_output, emit
+    from elid_cli.commands.emit import check_output, emit, pictures_wanted
     from elid_cli.commands.gates import check_gates, check_names
     from elid_cli.commands.inputs import load_recording, load_signals
     from elid_cli.commands.progress import progress
 
     check_output(output)
+    if physical:
+        from elid_cli.semidefinite import need_solver
+
+        need_solver()
     if write_robot is not None:
         check_writable(Path(write_robot))
     with progress(output, "reading") as advance:
@@ -59,9 +71,21 @@ def identify(
         found = estimate.identify(machine, signals, choice)
         refined = _refined(found)
         logs_apart = errors_by_log(refined, signals, recording.files)
+        report = identification_report(found, recording, robot, logs_apart)
+        if pictures_wanted(output):
+            from elid_cli.reports.figures import identification_figures, with_figures
+
+            report = with_figures(report, identification_figures(found, refined, signals))
+        if physical:
+            from elid_cli.physical import make_physical
+            from elid_cli.reports.physical import with_physical
+
+            built = make_physical(found)
+            report = with_physical(report, built, found.base)
+            refined = replace(refined, joints=built.refined_robot().joints)
     if write_robot is not None:
         robot_file.write_robot(refined, write_robot)
-    emit(identification_report(found, recording, robot, logs_apart), output)
+    emit(report, output)
     check_gates(gates, found.error, found.this_log)
 
 

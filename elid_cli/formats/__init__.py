@@ -92,7 +92,7 @@ def write_report(report: Report, path: Path) -> None:
 
 def check_drawing(folder: Path) -> None:
     """Refuse early a folder of figures that cannot be made, or figures without a plotting library (UsageError)."""
-    _figures()
+    _drawing()
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"{folder}: is not a folder", hint="--plot takes a folder for the figures")
     check_writable((folder if folder.is_dir() else folder.parent) / "figure")
@@ -101,10 +101,10 @@ def check_drawing(folder: Path) -> None:
 def draw(report: Report, folder: Path) -> None:
     """Write the report's figures into a folder, made if it is missing, one file per figure."""
     folder.mkdir(exist_ok=True)
-    _figures().draw(report, folder)
+    _drawing().draw(report, folder)
 
 
-def _figures() -> ModuleType:
+def _drawing() -> ModuleType:
     """Return `formats/_figures.py`, which draws with matplotlib."""
     try:
         importlib.import_module("matplotlib")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 
+from elid_cli.diagnosis.contributions import Contribution
 from elid_cli.diagnosis.diagnose import Diagnosis
 from elid_cli.effect_views import effect_views
 from elid_cli.floor import noise_floor
@@ -41,7 +42,9 @@ def validation_figures(found: Validation, signals: Signals) -> tuple[Figure, ...
     return (*_torques(views), *_springs(found, signals), *_residuals(views), _coverage(found.robot, signals))
 
 
-def diagnosis_figures(found: Diagnosis, identified: Identification, signals: Signals) -> tuple[Figure, ...]:
+def diagnosis_figures(
+    found: Diagnosis, identified: Identification, parts: Sequence[Contribution], signals: Signals
+) -> tuple[Figure, ...]:
     """Return the figures of a diagnosis: each effect, each joint before and after, the springs, the parameters."""
     before = {view.joint: view for view in joint_views(found.validation_before, signals)}
     views = joint_views(found.validation_after, signals, found.state_after.floor.rms)
@@ -54,7 +57,7 @@ def diagnosis_figures(found: Diagnosis, identified: Identification, signals: Sig
             "The residual of the model without the effect, all else fitted again, and with it, against the variable "
             "that the effect follows most. Line: mean; band: the middle 90 %.",
         )
-        for k, view in enumerate(effect_views(found), start=1)
+        for k, view in enumerate(effect_views(found, parts), start=1)
     ]
     return (
         *effects,
