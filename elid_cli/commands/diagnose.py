@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from elid_cli.commands import options
 from elid_cli.commands.group import verb
 from elid_cli.commands.options import FIT, GATES, Conditioning, Gates, Output, Reading
 from elid_cli.commands.values import completing, effects
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from elid_cli.diagnosis import Diagnosis
+    from elid_cli.identification import JointError
+    from elid_cli.reports.diagnosis import Told
 
 
 @verb(
@@ -44,9 +53,8 @@ def diagnose(
     from pathlib import Path
 
     from elid_cli.atomic import check_writable
-    from elid_cli.commands.emit import LimitError, check_output, emit
-    from elid_cli.commands.gates import check_gates
-    from elid_cli.commands.inputs import check_effects, load_recording, load_signals
+    from elid_cli.commands.emit import check_output, emit
+    from elid_cli.commands.inputs import check_effects, load_recording, load_signals, sharp
     from elid_cli.commands.progress import progress
 
     check_output(output)
@@ -55,8 +63,9 @@ def diagnose(
     with progress(output, "reading") as advance:
         from elid_cli.diagnosis import DiagnoseOptions
         from elid_cli.diagnosis import diagnose as search
-        from elid_cli.estimate import identify
-        from elid_cli.reports.diagnosis import Check, diagnosis_report
+        from elid_cli.diagnosis.contributions import contributions
+        from elid_cli.diagnosis.identified import identified
+        from elid_cli.reports.diagnosis import Check, Told, diagnosis_report
         from elid_cli.robot_file import read_robot
         from elid_cli.robot_file import write_robot as write_file
         from elid_cli.validation import validate
@@ -65,17 +74,48 @@ def diagnose(
         machine = read_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate)
         others = [load_recording((log,), machine, reading, output, conditioning.rate) for log in checks]
-        signals = load_signals(recording, machine, conditioning, advance)
+        signals = load_signals(recording, machine, sharp(conditioning, recording), advance)
+        if advance is not None:
+            advance("fitting", 0.0)
         found = search(machine, signals, DiagnoseOptions(lookup=lookup, only=only), advance)
-        identified = identify(found.refined, signals)
         judged = []
         for other in others:
-            seen = load_signals(other, machine, conditioning, advance)
+            seen = load_signals(other, machine, sharp(conditioning, other), advance)
             before, after = (validate(r, seen).error for r in (found.validation_before.robot, found.refined))
-            judged.append(Check(other.files[0], before, after))
+            judged.append(Check(other, before, after))
+        declared = len(machine.effects)
+        told = Told(
+            found,
+            identified(found.state_before, found.before, declared),
+            identified(found.state_after, found.after, declared),
+            contributions(found),
+            recording,
+            robot,
+            judged,
+            write_robot,
+            lookup,
+        )
     if write_robot is not None:
         write_file(found.refined, write_robot)
-    emit(diagnosis_report(found, identified, recording, robot, judged, write_robot), output)
-    check_gates(gates, found.after)
-    if fail_on_effect and found.effects:
-        raise LimitError("; ".join(f"{e.joint or machine.name}: the model lacks {e.effect}" for e in found.effects))
+    emit(diagnosis_report(told), output)
+    _check(told, gates, fail_on_effect)
+
+
+def _check(told: Told, gates: Gates, fail_on_effect: bool) -> None:
+    """Raise `LimitError` where the model after is worse than allowed on any log, or the model before lacks effects."""
+    from elid_cli.commands.emit import LimitError
+    from elid_cli.commands.gates import check_gates
+
+    if fail_on_effect and told.found.effects:
+        raise LimitError("; ".join(_lacks(told.found)))
+    check_gates(gates, told.found.after)
+    for check in told.checks:
+        check_gates(gates, _in(check.recording.files[0], check.after))
+
+
+def _lacks(found: Diagnosis) -> list[str]:
+    return [f"{e.joint or found.robot.name}: the model lacks {e.effect}" for e in found.effects]
+
+
+def _in(file: str, error: Mapping[str, JointError]) -> dict[str, JointError]:
+    return {f"{file}: {joint}": e for joint, e in error.items()}

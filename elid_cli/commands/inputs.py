@@ -45,6 +45,15 @@ def load_signals(recording: Recording, robot: Robot, conditioning: Conditioning,
     return prepare(recording, robot, options)
 
 
+def sharp(conditioning: Conditioning, recording: Recording) -> Conditioning:
+    """Return the options with the cut-off that diagnose and validate share, unless the user chose one."""
+    from elid_cli.diagnosis.conditioning import cutoff_for
+
+    if conditioning.cutoff is not None:
+        return conditioning
+    return replace(conditioning, cutoff=cutoff_for(recording.rate))
+
+
 def signal_options(conditioning: Conditioning) -> SignalOptions:
     """Return the core's options."""
     from elid_cli.signals import SignalOptions
@@ -64,5 +73,7 @@ def check_effects(names: Sequence[str]) -> None:
     from elid_cli.terms import effect_classes
 
     for name in names:
+        if name == "lookup":
+            raise UsageError("lookup is a curve, not an effect to search for", hint="use --lookup")
         if name not in effect_classes():
             raise UsageError(f"no effect {name!r}", hint=did_you_mean(name, effect_classes()))

@@ -27,24 +27,19 @@ def validate(
     """Say how well a robot file, with its parameters and effects, predicts the motor torques of a log."""
     from elid_cli.commands.emit import check_output, emit
     from elid_cli.commands.gates import check_gates
-    from elid_cli.commands.inputs import load_recording, load_signals
+    from elid_cli.commands.inputs import load_recording, load_signals, sharp
     from elid_cli.commands.progress import progress
 
     check_output(output)
     with progress(output, "reading") as advance:
-        from elid_cli.diagnosis.diagnose import divided
-        from elid_cli.model import Model
+        from elid_cli.diagnosis.stretches import folds
         from elid_cli.reports.validation import validation_report
         from elid_cli.robot_file import read_robot
         from elid_cli.validation import validate as judge
 
         machine = read_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate)
-        signals = load_signals(recording, machine, conditioning, advance)
-        if held_out:
-            log = divided(Model(machine), signals)
-            found = judge(machine, signals, log.fold < 0, observation=log.observation)
-        else:
-            found = judge(machine, signals)
+        signals = load_signals(recording, machine, sharp(conditioning, recording), advance)
+        found = judge(machine, signals, folds(len(signals.outputs)) < 0 if held_out else None)
     emit(validation_report(found, recording, robot), output)
     check_gates(gates, found.error)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from elid_cli.diagnosis.diagnose import Diagnosis, FoundEffect, held_out_triangles
 from elid_cli.diagnosis.state import State, without
-from elid_cli.model import Row
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,14 @@
-"""The answer of ``elid diagnose``: the effects that the model lacks, the error before and after, what stays open."""
+"""The answer of ``elid diagnose``: the residual, the effects that the model lacks, the error before and after."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from elid_cli.diagnosis import Diagnosis, FoundEffect, Unexplained
+from elid_cli.diagnosis.contributions import Contribution
+from elid_cli.diagnosis.triage import HIGH, Organised, RowState
 from elid_cli.identification import Identification, JointError
 from elid_cli.recording import Recording
 from elid_cli.report import (
@@ -23,9 +25,11 @@ from elid_cli.report import (
     number_text,
     percent,
 )
-from elid_cli.reports.classification import class_payload
-from elid_cli.reports.identification import AT_FLOOR, base_payload, error_payload, torque_unit
+from elid_cli.reports.diagnosis_words import curve_words, variable_words, whose
+from elid_cli.reports.identification import AT_FLOOR, identification_payload, torque_unit
+from elid_cli.reports.identification import error_payload as errors
 from elid_cli.reports.inputs import (
+    Items,
     command,
     effect_text,
     heading,
@@ -33,7 +37,6 @@ from elid_cli.reports.inputs import (
     nuisance_items,
     nuisance_payload,
     recorded_items,
-    robot_payload,
     used_items,
 )
 from elid_cli.robot import Robot
@@ -42,79 +45,73 @@ MOVED = 3.0
 """Shift of a base parameter, in standard deviations, that is worth a word."""
 NAMED = 5
 """How many moved base parameters are named."""
+FOLLOWS = 0.05
+"""Share of a residual's variance that must follow a variable for the variable to be named."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """The models before and after on a log that the search never saw."""
+    """The models before and after on a log that neither was fitted to."""
 
-    file: str
+    recording: Recording
     before: Mapping[str, JointError]
     after: Mapping[str, JointError]
 
 
-def diagnosis_report(
-    found: Diagnosis,
-    identified: Identification,
-    recording: Recording,
-    robot_argument: str,
-    checks: Sequence[Check] = (),
-    written: str | None = None,
-) -> Report:
-    """Return the report of one diagnosis.
+@dataclass(frozen=True)
+class Told:
+    """A diagnosis with what goes with it in a report."""
 
-    Parameters
-    ----------
-    found
-        The diagnosis.
-    identified
-        The refined robot's parameters on the same log: the model after.
-    recording, robot_argument
-        What was given.
-    checks
-        Both models on other logs.
-    written
-        The robot file that was written, if any.
-    """
+    found: Diagnosis
+    before: Identification
+    after: Identification
+    contributions: Sequence[Contribution]
+    recording: Recording
+    robot_argument: str
+    """What ``--robot`` was given."""
+    checks: Sequence[Check] = field(default_factory=tuple)
+    written: str | None = None
+    """The robot file that was written, if any."""
+    lookup: bool = False
+    """Whether a smooth curve was asked for."""
+
+
+def diagnosis_report(told: Told) -> Report:
+    """Return the report of one diagnosis."""
+    found, recording = told.found, told.recording
     facts = (
         *recorded_items(found.robot, recording),
-        *used_items(identified.settings),
+        *used_items(told.after.settings),
         *nuisance_items(found.robot, found.nuisances),
-        *(("residual", line) for line in found.triage),
-        ("tried", f"{found.tried} effects, judged on {len(found.held_out)} stretches held out of the search"),
+        *_tried(found),
     )
     sections: list[Section] = [
         heading(found.robot, recording),
         KeyValues("inputs", facts),
-        *_effects(found),
+        _residual(found),
+        *(Text(f"triage{k}", line) for k, line in enumerate(found.triage)),
+        *_effects(told),
         _before_after("before_after", found.robot, found.before, found.after, "error on the held-out stretches"),
-        *_also_possible(found),
-        *_unexplained(found.unexplained),
+        *_unexplained(found),
         *(
-            _before_after(f"check{k}", found.robot, check.before, check.after, f"error on {check.file}")
-            for k, check in enumerate(checks)
+            _before_after(f"check{k}", found.robot, check.before, check.after, f"error on {_files(check.recording)}")
+            for k, check in enumerate(told.checks)
         ),
-        *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *identified.warnings))),
-        *_meaning(found, recording, robot_argument, written),
+        *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *told.after.warnings))),
+        *_meaning(told),
     ]
-    return Report("diagnose", diagnosis_payload(found, identified, recording, checks), tuple(sections))
+    return Report("diagnose", diagnosis_payload(told), tuple(sections))
 
 
-def diagnosis_payload(
-    found: Diagnosis, identified: Identification, recording: Recording, checks: Sequence[Check]
-) -> dict[str, Any]:
+def diagnosis_payload(told: Told) -> dict[str, Any]:
     """Return the JSON object of a diagnosis (FORMATS: JSON)."""
+    found = told.found
     return {
-        **robot_payload(found.robot),
-        "log": log_payload(recording),
-        "settings": dict(identified.settings),
-        **class_payload(identified.base, identified),
-        "base_parameters": base_payload(identified),
-        "error": error_payload(found.after),
-        "before": {"error": error_payload(found.before)},
-        "after": {"error": error_payload(found.after)},
-        "effects": [_effect_payload(e) for e in found.effects],
-        "curves": [_effect_payload(e) for e in found.curves],
+        **identification_payload(told.after, told.recording),
+        "declared": nuisance_payload(told.after.effects),
+        "before": _side(found.before, found.rows_before, told.before),
+        "after": _side(found.after, found.rows_after, told.after),
+        "effects": [_effect_payload(c) for c in told.contributions],
         "nuisances": nuisance_payload(found.nuisances),
         "also_possible": [
             {"effect": r.effect, "joint": r.joint, "gain": r.gain, "instead_of": r.instead_of,
@@ -127,6 +124,11 @@ def diagnosis_payload(
             for u in found.unexplained
         ],
         "triage": list(found.triage),
+        "organised": [
+            {"joint": joint, "rows": rows, "variable": o.variable, "share": o.share}
+            for (joint, rows), entries in found.organised.items()
+            for o in entries
+        ],
         "sufficient": found.sufficient,
         "tried": found.tried,
         "held_out": [list(span) for span in found.held_out],
@@ -134,47 +136,121 @@ def diagnosis_payload(
             {"name": m.name, "before": m.before, "after": m.after, "deviations": m.deviations} for m in found.moved
         ],
         "checks": [
-            {"file": c.file, "before": {"error": error_payload(c.before)}, "after": {"error": error_payload(c.after)}}
-            for c in checks
+            {"log": log_payload(c.recording), "before": {"error": errors(c.before)},
+             "after": {"error": errors(c.after)}}
+            for c in told.checks
         ],
-        "warnings": list(identified.warnings),
     }  # fmt: skip
 
 
-def _effect_payload(effect: FoundEffect) -> dict[str, Any]:
+def _side(error: Mapping[str, JointError], rows: Sequence[RowState], model: Identification) -> dict[str, Any]:
     return {
+        "error": errors(error),
+        "rows": [{"joint": r.joint, "rows": r.rows, "rms": r.rms, "share": r.share, "ratio": r.ratio} for r in rows],
+        "normalised_mean_error": model.normalised_mean_error() if _referenced(model) else None,
+    }
+
+
+def _effect_payload(contribution: Contribution) -> dict[str, Any]:
+    effect = contribution.effect
+    payload = {
         "effect": effect.effect,
         "joint": effect.joint,
         "parameters": dict(effect.parameters),
         "std_error": dict(effect.std_error),
         "gain": effect.gain,
+        "summary": effect.summary,
         "folds": list(effect.folds),
         "local": effect.local,
+        "error": {
+            "joint": contribution.joint,
+            "rows": contribution.rows,
+            "before": contribution.without,
+            "after": contribution.with_it,
+        },
     }
+    return {**payload, "curve": curve_words(effect.parameters)} if effect.effect == "lookup" else payload
 
 
-def _effects(found: Diagnosis) -> list[Section]:
-    named = (*found.effects, *found.curves)
-    if not named:
-        return [Text("effects", "no effect of the library is missing from the model")]
+def _tried(found: Diagnosis) -> Items:
+    spans = ", ".join(f"{number_text(a, 3)} to {number_text(b, 3)} s" for a, b in found.held_out)
+    return (("tried", f"{found.tried} effects at their joints; held out of the search: {spans}"),)
+
+
+def _residual(found: Diagnosis) -> Table:
+    columns = (
+        Column("joint", "joint"),
+        Column("rows", "row"),
+        Column("rms", "residual", align="right"),
+        Column("share", "share", align="right"),
+        Column("ratio", "× floor", align="right"),
+        Column("follows", "follows"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for row in found.rows_before:
+        high = row.ratio > HIGH
+        rows.append(
+            (
+                row.joint,
+                row.rows,
+                Quantity(row.rms, torque_unit(found.robot, row.joint), 3),
+                percent(row.share),
+                Quantity(row.ratio, digits=3, tone="warn" if high else "good"),
+                _follows(found.organised.get((row.joint, row.rows), ())) if high else "",
+            )
+        )
+    note = "sum: motor torque against the whole model; motor: with the spring's torque from the deflection"
+    return Table("residual", columns, tuple(rows), title="what the model leaves", note=note)
+
+
+def _follows(organised: Sequence[Organised]) -> str:
+    named = [o for o in organised if o.share > FOLLOWS][:2]
+    return ", ".join(f"{variable_words(o.variable)} {_share(o.share)}" for o in named) or "nothing known"
+
+
+def _effects(told: Told) -> list[Section]:
+    found = told.found
+    if not told.contributions:
+        return [] if found.sufficient else [Text("effects", "No effect of the library explains it.")]
     columns = (
         Column("effect", "effect"),
         Column("joint", "joint"),
+        Column("rows", "row"),
+        Column("error", "held-out error", align="right"),
         Column("gain", "gain", align="right"),
-        Column("parameters", "parameters"),
-        Column("meaning", "what it is"),
     )
-    rows = tuple(
+    rows: list[tuple[Cell, ...]] = []
+    meanings: list[tuple[str, Cell]] = []
+    for c in told.contributions:
+        effect, unit = c.effect, torque_unit(found.robot, c.joint)
+        error = f"{number_text(c.without, 3)} → {number_text(c.with_it, 3)} {unit}"
+        where = c.joint if effect.joint else f"robot ({c.joint})"
+        rows.append((Mark(effect.effect, "warn"), where, c.rows, error, percent(effect.gain, 2)))
+        meanings.append((f"{effect.effect} {effect.joint or ''}".strip(), _meaning_of(found.robot, effect)))
+    return [
+        Table("effects", columns, tuple(rows), title="missing from the model"),
+        KeyValues("meanings", tuple(meanings)),
+        *_also_possible(found),
+    ]
+
+
+def _meaning_of(robot: Robot, effect: FoundEffect) -> str:
+    if effect.effect == "lookup":
+        return f"a smooth curve over {curve_words(effect.parameters)}; it describes what is left and explains nothing"
+    return f"{effect.summary}: {effect_text(robot, effect.effect, effect.joint, effect.parameters, effect.std_error)}"
+
+
+def _also_possible(found: Diagnosis) -> list[Section]:
+    if not found.also_possible:
+        return [Text("also_possible", "not distinguishable here: nothing")] if found.effects else []
+    items: tuple[tuple[str, Cell], ...] = tuple(
         (
-            Mark(e.effect, "warn"),
-            e.joint or "robot",
-            percent(e.gain, 2),
-            effect_text(found.robot, e.effect, e.joint, e.parameters, e.std_error),
-            e.summary,
+            f"{r.effect} {r.joint or ''}".strip(),
+            f"instead of {r.instead_of}, gain {_share(r.gain)}; to tell them apart record {r.separate}",
         )
-        for e in named
+        for r in found.also_possible
     )
-    return [Table("effects", columns, rows, title="missing from the model")]
+    return [KeyValues("also_possible", items, title="not distinguishable here")]
 
 
 def _before_after(
@@ -182,6 +258,7 @@ def _before_after(
 ) -> Table:
     columns = [
         Column("joint", "joint"),
+        Column("rows", "row"),
         Column("torque_rms", "torque rms", align="right"),
         Column("before", "before", align="right"),
         Column("after", "after", align="right"),
@@ -192,77 +269,84 @@ def _before_after(
         columns.append(Column("floor", "× floor", align="right"))
     rows = []
     for joint, new in after.items():
-        unit, old = torque_unit(robot, joint), before.get(joint)
-        row: list[Cell] = [
-            joint,
-            Quantity(new.torque_rms, unit, 3),
-            Quantity(None if old is None else old.rms, unit, 3),
-            Quantity(new.rms, unit, 3),
-            percent(new.relative),
-        ]
-        if floors:
-            tone: Tone = "warn" if new.floor and new.rms > AT_FLOOR * new.floor else "good"
-            row.append(Quantity(new.rms / new.floor, digits=3, tone=tone) if new.floor else None)
-        rows.append(tuple(row))
+        old, unit = before[joint], torque_unit(robot, joint)
+        sides = [("sum", old.rms, new.rms, new.relative, new.floor)]
+        if new.spring_rms is not None:
+            sides.append(("motor", old.spring_rms or 0.0, new.spring_rms, new.spring_relative or 0.0, new.spring_floor))
+        for kind, first, last, share, floor in sides:
+            row: list[Cell] = [joint, kind, Quantity(new.torque_rms, unit, 3), Quantity(first, unit, 3)]
+            row += [Quantity(last, unit, 3), percent(share)]
+            if floors:
+                tone: Tone = "warn" if floor and last > AT_FLOOR * floor else "good"
+                row.append(Quantity(last / floor, digits=3, tone=tone) if floor else None)
+            rows.append(tuple(row))
     return Table(key, tuple(columns), tuple(rows), title=title)
 
 
-def _also_possible(found: Diagnosis) -> list[Section]:
-    if not found.also_possible:
-        return [Text("also_possible", "not distinguishable here: nothing")] if found.effects else []
-    columns = (
-        Column("effect", "effect"),
-        Column("joint", "joint"),
-        Column("instead_of", "instead of"),
-        Column("gain", "gain", align="right"),
-        Column("separate", "record to tell them apart"),
-    )
-    rows = tuple(
-        (r.effect, r.joint or "robot", r.instead_of, percent(r.gain, 2), r.separate) for r in found.also_possible
-    )
-    return [Table("also_possible", columns, rows, title="this log cannot rule out")]
-
-
-def _unexplained(unexplained: Sequence[Unexplained]) -> list[Section]:
-    if not unexplained:
+def _unexplained(found: Diagnosis) -> list[Section]:
+    if not found.unexplained:
         return []
-    columns = (
-        Column("joint", "joint"),
-        Column("rows", "rows"),
-        Column("ratio", "× floor", align="right"),
-        Column("variable", "follows"),
-        Column("share", "share", align="right"),
-        Column("nearest", "nearest effects, and what they would take"),
-    )
-    rows = tuple(
-        (
-            u.joint,
-            u.rows,
-            Quantity(u.ratio, digits=3, tone="warn"),
-            u.variable,
-            percent(u.share, 2),
-            ", ".join(f"{e} {number_text(100 * g, 2)} %" for e, _, g in u.nearest) or "none",
-        )
-        for u in unexplained
-    )
-    return [Table("unexplained", columns, rows, title="left unexplained")]
+    items = tuple((f"{u.joint}, {u.rows} row", _left(found.robot, u)) for u in found.unexplained)
+    return [KeyValues("unexplained", items, title="left unexplained")]
 
 
-def _meaning(found: Diagnosis, recording: Recording, robot_argument: str, written: str | None) -> list[Section]:
-    if found.sufficient:
-        text = f"The model is sufficient: what it leaves is within {number_text(AT_FLOOR)} of the sensors' noise."
-        keep = ("--write-robot", f"{found.robot.name}-identified.yaml")
-        return [Text("meaning", text), Text("next", command("identify", recording, robot_argument, *keep), "next")]
+def _left(robot: Robot, item: Unexplained) -> str:
+    size = f"{number_text(item.rms, 3)} {torque_unit(robot, item.joint)}, {number_text(item.ratio, 3)} times its floor"
+    follows = f"; follows {variable_words(item.variable)} ({_share(item.share)})" if item.share > FOLLOWS else ""
+    near = ", ".join(f"{whose(effect, joint)} {_share(gain)}" for effect, joint, gain in item.nearest)
+    return f"{size}{follows}; nearest effects, and what they would take: {near or 'none'}"
+
+
+def _meaning(told: Told) -> list[Section]:
+    found = told.found
     sections: list[Section] = []
+    if found.sufficient:
+        limit = number_text(AT_FLOOR)
+        text = f"The model is sufficient: every row is within {limit} of its noise floor, and no effect improves it."
+        keep = ("--write-robot", f"{found.robot.name}-identified.yaml")
+        line = command("identify", told.recording, told.robot_argument, *keep)
+        return [Text("meaning", text), Text("next", line, "next")]
+    if told.contributions:
+        sections.append(Text("meaning", "; ".join(_outcome(told))))
+    return [*sections, Text("next", _next(told), "next")]
+
+
+def _outcome(told: Told) -> list[str]:
+    """Return in words where the model after stands, and what the missing effects had moved."""
+    found = told.found
+    worst = max(row.ratio for row in found.rows_after)
+    words = [f"after: every row within {number_text(worst, 3)} of its floor"] if worst <= AT_FLOOR else []
     moved = [m for m in found.moved if abs(m.deviations) > MOVED]
-    if found.effects and moved:
-        words = ", ".join(f"{m.name} {m.deviations:+.0f} sd" for m in moved[:NAMED])
-        more = f" and {len(moved) - NAMED} more" if len(moved) > NAMED else ""
-        sections.append(Text("moved", f"moved by it: {words}{more}"))
-    if written is not None:
-        return [*sections, Text("next", command("validate", recording, written, "--held-out"), "next")]
-    if not found.effects:
-        line = command("diagnose", recording, robot_argument, "--lookup")
-        return [*sections, Text("next", line, "next")]
-    line = command("diagnose", recording, robot_argument, "--write-robot", f"{found.robot.name}-refined.yaml")
-    return [*sections, Text("next", line, "next")]
+    if moved:
+        named = ", ".join(f"{m.name} {m.deviations:+.0f} sd" for m in moved[:NAMED])
+        words.append(f"moved by it: {named}{f' and {len(moved) - NAMED} more' if len(moved) > NAMED else ''}")
+    if _referenced(told.before):
+        first, last = (percent(m.normalised_mean_error()).value for m in (told.before, told.after))
+        words.append(f"mean error of the parameters {number_text(first, 3)} → {number_text(last, 3)} %")
+    return words or ["after: more than the sensors' noise is left"]
+
+
+def _next(told: Told) -> str:
+    found, recording = told.found, told.recording
+    if told.written is not None:
+        return command("validate", recording, told.written, "--held-out")
+    if told.contributions:
+        refined = ("--write-robot", f"{found.robot.name}-refined.yaml")
+        lookup = ("--lookup",) if told.lookup else ()
+        return command("diagnose", recording, told.robot_argument, *lookup, *refined)
+    if not told.lookup:
+        return command("diagnose", recording, told.robot_argument, "--lookup")
+    return command("identify", recording, told.robot_argument)
+
+
+def _referenced(model: Identification) -> bool:
+    """Whether the robot file holds a reference of every base parameter."""
+    return all(value == value for value in model.reference)
+
+
+def _share(fraction: float) -> str:
+    return f"{number_text(100 * fraction, 2)} %"
+
+
+def _files(recording: Recording) -> str:
+    return ", ".join(recording.files)

@@ -1,0 +1,45 @@
+"""The model before or after a diagnosis as an identification: base parameters with errors, verdicts and classes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from elid_cli.diagnosis.state import State
+from elid_cli.diagnosis.stretches import FOLDS
+from elid_cli.estimate import Fit, assemble
+from elid_cli.identification import EstimateOptions, FittedEffect, Identification, JointError
+
+
+def identified(state: State, error: Mapping[str, JointError], declared: int = 0) -> Identification:
+    """Return what a state's fit to the training stretches says about the base parameters.
+
+    Parameters
+    ----------
+    state
+        The model before or after.
+    error
+        Its error on the held-out stretches.
+    declared
+        How many of the state's effects, the first ones, the robot file declares.
+    """
+    log = state.log
+    fit = Fit(
+        log.model,
+        log.base,
+        log.signals,
+        log.training,
+        state.nuisances,
+        None,
+        state.triangles,
+        state.solution,
+        state.covariance,
+    )
+    found = assemble(fit, EstimateOptions(folds=FOLDS, offsets=False))
+    whole = {"instants": log.observation.instants, "masked": [float(share) for share in log.observation.masked]}
+    names = log.model.robot.joint_names
+    effects = tuple(
+        FittedEffect(e.name, None if e.whole_robot else names[e.joint], state.named(k), {})
+        for k, e in enumerate(state.effects[:declared])
+    )
+    return replace(found, error=error, settings={**found.settings, **whole}, effects=effects)
