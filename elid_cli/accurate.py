@@ -9,20 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.collocation import Equations, Iterate, Outcome, Piece, Problem, Setting, States, iterate
-from elid_cli.effects import SHAPE_SPREAD, Declared, FittedEffects, amplitude_prior
+from elid_cli.effects import SHAPE_SPREAD, Declared, FittedEffects, amplitude_prior, declared_effects, extra_of
 from elid_cli.estimate import Fit
 from elid_cli.model import Model, Row, inputs_of
 from elid_cli.motion import Motion
 from elid_cli.nuisance import DELAY
 from elid_cli.recording import Segment
+from elid_cli.reduction import reduce
 from elid_cli.signals import Signals
 from elid_cli.smoothing import fit_spline
+from elid_cli.solve import solve
 from elid_cli.terms.effect import DIRECTION_WIDTH, Effect, Scene
 from elid_cli.trace import Graph, Program, Scalar, compile_program
 
 Array = NDArray[np.float64]
 
-KNOTS = (0.01, 0.03)
+KNOTS = (0.01, 0.02)
 """Range of knot spacings, s: the equations of motion hold the trajectory, so noise asks for no coarser ones."""
 MODEL_ERROR = 3e-4
 """Standard deviation of the equations' own error, as a share of the rms torque of the joint."""
@@ -63,11 +65,34 @@ def collocate(fit: Fit) -> Accurate | Refusal:
     ratio = _signal_to_noise(signals, fit.model)
     if ratio < LOWEST_SIGNAL:
         return Refusal(f"positions are {ratio:.0f} dB above their noise, less than the {LOWEST_SIGNAL:g} dB it needs")
-    setup = _Setup(fit)
-    if not setup.pieces:
-        return Refusal("no segment is long enough")
-    outcome = iterate(setup.problem, setup.start, setup.prior, STEPS)
-    return setup.judged(outcome)
+    best: tuple[float, _Setup, Outcome] | None = None
+    for start in _starts(fit):
+        setup = _Setup(start)
+        if not setup.pieces:
+            return Refusal("no segment is long enough")
+        outcome = iterate(setup.problem, setup.start, setup.prior, STEPS)
+        final = setup.common_cost(outcome)
+        if best is None or final < best[0]:
+            best = (final, setup, outcome)
+    assert best is not None
+    return best[1].judged(best[2], fit)
+
+
+def _starts(fit: Fit) -> list[Fit]:
+    """Return the fit, and the same with the shapes that the robot file gives: friction curves have several valleys."""
+    if fit.effects is None or not any(item.free for item in fit.effects.effects):
+        return [fit]
+    scene = fit.effects.scene
+    given = declared_effects(fit.model.robot, scene)
+    extras = tuple(extra_of(item.effect, scene, fit.signals) for item in given)
+    triangles = reduce(fit.observation, (*fit.nuisances, *extras))
+    first = fit.model.parameters + sum(extra.width for extra in fit.nuisances)
+    triangles = replace(triangles, prior=amplitude_prior(given, first, triangles.width))
+    solution = solve(triangles, fit.solution.weights, basis=fit.solution.basis)
+    values = np.zeros(triangles.width)
+    values[solution.basis] = solution.values[solution.basis]
+    other = replace(fit.solution, values=values)
+    return [fit, replace(fit, effects=FittedEffects(given, extras, scene), solution=other)]
 
 
 def _signal_to_noise(signals: Signals, model: Model) -> float:
@@ -99,7 +124,10 @@ class _Setup:
         self.first = [s for s in signals.segments if self._intervals(s) >= 12]
         rho = self._rho()
         z = _free_shapes(fit.effects)
-        self.z_start = z
+        given = None
+        if fit.effects is not None:
+            given = replace(fit.effects, effects=declared_effects(robot, fit.effects.scene))
+        self.z_start = _free_shapes(given)
         start = Iterate([p.start for p in self.pieces], fit.solution.values[self.p_columns].copy(), z.copy())
         self.start = start
         robot = self.robot_equations
@@ -215,9 +243,18 @@ class _Setup:
             cost += float(miss @ miss)
         return cost, matrix, gradient
 
-    def judged(self, outcome: Outcome) -> Accurate | Refusal:
-        """Accept or refuse an outcome."""
-        fit = self.fit
+    def common_cost(self, outcome: Outcome) -> float:
+        """Return an outcome's cost with the noise that was assumed at first, to compare outcomes by."""
+        now = Iterate(outcome.coefficients, outcome.p, outcome.z)
+        held = self.problem.rho
+        self.problem.rho = self._rho()
+        self.problem.trust(self.start)
+        cost = self.problem.cost(now) + self.prior(now)[0]
+        self.problem.rho = held
+        return cost
+
+    def judged(self, outcome: Outcome, fit: Fit) -> Accurate | Refusal:
+        """Accept or refuse an outcome, which came from `fit`."""
         if len(outcome.costs) < 2 or not np.isfinite(outcome.costs[-1]):
             return Refusal("its cost did not fall")
         covariance = outcome.covariance[: len(outcome.p), : len(outcome.p)]
