@@ -67,6 +67,8 @@ class Projected:
 
     def whiten(self, rows: Mapping[Row, Array]) -> tuple[Array, list[int]] | None:
         """Return whitened, scaled columns (total, d) and the joints they touch, or None where they are all masked."""
+        if not rows:
+            return None
         width = next(iter(rows.values())).shape[0]
         result = np.zeros((len(self.residual), width))
         touched = []
