@@ -16,6 +16,11 @@ from elid_cli.views import organised, variables
 
 Array = NDArray[np.float64]
 
+_CLEARLY = 0.15
+"""Share of a torque's mean square by which two branches must follow a variable better than one."""
+_OF_TIME = 0.6
+"""What a share that follows time counts for: whatever moves follows time."""
+
 
 @dataclass(frozen=True)
 class EffectView:
@@ -27,6 +32,8 @@ class EffectView:
     unit: str
     variable: str
     values: Array
+    rising: NDArray[np.bool_] | None
+    """Whether the variable grows, where the effect differs between the two directions; None: it does not."""
     without: Array
     """Residual of the refined model without this effect, its parameters fitted again."""
     with_it: Array
@@ -51,8 +58,8 @@ def effect_views(found: Diagnosis, parts: Sequence[Contribution]) -> tuple[Effec
         group = next(g for g in state.log.observation.groups if (g.row.kind, g.row.joint) == row)
         use = group.use & np.isfinite(before) & np.isfinite(after)
         choices = variables(found.robot, state.log.signals, state.log.observation, joint)
-        change = (before - after)[use]
-        variable = max(choices, key=lambda name: organised(change, choices[name][use]))
+        variable, split = _followed((before - after)[use], {name: v[use] for name, v in choices.items()})
+        values = choices[variable]
         views.append(
             EffectView(
                 effect=part.effect.effect,
@@ -60,7 +67,8 @@ def effect_views(found: Diagnosis, parts: Sequence[Contribution]) -> tuple[Effec
                 rows=part.rows,
                 unit="N·m" if found.robot.joints[joint].revolute else "N",
                 variable=variable,
-                values=choices[variable][use],
+                values=values[use],
+                rising=(np.gradient(values) > 0)[use] if split else None,
                 without=before[use],
                 with_it=after[use],
                 error_without=part.without,
@@ -68,3 +76,22 @@ def effect_views(found: Diagnosis, parts: Sequence[Contribution]) -> tuple[Effec
             )
         )
     return tuple(views)
+
+
+def _followed(change: Array, choices: dict[str, Array]) -> tuple[str, bool]:
+    """Return the variable that a torque follows most, and whether differently in its two directions.
+
+    Anything follows time, and two branches follow anything better than one: both must be clearly better to be chosen.
+    """
+    scores = {}
+    for name, values in choices.items():
+        if name.startswith("time"):
+            scores[name, False] = _OF_TIME * organised(change, values)
+            continue
+        rising = np.gradient(values) > 0
+        scores[name, False] = organised(change, values)
+        branches = sum(
+            organised(change[side], values[side]) * float(np.sum(change[side] ** 2)) for side in (rising, ~rising)
+        )
+        scores[name, True] = branches / max(float(np.sum(change**2)), 1e-300) - _CLEARLY
+    return max(scores, key=lambda key: scores[key])

@@ -36,6 +36,8 @@ UNKNOWN = 0.1
 """Share of the pull, towards a typical body, where the robot file has no reference value."""
 AFFORDABLE = 0.001
 """Relative rise of the residual's square that a pull may cost beyond that of the weakest."""
+ROUNDING = 1e-9
+"""Values below this share of their typical size are the solver's rounding and count as zero."""
 MOVED = 2.0
 """Standard deviations by which a base parameter must move to be named."""
 CONTRADICTION = 0.02
@@ -120,7 +122,8 @@ def make_physical(found: Identification) -> PhysicalParameters:
     system = _system(found)
     fit, solution = _pulled(found, cones, system)
     p = len(base.parameters)
-    values = solution[:p].copy()
+    sizes = cones.scales.sizes
+    values = np.where(np.abs(solution[:p]) < ROUNDING * sizes, 0.0, solution[:p])
     springs = _unseen_springs(found)
     values[springs] = robot.reference()[springs]
     physical = base.transform @ values
@@ -139,7 +142,7 @@ def make_physical(found: Identification) -> PhysicalParameters:
         chi2_after=_squares(system, solution) / count,
         error_before=found.error,
         error_after={} if found.triangles is None else _held_out(robot, fit, found.triangles, found.weights),
-        margin=float(cones.eigenvalues(values / cones.scales.sizes).min()),
+        margin=float(cones.eigenvalues(values / sizes).min()),
     )
 
 

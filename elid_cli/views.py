@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 BINS = 24
 """Bins over which a residual's mean is taken to see whether it follows a variable."""
+SPRING_STANDS_OUT = 1.3
+"""Residual of the motor row over that of the sum row above which the transmission is worth a figure of its own."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,15 @@ class JointView:
     """What a residual may follow, by name with unit."""
     floor: float | None = None
     """rms that the sensors' noise alone leaves in `residual`."""
+    spring_floor: float | None = None
+
+    @property
+    def spring_stands_out(self) -> bool:
+        """Whether the motor row alone holds more than the row without the spring: a fault of the transmission."""
+        if self.spring_residual is None:
+            return False
+        sizes = [np.sqrt(np.nanmean(r[self.used] ** 2)) for r in (self.spring_residual, self.residual)]
+        return bool(sizes[0] > SPRING_STANDS_OUT * sizes[1])
 
 
 @dataclass(frozen=True)
@@ -105,9 +116,10 @@ def joint_views(found: Validation, signals: Signals, floor: Mapping[Row, float] 
                 measured=_broken(found.observation.tau[k], found.observation),
                 residual=_broken(found.residual[total], found.observation),
                 used=group.use,
-                spring_residual=found.residual.get(motor),
+                spring_residual=_broken(found.residual[motor], found.observation) if motor in found.residual else None,
                 variables=variables(found.robot, signals, found.observation, k),
                 floor=None if floor is None else floor.get(total),
+                spring_floor=None if floor is None else floor.get(motor),
             )
         )
     return tuple(views)

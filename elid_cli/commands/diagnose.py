@@ -53,7 +53,7 @@ def diagnose(
     from pathlib import Path
 
     from elid_cli.atomic import check_writable
-    from elid_cli.commands.emit import check_output, emit
+    from elid_cli.commands.emit import check_output, emit, pictures_wanted
     from elid_cli.commands.inputs import check_effects, load_recording, load_signals, sharp
     from elid_cli.commands.progress import progress
 
@@ -95,9 +95,14 @@ def diagnose(
             write_robot,
             lookup,
         )
+        report = diagnosis_report(told)
+        if pictures_wanted(output):
+            from elid_cli.reports.figures import diagnosis_figures, with_figures
+
+            report = with_figures(report, diagnosis_figures(found, told.after, told.contributions, signals))
     if write_robot is not None:
         write_file(found.refined, write_robot)
-    emit(diagnosis_report(told), output)
+    emit(report, output)
     _check(told, gates, fail_on_effect)
 
 

@@ -25,7 +25,7 @@ def validate(
     output: Output,
 ) -> None:
     """Say how well a robot file, with its parameters and effects, predicts the motor torques of a log."""
-    from elid_cli.commands.emit import check_output, emit
+    from elid_cli.commands.emit import check_output, emit, pictures_wanted
     from elid_cli.commands.gates import check_gates
     from elid_cli.commands.inputs import load_recording, load_signals, sharp
     from elid_cli.commands.progress import progress
@@ -41,5 +41,10 @@ def validate(
         recording = load_recording(logs, machine, reading, output, conditioning.rate)
         signals = load_signals(recording, machine, sharp(conditioning, recording), advance)
         found = judge(machine, signals, folds(len(signals.outputs)) < 0 if held_out else None)
-    emit(validation_report(found, recording, robot), output)
+        report = validation_report(found, recording, robot)
+        if pictures_wanted(output):
+            from elid_cli.reports.figures import validation_figures, with_figures
+
+            report = with_figures(report, validation_figures(found, signals))
+    emit(report, output)
     check_gates(gates, found.error)

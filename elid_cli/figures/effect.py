@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from elid_cli.figures.paint import BLUE, ORANGE, canvas, scatter_with_mean
+from elid_cli.figures.paint import BLUE, INK, ORANGE, canvas, scatter_with_mean
 from elid_cli.report import Figure, number_text
 
 if TYPE_CHECKING:
@@ -17,7 +17,13 @@ def draw(figure: Figure) -> Canvas:
     made = canvas(2.7)
     left, right = made.subplots(1, 2, sharex=True, sharey=True)
     for axes, key, color, word in ((left, "without", ORANGE, "without"), (right, "with_it", BLUE, "with")):
-        scatter_with_mean(axes, data["values"], data[key], color)
+        rising = data.get("rising")
+        if rising is None:
+            scatter_with_mean(axes, data["values"], data[key], color)
+        else:
+            scatter_with_mean(axes, data["values"][rising], data[key][rising], color, label="growing")
+            scatter_with_mean(axes, data["values"][~rising], data[key][~rising], INK, dashes="--", label="falling")
+            axes.legend(loc="upper left", ncols=2)
         error = data["error_without" if key == "without" else "error_with"]
         axes.set_title(f"{word} {data['effect']}: held-out error {number_text(error, 3)} {data['unit']}")
         axes.set_xlabel(data["variable"])

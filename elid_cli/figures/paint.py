@@ -57,11 +57,13 @@ def grid_of(count: int, columns: int, each: float, *, sharey: bool = False) -> t
     return made, axes[:count]
 
 
-def scatter_with_mean(axes: Axes, x: Array, y: Array, color: str, marker: str = ".") -> None:
+def scatter_with_mean(
+    axes: Axes, x: Array, y: Array, color: str, *, dashes: str = "-", label: str | None = None
+) -> None:
     """Draw points, thinned to occupied cells, with their middle 90 % as a band and their mean as a line."""
     kept = cloud(x, y)
-    axes.plot(x[kept], y[kept], marker, color=PALE, markersize=2.2, markeredgewidth=0, zorder=1, rasterized=True)
+    axes.plot(x[kept], y[kept], ".", color=PALE, markersize=2.2, markeredgewidth=0, zorder=1, rasterized=True)
     centre, mean, low, high, _ = bands(x, y)
     axes.fill_between(centre, low, high, color=color, alpha=0.22, linewidth=0, zorder=2)
-    axes.plot(centre, mean, color=color, linewidth=1.6, zorder=3)
+    axes.plot(centre, mean, color=color, linestyle=dashes, linewidth=1.6, zorder=3, label=label)
     axes.axhline(0.0, color=GREY, linewidth=0.7, zorder=2)

@@ -30,8 +30,14 @@ def draw(figure: Figure) -> Canvas:
             kept = cloud(x[chosen], spring["transmitted"][chosen])
             axes.plot(x[chosen][kept], spring["transmitted"][chosen][kept], marker, color=color, markersize=2.4,
                       markeredgewidth=0.5 if marker == "x" else 0, alpha=0.45, label=name, rasterized=True)  # fmt: skip
-        centre, mean, *_ = bands(x, np.asarray(spring["modelled"]))
-        axes.plot(centre, mean, color=INK, linewidth=1.3, label="model")
+        modelled = np.asarray(spring["modelled"])
+        if len(x) <= PATH:
+            axes.plot(x, modelled, color=INK, linewidth=0.8, label="model")
+        else:
+            for chosen, dash in ((rising, "-"), (~rising, "--")):
+                centre, mean, *_ = bands(x[chosen], modelled[chosen])
+                axes.plot(centre, mean, color=INK, linestyle=dash, linewidth=1.2,
+                          label="model" if dash == "-" else None)  # fmt: skip
         length = "rad" if spring["unit"] == "N·m" else "m"
         axes.set_title(f"{spring['joint']}\nK = {number_text(spring['stiffness'])} {spring['unit']}/{length}")
         axes.set_xlabel(f"deflection (m{length})")

@@ -70,32 +70,43 @@ def diagnosis_figures(
 
 def _torques(views: Sequence[JointView], before: Mapping[str, JointView] | None = None) -> list[Figure]:
     caption = "Filtered motor torque, measured and predicted with the spring eliminated, and their difference."
-    return [
-        Figure(f"torque_{view.joint}", f"{view.joint}: torque and residual", "torque", {
-            "joint": view.joint, "unit": view.unit, "t": view.t, "measured": view.measured, "residual": view.residual,
-            "used": view.used, "floor": view.floor, "before": _residual(before, view.joint),
-        }, caption)
-        for view in views
-    ]  # fmt: skip
+    figures = []
+    for view in views:
+        old = None if before is None else before.get(view.joint)
+        residuals = [{"name": "residual", "residual": view.residual, "before": None if old is None else old.residual,
+                      "floor": view.floor}]  # fmt: skip
+        if view.spring_residual is not None:
+            residuals.append(
+                {"name": "residual, spring torque from the deflection", "residual": view.spring_residual,
+                 "before": None if old is None else old.spring_residual, "floor": view.spring_floor}
+            )  # fmt: skip
+        data = {"joint": view.joint, "unit": view.unit, "t": view.t, "measured": view.measured, "used": view.used,
+                "residuals": residuals}  # fmt: skip
+        figures.append(Figure(f"torque_{view.joint}", f"{view.joint}: torque and residual", "torque", data, caption))
+    return figures
 
 
 def _residuals(views: Sequence[JointView], before: Mapping[str, JointView] | None = None) -> list[Figure]:
     figures = []
     for view in views:
-        kept = view.used
-        old = _residual(before, view.joint)
-        figures.append(
-            Figure(f"residual_{view.joint}", f"{view.joint}: what the residual follows", "residual", {
-                "joint": view.joint, "unit": view.unit, "residual": view.residual[kept],
-                "before": None if old is None else old[kept],
-                "variables": {name: values[kept] for name, values in view.variables.items()},
-            }, "Points: instants; line: mean; band: the middle 90 %. A model that lacks nothing leaves a flat line.")
-        )  # fmt: skip
+        old = None if before is None else before.get(view.joint)
+        figures.append(_followed(view, view.residual, None if old is None else old.residual, ""))
+        if view.spring_residual is not None and (view.spring_stands_out or (old is not None and old.spring_stands_out)):
+            previous = None if old is None else old.spring_residual
+            figures.append(_followed(view, view.spring_residual, previous, "_spring"))
     return figures
 
 
-def _residual(views: Mapping[str, JointView] | None, joint: str) -> Array | None:
-    return None if views is None or joint not in views else views[joint].residual
+def _followed(view: JointView, residual: Array, before: Array | None, suffix: str) -> Figure:
+    where = ", spring torque from the deflection" if suffix else ""
+    data = {
+        "joint": view.joint, "unit": view.unit, "residual": residual[view.used],
+        "before": None if before is None else before[view.used],
+        "variables": {name: values[view.used] for name, values in view.variables.items()},
+    }  # fmt: skip
+    caption = "Points: instants; line: mean; band: the middle 90 %. A model that lacks nothing leaves a flat line."
+    title = f"{view.joint}: what the residual follows{where}"
+    return Figure(f"residual_{view.joint}{suffix}", title, "residual", data, caption)
 
 
 def _springs(judged: Validation, signals: Signals) -> list[Figure]:

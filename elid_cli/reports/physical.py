@@ -14,7 +14,8 @@ SHOWN = 28
 TONES: dict[str, Tone] = {"data": "good", "split": "plain", "reference": "dim", "assumed": "warn"}
 NOTE = (
     "data: the log determines it; split: the log determines the combination that it is in, the reference value the "
-    "share; reference: the robot file's value, since the log says nothing; assumed: neither says anything"
+    "share; reference: the log says nothing, so the robot file's value, or the nearest that a real body can have; "
+    "assumed: neither says anything"
 )
 
 
