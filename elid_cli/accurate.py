@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli.collocation import Equations, Iterate, Outcome, Piece, Problem, Setting, States, iterate
 from elid_cli.effects import SHAPE_SPREAD, Declared, FittedEffects, amplitude_prior, declared_effects, extra_of
-from elid_cli.estimate import Fit
+from elid_cli.fitting import Fit
 from elid_cli.model import Model, Row, inputs_of
 from elid_cli.motion import Motion
 from elid_cli.nuisance import DELAY
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 KNOTS = (0.01, 0.02)
 """Range of knot spacings, s: the equations of motion hold the trajectory, so noise asks for no coarser ones."""
-MODEL_ERROR = 3e-4
+MODEL_ERROR = 1e-4
 """Standard deviation of the equations' own error, as a share of the rms torque of the joint."""
 STEPS = 16
 MOVED = 10.0
@@ -130,8 +130,8 @@ class _Setup:
         self.z_start = _free_shapes(given)
         start = Iterate([p.start for p in self.pieces], fit.solution.values[self.p_columns].copy(), z.copy())
         self.start = start
-        robot = self.robot_equations
-        equations = Equations(robot.residual, robot.columns, robot.trust)
+        rows = self.robot_equations
+        equations = Equations(rows.residual, rows.columns, rows.trust)
         self.problem = Problem(self.setting, self.pieces, equations, rho)
 
     def _setting(self) -> Setting:
@@ -317,7 +317,7 @@ class _RobotEquations:
         self._still = {
             (side, k): float(np.nanmean(getattr(setup.fit.signals.motion, side)[:, k]))
             for side in ("q", "theta")
-            for k in np.flatnonzero(setup.fit.signals.still)
+            for k in np.flatnonzero(setup.fit.signals.still).tolist()
         }
         self._folded: tuple[bytes, Program] | None = None
 
@@ -445,14 +445,3 @@ class _RobotEquations:
             replace(item, effect=effect) for item, effect in zip(fitted.effects, _shaped(fitted, z), strict=True)
         ]
         return replace(fitted, effects=tuple(items))
-
-
-def improved(fit: Fit, finish: Callable[[Fit, str], object]) -> object:
-    """Return `finish(better fit, note)`: the collocation where it is accepted, else the fit as it was."""
-    answer = collocate(fit)
-    if isinstance(answer, Refusal):
-        return finish(fit, f"--accurate: the default estimate stands: {answer.reason}")
-    solution = replace(fit.solution, values=answer.values)
-    better = replace(fit, solution=solution, covariance=answer.covariance, effects=answer.effects)
-    note = f"--accurate: spline collocation, {answer.steps} steps, knots every {answer.knots * 1e3:.0f} ms"
-    return finish(better, note)

@@ -1,30 +1,16 @@
-"""Identification: base parameters from a log, how sure they are, and how well they predict torque not used.
-
-The default estimator is least squares on sum and motor rows (the spring eliminated, no homogeneous rows), filtered in
-parallel, every row group weighted by its own residual, with delay and offset of the torque channels and the shapes of
-declared effects estimated along.
-"""
+"""Identification: base parameters from a log, how sure they are, and how well they predict torque not used."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.base import BaseParameters, find_base
-from elid_cli.covariance import residuals, sandwich
-from elid_cli.effects import (
-    SHAPE_SPREAD,
-    FittedEffects,
-    amplitude_prior,
-    declared_effects,
-    extra_of,
-    fit_declared,
-    scene_of,
-    shape_columns,
-)
+from elid_cli.base import find_base
+from elid_cli.fitting import Fit, fit_log, masked_as_needed
+from elid_cli.guards import physics_warnings
 from elid_cli.heldout import held_out, joint_errors, with_floor
 from elid_cli.identification import (
     EstimateOptions,
@@ -35,12 +21,11 @@ from elid_cli.identification import (
     Verdict,
 )
 from elid_cli.model import Model
-from elid_cli.nuisance import DELAY, delay_columns, offset_columns, significant
-from elid_cli.observation import Observation, observe
-from elid_cli.reduction import Extra, Triangles, folds_of, reduce
+from elid_cli.nuisance import DELAY
+from elid_cli.observation import Observation
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
-from elid_cli.solve import Solution, reweighted, solve
+from elid_cli.stiffness import unsupported_stiffness
 from elid_cli.verdicts import classes_in_log, judge, shortfall, suspicious, torque_scale
 
 __all__ = [
@@ -61,41 +46,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-STICKING = 2.5
-"""Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""
-EFFECT_ROUNDS = 2
-"""Rounds of fitting shapes and everything else in turn."""
-
-
-@dataclass(frozen=True)
-class Fit:
-    """The default estimator's fit to a log, before it is judged."""
-
-    model: Model
-    base: BaseParameters
-    signals: Signals
-    observation: Observation
-    nuisances: tuple[Extra, ...]
-    effects: FittedEffects | None
-    triangles: Triangles
-    solution: Solution
-    covariance: Array
-    """Covariance of the basis of `solution`, shapes of effects accounted for, (r, r)."""
-
-    @property
-    def extras(self) -> tuple[Extra, ...]:
-        """All columns beyond the standard parameters: nuisances, then effects."""
-        return (*self.nuisances, *(self.effects.extras if self.effects else ()))
-
-    @property
-    def transform(self) -> Array:
-        """Base parameters = transform @ solution, (b, p + e)."""
-        return np.concatenate([self.base.transform, np.zeros((self.base.count, self.triangles.extras))], axis=1)
-
-    def amplitudes(self) -> list[Array]:
-        """Return the fitted amplitudes of every declared effect, each (d,)."""
-        return _amplitudes(self.solution, self.base, self.nuisances, self.effects)
-
 
 def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = None) -> Identification:
     """Estimate the base parameters of a robot from one log (or several, joined).
@@ -112,156 +62,38 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
         return identify_paper(robot, signals, options)
     model = Model(robot)
     fit = fit_log(model, find_base(model), signals, options)
-    return assemble(fit, options)
-
-
-def fit_log(model: Model, base: BaseParameters, signals: Signals, options: EstimateOptions) -> Fit:
-    """Fit a log by the default estimator."""
-    observation = observe(model, signals)
-    if options.mask is not None:
-        observation = observation if options.mask else observation.unmasked(np.ones(model.robot.n, dtype=bool))
-    else:
-        start = _start_effects(model, base, observation, signals)
-        observation = masked_as_needed(observation, base, options, start.extras if start else ())
-    fold = folds_of(observation, options.folds)
-    nuisances: list[Extra] = []
-    if options.delays:
-        nuisances += delay_columns(observation)
-    if options.offsets:
-        nuisances += offset_columns(observation)
-    effects = _start_effects(model, base, observation, signals)
-    for last in (False, True):
-        effects, triangles, solution = _fit_effects(model, base, observation, signals, nuisances, effects, fold)
-        if last or not nuisances:
-            break
-        nuisances = significant(observation, solution, nuisances, signals, effects.extras if effects else ())
-    covariance = _covariance(base, observation, signals, nuisances, effects, triangles, solution)
-    return Fit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
-
-
-def _start_effects(
-    model: Model, base: BaseParameters, observation: Observation, signals: Signals
-) -> FittedEffects | None:
-    """Return the robot file's effects at the shapes it gives, or None where it declares none."""
-    if not model.robot.effects:
-        return None
-    rough = reweighted(reduce(observation), base.count)
-    scene = scene_of(model, signals, rough.values[: model.parameters])
-    effects = declared_effects(model.robot, scene)
-    extras = tuple(extra_of(item.effect, scene, signals) for item in effects)
-    return FittedEffects(effects, extras, scene)
-
-
-def _fit_effects(
-    model: Model,
-    base: BaseParameters,
-    observation: Observation,
-    signals: Signals,
-    nuisances: Sequence[Extra],
-    effects: FittedEffects | None,
-    fold: NDArray[np.intp],
-) -> tuple[FittedEffects | None, Triangles, Solution]:
-    """Return effects with refined shapes, the triangles with their columns, and the solution."""
-    for _ in range(EFFECT_ROUNDS if effects else 0):
-        assert effects is not None
-        triangles = _reduced(observation, nuisances, effects)
-        solution = reweighted(triangles, base.count + triangles.extras)
-        scene = scene_of(model, signals, solution.values[: model.parameters])
-        effects = fit_declared(observation, signals, scene, effects.effects, solution.weights, nuisances)
-    triangles = _reduced(observation, nuisances, effects, fold)
-    return effects, triangles, reweighted(triangles, base.count + triangles.extras)
-
-
-def _reduced(
-    observation: Observation,
-    nuisances: Sequence[Extra],
-    effects: FittedEffects | None,
-    fold: NDArray[np.intp] | None = None,
-) -> Triangles:
-    """Return triangles with the columns of nuisances and effects, and what is known of the effects' amplitudes."""
-    if effects is None:
-        return reduce(observation, nuisances, fold)
-    triangles = reduce(observation, (*nuisances, *effects.extras), fold)
-    first = triangles.parameters + sum(extra.width for extra in nuisances)
-    return replace(triangles, prior=amplitude_prior(effects.effects, first, triangles.width))
-
-
-def _amplitudes(
-    solution: Solution, base: BaseParameters, nuisances: Sequence[Extra], effects: FittedEffects | None
-) -> list[Array]:
-    place = len(base.parameters) + sum(extra.width for extra in nuisances)
-    found = []
-    for extra in effects.extras if effects else ():
-        found.append(solution.values[place : place + extra.width])
-        place += extra.width
+    refused = unsupported_stiffness(fit)
+    found = assemble(fit, options, refused)
+    if options.guards:
+        found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
+    if options.accurate:
+        return _accurate(fit, found, options, refused)
     return found
 
 
-def _covariance(
-    base: BaseParameters,
-    observation: Observation,
-    signals: Signals,
-    nuisances: Sequence[Extra],
-    effects: FittedEffects | None,
-    triangles: Triangles,
-    solution: Solution,
-) -> Array:
-    """Return the covariance of the solution's basis; shapes that were fitted count as parameters with their prior."""
-    extras = [*nuisances, *(effects.extras if effects else ())]
-    if effects is None:
-        return sandwich(observation, solution, extras)
-    shapes = shape_columns(effects, signals, _amplitudes(solution, base, nuisances, effects))
-    if not shapes:
-        return sandwich(observation, solution, extras)
-    extended = reduce(observation, [*extras, *shapes])
-    prior = np.zeros((len(shapes), extended.width + 1))
-    prior[np.arange(len(shapes)), triangles.width + np.arange(len(shapes))] = 1.0 / SHAPE_SPREAD
-    if triangles.prior is not None:
-        known = np.insert(triangles.prior, [triangles.width], np.zeros((1, len(shapes))), axis=1)
-        prior = np.concatenate([prior, known])
-    extended = replace(extended, prior=prior)
-    basis = np.concatenate([solution.basis, triangles.width + np.arange(len(shapes))]).astype(np.intp)
-    wider = solve(extended, solution.weights, basis=basis)
-    whole = sandwich(observation, wider, [*extras, *shapes])
-    place = {int(column): k for k, column in enumerate(wider.basis)}
-    kept = [place.get(int(column), -1) for column in solution.basis]
-    if min(kept) < 0:
-        return sandwich(observation, solution, extras)
-    covariance: Array = whole[np.ix_(kept, kept)]
-    return covariance
+def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused: Mapping[str, str]) -> Identification:
+    """Return the collocation's answer where it is accepted, else the default one with the reason."""
+    from elid_cli.accurate import Refusal, collocate
+
+    answer = collocate(fit)
+    if isinstance(answer, Refusal):
+        note = f"--accurate: the default estimate stands: {answer.reason}"
+        return replace(found, notes=(*found.notes, note))
+    solution = replace(fit.solution, values=answer.values)
+    better = replace(fit, solution=solution, covariance=answer.covariance, effects=answer.effects)
+    note = f"--accurate: spline collocation, {answer.steps} steps, knots every {answer.knots * 1e3:.0f} ms"
+    result = assemble(better, options, refused, before=fit)
+    return replace(result, estimator="accurate", notes=(*result.notes, note), warnings=found.warnings)
 
 
-def masked_as_needed(
-    observation: Observation, base: BaseParameters, options: EstimateOptions, effects: Sequence[Extra] = ()
-) -> Observation:
-    """Return the observation with reversals counted for the joints whose residual there is no larger than elsewhere.
+def assemble(
+    fit: Fit, options: EstimateOptions, refused: Mapping[str, str] | None = None, before: Fit | None = None
+) -> Identification:
+    """Judge a fit: verdicts, classes, held-out error.
 
-    A motor that sticks has no defined friction while it does; one that glides through zero tells most about its
-    Coulomb friction just there.
+    `before` is the fit by triangles that `fit` was refined from: held-out stretches are then predicted by the
+    triangles' fit to the others, moved by what the refinement changed.
     """
-    if options.mask is not None:
-        return observation if options.mask else observation.unmasked(np.ones(observation.robot.n, dtype=bool))
-    extras = [*delay_columns(observation), *offset_columns(observation), *effects]
-    triangles = reduce(observation, extras)
-    values = reweighted(triangles, base.count + triangles.extras).values
-    residual = residuals(observation, values, extras)
-    glides = np.zeros(observation.robot.n, dtype=bool)
-    shaped = {row.joint for extra in effects for row in extra.rows}
-    for k in range(observation.robot.n):
-        # a friction curve is bent by what happens at standstill more than it learns there
-        if k in shaped:
-            continue
-        trace = residual.get(("sum", k))
-        inside = observation.known[k] & observation.reversing[k]
-        outside = observation.known[k] & ~observation.reversing[k]
-        if trace is None or not inside.any() or not outside.any():
-            continue
-        glides[k] = np.sqrt(np.mean(trace[inside] ** 2)) < STICKING * np.sqrt(np.mean(trace[outside] ** 2))
-    return observation.unmasked(glides)
-
-
-def assemble(fit: Fit, options: EstimateOptions, refused: Mapping[str, str] | None = None) -> Identification:
-    """Judge a fit: verdicts, classes, held-out error."""
     base, solution, robot = fit.base, fit.solution, fit.model.robot
     transform = fit.transform
     known = solution.estimable(transform)
@@ -283,7 +115,7 @@ def assemble(fit: Fit, options: EstimateOptions, refused: Mapping[str, str] | No
         verdict=verdict,
         this_log=classes_in_log(base, verdict, reasons),
         reasons=reasons,
-        error=held_out(robot, fit.triangles, solution),
+        error=held_out(robot, fit.triangles, solution, None if before is None else before.solution),
         condition=solution.condition,
         rank_margin=solution.margin,
         rank=int(known.sum()),

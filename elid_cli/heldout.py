@@ -14,12 +14,19 @@ from elid_cli.robot import Robot
 from elid_cli.solve import Solution, solve
 
 
-def held_out(robot: Robot, triangles: Triangles, solution: Solution) -> dict[str, JointError]:
-    """Return each joint's error on every fold, predicted by a fit to the other folds."""
+def held_out(
+    robot: Robot, triangles: Triangles, solution: Solution, before: Solution | None = None
+) -> dict[str, JointError]:
+    """Return each joint's error on every fold, predicted by a fit to the other folds.
+
+    `before` is the triangles' own solution where `solution` was refined from it; the refinement is then added to every
+    fold's fit.
+    """
+    shift = 0.0 if before is None else solution.values - before.values
     squares: dict[Row, float] = dict.fromkeys(triangles.rows, 0.0)
     for fold in range(triangles.folds):
         others = [f for f in range(triangles.folds) if f != fold]
-        fitted = solve(triangles, solution.weights, others or None, len(solution.basis)).values
+        fitted = solve(triangles, solution.weights, others or None, len(solution.basis)).values + shift
         for row in triangles.rows:
             squares[row] += sum(t.squares(fitted) for t in triangles.of(row, [fold]))
     return joint_errors(robot, triangles, squares)

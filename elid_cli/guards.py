@@ -1,0 +1,115 @@
+"""Guards on physics: wrong signs, swapped torque channels and degrees, found by trying the other way.
+
+Only where the fit is bad or a parameter came out negative is anything tried: a good fit has nothing to explain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.fitting import Fit
+from elid_cli.identification import Identification
+from elid_cli.model import Model
+from elid_cli.motion import Motion
+from elid_cli.observation import Observation, observe
+from elid_cli.reduction import reduce
+from elid_cli.robot import Robot
+from elid_cli.signals import Signals
+from elid_cli.solve import reweighted
+
+Array = NDArray[np.float64]
+
+BAD = 0.1
+"""Relative error of a joint's torque from which the other ways are tried."""
+BETTER = 0.35
+"""Share of the logarithm's worth of residual that the other way must save: mean of log(rms before / rms after)."""
+
+
+def physics_warnings(fit: Fit, found: Identification) -> tuple[str, ...]:
+    """Return a sentence for every sign, unit or swapped channel that the log contradicts."""
+    negative = [w for w in found.warnings if "negative" in w]
+    if not negative and max((e.relative for e in found.error.values()), default=0.0) < BAD:
+        return ()
+    base = fit.base.count
+    observation = observe(fit.model, fit.signals, mask=False)
+    now = misfit(observation, base)
+    said: list[tuple[float, str]] = []
+
+    def tried(other: Observation, sentence: str) -> None:
+        gain = now - misfit(other, base)
+        if gain > BETTER:
+            said.append((gain, sentence))
+
+    robot, names = fit.model.robot, fit.model.robot.joint_names
+    moving = [k for k in range(robot.n) if not fit.signals.still[k]]
+    for k in moving if len(moving) > 1 else []:
+        tried(turned(observation, k), f"the torque of {names[k]} looks as if its sign were wrong")
+    for a, b in combinations(moving, 2):
+        tried(swapped(observation, a, b), f"the torques of {names[a]} and {names[b]} look swapped")
+    for k in moving:
+        if robot.joints[k].elastic and robot.joints[k].gear_ratio and k > 0:
+            other = Model(_geared(robot, k))
+            tried(observe(other, fit.signals, mask=False), f"gear_ratio of {names[k]} looks as if its sign were wrong")
+    for label, factor in (("degrees", np.pi / 180), ("radians where degrees are declared", 180 / np.pi)):
+        scaled = replace(fit.signals, motion=_scaled(fit.signals.motion, factor))
+        tried(observe(fit.model, scaled, mask=False), f"the positions look as if they were in {label}")
+    for k in moving:
+        if robot.joints[k].elastic and _opposed(fit.signals, k):
+            said.append((np.inf, f"theta of {names[k]} moves against q: its sign looks wrong"))
+    if len(moving) and len(negative) >= len(moving) and not said:
+        said.append((0.0, "inertia, friction or stiffness come out negative everywhere: the torque's sign looks wrong"))
+    said.sort(key=lambda item: -item[0])
+    return tuple(sentence for _, sentence in said[:3])
+
+
+def misfit(observation: Observation, rank: int) -> float:
+    """Return the mean logarithm of the row groups' residual over their torque."""
+    triangles = reduce(observation)
+    solution = reweighted(triangles, rank)
+    logs = []
+    for row in triangles.rows:
+        size = triangles.torque_rms(row)
+        if size > 0:
+            logs.append(np.log(max(triangles.rms(solution.values, row) / size, 1e-6)))
+    return float(np.mean(logs)) if logs else 0.0
+
+
+def turned(observation: Observation, joint: int) -> Observation:
+    """Return the observation with one joint's torque turned round."""
+    tau = observation.tau.copy()
+    tau[joint] *= -1
+    return _with_torque(observation, tau)
+
+
+def swapped(observation: Observation, a: int, b: int) -> Observation:
+    """Return the observation with the torques of two joints exchanged."""
+    tau = observation.tau.copy()
+    tau[[a, b]] = tau[[b, a]]
+    return _with_torque(observation, tau)
+
+
+def _with_torque(observation: Observation, tau: Array) -> Observation:
+    groups = tuple(g if g.row.kind == "link" else replace(g, target=tau[g.row.joint]) for g in observation.groups)
+    return replace(observation, groups=groups, tau=tau)
+
+
+def _geared(robot: Robot, joint: int) -> Robot:
+    joints = list(robot.joints)
+    joints[joint] = replace(joints[joint], gear_ratio=-joints[joint].gear_ratio)
+    return replace(robot, joints=tuple(joints))
+
+
+def _scaled(motion: Motion, factor: float) -> Motion:
+    arrays: Sequence[Array] = (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)
+    return Motion(motion.t, *(factor * a for a in arrays))
+
+
+def _opposed(signals: Signals, joint: int) -> bool:
+    q, theta = signals.motion.dq[:, joint], signals.motion.dtheta[:, joint]
+    known = np.isfinite(q) & np.isfinite(theta)
+    return bool(known.sum() > 10 and np.corrcoef(q[known], theta[known])[0, 1] < -0.8)
