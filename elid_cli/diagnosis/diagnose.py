@@ -176,10 +176,10 @@ def diagnose(
     plain = reweighted(reduce(log.training, (), log.fold), log.base.count).values[: model.parameters]
     declared = [d.effect for d in declared_effects(robot, scene_of(model, signals, plain))]
     found = _supported(search(log, declared, library, progress), len(declared))
-    curves: list[Effect] = []
+    named, curves = found.after, list[Effect]()
     if options.lookup:
         found, curves = _with_curves(found)
-    return _result(robot, log, found, len(declared), curves)
+    return _result(robot, log, found, len(declared), curves, named)
 
 
 def _supported(found: Found, declared: int) -> Found:
@@ -218,19 +218,24 @@ def held_out_gain(state: State, number: int) -> float:
 
 
 def _with_curves(found: Found) -> tuple[Found, list[Effect]]:
-    """Add a smooth curve over the variable that the worst remaining row follows most."""
-    from elid_cli.diagnosis.curves import best_curve
+    """Add smooth curves over what the remaining residual follows most, as long as held-out stretches support them."""
+    from elid_cli.diagnosis.curves import MOST, best_curve
 
-    curve = best_curve(found.after)
-    if curve is None:
-        return found, []
-    grown = fit(found.after.log, (*found.after.effects, curve), found.after.scene)
-    if held_out_gain(grown, len(grown.effects) - 1) <= 0:
-        return found, []
-    return replace(found, after=grown), [curve]
+    curves: list[Effect] = []
+    while len(curves) < MOST:
+        curve = best_curve(found.after)
+        if curve is None:
+            break
+        grown = fit(found.after.log, (*found.after.effects, curve), found.after.scene)
+        if held_out_gain(grown, len(grown.effects) - 1) <= 0:
+            break
+        found = replace(found, after=grown)
+        curves.append(curve)
+    return found, curves
 
 
-def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence[Effect]) -> Diagnosis:
+def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence[Effect], named: State) -> Diagnosis:
+    """Return what is said of a search; `named` is the model after without curves, which explain nothing."""
     before, after = found.before, found.after
     chosen = log.fold < 0
     first = described(robot, before)
@@ -240,7 +245,7 @@ def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequenc
     effects = tuple(_found(after, declared + k, step) for k, step in enumerate(found.steps))
     seen = tuple(_seen(robot, after, skew) for skew in found.skews)
     extra = tuple(_curve(after, len(after.effects) - len(curves) + k) for k in range(len(curves)))
-    unexplained = _unexplained(after, rows_after, found.remaining)
+    unexplained = _unexplained(named, rows_of(named), found.remaining)
     return Diagnosis(
         robot=robot,
         refined=last,

@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 
 LONGEST_SHIFT = 0.05
 """s; a channel that seems later than this is not moved."""
+CURVE_HEIGHT = 0.03
+"""Prior standard deviation of a smooth curve's heights, as a share of the torque."""
 _SETTLED = 0.002
 """Part of a sample within which shifts count as settled."""
 _SHIFTING = 5
@@ -189,8 +191,26 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None) -> Stat
         delays = [extra for extra in delays if any(extra is k for k in kept)]
     extras = [*delays, *columns]
     triangles = reduce(training, extras, log.fold)
+    first = triangles.parameters + sum(e.width for e in delays)
+    triangles = replace(triangles, prior=_curve_prior(effects, columns, triangles, first))
     solution = reweighted(triangles, log.base.count + sum(e.width for e in extras))
     return State(log, tuple(effects), tuple(delays), columns, triangles, solution, scene)
+
+
+def _curve_prior(effects: Sequence[Effect], columns: Sequence[Extra], triangles: Triangles, first: int) -> Array | None:
+    """Return equations that hold the heights of smooth curves near 0, (k, p + e + 1); None without curves.
+
+    A curve holds straight lines, which viscous friction or the spring explains already: the line stays with those.
+    """
+    equations, place = [], first
+    for effect, extra in zip(effects, columns, strict=True):
+        if effect.name == "lookup":
+            torque = max(triangles.torque_rms(row) for row in extra.rows)
+            block = np.zeros((extra.width, triangles.width + 1))
+            block[:, place : place + extra.width] = np.eye(extra.width) / (CURVE_HEIGHT * torque)
+            equations.append(block)
+        place += extra.width
+    return np.concatenate(equations) if equations else None
 
 
 def refreshed(state: State) -> State:

@@ -287,7 +287,7 @@ def _unexplained(found: Diagnosis) -> list[Section]:
     if not found.unexplained:
         return []
     items = tuple((f"{u.joint}, {u.rows} row", _left(found.robot, u)) for u in found.unexplained)
-    return [KeyValues("unexplained", items, title="left unexplained")]
+    return [KeyValues("unexplained", items, title="not explained by any effect")]
 
 
 def _left(robot: Robot, item: Unexplained) -> str:

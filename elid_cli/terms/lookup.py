@@ -17,12 +17,12 @@ Rows = Literal["motor", "link", "transmission"]
 
 VARIABLES: tuple[Variable, ...] = ("velocity", "deflection", "angle", "load", "time")
 ROWS: tuple[Rows, ...] = ("motor", "link", "transmission")
-CURVES = 8
+CURVES = 16
 """Cubic B-splines that make up a curve."""
 
 
 class Lookup(Effect):
-    """A cubic spline of eight pieces' worth of freedom over one variable; held constant beyond its range."""
+    """A cubic spline with 16 degrees of freedom over one variable; held constant beyond its range."""
 
     name = "lookup"
     summary = "smooth curve over one variable, where no named effect fits"
@@ -32,7 +32,9 @@ class Lookup(Effect):
     fingerprint = "a residual that organises against one variable"
     record = "more of the variable's range, then look for the cause"
     place = "motor"
-    amplitudes = tuple(Parameter(f"c{k}", "N·m", f"height of the curve's part {k} of {CURVES}") for k in range(1, 9))
+    amplitudes = tuple(
+        Parameter(f"c{k}", "N·m", f"height of the curve's part {k} of {CURVES}") for k in range(1, CURVES + 1)
+    )
     shapes = (
         Parameter("variable", "1", "1 velocity, 2 deflection, 3 angle, 4 load, 5 time", low=1, high=5, fixed=True),
         Parameter("rows", "1", "1 motor row, 2 link row, 3 transmission (both)", low=1, high=3, fixed=True),

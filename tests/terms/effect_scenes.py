@@ -31,7 +31,7 @@ SPECS: dict[str, dict[str, float]] = {
     "link_spring": {"stiffness": 30.0, "preload": -12.0},
     "link_viscous": {"friction": 0.8},
     "load_friction": {"coefficient": 0.1},
-    "lookup": {f"c{k}": 0.3 * k - 0.02 * k**2 for k in range(1, 9)}
+    "lookup": {f"c{k}": 0.3 * k - 0.02 * k**2 for k in range(1, 17)}
     | {"variable": 1.0, "rows": 1.0, "low": -2.0, "high": 2.0},
     "payload": {"m": 2.0, "cx": 0.3, "cy": 0.1, "start": 0.7},
     "position_friction": {"amplitude": 0.5, "phase": -2.0, "order": 3.0},
