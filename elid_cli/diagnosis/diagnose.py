@@ -243,7 +243,8 @@ def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequenc
     validations = [validate(r, log.raw, chosen) for r in (first, last)]
     rows_before, rows_after = rows_of(before), rows_of(after)
     effects = tuple(_found(after, declared + k, step) for k, step in enumerate(found.steps))
-    seen = tuple(_seen(robot, after, skew) for skew in found.skews)
+    fitted = {e.joint for e in after.effects if e.name == SKEW}
+    seen = tuple(_seen(robot, after, skew) for skew in found.skews if skew.joint not in fitted)
     extra = tuple(_curve(after, len(after.effects) - len(curves) + k) for k in range(len(curves)))
     unexplained = _unexplained(named, rows_of(named), found.remaining)
     return Diagnosis(

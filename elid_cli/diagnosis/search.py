@@ -101,7 +101,7 @@ def search(
         remaining = candidates
         if chosen is None:
             break
-        grown = refreshed(fit(log, (*state.effects, chosen.candidate.effect), state.scene))
+        grown = refreshed(fit(state.log, (*state.effects, chosen.candidate.effect), state.scene))
         if not _worthwhile(state, grown, chosen.candidate):
             refused.add(chosen.candidate.key)
             if len(refused) > 3:
