@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.lowpass import LowPass
 from elid_cli.observation import Observation
 from elid_cli.reduction import Extra, full_columns
 from elid_cli.solve import Solution
@@ -48,21 +49,47 @@ def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extr
 
 def long_run(scores: Array, stretch: NDArray[np.intp]) -> Array:
     """Return the long-run covariance sum of zero-mean scores (M, r), summed over instants."""
-    instants, width = scores.shape
-    bandwidth = _bandwidth(scores)
-    total = scores.T @ scores
-    for lag in range(1, min(int(bandwidth) + 1, instants - 1)):
-        x = lag / (bandwidth + 1.0)
-        kernel = 1 - 6 * x**2 + 6 * x**3 if x <= 0.5 else 2 * (1 - x) ** 3
-        same = (stretch[lag:] == stretch[:-lag])[:, None]
-        cross = scores[lag:].T @ (scores[:-lag] * same)
-        total = total + kernel * (cross + cross.T)
-    correlation = max(1.0, 0.54 * bandwidth)
+    width = bandwidth(scores)
+    return kernel_gram(scores.T, stretch, width) * small_sample(scores.shape[0], scores.shape[1], width)
+
+
+def kernel_gram(scores: Array, stretch: NDArray[np.intp], width: float) -> Array:
+    """Return the sum over pairs of instants of scores times scores, weighted by a Parzen kernel of lag, (r, r).
+
+    The kernel is the autocorrelation of a triangle of half its width, so that scores smoothed by that triangle are
+    squared and summed: positive definite by construction, and smooth scores need not be summed at every instant.
+    Instants of different stretches do not count as neighbours.
+
+    Parameters
+    ----------
+    scores
+        (r, M).
+    stretch
+        Contiguous stretch of every instant, (M,), ascending.
+    width
+        Lag in instants from which scores count as independent.
+    """
+    half = max(1, round((width + 1.0) / 2))
+    step = max(1, half // 4)
+    triangle = 1.0 - np.abs(np.arange(-half + 1, half)) / half
+    smooth = LowPass(triangle, step, 0.0)
+    total = np.zeros((scores.shape[0], scores.shape[0]))
+    starts = np.flatnonzero(np.diff(stretch, prepend=stretch[:1] - 1))
+    for start, stop in zip(starts, [*starts[1:], scores.shape[1]], strict=True):
+        # padded so that every instant is seen by the whole triangle, from both sides
+        smoothed = smooth.apply(np.pad(scores[:, start:stop], ((0, 0), (2 * half, 2 * half + step))))
+        total += smoothed @ smoothed.T
+    return total * (step / float(triangle @ triangle))
+
+
+def small_sample(instants: int, width: int, lags: float) -> float:
+    """Return the factor for `width` parameters fitted to `instants` correlated over `lags` instants."""
+    correlation = max(1.0, 0.54 * lags)
     effective = max(instants / correlation, width + 2.0)
-    return total * effective / (effective - min(width, 0.5 * effective))
+    return effective / (effective - min(width, 0.5 * effective))
 
 
-def _bandwidth(scores: Array) -> float:
+def bandwidth(scores: Array) -> float:
     """Return Andrews' automatic bandwidth for the Parzen kernel from AR(1) fits of the scores."""
     power = np.sum(scores[:-1] ** 2, axis=0)
     rho = np.clip(np.sum(scores[1:] * scores[:-1], axis=0) / np.where(power > 0, power, 1.0), -0.97, 0.97)

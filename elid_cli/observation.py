@@ -6,13 +6,14 @@ remains is a few thousand equations per row group.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.model import Model, Plan, Row, inputs_of
+from elid_cli.recording import Segment
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
 
@@ -98,6 +99,45 @@ class Observation:
         return replace(self, groups=tuple(replace(g, use=g.use & chosen) for g in self.groups))
 
 
+@dataclass(frozen=True)
+class Block:
+    """Filtered rows of instants `first` to `last` of a log, all of one segment (`stretch`)."""
+
+    first: int
+    last: int
+    stretch: int
+    columns: Array
+    """Outputs of the plan's program, (outputs, last - first)."""
+    tau: Array
+    tau_rate: Array
+    reversal: Array
+    """Share of each instant's filter window in which a motor reverses or sticks, (n, last - first)."""
+
+
+def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Block]:
+    """Compute, filter and decimate the rows of a log block by block, in the order of its instants."""
+    place = 0
+    for number, segment in enumerate(signals.segments):
+        count = len(signals.filter.outputs(len(segment), signals.margin))
+        for begin, end, (first, last) in _chunks(signals, len(segment), count):
+            part = slice(segment.start + begin, segment.start + end)
+            motion = signals.motion[part]
+            rows = np.empty((plan.program.outputs, motion.samples))
+            plan.program.run(inputs_of(motion), rows)
+            torque = signals.tau[part].T
+            slow = np.abs(motion.dtheta.T) < signals.min_velocity[:, None]
+            yield Block(
+                place + first,
+                place + last,
+                number,
+                signals.filter.apply(rows),
+                signals.filter.apply(torque),
+                signals.filter.apply(_slope(signals, segment, part)),
+                _share(slow, signals),
+            )
+        place += count
+
+
 def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: bool = True) -> Observation:
     """Compute, filter and decimate all rows of a log.
 
@@ -120,23 +160,10 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
     rate = np.empty((n, len(outputs)))
     reversal = np.zeros((n, len(outputs)))
     stretch = np.zeros(len(outputs), dtype=np.intp)
-    place = 0
-    for number, segment in enumerate(signals.segments):
-        count = len(signals.filter.outputs(len(segment), signals.margin))
-        stretch[place : place + count] = number
-        for begin, end, first in _chunks(signals, len(segment), count):
-            here = slice(place + first[0], place + first[1])
-            part = slice(segment.start + begin, segment.start + end)
-            motion = signals.motion[part]
-            block = np.empty((plan.program.outputs, motion.samples))
-            plan.program.run(inputs_of(motion), block)
-            columns[:, here] = signals.filter.apply(block)
-            torque = signals.tau[part].T
-            tau[:, here] = signals.filter.apply(torque)
-            rate[:, here] = signals.filter.apply(np.gradient(torque, signals.dt, axis=1))
-            slow = np.abs(motion.dtheta.T) < signals.min_velocity[:, None]
-            reversal[:, here] = _share(slow, signals)
-        place += count
+    for block in observed_blocks(model, signals, plan):
+        here = slice(block.first, block.last)
+        columns[:, here], tau[:, here], rate[:, here] = block.columns, block.tau, block.tau_rate
+        reversal[:, here], stretch[here] = block.reversal, block.stretch
     known = np.isfinite(tau)
     reversing = (reversal > REVERSAL_SHARE) & ~signals.still[:, None]
     use = known & ~reversing if mask else known
@@ -162,6 +189,13 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
         reversing,
         known,
     )
+
+
+def _slope(signals: Signals, segment: Segment, part: slice) -> Array:
+    """Return the torques' time derivative over a part of a segment, (n, samples), by central differences."""
+    wide = slice(max(part.start - 1, segment.start), min(part.stop + 1, segment.stop))
+    slope: Array = np.gradient(signals.tau[wide].T, signals.dt, axis=1)
+    return slope[:, part.start - wide.start :][:, : part.stop - part.start]
 
 
 def _chunks(signals: Signals, length: int, count: int) -> list[tuple[int, int, tuple[int, int]]]:
