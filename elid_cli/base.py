@@ -26,6 +26,8 @@ STRUCTURAL_TOLERANCE = 1e-9
 """A column is dependent when its distance from the span of those before it is below this part of its norm."""
 ZERO_COEFFICIENT = 1e-8
 """Coefficients of a combination below this part of the largest possible are rounding and dropped."""
+ROUNDING = 1e-12
+"""A sum below this part of its terms is zero but for rounding."""
 _STATES = 60
 """Random states per structural question beyond one per parameter."""
 
@@ -79,7 +81,9 @@ class BaseParameters:
     def values(self, standard: Array) -> Array:
         """Return the base parameters of standard parameters (p,); NaN where a needed one is unknown."""
         used = self.transform != 0
-        return np.array([float(row[u] @ standard[u]) for row, u in zip(self.transform, used, strict=True)])
+        terms = [row[u] * standard[u] for row, u in zip(self.transform, used, strict=True)]
+        # a sum whose terms cancel is zero, not the 1e-16 that rounding leaves: relative errors divide by it
+        return np.array([0.0 if abs(term.sum()) < ROUNDING * np.abs(term).sum() else term.sum() for term in terms])
 
 
 def tidy(value: float) -> float:
@@ -158,10 +162,10 @@ def leftmost(columns: Array, tolerance: float, *, null: float | None = None) -> 
         else:
             followers.append(k)
             dropped = max(dropped, distance)
-    solution = np.zeros((len(leaders), len(followers)))
+    solution: Array = np.zeros((len(leaders), len(followers)))
     if leaders and followers:
-        solution = np.linalg.lstsq(unit[:, leaders], unit[:, followers], rcond=None)[0]
-        solution = np.where(np.abs(solution) < ZERO_COEFFICIENT, 0.0, solution)
+        solution[:] = np.linalg.lstsq(unit[:, leaders], unit[:, followers], rcond=None)[0]
+        solution[np.abs(solution) < ZERO_COEFFICIENT] = 0.0
         solution *= norms[followers][None] / norms[leaders][:, None]
     margin = kept / max(dropped, float(np.finfo(float).eps)) if leaders else 0.0
     return Dependencies(

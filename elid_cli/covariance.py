@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.lowpass import LowPass
+from elid_cli.longrun import KernelSum, Persistence, small_sample
 from elid_cli.observation import Observation
 from elid_cli.reduction import Extra, full_columns
 from elid_cli.solve import Solution
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 def residuals(observation: Observation, values: Array, extras: Sequence[Extra] = ()) -> dict[tuple[str, int], Array]:
     """Return target minus model per row group, (M,), N·m; masked instants included."""
-    result = {}
+    result: dict[tuple[str, int], Array] = {}
     for group in observation.groups:
         index, columns = full_columns(group, extras, observation.parameters)
         result[(group.row.kind, group.row.joint)] = group.target - values[index] @ columns
@@ -49,54 +49,12 @@ def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extr
 
 def long_run(scores: Array, stretch: NDArray[np.intp]) -> Array:
     """Return the long-run covariance sum of zero-mean scores (M, r), summed over instants."""
-    width = bandwidth(scores)
-    return kernel_gram(scores.T, stretch, width) * small_sample(scores.shape[0], scores.shape[1], width)
-
-
-def kernel_gram(scores: Array, stretch: NDArray[np.intp], width: float) -> Array:
-    """Return the sum over pairs of instants of scores times scores, weighted by a Parzen kernel of lag, (r, r).
-
-    The kernel is the autocorrelation of a triangle of half its width, so that scores smoothed by that triangle are
-    squared and summed: positive definite by construction, and smooth scores need not be summed at every instant.
-    Instants of different stretches do not count as neighbours.
-
-    Parameters
-    ----------
-    scores
-        (r, M).
-    stretch
-        Contiguous stretch of every instant, (M,), ascending.
-    width
-        Lag in instants from which scores count as independent.
-    """
-    half = max(1, round((width + 1.0) / 2))
-    step = max(1, half // 4)
-    triangle = 1.0 - np.abs(np.arange(-half + 1, half)) / half
-    smooth = LowPass(triangle, step, 0.0)
-    total = np.zeros((scores.shape[0], scores.shape[0]))
-    starts = np.flatnonzero(np.diff(stretch, prepend=stretch[:1] - 1))
-    for start, stop in zip(starts, [*starts[1:], scores.shape[1]], strict=True):
-        # padded so that every instant is seen by the whole triangle, from both sides
-        smoothed = smooth.apply(np.pad(scores[:, start:stop], ((0, 0), (2 * half, 2 * half + step))))
-        total += smoothed @ smoothed.T
-    return total * (step / float(triangle @ triangle))
-
-
-def small_sample(instants: int, width: int, lags: float) -> float:
-    """Return the factor for `width` parameters fitted to `instants` correlated over `lags` instants."""
-    correlation = max(1.0, 0.54 * lags)
-    effective = max(instants / correlation, width + 2.0)
-    return effective / (effective - min(width, 0.5 * effective))
-
-
-def bandwidth(scores: Array) -> float:
-    """Return Andrews' automatic bandwidth for the Parzen kernel from AR(1) fits of the scores."""
-    power = np.sum(scores[:-1] ** 2, axis=0)
-    rho = np.clip(np.sum(scores[1:] * scores[:-1], axis=0) / np.where(power > 0, power, 1.0), -0.97, 0.97)
-    innovation = np.mean((scores[1:] - rho * scores[:-1]) ** 2, axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        top = np.nansum(4 * rho**2 * innovation**2 / (1 - rho) ** 8)
-        bottom = np.nansum(innovation**2 / (1 - rho) ** 4)
-    alpha = float(top / bottom) if bottom > 0 else 0.0
-    wanted = 2.6614 * (alpha * scores.shape[0]) ** 0.2
-    return float(np.clip(wanted, 8.0, scores.shape[0] / 6))
+    instants, width = scores.shape
+    rows = np.ascontiguousarray(scores.T)
+    memory = Persistence(width)
+    memory.feed(rows)
+    total = KernelSum(width, memory.bandwidth)
+    starts = np.flatnonzero(np.diff(stretch, prepend=-1))
+    for number, (start, stop) in enumerate(zip(starts, [*starts[1:], instants], strict=True)):
+        total.feed(rows[:, start:stop], number)
+    return total.total() * small_sample(instants, width, memory.bandwidth)

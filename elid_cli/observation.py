@@ -166,14 +166,14 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
         reversal[:, here], stretch[here] = block.reversal, block.stretch
     known = np.isfinite(tau)
     reversing = (reversal > REVERSAL_SHARE) & ~signals.still[:, None]
-    use = known & ~reversing if mask else known
+    use: NDArray[np.bool_] = known & ~reversing if mask else known
     groups = tuple(
         Equations(
             item.row,
             item.columns,
             columns[item.slots],
             tau[item.row.joint] if item.row.kind != "link" else np.zeros(len(outputs)),
-            use[item.row.joint] if item.row.kind != "link" else np.isfinite(columns[item.slots]).all(axis=0),
+            np.asarray(use[item.row.joint] if item.row.kind != "link" else np.isfinite(columns[item.slots]).all(axis=0)),
         )
         for item in plan.rows
     )

@@ -165,5 +165,6 @@ def _factor(system: Array) -> Array:
     # columns are scaled first: R of badly scaled columns loses the small ones (measured: error 4e2 against 3e-12)
     scale = np.linalg.norm(system, axis=0)
     scale[scale == 0] = 1.0
-    factor: Array = np.linalg.qr(system / scale, mode="r")
-    return factor * scale
+    factor = np.asarray(np.linalg.qr(system / scale, mode="r"), dtype=float)
+    scaled: Array = factor * scale
+    return scaled

@@ -272,13 +272,13 @@ def _splined(
                 out[derivative, chosen, part] = fit.spline.evaluate(derivative)
             squares[chosen] += fit.rms**2 * len(segment)
             counts[chosen] += len(segment)
-    noise = np.sqrt(squares / counts)
+    noise: Array = np.sqrt(squares / counts)
     used = np.any([r.ratio > 0 for r in rates], axis=0) if rates else np.zeros(2 * n, dtype=bool)
     return _Smooth(
         (out[0, :n].T, out[1, :n].T, out[2, :n].T),
         (out[0, n:].T, out[1, n:].T, out[2, n:].T),
         (noise[:n], noise[n:]),
-        strides * dt,
+        np.asarray(strides * dt, dtype=float),
         tuple(splines),
         used,
         notes,

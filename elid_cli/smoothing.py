@@ -82,7 +82,7 @@ class Spline:
         if shift == 0.0:
             weights = basis(np.arange(self.stride) / self.stride, derivative) / width**derivative
             windows = np.lib.stride_tricks.sliding_window_view(self.coefficients, _ORDER, axis=1)
-            body = np.matmul(windows, weights.T).reshape(self.coefficients.shape[0], -1)
+            body: Array = np.matmul(windows, weights.T).reshape(self.coefficients.shape[0], -1)
             if self.samples <= body.shape[1]:
                 return body[:, : self.samples]
             end = windows[:, -1] @ basis(np.ones(1), derivative).T / width**derivative
@@ -90,7 +90,9 @@ class Spline:
         position = (np.arange(self.samples) + shift / self.dt) / self.stride
         interval = np.clip(np.floor(position).astype(np.intp), 0, intervals - 1)
         weights = basis(position - interval, derivative) / width**derivative
-        return sum(self.coefficients[:, interval + k] * weights[:, k] for k in range(_ORDER))  # type: ignore[return-value]
+        parts = np.stack([self.coefficients[:, interval + k] * weights[:, k] for k in range(_ORDER)])
+        moved: Array = parts.sum(axis=0)
+        return moved
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,8 @@ class Fit:
         """Residual rms per channel, corrected for the coefficients spent, (channels,)."""
         counted = np.sum(np.isfinite(self.residual), axis=1)
         spare = np.maximum(counted - self.freedom, 1)
-        return np.sqrt(np.nansum(self.residual**2, axis=1) / spare)
+        rms: Array = np.sqrt(np.nansum(self.residual**2, axis=1) / spare)
+        return rms
 
     @property
     def aicc(self) -> Array:

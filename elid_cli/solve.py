@@ -48,7 +48,8 @@ class Solution:
         """Return which rows of `transform` (b, p + e) the data determine, (b,)."""
         gap = transform[:, self.others] - transform[:, self.basis] @ self.dependence
         size = np.abs(transform[:, self.basis]) @ np.abs(self.dependence) + np.abs(transform[:, self.others])
-        return np.all(np.abs(gap) <= 1e-5 * np.maximum(size, 1e-300) + 1e-12, axis=1)
+        small: NDArray[np.bool_] = np.abs(gap) <= 1e-5 * np.maximum(size, 1e-300) + 1e-12
+        return np.asarray(small.all(axis=1), dtype=np.bool_)
 
 
 def solve(

@@ -161,7 +161,7 @@ class Program:
                     np.negative(left, out=slots[target])
                 else:
                     right = slots[b] if isinstance(b, int) else b[0]  # type: ignore[index]
-                    _UFUNCS[code](left, right, out=slots[target])
+                    _UFUNCS[code](left, right, out=slots[target])  # type: ignore[call-overload]
             for target, source in self.copies:
                 slots[target][:] = slots[source]
 

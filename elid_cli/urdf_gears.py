@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -125,7 +125,7 @@ def written_as_dh(robot: Robot, own: Element | None, gears: dict[str, Gears]) ->
         return robot
     joints = tuple(
         replace(joint, **hint, xyz=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0), axis=(0.0, 0.0, 1.0))
-        for joint, hint in zip(robot.joints, cast(list[dict[str, float]], hints), strict=True)
+        for joint, hint in zip(robot.joints, cast(list[dict[str, Any]], hints), strict=True)
     )
     described = replace(robot, joints=joints, dh=cast(Convention, convention))
     back = np.eye(4)  # coordinates of the URDF frame before the joint to those of the DH frame

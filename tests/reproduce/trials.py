@@ -91,8 +91,9 @@ def clean_log(robot: Robot, seed: int, cache: Path) -> Recording | None:
     data = np.load(file)
     n = len(data["q"])
     return Recording(
-        robot.joint_names, 1 / RATE, np.arange(n) / RATE, data["q"], data["theta"], data["tau"], segments=(Segment(0, n),)
-    )
+        robot.joint_names, 1 / RATE, np.arange(n) / RATE, data["q"], data["theta"], data["tau"],
+        segments=(Segment(0, n),),
+    )  # fmt: skip
 
 
 def noisy(recording: Recording, db: float, torque: float, colour: float, seed: int) -> Recording:
