@@ -47,6 +47,8 @@ NAMED = 5
 """How many moved base parameters are named."""
 FOLLOWS = 0.05
 """Share of a residual's variance that must follow a variable for the variable to be named."""
+NEAR = 0.005
+"""Share of the residual that an effect must take away to be called near."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def diagnosis_report(told: Told) -> Report:
         heading(found.robot, recording),
         KeyValues("inputs", facts),
         _residual(found),
-        *(Text(f"triage{k}", line) for k, line in enumerate(found.triage)),
+        *([Text("triage", "\n".join(found.triage))] if found.triage else []),
         *_effects(told),
         _before_after("before_after", found.robot, found.before, found.after, "error on the held-out stretches"),
         *_unexplained(found),
@@ -187,7 +189,7 @@ def _residual(found: Diagnosis) -> Table:
         Column("follows", "follows"),
     )
     rows: list[tuple[Cell, ...]] = []
-    for row in found.rows_before:
+    for row in sorted(found.rows_before, key=lambda r: found.robot.joint_names.index(r.joint)):
         high = row.ratio > HIGH
         rows.append(
             (
@@ -210,8 +212,21 @@ def _follows(organised: Sequence[Organised]) -> str:
 
 def _effects(told: Told) -> list[Section]:
     found = told.found
-    if not told.contributions:
-        return [] if found.sufficient else [Text("effects", "No effect of the library explains it.")]
+    named = [c for c in told.contributions if c.effect not in found.curves]
+    curves = [c for c in told.contributions if c.effect in found.curves]
+    sections: list[Section] = []
+    if named:
+        sections += _found(found.robot, "effects", "missing from the model", named)
+        sections += _also_possible(found)
+    elif not found.sufficient:
+        sections.append(Text("effects", "No effect of the library explains it."))
+    if curves:
+        sections += _found(found.robot, "curves", "curves over what is left, asked for by --lookup", curves)
+    return sections
+
+
+def _found(robot: Robot, key: str, title: str, contributions: Sequence[Contribution]) -> list[Section]:
+    """Return a table of effects with the error without and with each, and what each means."""
     columns = (
         Column("effect", "effect"),
         Column("joint", "joint"),
@@ -221,17 +236,13 @@ def _effects(told: Told) -> list[Section]:
     )
     rows: list[tuple[Cell, ...]] = []
     meanings: list[tuple[str, Cell]] = []
-    for c in told.contributions:
-        effect, unit = c.effect, torque_unit(found.robot, c.joint)
+    for c in contributions:
+        effect, unit = c.effect, torque_unit(robot, c.joint)
         error = f"{number_text(c.without, 3)} → {number_text(c.with_it, 3)} {unit}"
         where = c.joint if effect.joint else f"robot ({c.joint})"
         rows.append((Mark(effect.effect, "warn"), where, c.rows, error, percent(effect.gain, 2)))
-        meanings.append((f"{effect.effect} {effect.joint or ''}".strip(), _meaning_of(found.robot, effect)))
-    return [
-        Table("effects", columns, tuple(rows), title="missing from the model"),
-        KeyValues("meanings", tuple(meanings)),
-        *_also_possible(found),
-    ]
+        meanings.append((f"{effect.effect} {effect.joint or ''}".strip(), _meaning_of(robot, effect)))
+    return [Table(key, columns, tuple(rows), title=title), KeyValues(f"{key}_meaning", tuple(meanings))]
 
 
 def _meaning_of(robot: Robot, effect: FoundEffect) -> str:
@@ -286,15 +297,15 @@ def _before_after(
 def _unexplained(found: Diagnosis) -> list[Section]:
     if not found.unexplained:
         return []
-    items = tuple((f"{u.joint}, {u.rows} row", _left(found.robot, u)) for u in found.unexplained)
+    items = tuple((f"{u.joint} {u.rows} row", _left(found.robot, u)) for u in found.unexplained)
     return [KeyValues("unexplained", items, title="not explained by any effect")]
 
 
 def _left(robot: Robot, item: Unexplained) -> str:
     size = f"{number_text(item.rms, 3)} {torque_unit(robot, item.joint)}, {number_text(item.ratio, 3)} times its floor"
     follows = f"; follows {variable_words(item.variable)} ({_share(item.share)})" if item.share > FOLLOWS else ""
-    near = ", ".join(f"{whose(effect, joint)} {_share(gain)}" for effect, joint, gain in item.nearest)
-    return f"{size}{follows}; nearest effects, and what they would take: {near or 'none'}"
+    near = ", ".join(f"{whose(effect, joint)} {_share(gain)}" for effect, joint, gain in item.nearest if gain > NEAR)
+    return f"{size}{follows}; " + (f"nearest, and what they would take: {near}" if near else "no effect comes near")
 
 
 def _meaning(told: Told) -> list[Section]:
@@ -307,7 +318,7 @@ def _meaning(told: Told) -> list[Section]:
         line = command("identify", told.recording, told.robot_argument, *keep)
         return [Text("meaning", text), Text("next", line, "next")]
     if told.contributions:
-        sections.append(Text("meaning", "; ".join(_outcome(told))))
+        sections.append(Text("meaning", "\n".join(_outcome(told))))
     return [*sections, Text("next", _next(told), "next")]
 
 
