@@ -221,7 +221,8 @@ class _Setup:
             size = float(np.sqrt(np.nanmean(torque**2))) if np.isfinite(torque).any() else 1.0
             noise = 0.0 if row.kind == "link" else float(np.nan_to_num(signals.noise.tau[row.joint]))
             rho.append(np.hypot(MODEL_ERROR * size, noise / np.sqrt(every)))
-        return np.maximum(np.array(rho), 1e-9)
+        floor: Array = np.maximum(np.array(rho), 1e-9)
+        return floor
 
     def prior(self, now: Iterate) -> tuple[float, Array, Array]:
         """Return (cost, matrix, gradient) of the priors on amplitudes and shapes."""

@@ -48,6 +48,11 @@ def physics_warnings(fit: Fit, found: Identification) -> tuple[str, ...]:
     robot, names = fit.model.robot, fit.model.robot.joint_names
     moving = [k for k in range(robot.n) if not fit.signals.still[k]]
     for k in moving if len(moving) > 1 else []:
+        # turning the others round fits as well; the joint whose own parameters are negative is the one
+        if negative and not any(
+            w.startswith(tuple(f"{kind}{k + 1} " for kind in ("Jm", "K", "fs", "fv"))) for w in negative
+        ):
+            continue
         tried(turned(observation, k), f"the torque of {names[k]} looks as if its sign were wrong")
     for a, b in combinations(moving, 2):
         tried(swapped(observation, a, b), f"the torques of {names[a]} and {names[b]} look swapped")

@@ -116,23 +116,21 @@ def why(members: Sequence[str], robot: Robot, signals: Signals) -> str:
 
 def missing_gravity(joint: int, robot: Robot, signals: Signals) -> str:
     """Return which axis of a body's frame gravity hardly turned through in this log, or an empty string."""
-    turned = gravity_in_body(joint, robot, signals)
     size = float(np.linalg.norm(robot.gravity))
-    spread = turned.std(axis=0) / size
-    held = [axis for axis, value in zip("xyz", spread, strict=True) if value < 0.05]
+    outputs = signals.outputs[:: max(1, len(signals.outputs) // 200)]
+    spread = gravity_in_body(joint, robot, np.nan_to_num(signals.motion.q[outputs])).std(axis=0) / size
+    poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, robot.n))
+    possible = gravity_in_body(joint, robot, poses).std(axis=0) / size
+    held = [axis for axis, now, most in zip("xyz", spread, possible, strict=True) if now < 0.1 * most]
     if not held:
         return ""
-    axes = " and ".join(held)
-    return (
-        f"gravity along {axes} of {signals.joints[joint]}'s body hardly changes in this log: move it into other poses"
-    )
+    body = signals.joints[joint]
+    return f"gravity along {' and '.join(held)} of {body}'s body hardly changes in this log: move it into other poses"
 
 
-def gravity_in_body(joint: int, robot: Robot, signals: Signals) -> Array:
-    """Return the direction of gravity in the frame of body `joint`, m/s², (instants, 3)."""
-    outputs = signals.outputs[:: max(1, len(signals.outputs) // 200)]
-    q = np.nan_to_num(signals.motion.q[outputs])
-    field = np.broadcast_to(np.array(robot.gravity), (len(outputs), 3))
+def gravity_in_body(joint: int, robot: Robot, q: Array) -> Array:
+    """Return gravity in the frame of body `joint` at positions q (N, n), m/s², (N, 3)."""
+    field = np.broadcast_to(np.array(robot.gravity), (len(q), 3))
     for k in range(joint + 1):
         before, after = robot.placements()[k]
         field = field @ before[:3, :3]
