@@ -1,0 +1,116 @@
+"""Long-run covariance of scores that arrive block by block: how far they are correlated, and their weighted sum.
+
+The covariance of a sum of correlated scores is the sum over all pairs of instants of their products, weighted by a
+kernel of the lag (Newey and West 1987), here Parzen's, of a width chosen by Andrews' rule (1991). That kernel is the
+autocorrelation of a triangle of half its width: scores smoothed by the triangle are squared and summed, which is
+positive definite by construction, and smooth scores need not be summed at every instant.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.lowpass import LowPass
+
+Array = NDArray[np.float64]
+
+NARROWEST = 8.0
+"""Least width of the kernel, instants."""
+
+
+class Persistence:
+    """Sums that tell how long each of r scores remembers: first-order autocorrelation and what it leaves."""
+
+    def __init__(self, width: int) -> None:
+        self.instants = 0
+        self._power = np.zeros(width)
+        self._cross = np.zeros(width)
+        self._first: Array | None = None
+        self._last = np.zeros(width)
+
+    def feed(self, scores: Array) -> None:
+        """Add the next scores, (r, m)."""
+        if not scores.shape[1]:
+            return
+        if self._first is None:
+            self._first = scores[:, 0].copy()
+        else:
+            self._cross += scores[:, 0] * self._last
+        self._power += np.einsum("rm,rm->r", scores, scores)
+        self._cross += np.einsum("rm,rm->r", scores[:, 1:], scores[:, :-1])
+        self._last = scores[:, -1].copy()
+        self.instants += scores.shape[1]
+
+    @property
+    def bandwidth(self) -> float:
+        """Andrews' bandwidth of the Parzen kernel, instants, from first-order autoregressions of the scores."""
+        if self._first is None or self.instants < 2:
+            return NARROWEST
+        before, after = self._power - self._last**2, self._power - self._first**2
+        rho = np.clip(self._cross / np.where(before > 0, before, 1.0), -0.97, 0.97)
+        innovation = np.maximum(after - 2 * rho * self._cross + rho**2 * before, 0.0) / (self.instants - 1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            top = np.nansum(4 * rho**2 * innovation**2 / (1 - rho) ** 8)
+            bottom = np.nansum(innovation**2 / (1 - rho) ** 4)
+        alpha = float(top / bottom) if bottom > 0 else 0.0
+        wanted = 2.6614 * (alpha * self.instants) ** 0.2
+        return float(np.clip(wanted, NARROWEST, max(self.instants / 6, NARROWEST)))
+
+
+class KernelSum:
+    """Sum over pairs of instants of scores times scores, weighted by the Parzen kernel of their lag, (r, r).
+
+    Instants of different stretches do not count as neighbours.
+
+    Parameters
+    ----------
+    width
+        Number of scores r.
+    bandwidth
+        Lag, in instants, from which scores count as independent.
+    """
+
+    def __init__(self, width: int, bandwidth: float) -> None:
+        self._half = max(1, round((bandwidth + 1.0) / 2))
+        self._step = max(1, self._half // 4)
+        triangle = 1.0 - np.abs(np.arange(-self._half + 1, self._half)) / self._half
+        self._smooth = LowPass(triangle, self._step, 0.0)
+        self._scale = self._step / float(triangle @ triangle)
+        self._total = np.zeros((width, width))
+        self._tail = self._nothing
+        self._stretch: int | None = None
+
+    @property
+    def _nothing(self) -> Array:
+        """Zeros before and after a stretch, so that the whole triangle passes over each of its instants."""
+        return np.zeros((len(self._total), 2 * self._half))
+
+    def feed(self, scores: Array, stretch: int) -> None:
+        """Add the next scores (r, m), all of one stretch; a stretch's blocks follow each other."""
+        if stretch != self._stretch:
+            self._close()
+            self._stretch = stretch
+        waiting = np.concatenate([self._tail, scores], axis=1)
+        smoothed = self._smooth.apply(waiting)
+        self._total += smoothed @ smoothed.T
+        self._tail = waiting[:, smoothed.shape[1] * self._step :].copy()
+
+    def total(self) -> Array:
+        """Return the weighted sum over all that was fed."""
+        self._close()
+        return self._total * self._scale
+
+    def _close(self) -> None:
+        if self._stretch is None:
+            return
+        smoothed = self._smooth.apply(np.pad(self._tail, ((0, 0), (0, 2 * self._half + self._step))))
+        self._total += smoothed @ smoothed.T
+        self._tail, self._stretch = self._nothing, None
+
+
+def small_sample(instants: int, width: int, bandwidth: float) -> float:
+    """Return the factor for `width` parameters fitted to `instants` that are correlated over `bandwidth` instants."""
+    correlation = max(1.0, 0.54 * bandwidth)
+    effective = max(instants / correlation, width + 2.0)
+    return effective / (effective - min(width, 0.5 * effective))
