@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elid_cli.covariance import residuals
 from elid_cli.diagnosis.contributions import Contribution
 from elid_cli.diagnosis.diagnose import Diagnosis
-from elid_cli.diagnosis.state import fit
+from elid_cli.diagnosis.state import without
 from elid_cli.views import organised, variables
 
 Array = NDArray[np.float64]
@@ -45,13 +45,14 @@ class EffectView:
 def effect_views(found: Diagnosis, parts: Sequence[Contribution]) -> tuple[EffectView, ...]:
     """Return a view of every effect and curve found; `parts` are their `contributions`."""
     state = found.state_after
-    every = (*found.effects, *found.curves)
-    first = len(state.effects) - len(every)
+    # an effect that was seen in the positions themselves has no row of torques to be drawn in
+    fitted = [part for part in parts if part.rows != "deflection"]
+    first = len(state.effects) - len(fitted)
     names = found.robot.joint_names
     views = []
-    for k, part in enumerate(parts):
+    for k, part in enumerate(fitted):
         joint = names.index(part.joint)
-        rest = fit(state.log, [e for i, e in enumerate(state.effects) if i != first + k], state.scene)
+        rest = without(state, first + k)
         row = (part.rows, joint)
         before = residuals(rest.log.observation, rest.solution.values, rest.extras)[row]
         after = residuals(state.log.observation, state.solution.values, state.extras)[row]

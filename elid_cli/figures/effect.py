@@ -23,7 +23,7 @@ def draw(figure: Figure) -> Canvas:
         else:
             scatter_with_mean(axes, data["values"][rising], data[key][rising], color, label="growing")
             scatter_with_mean(axes, data["values"][~rising], data[key][~rising], INK, dashes="--", label="falling")
-            axes.legend(loc="upper left", ncols=2)
+            axes.legend(loc="best")
         error = data["error_without" if key == "without" else "error_with"]
         axes.set_title(f"{word} {data['effect']}: held-out error {number_text(error, 3)} {data['unit']}")
         axes.set_xlabel(data["variable"])

@@ -1,0 +1,273 @@
+"""Figures and pages: nothing the eye would see is lost, the same input gives the same bytes, all of it offline."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli import formats
+from elid_cli.base import find_base
+from elid_cli.errors import UsageError
+from elid_cli.estimate import identify
+from elid_cli.excitation import ExciteOptions, excite
+from elid_cli.figures import kinds, paint, picture
+from elid_cli.figures.thin import bands, cloud, envelope
+from elid_cli.identification import Identification
+from elid_cli.model import Model
+from elid_cli.recording import Recording
+from elid_cli.refined import refined_robot, representative
+from elid_cli.report import Figure, Report, Table, Text
+from elid_cli.reports.excitation import excitation_report
+from elid_cli.reports.figures import identification_figures, validation_figures, with_figures
+from elid_cli.reports.identification import identification_report
+from elid_cli.robot import Array, EffectSpec, Robot
+from elid_cli.signals import prepare
+from elid_cli.simulation import SimulationOptions, simulate
+from elid_cli.validation import validate
+from elid_cli.views import joint_views, organised, spring_views
+
+
+@pytest.fixture(scope="module")
+def refined(found: Identification) -> Robot:
+    standard = representative(found.base, found.base.transform @ found.standard, found.robot.reference())
+    return refined_robot(found.robot, standard, ())
+
+
+@pytest.fixture(scope="module")
+def report(found: Identification, refined: Robot, planar: Robot, noisy: Recording) -> Report:
+    named = replace(noisy, files=("a & b <1>.csv",), sha256=("0",))
+    figures = identification_figures(found, refined, prepare(noisy, planar))
+    made = with_figures(identification_report(found, named, "planar2"), figures)
+    return replace(made, invocation="elid identify 'a & b <1>.csv' --robot planar2")
+
+
+@pytest.fixture(scope="module")
+def page(report: Report) -> str:
+    return formats.render(report, "html", formats.Style())
+
+
+EFFECT = Figure("effect1", "an effect", "effect", {
+    "effect": "hysteresis", "joint": "joint1", "rows": "motor", "unit": "N·m", "variable": "deflection (mrad)",
+    "values": np.linspace(-1, 1, 300), "rising": np.arange(300) % 2 == 0, "without": np.linspace(-1, 1, 300) ** 3,
+    "with_it": np.zeros(300), "error_without": 0.3, "error_with": 0.01,
+})  # fmt: skip
+
+
+def every_kind(report: Report, planar: Robot) -> dict[str, Figure]:
+    trajectory = excite(planar, ExciteOptions(duration=8.0, rounds=1, starts=1))
+    moved = excitation_report(trajectory, "planar2", "x.csv", 100.0)
+    return {figure.kind: figure for figure in (*report.figures, *moved.figures, EFFECT)}
+
+
+def test_every_kind_of_figure_is_drawn(report: Report, planar: Robot) -> None:
+    figures = every_kind(report, planar)
+    assert set(figures) == set(kinds())
+    for figure in figures.values():
+        assert b"</svg>" in picture(figure, "svg")
+
+
+def test_the_same_figure_gives_the_same_bytes_and_no_date(report: Report) -> None:
+    for key in ("classification", "coverage"):
+        figure = next(f for f in report.figures if f.key == key)
+        for suffix in ("svg", "png"):
+            first = picture(figure, suffix)
+            assert first == picture(figure, suffix)
+            assert b"dc:date" not in first
+    assert first.startswith(b"\x89PNG")
+
+
+def test_colours_differ_in_grey_or_in_dashes() -> None:
+    def lightness(color: str) -> float:
+        red, green, blue = (int(color[k : k + 2], 16) for k in (1, 3, 5))
+        return 0.299 * red + 0.587 * green + 0.114 * blue
+
+    assert abs(lightness(paint.BLUE) - lightness(paint.ORANGE)) > 20
+    assert len({str(dash) for _, dash in paint.CYCLE}) == len(paint.CYCLE)
+
+
+def test_the_envelope_keeps_every_extreme_and_every_gap() -> None:
+    generator = np.random.default_rng(0)
+    values = generator.standard_normal(200_000)
+    values[123_456], values[77] = 50.0, -60.0
+    values[90_000:90_010] = np.nan
+    t, thin = envelope(np.arange(200_000.0), values, 500)
+    assert len(t) <= 1510
+    assert np.nanmax(thin) == 50.0
+    assert np.nanmin(thin) == -60.0
+    assert np.isnan(thin).any()
+    assert np.all(np.diff(t) > 0)
+    for first in range(0, 200_000, 20_000):
+        inside = (t >= first) & (t < first + 20_000)
+        block = values[first : first + 20_000]
+        assert np.nanmax(thin[inside]) == np.nanmax(block)
+
+
+def test_a_short_line_is_drawn_as_it_is() -> None:
+    t, values = np.arange(100.0), np.sin(np.arange(100.0))
+    assert envelope(t, values)[1] is values
+
+
+def test_a_cloud_keeps_one_point_of_every_occupied_cell() -> None:
+    generator = np.random.default_rng(1)
+    x, y = generator.standard_normal((2, 100_000))
+    kept = cloud(x, y, (50, 50))
+    assert len(kept) < 2500
+
+    def cells(index: Array) -> set[tuple[int, int]]:
+        places = [np.minimum((v[index] - v.min()) / np.ptp(v) * 50, 49).astype(int) for v in (x, y)]
+        return set(zip(*(p.tolist() for p in places), strict=True))
+
+    assert cells(kept) == cells(np.arange(100_000))
+
+
+def test_bands_hold_the_mean_and_ninety_percent() -> None:
+    generator = np.random.default_rng(2)
+    x = generator.uniform(-1, 1, 50_000)
+    centre, mean, low, high, extreme = bands(x, 3 * x + generator.standard_normal(50_000), 20)
+    assert np.allclose(mean, 3 * centre, atol=0.15)
+    assert np.allclose(high - low, 3.29, atol=0.4)
+    assert np.all(extreme[0] <= low)
+
+
+def test_the_residual_drawn_is_the_error_reported(refined: Robot, planar: Robot, noisy: Recording) -> None:
+    signals = prepare(noisy, planar)
+    judged = validate(refined, signals)
+    for view in joint_views(judged, signals):
+        rms = float(np.sqrt(np.mean(view.residual[view.used] ** 2)))
+        assert rms == pytest.approx(judged.error[view.joint].rms, rel=1e-3)
+
+
+def test_the_spring_curve_has_the_slope_of_the_spring(refined: Robot, planar: Robot, noisy: Recording) -> None:
+    signals = prepare(noisy, planar)
+    for view, K in zip(spring_views(validate(refined, signals), signals), (3000.0, 1800.0), strict=True):
+        fine = np.isfinite(view.deflection)
+        assert np.polyfit(view.deflection[fine], view.transmitted[fine], 1)[0] == pytest.approx(K, rel=0.05)
+
+
+def test_hysteresis_shows_as_two_branches_and_the_model_follows_them(planar: Robot) -> None:
+    effect = EffectSpec("hysteresis", "joint2", {"torque": 4.0, "distance": 0.001})
+    robot = replace(planar, effects=(effect,))
+    log = simulate(robot, SimulationOptions(duration=5.0, rate=250.0, seed=2))
+    signals = prepare(log, robot)
+    view = spring_views(validate(robot, signals), signals)[1]
+    gap = view.transmitted - view.stiffness * view.deflection
+    inside = np.isfinite(gap)
+    branches = [float(np.mean(gap[inside & side])) for side in (view.rising, ~view.rising)]
+    assert abs(branches[0] - branches[1]) > 1.0
+    assert np.nanstd(view.transmitted - view.modelled) < 0.2 * np.nanstd(gap)
+
+
+def test_what_follows_a_variable_is_told_from_what_does_not() -> None:
+    generator = np.random.default_rng(3)
+    x = generator.uniform(-1, 1, 5000)
+    assert organised(np.sin(4 * x), x) > 0.9
+    assert organised(generator.standard_normal(5000), x) < 0.05
+
+
+SLOW = {f"{kind}_joint{k}" for kind in ("torque", "residual") for k in (1, 2)}
+"""Figures that take longest to draw."""
+
+
+class Checker(HTMLParser):
+    """Collects identifiers and outside addresses, and checks that what opens closes."""
+
+    VOID = ("meta", "img", "link", "br", "hr")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.outside: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in self.VOID:
+            self.open.append(tag)
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value or "")
+            if name in ("src", "href", "xlink:href") and not (value or "").startswith(("#", "data:")):
+                self.outside.append(value or "")
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in self.VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_the_page_is_well_formed_and_needs_nothing_from_outside(page: str) -> None:
+    checker = Checker()
+    checker.feed(page)
+    assert checker.open == []
+    assert checker.outside == []
+    assert len(checker.ids) == len(set(checker.ids))
+    assert "@import" not in page
+    assert not re.search(r"url\((?!#)", page)
+
+
+def test_every_reference_inside_the_page_has_its_target(page: str) -> None:
+    checker = Checker()
+    checker.feed(page)
+    wanted = set(re.findall(r'href="#([^"]+)"', page)) | set(re.findall(r"url\(#([^)]+)\)", page))
+    assert wanted <= set(checker.ids)
+
+
+def test_names_are_escaped_and_the_command_is_whole(page: str) -> None:
+    assert "a &amp; b &lt;1&gt;.csv" in page
+    assert "<1>" not in page
+    assert "--robot planar2" in page
+
+
+def test_the_summary_comes_before_the_figures_and_every_figure_is_there(page: str, report: Report) -> None:
+    assert page.index('class="summary"') < page.index("<figure")
+    assert page.index("Torque error") < page.index("<figure")
+    assert page.count("<figure") == len(report.figures) >= 8
+    for row in report.section("base_parameters").rows:  # type: ignore[union-attr]
+        assert str(row[0]) in page
+
+
+def test_the_same_report_gives_the_same_page(report: Report) -> None:
+    some = replace(report, sections=tuple(s for s in report.sections if s.key not in SLOW))
+    pages = [formats.render(some, "html", formats.Style()) for _ in range(2)]
+    assert pages[0] == pages[1]
+
+
+def test_a_page_without_figures_needs_no_plotting_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    plain = Report("info", {}, (Text("title", "log", "heading"), Table("empty", (), ())))
+    assert "<h1>log</h1>" in formats.render(plain, "html", formats.Style())
+
+
+def test_a_missing_plotting_library_names_the_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(UsageError) as caught:
+        formats.render(Report("x", {}, (EFFECT,)), "html", formats.Style())
+    assert "elid[plots]" in caught.value.hint
+    with pytest.raises(UsageError) as caught:
+        formats.check_drawing(tmp_path / "figures")
+    assert "elid[plots]" in caught.value.hint
+
+
+def test_a_folder_of_figures_holds_one_file_each(report: Report, tmp_path: Path) -> None:
+    some = replace(report, sections=tuple(s for s in report.sections if s.key in ("classification", "singular")))
+    formats.draw(some, tmp_path / "figures")
+    assert sorted(p.name for p in (tmp_path / "figures").iterdir()) == ["classification.png", "singular.png"]
+
+
+def test_a_rigid_robot_gets_its_figures_too(planar: Robot) -> None:
+    rigid = replace(planar, joints=tuple(replace(joint, transmission="rigid") for joint in planar.joints))
+    log = simulate(rigid, SimulationOptions(duration=6.0, rate=250.0, seed=1))
+    signals = prepare(log, rigid)
+    assert find_base(Model(rigid)).count
+    figures = validation_figures(validate(rigid, signals), signals)
+    assert "spring" not in {figure.kind for figure in figures}
+    assert len(identify(rigid, signals).estimate)
+    assert all(picture(figure, "png") for figure in figures[:1])
