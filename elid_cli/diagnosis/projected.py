@@ -43,105 +43,130 @@ class Gain:
 
 
 @dataclass(frozen=True)
+class Stretch:
+    """Where the equations of one channel in one fold stand."""
+
+    channel: int
+    fold: int
+    slice: slice
+
+
+@dataclass(frozen=True)
 class Projected:
-    """Whitened residual and an orthonormal basis of what the model spans, channels one after the other."""
+    """Whitened residual and an orthonormal basis of what the model spans.
+
+    Only equations that count are kept, stacked channel by channel and, within a channel, fold by fold.
+    """
 
     whiteners: tuple[JointWhitener, ...]
+    seen: tuple[NDArray[np.intp], ...]
+    """Per joint: which instants of its channels, one after the other, are kept."""
     places: tuple[slice, ...]
-    """Where each joint's channels lie in the stacked vector."""
+    """Per joint: where they stand in the stack."""
     basis: Array
-    """(total, r)"""
+    """(K, r)"""
     residual: Array
-    """(total,)"""
-    channel: NDArray[np.intp]
-    """Channel of each stacked instant."""
-    fold: NDArray[np.intp]
-    """Fold of each stacked instant; -1 where it does not count."""
+    """(K,)"""
+    stretches: tuple[Stretch, ...]
     folds: int
     instants: int
 
     @property
     def count(self) -> int:
-        """Number of whitened equations that count."""
-        return int(np.count_nonzero(self.fold >= 0))
+        """Number of whitened equations that count, K."""
+        return len(self.residual)
 
-    def whiten(self, rows: Mapping[Row, Array]) -> tuple[Array, list[int]] | None:
-        """Return whitened, scaled columns (total, d) and the joints they touch, or None where they are all masked."""
+    @property
+    def channels(self) -> list[slice]:
+        """Return where each channel stands in the stack."""
+        found: dict[int, slice] = {}
+        for item in self.stretches:
+            first = found[item.channel].start if item.channel in found else item.slice.start
+            found[item.channel] = slice(first, item.slice.stop)
+        return list(found.values())
+
+    def whiten(self, rows: Mapping[Row, Array]) -> Array | None:
+        """Return whitened columns (K, d), or None where they act on no equation that counts."""
         if not rows:
             return None
         width = next(iter(rows.values())).shape[0]
-        result = np.zeros((len(self.residual), width))
-        touched = []
-        for number, (whitener, place) in enumerate(zip(self.whiteners, self.places, strict=True)):
+        result = np.zeros((self.count, width))
+        touched = False
+        for whitener, seen, place in zip(self.whiteners, self.seen, self.places, strict=True):
             series = stack(rows, whitener, self.instants)
             if series is None:
                 continue
-            white = whitener.apply(series)
-            seen = (self.fold[place] >= 0)[:, None]
-            result[place] = white.transpose(0, 2, 1).reshape(-1, width) * seen
-            touched.append(number)
-        if not touched:
-            return None
-        return result, touched
+            result[place] = whitener.apply(series).transpose(0, 2, 1).reshape(-1, width)[seen]
+            touched = True
+        return result if touched else None
 
     def gain(self, rows: Mapping[Row, Array]) -> Gain | None:
         """Score columns given as row -> (d, M); None where the model explains them already."""
-        white = self.whiten(rows)
-        if white is None:
+        columns = self.whiten(rows)
+        if columns is None:
             return None
-        columns, _ = white
         before = np.linalg.norm(columns, axis=0)
         if not np.isfinite(before).all() or not (before > 0).any():
             return None
-        columns = columns - self.basis @ (self.basis.T @ columns)
+        columns -= self.basis @ (self.basis.T @ columns)
         after = np.linalg.norm(columns, axis=0)
         live = after > 1e-4 * before
         if not live.any():
             return None
         unit = columns[:, live] / after[live]
         coefficients = np.zeros(len(before))
-        solved, _, rank, _ = np.linalg.lstsq(unit, self.residual, rcond=1e-6)
+        solved, rank = _least_squares(unit.T @ unit, unit.T @ self.residual)
         coefficients[live] = solved / after[live]
         rest = self.residual - unit @ solved
         likelihood = 0.0
-        for number in np.unique(self.channel):
-            here = (self.channel == number) & (self.fold >= 0)
-            old, new = float(np.sum(self.residual[here] ** 2)), float(np.sum(rest[here] ** 2))
-            n = int(np.count_nonzero(here))
-            if n and old > 0 and new > 0:
-                likelihood += 0.5 * n * np.log(old / new) * independent_share(rest, here)
+        for channel in self.channels:
+            old, new = self.residual[channel], rest[channel]
+            powers = float(old @ old), float(new @ new)
+            if powers[0] > 0 and powers[1] > 0:
+                likelihood += 0.5 * len(old) * np.log(powers[0] / powers[1]) * independent_share(new)
         folds, energy = self._cross_validated(unit)
-        return Gain(likelihood, coefficients, int(rank), folds, energy, self.count)
+        return Gain(likelihood, coefficients, rank, folds, energy, self.count)
 
     def _cross_validated(self, unit: Array) -> tuple[Array, Array]:
-        gram = np.array([unit[self.fold == f].T @ unit[self.fold == f] for f in range(self.folds)])
-        load = np.array([unit[self.fold == f].T @ self.residual[self.fold == f] for f in range(self.folds)])
+        width = unit.shape[1]
+        gram, load = np.zeros((self.folds, width, width)), np.zeros((self.folds, width))
+        for item in self.stretches:
+            part = unit[item.slice]
+            gram[item.fold] += part.T @ part
+            load[item.fold] += part.T @ self.residual[item.slice]
         gains = np.zeros(self.folds)
         for f in range(self.folds):
-            left = np.linalg.lstsq(gram.sum(axis=0) - gram[f], load.sum(axis=0) - load[f], rcond=1e-9)[0]
+            left, _ = _least_squares(gram.sum(axis=0) - gram[f], load.sum(axis=0) - load[f])
             gains[f] = 2 * left @ load[f] - left @ gram[f] @ left
         power = np.trace(gram, axis1=1, axis2=2)
         return gains, power / max(float(power.sum()), 1e-300)
 
 
-def independent_share(rest: Array, here: NDArray[np.bool_]) -> float:
+def _least_squares(gram: Array, load: Array) -> tuple[Array, int]:
+    """Solve normal equations of a few unit columns, leaving out directions they hardly span."""
+    values, vectors = np.linalg.eigh(gram)
+    live = values > 1e-10 * max(float(values[-1]), 1e-300)
+    solution: Array = vectors[:, live] @ ((vectors[:, live].T @ load) / values[live])
+    return solution, int(live.sum())
+
+
+def independent_share(rest: Array) -> float:
     """Return the share of a channel's instants that count as independent, from the correlation that is left.
 
     Taken from the residual *after* the candidate: the right candidate leaves white noise and keeps its full weight,
     while noise of a colour that the sensors do not explain deflates every candidate alike.
     """
-    series = rest[here]
-    n = len(series)
-    if n < 4 * _LAGS:
+    n = len(rest)
+    power = float(rest @ rest)
+    if n < 4 * _LAGS or power <= 0:
         return 1.0
-    spectrum = np.abs(np.fft.rfft(series, 2 * n)) ** 2
-    covariance = np.fft.irfft(spectrum)[: _LAGS + 1]
-    if covariance[0] <= 0:
-        return 1.0
-    rho = covariance[1:] / covariance[0]
-    negative = np.flatnonzero(rho < 2.0 / np.sqrt(n))
-    last = int(negative[0]) if len(negative) else _LAGS
-    return float(1.0 / (1.0 + 2.0 * np.sum(rho[:last])))
+    total = 0.0
+    for lag in range(1, _LAGS + 1):
+        rho = float(rest[lag:] @ rest[:-lag]) / power
+        if rho < 2.0 / np.sqrt(n):
+            break
+        total += rho
+    return 1.0 / (1.0 + 2.0 * total)
 
 
 def project(
@@ -169,39 +194,39 @@ def project(
     columns_of = {
         group.row: _dense(group.row, observation, extras, solution) for group in observation.groups if group.count
     }
-    parts, targets, places, channels, labels = [], [], [], [], []
+    parts, targets, places, kept, adapted = [], [], [], [], []
+    stretches: list[Stretch] = []
     first = 0
-    adapted = []
     for number, whitener in enumerate(joints):
         r = len(whitener.rows)
         seen = whitener.use & (fold >= 0)
         series = np.array([columns_of[row] for row in whitener.rows])
         whitener = whitener.mixed_by(series[:, -1:], seen)
         adapted.append(whitener)
-        mask = np.tile(seen, r)
-        white = whitener.apply(series).transpose(0, 2, 1).reshape(r * instants, -1) * mask[:, None]
+        instant = np.flatnonzero(seen)
+        instant = instant[np.argsort(fold[instant], kind="stable")]
+        index = np.concatenate([instant + k * instants for k in range(r)])
+        white = whitener.apply(series).transpose(0, 2, 1).reshape(r * instants, -1)[index]
         parts.append(white[:, :-1])
         targets.append(white[:, -1])
-        places.append(slice(first, first + r * instants))
-        first += r * instants
-        channels.append(np.repeat(np.arange(r), instants) + 2 * number)
-        labels.append(np.where(mask, np.tile(fold, r), -1))
+        kept.append(index)
+        places.append(slice(first, first + len(index)))
+        edges = np.searchsorted(fold[instant], np.arange(folds + 1))
+        for k in range(r):
+            start = first + k * len(instant)
+            stretches += [
+                Stretch(2 * number + k, f, slice(start + int(edges[f]), start + int(edges[f + 1])))
+                for f in range(folds)
+            ]
+        first += len(index)
     columns, target = np.concatenate(parts), np.concatenate(targets)
     norms = np.linalg.norm(columns, axis=0)
     columns = columns[:, norms > 0] / norms[norms > 0]
     basis, triangle = np.linalg.qr(columns)
-    kept = np.abs(np.diag(triangle)) > 1e-9
-    basis = basis[:, kept]
+    basis = basis[:, np.abs(np.diag(triangle)) > 1e-9]
     target = target - basis @ (basis.T @ target)
     return Projected(
-        tuple(adapted),
-        tuple(places),
-        basis,
-        target,
-        np.concatenate(channels),
-        np.concatenate(labels),
-        folds,
-        instants,
+        tuple(adapted), tuple(kept), tuple(places), basis, target, tuple(stretches), folds, instants
     )
 
 
