@@ -13,6 +13,8 @@ from elid_cli.terms.rows import link_row
 
 Array = NDArray[np.float64]
 
+SPACING = 1.12
+"""Ratio of neighbouring frequencies: a search from the nearest one still climbs the right peak."""
 STANDING = 0.02
 """Share of the top speed below which a joint counts as standing at a segment's start."""
 
@@ -43,10 +45,10 @@ class FlexibleMode(OscillatorEffect):
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
         """Return frequencies spread over what the log resolves, and the strongest lines of the unexplained torque."""
         length = scene.samples * scene.dt
-        low, high = max(1.0, 4.0 / length if length > 0 else 1.0), min(60.0, 0.2 / scene.dt)
+        low, high = max(1.0, 4.0 / length if length > 0 else 1.0), min(40.0, 0.2 / scene.dt)
         if high <= low:
             return []
-        spread = np.geomspace(low, high, 10).tolist()
+        spread = np.geomspace(low, high, max(2, round(math.log(high / low) / math.log(SPACING)))).tolist()
         return [(f, 0.02) for f in sorted({*spread, *lines(scene, joint, low, high)})]
 
     @property
