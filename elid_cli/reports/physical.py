@@ -44,8 +44,8 @@ def physical_sections(physical: PhysicalParameters, base: BaseParameters) -> lis
     sections: list[Section] = [KeyValues("physical", tuple(items), "physical parameters"), _table(physical)]
     if physical.contradiction:
         sections.append(
-            Text("contradiction", "the data contradict a physical robot: check the signs and units of torques and "
-                 "positions, gear ratios and gravity", "warning")
+            Text("contradiction", "the data contradict a physical robot: the model lacks an effect (elid diagnose), or "
+                 "signs, units, gear ratios or gravity are wrong", "warning")
         )  # fmt: skip
     return sections
 
