@@ -26,11 +26,13 @@ _ORDER = DEGREE + 1
 HUBER = 3.0
 """Residual in standard deviations beyond which an equation counts less."""
 _STEPS = (1e-6, 1e-6, 1e-4)
-"""Relative steps of central differences in position, velocity and acceleration."""
+"""Relative steps of differences in position, velocity and acceleration."""
 _GROW = 3
 """Step at which the equations' noise is raised to what their residual shows."""
-_CHUNK = 60
-"""Knot intervals whose Jacobian is held at a time."""
+_SETTLED = 0.2
+"""Fall of the cost, in units of one squared standard deviation, below which the iteration ends."""
+_CHUNK = 3000
+"""Collocation points whose Jacobian is held at a time."""
 
 
 @dataclass(frozen=True)
@@ -258,7 +260,8 @@ class Problem:
         return (*_banded(blocks, loads, knots, channels), border, corner, edge)
 
     def _parts(self, piece: Piece) -> list[slice]:
-        return [slice(a, min(a + _CHUNK, piece.intervals)) for a in range(0, piece.intervals, _CHUNK)]
+        size = max(1, _CHUNK // self.setting.points)
+        return [slice(a, min(a + size, piece.intervals)) for a in range(0, piece.intervals, size)]
 
     def _linearised(self, number: int, now: Iterate, part: slice) -> tuple[Array, Array, Array]:
         """Return (d residual / d coefficients, d residual / d (p, z), residual), all weighted, interval by interval.
@@ -277,7 +280,7 @@ class Problem:
         error = residual - torque
         scaled = np.abs(error) * mask / self.rho[:, None]
         weight = mask / self.rho[:, None] * np.where(scaled > HUBER, np.sqrt(HUBER / np.maximum(scaled, 1e-300)), 1.0)
-        slopes = self._slopes(here, now)
+        slopes = self._slopes(here, now, residual)
         shaped = (slopes * weight[None, :, None]).reshape(3, rows, channels, count, setting.points)
         G = np.einsum("drcjp,dpl->jrplc", shaped, self._weights, optimize=True)
         columns = self.equations.columns(here, now.z)
@@ -291,19 +294,18 @@ class Problem:
             r.reshape(count, -1),
         )
 
-    def _slopes(self, here: States, now: Iterate) -> Array:
-        """Return d residual / d state by central differences, (3, rows, channels, instants)."""
+    def _slopes(self, here: States, now: Iterate, residual: Array) -> Array:
+        """Return d residual / d state by forward differences, (3, rows, channels, instants)."""
         channels, instants = here.values.shape[1:]
         slopes = np.zeros((3, len(self.rho), channels, instants))
+        moved = here.values.copy()
         for d in range(3):
             for c in range(channels):
                 step = _STEPS[d] * self.setting.scale[d, c]
-                moved = here.values.copy()
+                held = moved[d, c].copy()
                 moved[d, c] += step
-                up = self.equations.residual(replace(here, values=moved), now.p, now.z)
-                moved[d, c] -= 2 * step
-                down = self.equations.residual(replace(here, values=moved), now.p, now.z)
-                slopes[d, :, c] = (up - down) / (2 * step)
+                slopes[d, :, c] = (self.equations.residual(replace(here, values=moved), now.p, now.z) - residual) / step
+                moved[d, c] = held
         return slopes
 
     def _shape_slopes(self, here: States, now: Iterate, residual: Array) -> Array:
@@ -412,7 +414,7 @@ def iterate(
             break
         now = trial
         costs.append(cost)
-        if number > _GROW and before - cost < 1e-6 * cost:
+        if number > _GROW and before - cost < max(1e-6 * cost, _SETTLED):
             break
     _, matrix, gradient = prior(now)
     last = problem.step(now, (matrix, gradient), scores=True)

@@ -102,6 +102,8 @@ def solve(
     values = np.zeros(triangles.width)
     values[kept] = solve_triangular(corner, q.T[:count] @ target) / norms[kept]
     rest = solve_triangular(corner, r[:count, count:]) if len(dropped) else np.zeros((count, 0))
+    # rounding must not look like a dependence: coefficients here are between columns of unit norm
+    rest = np.where(np.abs(rest) < 1e-9, 0.0, rest)
     dead = np.setdiff1d(np.arange(triangles.width), live)
     dependence = np.concatenate(
         [rest * norms[dropped][None] / norms[kept][:, None], np.zeros((count, len(dead)))], axis=1

@@ -1,4 +1,7 @@
-"""Section 6 of the paper with elid: Tables 1-6 and Figures 3-7. Run: python -m tests.reproduce.paper [--quick] [--plot DIR]."""
+"""Section 6 of the paper with elid: Tables 1-6 and Figures 3-7.
+
+Run: python -m tests.reproduce.paper [--quick] [--plot DIR].
+"""
 
 from __future__ import annotations
 

@@ -1,0 +1,157 @@
+"""Identification of the paper's planar robot: exact without noise, honest with it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from elid_cli.estimate import EstimateOptions, Identification, identify
+from elid_cli.recording import Recording
+from elid_cli.reference import ReferenceOptions
+from elid_cli.robot import EffectSpec, Robot
+from elid_cli.robot_file import read_robot
+from elid_cli.signals import prepare
+from elid_cli.simulation import ControlOptions, SimulationOptions, simulate
+
+PLANAR = read_robot("planar2")
+
+
+@cache
+def planar_log() -> Recording:
+    """Return 8.9 s of exact positions."""
+    options = SimulationOptions(
+        duration=8.9,
+        seed=1,
+        reference=ReferenceOptions(amplitude=0.75, interval=1.1),
+        control=ControlOptions(continuous=True),
+    )
+    return simulate(PLANAR, options)
+
+
+def noisy(seed: int, level: float = 80.0, torque: float = 0.0, pole: float = 0.0) -> Recording:
+    """Return the log with white position noise (dB) and torque noise (share of rms, first-order coloured)."""
+    from scipy.signal import lfilter
+
+    generator = np.random.default_rng(seed)
+    log = planar_log()
+
+    def add(values: np.ndarray) -> np.ndarray:
+        return values + values.std(axis=0) * 10 ** (-level / 20) * generator.standard_normal(values.shape)
+
+    white = generator.standard_normal(log.tau.shape)
+    coloured = lfilter([np.sqrt(1 - pole**2)], [1, -pole], white, axis=0)
+    return replace(log, q=add(log.q), theta=add(log.theta), tau=log.tau + torque * log.tau.std(axis=0) * coloured)
+
+
+def found(log: Recording, robot: Robot = PLANAR, **options: object) -> Identification:
+    return identify(robot, prepare(log, robot), EstimateOptions(**options))  # type: ignore[arg-type]
+
+
+def test_without_noise_every_base_parameter_is_exact() -> None:
+    result = found(planar_log())
+    relative = np.nan_to_num(result.relative_error())
+    assert relative.max() < 0.005
+    assert all(v == "supported" for v in result.verdict)
+    assert max(e.relative for e in result.error.values()) < 0.003
+
+
+def test_the_paper_estimator_is_biased_where_the_default_is_not() -> None:
+    log = noisy(1, level=60)
+    paper, default = found(log, estimator="paper"), found(log)
+    assert paper.estimator == "paper"
+    assert paper.normalised_mean_error() > 0.5
+    assert default.normalised_mean_error() < 0.1
+
+
+def test_the_collocation_beats_the_default_under_noise() -> None:
+    log = noisy(2, level=70)
+    accurate, default = found(log, accurate=True), found(log)
+    assert accurate.estimator == "accurate"
+    assert accurate.normalised_mean_error() < 0.006
+    assert accurate.normalised_mean_error() < 0.7 * default.normalised_mean_error()
+
+
+def test_the_collocation_falls_back_and_says_so() -> None:
+    result = found(noisy(3, level=20), accurate=True)
+    assert result.estimator == "default"
+    assert any("default estimate stands" in note for note in result.notes)
+
+
+def test_declared_stribeck_friction_is_fitted() -> None:
+    spec = EffectSpec("stribeck", "joint2", {"amplitude": 1.0, "velocity": 0.2, "exponent": 1.0})
+    true = replace(PLANAR, effects=(spec,))
+    options = SimulationOptions(duration=8.9, seed=2, control=ControlOptions(continuous=True))
+    log = simulate(true, options)
+    declared = replace(PLANAR, effects=(replace(spec, parameters={"velocity": 0.1, "exponent": 1.0}),))
+    result = found(log, declared)
+    (effect,) = result.effects
+    assert effect.parameters["amplitude"] == pytest.approx(1.0, rel=0.03)
+    assert effect.parameters["velocity"] == pytest.approx(0.2, rel=0.03)
+    assert result.normalised_mean_error() < 0.01
+    assert found(log).normalised_mean_error() > 0.1
+
+
+@pytest.mark.parametrize("joint", [0, 1])
+def test_a_turned_torque_is_named(joint: int) -> None:
+    log = noisy(4)
+    tau = log.tau.copy()
+    tau[:, joint] *= -1
+    warnings = found(replace(log, tau=tau)).warnings
+    assert any(f"torque of joint{joint + 1} looks as if its sign" in line for line in warnings)
+    assert not any(f"torque of joint{2 - joint} looks" in line for line in warnings)
+
+
+def test_swapped_torques_are_named() -> None:
+    log = noisy(4)
+    assert any("look swapped" in line for line in found(replace(log, tau=log.tau[:, ::-1].copy())).warnings)
+
+
+def test_degrees_are_named() -> None:
+    log = noisy(4)
+    degrees = replace(log, q=np.degrees(log.q), theta=np.degrees(log.theta))
+    assert any("degrees" in line for line in found(degrees).warnings)
+
+
+def test_a_wrong_gear_ratio_sign_is_named() -> None:
+    joints = (PLANAR.joints[0], replace(PLANAR.joints[1], gear_ratio=-0.1))
+    assert any("gear_ratio of joint2" in w for w in found(noisy(4), replace(PLANAR, joints=joints)).warnings)
+
+
+def test_a_good_log_raises_no_warning() -> None:
+    assert found(noisy(5)).warnings == ()
+
+
+def test_a_deflection_below_the_encoders_noise_refuses_the_stiffness() -> None:
+    joints = tuple(replace(j, parameters={**j.parameters, "K": 3e7}) for j in PLANAR.joints)
+    stiff = replace(PLANAR, joints=joints)
+    log = planar_log()
+    # the same motion seen through springs ten thousand times as stiff
+    theta = log.q + (log.theta - log.q) * 1e-4
+    generator = np.random.default_rng(0)
+    shape = log.q.shape
+    log = replace(log, q=log.q + 1e-4 * generator.standard_normal(shape), theta=theta)
+    result = found(log, stiff)
+    assert result.this_log["K1"] == "not excited"
+    assert "encoder noise" in result.reasons["K1"] or "deviation" in result.reasons["K1"]
+
+
+def test_a_joint_that_does_not_move_is_named_and_noise_changes_no_structural_class() -> None:
+    log = noisy(6)
+    q, theta = log.q.copy(), log.theta.copy()
+    q[:, 1], theta[:, 1] = q[0, 1], theta[0, 1]
+    result = found(replace(log, q=q, theta=theta))
+    assert any("joint2 did not move" in note for note in result.notes)
+    assert result.base.classes == found(log).base.classes
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.98], ids=["white", "coloured"])
+def test_intervals_hold_the_truth(pole: float) -> None:
+    scores = []
+    for seed in range(24):
+        result = found(noisy(seed, level=90, torque=0.02, pole=pole), guards=False)
+        scores.append((result.estimate - result.reference) / result.std_error)
+    inside = np.mean(np.abs(np.array(scores)) < 1.96)
+    assert 0.88 < inside < 0.995
