@@ -103,7 +103,7 @@ class Triangles:
             return np.zeros((0, self.width + 1))
         if self.prior is not None:
             parts.append(self.prior)
-        return _factor(np.concatenate(parts))
+        return factor_of(np.concatenate(parts))
 
 
 def folds_of(observation: Observation, folds: int) -> NDArray[np.intp]:
@@ -140,7 +140,7 @@ def reduce(
             used = int(np.count_nonzero(use))
             if not used:
                 continue
-            factor = _factor(system[:, use].T)
+            factor = factor_of(system[:, use].T)
             items.append(Triangle(group.row, number, index, factor, used, float(np.sum(torque[use] ** 2))))
     rows = tuple(group.row for group in observation.groups if group.count)
     return Triangles(tuple(items), observation.parameters, sum(e.width for e in extras), count, rows)
@@ -158,7 +158,7 @@ def full_columns(group: Equations, extras: Sequence[Extra], parameters: int) -> 
     return np.concatenate(index), np.concatenate(columns)
 
 
-def _factor(system: Array) -> Array:
+def factor_of(system: Array) -> Array:
     """Return the R factor of a tall matrix (at most as many rows as columns)."""
     if system.shape[0] <= system.shape[1]:
         return np.array(system)

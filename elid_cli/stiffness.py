@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.fitting import Fit
-from elid_cli.model import Row
-from elid_cli.reduction import full_columns
+from elid_cli.model import Model, Row
+from elid_cli.reduction import Triangles
+from elid_cli.signals import Signals
 
 Array = NDArray[np.float64]
 
@@ -23,44 +24,60 @@ LARGEST_SHARE = 0.2
 
 def unsupported_stiffness(fit: Fit) -> dict[str, str]:
     """Return stiffness parameters that this log cannot support, with the reason."""
+    noise = np.array([deflection_noise(fit.signals, k) for k in range(fit.model.robot.n)])
+    return stiffness_in_noise(fit.model, fit.triangles, fit.solution.basis, noise)
+
+
+def stiffness_in_noise(
+    model: Model, triangles: Triangles, basis: NDArray[np.intp], noise: Array
+) -> dict[str, str]:
+    """Return stiffness parameters that deflections with this noise cannot support, with the reason.
+
+    Parameters
+    ----------
+    model, triangles, basis
+        The robot, the reduced logs, and the columns that were solved for.
+    noise
+        Standard deviation of encoder noise in the filtered deflection, rad (m), (n,).
+    """
     refused = {}
-    for k, joint in enumerate(fit.model.robot.joints):
+    for k, joint in enumerate(model.robot.joints):
         if not joint.elastic:
             continue
-        share = noise_share(fit, k)
-        if share is not None and share > LARGEST_SHARE:
+        left = deciding_deflection(model, triangles, basis, k)
+        if left is None:
+            continue
+        share = float(noise[k] ** 2 / max(left, 1e-300))
+        if share > LARGEST_SHARE:
             reason = f"{min(share, 1.0):.0%} of the deflection that would tell it is encoder noise in {joint.name}"
             refused[f"K{k + 1}"] = reason
     return refused
 
 
-def noise_share(fit: Fit, joint: int) -> float | None:
-    """Return the share of noise in the energy of the deflection that decides K of a joint; None where not known."""
-    row = Row("motor", joint)
-    group = next((g for g in fit.observation.groups if g.row == row and g.count), None)
-    if group is None:
+def deciding_deflection(model: Model, triangles: Triangles, basis: NDArray[np.intp], joint: int) -> float | None:
+    """Return the mean square of the deflection that the other columns of its motor row leave, rad² (m²)."""
+    chosen = triangles.of(Row("motor", joint))
+    if not chosen:
         return None
-    index, columns = full_columns(group, fit.extras, fit.model.parameters)
-    own = fit.model.index[f"K{joint + 1}"]
+    index = chosen[0].index
+    own = model.index[f"K{joint + 1}"]
     place = np.flatnonzero(index == own)
     if not len(place):
         return None
-    basis = set(fit.solution.basis.tolist())
-    others = [k for k, column in enumerate(index) if column != own and int(column) in basis]
-    deflection = columns[place[0]][group.use]
-    rest = deflection
+    factor = np.concatenate([t.factor for t in chosen])
+    solved = set(basis.tolist())
+    others = [k for k, column in enumerate(index) if column != own and int(column) in solved]
+    rest = factor[:, place[0]]
     if others:
-        matrix = columns[others][:, group.use].T
+        matrix = factor[:, others]
         size = np.linalg.norm(matrix, axis=0)
         matrix = matrix[:, size > 0] / size[size > 0]
-        rest = deflection - matrix @ np.linalg.lstsq(matrix, deflection, rcond=1e-10)[0]
-    left = float(np.mean(rest**2))
-    return float(deflection_noise(fit, joint) ** 2 / max(left, 1e-300))
+        rest = rest - matrix @ np.linalg.lstsq(matrix, rest, rcond=1e-10)[0]
+    return float(rest @ rest) / sum(t.count for t in chosen)
 
 
-def deflection_noise(fit: Fit, joint: int) -> float:
+def deflection_noise(signals: Signals, joint: int) -> float:
     """Return the standard deviation of encoder noise in the smoothed, filtered deflection, rad (m)."""
-    signals = fit.signals
     raw = float(np.hypot(signals.noise.q[joint], signals.noise.theta[joint]))
     knots = float(signals.knots[joint])
     # a least-squares spline keeps one coefficient's worth of noise per knot; the filter keeps the energy of its taps
