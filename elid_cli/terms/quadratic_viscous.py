@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from elid_cli.terms.effect import Columns, Effect, Parameter, Scene
@@ -30,6 +32,12 @@ class QuadraticViscous(Effect):
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
         """Return the three powers that occur in practice."""
         return [(2.0,), (3.0,), (0.5,)]
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether it is friction of a film: what falls with speed by less than its first power is Stribeck's."""
+        falling = values["power"] < 1 and values["amplitude"] < 0
+        return super().plausible(scene, joint, values) and not falling
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the amplitude in the motor row."""

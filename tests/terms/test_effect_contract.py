@@ -205,6 +205,7 @@ def test_the_usual_size_is_plausible(name: str, planar_scene: Scene) -> None:
         ("saturation", {"cut": 0.3, "limit": 50.0}),
         ("saturation", {"cut": -1.0, "limit": 50.0}),
         ("load_friction", {"coefficient": -0.1}),
+        ("quadratic_viscous", {"amplitude": -0.2, "power": 0.4}),
         ("link_coulomb", {"friction": -1.0}),
         ("link_viscous", {"friction": -1.0}),
         ("cubic_stiffness", {"cubic": -1e9}),
