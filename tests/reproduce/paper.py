@@ -127,7 +127,8 @@ def table_1(robot: Robot, simulation: Simulation) -> None:
     ]
     print("Table 1: no noise but the encoders', friction of eq. (43) in the data")
     print(
-        f"{'base parameter':28} {'real':>11} {'printed':>11} {'paper':>11} {'default':>11} {'+ Stribeck':>11} {'accurate+S':>11}"
+        f"{'base parameter':28} {'real':>11} {'printed':>11} {'paper':>11} "
+        f"{'default':>11} {'+ Stribeck':>11} {'accurate+S':>11}"
     )
     base = columns[0].base
     for k, name in enumerate(base.names):
@@ -148,9 +149,9 @@ def table_2(
     stribeck = with_friction(robot, known=False)
     print("\nTable 2: normalised mean error, median over", len(motions), "motions")
     print(
-        "(+S: Stribeck terms declared; plain: data and model with Coulomb and viscous friction only; bound: mean error that"
+        "(+S: Stribeck terms declared; plain: data and model with Coulomb and viscous friction only;\n"
+        " bound: mean error that the accurate estimate's own covariance expects)"
     )
-    print(" the accurate estimate's own covariance expects)")
     names = (
         "printed",
         "paper q",
@@ -192,12 +193,13 @@ def puma_tables(duration: float) -> None:
     standing = replace(robot, gravity=(0.0, 0.0, -9.81))
     a, b = find_base(Model(across)), find_base(Model(standing))
     print(
-        f"\nPUMA 560, K = 2000 N·m/rad: {a.count} base parameters with the paper's gravity (-y0), {b.count} for a standing arm"
+        f"\nPUMA 560, K = 2000 N·m/rad: {a.count} base parameters with the paper's gravity (-y0), "
+        f"{b.count} for a standing arm"
     )
     supported = sum(1 for kind in a.classes.values() if kind == "independent")
     print(
-        f"Of the paper's 84 printed estimates the data can support {supported} by themselves; the other {84 - supported} are "
-        "in combinations only or do not show at all, so their printed values are one of infinitely many solutions."
+        f"Of the paper's 84 printed estimates the data can support {supported} by themselves; the other "
+        f"{84 - supported} are in combinations only or do not show at all, so their printed values are one of infinitely many solutions."
     )
     simulation = run(across, SimulationOptions(duration=duration, seed=1, control=ControlOptions(continuous=True)))
     recording, _ = log_of(simulation, None, 1, rates=False)
@@ -207,10 +209,12 @@ def puma_tables(duration: float) -> None:
     for k, name in enumerate(found.base.names):
         label = name if len(name) < 40 else name[:37] + "..."
         print(
-            f"{label:40} real {found.reference[k]:12.5g}  paper {old.estimate[k]:12.5g}  default {found.estimate[k]:12.5g} {found.verdict[k]}"
+            f"{label:40} real {found.reference[k]:12.5g}  paper {old.estimate[k]:12.5g}  "
+            f"default {found.estimate[k]:12.5g} {found.verdict[k]}"
         )
     print(
-        f"normalised mean error: paper's estimator {old.normalised_mean_error():.4f}, default {found.normalised_mean_error():.4f} (printed: 0.123)"
+        f"normalised mean error: paper's estimator {old.normalised_mean_error():.4f}, "
+        f"default {found.normalised_mean_error():.4f} (printed: 0.123)"
     )
 
 
