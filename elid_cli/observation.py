@@ -173,7 +173,7 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
             item.columns,
             columns[item.slots],
             tau[item.row.joint] if item.row.kind != "link" else np.zeros(len(outputs)),
-            np.asarray(use[item.row.joint] if item.row.kind != "link" else np.isfinite(columns[item.slots]).all(axis=0)),
+            use[item.row.joint] if item.row.kind != "link" else np.all(np.isfinite(columns[item.slots]), axis=0),
         )
         for item in plan.rows
     )
