@@ -20,6 +20,7 @@ from elid_cli.identification import (
     Nuisance,
     Verdict,
 )
+from elid_cli.link_equation import with_link_stiffness
 from elid_cli.model import Model
 from elid_cli.nuisance import DELAY
 from elid_cli.observation import Observation
@@ -106,7 +107,7 @@ def assemble(
     nuisances, delays = _nuisances(fit)
     warnings = [*suspicious(base, estimate, deviation, known)]
     lacking = shortfall(base, solution, known, fit.signals)
-    return Identification(
+    found = Identification(
         robot=robot,
         base=base,
         estimate=np.where(unsaid, np.nan, estimate),
@@ -131,6 +132,7 @@ def assemble(
         triangles=fit.triangles,
         weights=solution.weights,
     )
+    return with_link_stiffness(found, fit.observation, fit.signals, base.classes)
 
 
 def _deviation(fit: Fit, column: int) -> float:

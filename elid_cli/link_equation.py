@@ -1,0 +1,146 @@
+"""Stiffness from the link's own equation and the robot file's inertias, where the torque does not show it.
+
+The link's row has no measured torque in it: K (theta - q) = what the bodies need. It fixes the ratio of the stiffness
+to the inertias as sharply as the deflection is measured, whatever the motor's friction does. Where friction hides the
+transmitted torque, the file's reference inertias (CAD, a data sheet) supply the scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.base import BaseParameters
+from elid_cli.covariance import long_run
+from elid_cli.identification import Identification, Verdict
+from elid_cli.model import Row
+from elid_cli.observation import Observation
+from elid_cli.signals import Signals
+
+Array = NDArray[np.float64]
+
+EXPLAINED = 0.6
+"""Least part of the bodies' torque that the transmission's must explain."""
+GOOD = 0.8
+"""The same for a stiffness that counts as supported."""
+APART = 0.25
+"""Relative difference between two ways to a stiffness beyond which neither is well determined."""
+
+
+@dataclass(frozen=True)
+class LinkStiffness:
+    """Stiffness that a link's equation gives with the file's inertias, N·m/rad."""
+
+    value: float
+    deviation: float
+    explained: float
+    """Part of the variance of the bodies' torque that spring, damping and link friction explain."""
+
+
+def link_stiffness(
+    base: BaseParameters, observation: Observation, signals: Signals, reference: Array, joint: int
+) -> LinkStiffness | None:
+    """Return the stiffness of one joint from its link's equation, or None where the file's inertias do not suffice.
+
+    Parameters
+    ----------
+    base
+        Base parameters.
+    observation, signals
+        The log.
+    reference
+        Reference values of the standard parameters, (p,); NaN where unknown.
+    joint
+        Joint number from 0.
+    """
+    rows = {group.row: group for group in observation.groups}
+    if Row("motor", joint) not in rows or Row("sum", joint) not in rows:
+        return None
+    total = rows[Row("sum", joint)]
+    own = {f"{kind}{joint + 1}" for kind in ("Jm", "fs", "fv", "K")}
+    values = dict(zip(base.leaders.tolist(), base.values(reference), strict=True))
+    load = np.zeros(observation.instants)
+    for position, column in enumerate(total.index.tolist()):
+        if column not in values or base.parameters[column] in own:
+            continue
+        if not np.isfinite(values[column]):
+            return None
+        load = load + values[column] * total.columns[position]
+    motion = signals.motion
+    others = [k for k in range(signals.n) if k != joint and not signals.still[k]]
+    channels = [
+        motion.theta[:, joint] - motion.q[:, joint],
+        motion.dtheta[:, joint] - motion.dq[:, joint],
+        motion.dq[:, joint],
+        *(motion.ddq[:, k] for k in others),
+    ]
+    columns = np.vstack([signals.decimate(np.array(channels)), np.ones((1, observation.instants))])
+    known = np.isfinite(columns).all(axis=0) & np.isfinite(load)
+    if known.sum() < 50 or not np.any(load[known]):
+        return None
+    return _fitted(columns[:, known].T, load[known], observation.stretch[known])
+
+
+def _fitted(columns: Array, load: Array, stretch: NDArray[np.intp]) -> LinkStiffness:
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    unit = columns / scale
+    inverse = np.linalg.pinv(unit.T @ unit, rcond=1e-12)
+    fitted = inverse @ (unit.T @ load)
+    rest = load - unit @ fitted
+    meat = long_run(unit * rest[:, None], stretch)
+    spread = float(np.sqrt(max((inverse @ meat @ inverse)[0, 0], 0.0)))
+    variance = float(np.var(load))
+    explained = 1.0 - float(np.var(rest)) / variance if variance > 0 else 0.0
+    return LinkStiffness(float(fitted[0] / scale[0]), spread / float(scale[0]), explained)
+
+
+def with_link_stiffness(
+    found: Identification, observation: Observation, signals: Signals, classes: Mapping[str, str]
+) -> Identification:
+    """Return the identification with refused stiffnesses replaced by those of the links' equations, where they hold.
+
+    A stiffness that both ways give, but differently, is marked as weak.
+    """
+    base, reference = found.base, found.robot.reference()
+    estimate, deviation = found.estimate.copy(), found.std_error.copy()
+    verdict: list[Verdict] = list(found.verdict)
+    this_log, reasons, notes = dict(found.this_log), dict(found.reasons), list(found.notes)
+    for k, leader in enumerate(base.leaders):
+        name = base.parameters[leader]
+        if not name.startswith("K"):
+            continue
+        joint = int(name[1:]) - 1
+        other = link_stiffness(base, observation, signals, reference, joint)
+        if other is None or other.value <= 0 or other.explained < EXPLAINED or other.deviation > 0.3 * other.value:
+            continue
+        label = signals.joints[joint]
+        if verdict[k] == "refused":
+            estimate[k], deviation[k] = other.value, other.deviation
+            good = other.explained > GOOD
+            verdict[k] = "supported" if good else "weak"
+            this_log[name] = classes[name] if good else "weak"
+            reasons[name] = (
+                f"from the link's equation and the file's inertias, which explain {other.explained:.0%} of its torque: "
+                "the motor torque does not show it"
+            )
+            notes.append(f"{name} of {label} is {reasons[name]}")
+        elif abs(estimate[k] - other.value) > APART * estimate[k] and deviation[k] > 0.05 * estimate[k]:
+            verdict[k] = "weak"
+            this_log[name] = "weak"
+            reasons[name] = (
+                f"poorly determined: the link's equation with the file's inertias gives {other.value:.3g} "
+                f"(± {other.deviation:.2g})"
+            )
+    return replace(
+        found,
+        estimate=estimate,
+        std_error=deviation,
+        verdict=tuple(verdict),
+        this_log=this_log,
+        reasons=reasons,
+        notes=tuple(notes),
+    )
