@@ -199,7 +199,8 @@ def puma_tables(duration: float) -> None:
     supported = sum(1 for kind in a.classes.values() if kind == "independent")
     print(
         f"Of the paper's 84 printed estimates the data can support {supported} by themselves; the other "
-        f"{84 - supported} are in combinations only or do not show at all, so their printed values are one of infinitely many solutions."
+        f"{84 - supported} are in combinations only or do not show at all, "
+        "so their printed values are one of infinitely many solutions."
     )
     simulation = run(across, SimulationOptions(duration=duration, seed=1, control=ControlOptions(continuous=True)))
     recording, _ = log_of(simulation, None, 1, rates=False)
