@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.inertials import inertial_parameters, pseudo_inertia
-from elid_cli.robot import LINK_PARAMETERS, Robot
+from elid_cli.robot import LINK_PARAMETERS, Joint, Robot
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,11 @@ DENSITY = 20.0
 """Mass, kg per m of the mean distance between joints, of a body about which nothing is known."""
 SLENDER = 16.0
 """A body about which nothing is known is a sphere of second moments m·L²/16 per axis."""
+GRAVITY = 9.81
+RESONANCE = 2 * np.pi * 10
+"""Angular frequency, rad/s, at which a body swings on a spring about which nothing is known."""
+FRICTION = 0.05
+"""Friction about which nothing is known, at standstill and per rad/s, as a share of the weight's torque."""
 _UPPER = tuple((r, c) for c in range(4) for r in range(c + 1))
 
 
@@ -168,19 +173,29 @@ def _scales(robot: Robot, estimate: Array) -> Scales:
     for k, name in enumerate(names):
         kind = name.rstrip("0123456789")
         body = int(name[len(kind) :]) - 1
+        load = float(masses[body:].sum()), length if robot.joints[body].revolute else 1.0
         if kind in LINK_PARAMETERS:
             sizes[k] = masses[body] * length ** {"m": 0, "c": 1, "I": 2}[kind[0]]
         else:
-            sizes[k] = _scalar_size(kind, names, reference, estimate, k)
+            sizes[k] = _scalar_size(kind, names, reference, estimate, k) or _typical(kind, robot.joints[body], load)
     return Scales(length, masses, sizes)
 
 
 def _scalar_size(kind: str, names: tuple[str, ...], reference: Array, estimate: Array, k: int) -> float:
-    """Return the size of a Jm, fs, fv or K: its reference, else its estimate, else those of its kind."""
+    """Return the size of a Jm, fs, fv or K: its reference, else its estimate, else those of its kind, else 0."""
     for value in (reference[k], estimate[k]):
         if np.isfinite(value) and value != 0:
             return abs(float(value))
     same = [j for j, name in enumerate(names) if name.rstrip("0123456789") == kind]
     others = np.abs(np.concatenate([reference[same], estimate[same]]))
     others = others[np.isfinite(others) & (others > 0)]
-    return float(np.median(others)) if others.size else 1.0
+    return float(np.median(others)) if others.size else 0.0
+
+
+def _typical(kind: str, joint: Joint, load: tuple[float, float]) -> float:
+    """Return a usual Jm, fs, fv or K of a joint that carries a mass at an arm, (kg, m): its inertia matched."""
+    mass, arm = load
+    inertia = mass * arm**2
+    if kind == "Jm":
+        return inertia / joint.gear_ratio**2
+    return inertia * RESONANCE**2 if kind == "K" else FRICTION * GRAVITY * mass * arm

@@ -104,7 +104,8 @@ class Information:
         self._columns = np.arange(len(self.parameters))
         system = self._weighted(self._rows(sample))
         norms = np.linalg.norm(system, axis=0)
-        live = np.flatnonzero(norms > 0)
+        # a parameter that moves nothing may leave rounding, which scaled would look like a column of its own
+        live = np.flatnonzero((norms > 0) & np.any(self.base.transform != 0, axis=0))
         factor, order = qr(system[:, live] / norms[live], mode="r", pivoting=True)
         pivots = np.abs(np.diag(factor))
         if len(pivots) < self.base.count or pivots[self.base.count - 1] < SHOWN * pivots[0]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import shlex
 from typing import Any
 
+import numpy as np
+
 from elid_cli.excitation import Excitation
 from elid_cli.report import (
     Cell,
@@ -33,6 +35,7 @@ def excitation_report(found: Excitation, robot_argument: str, file: str, rate: f
         ("condition", f"{number_text(e.condition, 3)}; of random splines as long {number_text(r.condition, 3)}"),
         ("standard errors", f"{number_text(found.gain, 3)} times smaller than after random splines (geometric mean)"),
         ("assumed", f"residuals of {number_text(100 * found.options.residual, 2)} % of each torque after filtering"),
+        *_guessed(found),
         *((("aimed at", ", ".join(found.options.aims)),) if found.options.aims else ()),
     )
     sections: list[Section] = [
@@ -45,6 +48,17 @@ def excitation_report(found: Excitation, robot_argument: str, file: str, rate: f
              "next"),
     ]  # fmt: skip
     return Report("excite", _payload(found, file, rate), tuple(sections))
+
+
+def _guessed(found: Excitation) -> tuple[tuple[str, Cell], ...]:
+    """Return which of the parameters that matter had to be guessed."""
+    matters = np.any(found.base.transform != 0, axis=0)
+    unknown = matters & np.isnan(found.robot.reference())
+    if not unknown.any():
+        return ()
+    count = f"{int(unknown.sum())} of {int(matters.sum())}"
+    return (("guessed", f"{count} parameters that act on the torques are not in the robot file: those of a typical "
+                        "arm are taken, so torques and errors below are rough"),)  # fmt: skip
 
 
 def _limits(found: Excitation) -> Table:

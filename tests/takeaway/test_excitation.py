@@ -18,6 +18,7 @@ from elid_cli.information import Information, Weights
 from elid_cli.model import Model
 from elid_cli.reference import random_reference, read_reference
 from elid_cli.robot import Limits, Robot
+from elid_cli.robot_file import read_robot
 from elid_cli.signals import prepare
 from elid_cli.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.trajectory_file import write_trajectory
@@ -133,3 +134,22 @@ def test_an_aim_that_nothing_shows_and_one_that_does_not_exist(limited: Robot) -
     with pytest.raises(UsageError) as caught:
         excite(limited, ExciteOptions(aims=("Jm9",)))
     assert "Jm" in caught.value.hint
+
+
+UPRIGHT = """\
+name: upright
+gravity: [0, 0, -9.81]
+dh: standard
+joints:
+  - {name: shoulder, a: 0.4, alpha: 0, d: 0.3, theta: 0, gear_ratio: 100}
+  - {name: elbow, a: 0.3, alpha: pi, d: 0, theta: 0, gear_ratio: 80}
+"""
+
+
+def test_a_robot_without_reference_values_gets_a_motion_worth_making(tmp_path: Path) -> None:
+    """Axes along gravity: some first moments act on nothing, and leave columns of rounding."""
+    (tmp_path / "upright.yaml").write_text(UPRIGHT)
+    found = excite(read_robot(str(tmp_path / "upright.yaml")), ExciteOptions(duration=8.0, rounds=10, starts=4))
+    assert found.evaluation.condition < 50
+    assert np.all(found.evaluation.std_error > 0)
+    assert all(share.max() > 0.5 for kind, share in found.used.items() if kind in ("position", "velocity"))
