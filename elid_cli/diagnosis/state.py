@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 LONGEST_SHIFT = 0.05
 """s; a channel that seems later than this is not moved."""
-CURVE_HEIGHT = 0.03
+CURVE_HEIGHT = 0.01
 """Prior standard deviation of a smooth curve's heights, as a share of the torque."""
 _SETTLED = 0.002
 """Part of a sample within which shifts count as settled."""

@@ -50,9 +50,9 @@ class Lookup(Effect):
 
     @classmethod
     def over(cls, scene: Scene, joint: int, variable: Variable, rows: Rows) -> Lookup:
-        """Return the curve over the range that a variable covers in this log (without its outermost 0.1 %)."""
+        """Return the curve over the range that a variable covers in this log (without its outermost 1 %)."""
         values = variable_of(scene, joint, variable, rows)
-        low, high = (float(x) for x in np.quantile(values, (0.001, 0.999)))
+        low, high = (float(x) for x in np.quantile(values, (0.01, 0.99)))
         return cls(joint, (VARIABLES.index(variable) + 1, ROWS.index(rows) + 1, low, high))
 
     @property
