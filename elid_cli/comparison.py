@@ -89,9 +89,9 @@ def read_saved(path: str | Path) -> Saved:
         data = json.loads(text)
     except (ValueError, RecursionError) as problem:
         where = f"{path}:{problem.lineno}" if isinstance(problem, json.JSONDecodeError) else str(path)
-        raise UsageError(f"{where}: not JSON", hint=f"elid identify LOG --robot ROBOT --json > {path}") from None
+        raise UsageError(f"{where}: not JSON", hint="elid identify LOG --robot ROBOT --json > RESULT.json") from None
     if not isinstance(data, dict) or data.get("schema") != "elid/1":
-        raise UsageError(f"{path}: not a result of elid", hint=f"elid identify LOG --robot ROBOT --json > {path}")
+        raise UsageError(f"{path}: not a result of elid", hint="elid identify LOG --robot ROBOT --json > RESULT.json")
     after = data.get("after")
     error = after.get("error") if isinstance(after, dict) else data.get("error")
     parameters = _parameters(data.get("base_parameters"), str(path))

@@ -33,7 +33,11 @@ SHOWN = 20
 
 
 def identification_report(
-    found: Identification, recording: Recording, robot_argument: str, logs: Sequence[ByLog] = ()
+    found: Identification,
+    recording: Recording,
+    robot_argument: str,
+    logs: Sequence[ByLog] = (),
+    written: str | None = None,
 ) -> Report:
     """Return the report of one identification.
 
@@ -45,8 +49,12 @@ def identification_report(
         What ``--robot`` was given.
     logs
         The result's error on each of several logs.
+    written
+        The robot file that is written, if any.
     """
     facts = (*recorded_items(found.robot, recording), *used_items(found.settings), *result_items(found))
+    if written is not None:
+        facts += (("written", f"{written}, a robot file that predicts as this result does"),)
     sections: list[Section] = [
         heading(found.robot, recording),
         KeyValues("inputs", facts),
