@@ -83,7 +83,7 @@ def diagnose(
             seen = load_signals(other, machine, sharp(conditioning, other), advance)
             before, after = (validate(r, seen).error for r in (found.validation_before.robot, found.refined))
             judged.append(Check(other, before, after))
-        declared = len(machine.effects)
+        declared = len(found.state_before.effects)
         told = Told(
             found,
             identified(found.state_before, found.before, declared),

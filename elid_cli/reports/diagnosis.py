@@ -201,8 +201,9 @@ def _residual(found: Diagnosis) -> Table:
                 _follows(found.organised.get((row.joint, row.rows), ())) if high else "",
             )
         )
+    elastic = any(row.rows == "motor" for row in found.rows_before)
     note = "sum: motor torque against the whole model; motor: with the spring's torque from the deflection"
-    return Table("residual", columns, tuple(rows), title="what the model leaves", note=note)
+    return Table("residual", columns, tuple(rows), title="what the model leaves", note=note if elastic else "")
 
 
 def _follows(organised: Sequence[Organised]) -> str:
@@ -237,12 +238,19 @@ def _found(robot: Robot, key: str, title: str, contributions: Sequence[Contribut
     rows: list[tuple[Cell, ...]] = []
     meanings: list[tuple[str, Cell]] = []
     for c in contributions:
-        effect, unit = c.effect, torque_unit(robot, c.joint)
+        effect, unit = c.effect, _unit(robot, c)
         error = f"{number_text(c.without, 3)} → {number_text(c.with_it, 3)} {unit}"
         where = c.joint if effect.joint else f"robot ({c.joint})"
         rows.append((Mark(effect.effect, "warn"), where, c.rows, error, percent(effect.gain, 2)))
         meanings.append((f"{effect.effect} {effect.joint or ''}".strip(), _meaning_of(robot, effect)))
     return [Table(key, columns, tuple(rows), title=title), KeyValues(f"{key}_meaning", tuple(meanings))]
+
+
+def _unit(robot: Robot, contribution: Contribution) -> str:
+    unit = torque_unit(robot, contribution.joint)
+    if contribution.rows != "deflection":
+        return unit
+    return "rad" if unit == "N·m" else "m"
 
 
 def _meaning_of(robot: Robot, effect: FoundEffect) -> str:
@@ -297,7 +305,8 @@ def _before_after(
 def _unexplained(found: Diagnosis) -> list[Section]:
     if not found.unexplained:
         return []
-    items = tuple((f"{u.joint} {u.rows} row", _left(found.robot, u)) for u in found.unexplained)
+    ordered = sorted(found.unexplained, key=lambda u: found.robot.joint_names.index(u.joint))
+    items = tuple((f"{u.joint} {u.rows} row", _left(found.robot, u)) for u in ordered)
     return [KeyValues("unexplained", items, title="not explained by any effect")]
 
 
@@ -325,7 +334,7 @@ def _meaning(told: Told) -> list[Section]:
 def _outcome(told: Told) -> list[str]:
     """Return in words where the model after stands, and what the missing effects had moved."""
     found = told.found
-    worst = max(row.ratio for row in found.rows_after)
+    worst = _worst(found)
     words = [f"after: every row within {number_text(worst, 3)} of its floor"] if worst <= AT_FLOOR else []
     moved = [m for m in found.moved if abs(m.deviations) > MOVED]
     if moved:
@@ -333,8 +342,18 @@ def _outcome(told: Told) -> list[str]:
         words.append(f"moved by it: {named}{f' and {len(moved) - NAMED} more' if len(moved) > NAMED else ''}")
     if _referenced(told.before):
         first, last = (percent(m.normalised_mean_error()).value for m in (told.before, told.after))
-        words.append(f"mean error of the parameters {number_text(first, 3)} → {number_text(last, 3)} %")
+        words.append(
+            f"mean error against the robot file's parameters: {number_text(first, 3)} → {number_text(last, 3)} %"
+        )
     return words or ["after: more than the sensors' noise is left"]
+
+
+def _worst(found: Diagnosis) -> float:
+    """Return the largest held-out error over its floor, as the table before it shows; without floors, of the fit."""
+    pairs = [(e.rms, e.floor) for e in found.after.values()]
+    pairs += [(e.spring_rms, e.spring_floor) for e in found.after.values() if e.spring_rms is not None]
+    ratios = [rms / floor for rms, floor in pairs if floor and rms is not None]
+    return max(ratios) if ratios else max(row.ratio for row in found.rows_after)
 
 
 def _next(told: Told) -> str:
