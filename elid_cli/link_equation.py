@@ -7,7 +7,7 @@ transmitted torque, the file's reference inertias (CAD, a data sheet) supply the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,8 @@ GOOD = 0.8
 """The same for a stiffness that counts as supported."""
 APART = 0.25
 """Relative difference between two ways to a stiffness beyond which neither is well determined."""
+LEAST = 50
+"""Instants without which nothing is said."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ def link_stiffness(
     ]
     columns = np.vstack([signals.decimate(np.array(channels)), np.ones((1, observation.instants))])
     known = np.isfinite(columns).all(axis=0) & np.isfinite(load)
-    if known.sum() < 50 or not np.any(load[known]):
+    if known.sum() < LEAST or not np.any(load[known]):
         return None
     return _fitted(columns[:, known].T, load[known], observation.stretch[known])
 
@@ -99,13 +101,14 @@ def _fitted(columns: Array, load: Array, stretch: NDArray[np.intp]) -> LinkStiff
 
 
 def with_link_stiffness(
-    found: Identification, observation: Observation, signals: Signals, classes: Mapping[str, str]
+    found: Identification, way: Callable[[int], LinkStiffness | None], classes: Mapping[str, str]
 ) -> Identification:
     """Return the identification with refused stiffnesses replaced by those of the links' equations, where they hold.
 
-    A stiffness that both ways give, but differently, is marked as weak.
+    A stiffness that both ways give, but differently, is marked as weak. `way` gives the other way to the stiffness of
+    a joint (from 0).
     """
-    base, reference = found.base, found.robot.reference()
+    base = found.base
     estimate, deviation = found.estimate.copy(), found.std_error.copy()
     verdict: list[Verdict] = list(found.verdict)
     this_log, reasons, notes = dict(found.this_log), dict(found.reasons), list(found.notes)
@@ -114,10 +117,10 @@ def with_link_stiffness(
         if not name.startswith("K"):
             continue
         joint = int(name[1:]) - 1
-        other = link_stiffness(base, observation, signals, reference, joint)
+        other = way(joint)
         if other is None or other.value <= 0 or other.explained < EXPLAINED or other.deviation > 0.3 * other.value:
             continue
-        label = signals.joints[joint]
+        label = found.robot.joint_names[joint]
         if verdict[k] == "refused":
             estimate[k], deviation[k] = other.value, other.deviation
             good = other.explained > GOOD

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters
+from elid_cli.link_reduction import LinkTorque, reduce_links
 from elid_cli.longrun import KernelSum, Persistence, small_sample
 from elid_cli.merged_fit import Stock, fit_stock
 from elid_cli.model import Model, Plan, Row
@@ -71,10 +73,13 @@ def reduce_log(
     layout = _layout(model, plan)
     pile = _Pile(model, layout, len(signals.outputs))
     blocks: list[_Kept] = []
+    reference = model.robot.reference()
+    torque, links = LinkTorque(model, base, reference), []
     single = plan.program.outputs * len(signals.outputs) * 8 > SINGLE
     for block in observed_blocks(model, signals, plan):
         kept = _marked(block, signals)
         pile.add(kept, plan)
+        links.append(torque.of(block))
         if single:
             kept = _Kept(_single(block), kept.use, kept.known)
         blocks.append(kept)
@@ -92,6 +97,8 @@ def reduce_log(
         stock.steady,
         stock.reversing,
         tuple(scores.made),
+        reduce_links(torque, links),
+        reference,
     )
 
 
@@ -109,7 +116,7 @@ def facts_of(signals: Signals, blocks: Sequence[_Kept]) -> SignalFacts:
         noise=np.stack([signals.noise.q, signals.noise.theta, signals.noise.tau]),
         deflection_noise=np.array([deflection_noise(signals, k) for k in range(n)]),
         still=signals.still,
-        torque=np.isfinite(signals.tau).any(axis=0),
+        torque=np.array([np.isfinite(signals.tau[:, k]).any() for k in range(n)]),
         velocity_used=bool(signals.velocity_used.any()),
         known=np.sum([kept.known.sum(axis=1) for kept in blocks], axis=0, dtype=np.intp),
         poses=np.nan_to_num(signals.motion.q[outputs]),
@@ -140,6 +147,7 @@ def _single(block: Block) -> Block:
         block.tau,
         block.tau_rate,
         block.reversal[:, :0],
+        block.channels[:0],
     )
 
 
@@ -165,7 +173,7 @@ class _Pile:
         for item in plan.rows:
             system = _system(block, item.slots, item.row.joint)
             steady, known = kept.use[item.row.joint], kept.known[item.row.joint]
-            for start, stop in zip(bounds[:-1], bounds[1:], strict=True):
+            for start, stop in pairwise(bounds.tolist()):
                 for found, use in zip(self._found, (steady, known & ~steady), strict=True):
                     chosen = use[start:stop]
                     if chosen.any():

@@ -135,9 +135,7 @@ def glides(stock: Stock, steady: Triangles, values: Array, nuisances: Sequence[i
     return result
 
 
-def significant(
-    stock: Stock, solution: Solution, covariance: Array, nuisances: Sequence[int], dt: float
-) -> list[int]:
+def significant(stock: Stock, solution: Solution, covariance: Array, nuisances: Sequence[int], dt: float) -> list[int]:
     """Return the nuisances whose coefficient is significant; a delay must be no longer than one sample (`nuisance`)."""
     kept = []
     for k, nuisance in enumerate(nuisances):

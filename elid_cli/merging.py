@@ -15,6 +15,8 @@ from elid_cli.estimate import assemble
 from elid_cli.fitting import Fit
 from elid_cli.heldout import joint_errors
 from elid_cli.identification import EstimateOptions, Identification
+from elid_cli.link_equation import with_link_stiffness
+from elid_cli.link_reduction import merged_stiffness
 from elid_cli.log_reduction import FOLDS, lifted, spread_of
 from elid_cli.lowpass import LowPass
 from elid_cli.merged_fit import MergedFit, Stock, fit_stock
@@ -59,6 +61,10 @@ def identify_reduced(robot: Robot, logs: Sequence[ReducedLog]) -> tuple[Identifi
     refused = stiffness_in_noise(model, fit.triangles, fit.solution.basis, noise)
     found = assemble(whole, EstimateOptions(), refused)
     found = replace(found, settings={**found.settings, **_counts(logs, fit)})
+    alike = [log for log in logs if np.array_equal(log.reference, robot.reference(), equal_nan=True)]
+    found = with_link_stiffness(
+        found, lambda joint: merged_stiffness([s for log in alike if (s := log.links[joint])]), base.classes
+    )
     return found, _by_log(model, logs, fit)
 
 
@@ -74,6 +80,7 @@ def check_alike(robot: Robot, logs: Sequence[ReducedLog]) -> None:
                 hint=f"elid reduce LOG --robot {robot.name} -o FILE.npz",
             )
     first = logs[0]
+    files = ", ".join(first.recording.files)
     for log in logs[1:]:
         differing = [key for key in first.options if log.options.get(key) != first.options[key]]
         if differing:
@@ -81,7 +88,7 @@ def check_alike(robot: Robot, logs: Sequence[ReducedLog]) -> None:
                 f"{key}: {_told(first.options[key])} and {_told(log.options.get(key))}" for key in differing
             )
             raise UsageError(
-                f"{', '.join(log.recording.files)}: reduced under other options than {', '.join(first.recording.files)}",
+                f"{', '.join(log.recording.files)}: reduced under other options than {files}",
                 detail=told,
                 hint="reduce both with the same options",
             )

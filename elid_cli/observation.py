@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.model import Model, Plan, Row, inputs_of
+from elid_cli.motion import Motion
 from elid_cli.recording import Segment
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
@@ -112,6 +113,8 @@ class Block:
     tau_rate: Array
     reversal: Array
     """Share of each instant's filter window in which a motor reverses or sticks, (n, last - first)."""
+    channels: Array
+    """Filtered deflections (theta - q), their rates, link velocities and accelerations, (4 n, last - first)."""
 
 
 def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Block]:
@@ -134,6 +137,7 @@ def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Bloc
                 signals.filter.apply(torque),
                 signals.filter.apply(_slope(signals, segment, part)),
                 _share(slow, signals),
+                signals.filter.apply(_channels(motion)),
             )
         place += count
 
@@ -189,6 +193,11 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
         reversing,
         known,
     )
+
+
+def _channels(motion: Motion) -> Array:
+    parts = (motion.theta - motion.q, motion.dtheta - motion.dq, motion.dq, motion.ddq)
+    return np.concatenate([part.T for part in parts])
 
 
 def _slope(signals: Signals, segment: Segment, part: slice) -> Array:

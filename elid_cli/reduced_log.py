@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.link_reduction import LinkSystem
 from elid_cli.model import Row
 from elid_cli.recording import Recording
 from elid_cli.reduction import Triangle
@@ -84,6 +85,10 @@ class ReducedLog:
     """The same of the instants around reversals."""
     scores: tuple[Scores, ...]
     """Of the fit with all nuisances and, where it differs, of the one with the significant ones only."""
+    links: tuple[LinkSystem | None, ...]
+    """Equation of every joint's link with the inertias of the robot file, where it gives them."""
+    reference: Array
+    """The robot file's parameters, (p,), NaN where it gives none."""
 
 
 def hollow(recording: Recording) -> Recording:

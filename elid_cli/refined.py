@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters, find_base
+from elid_cli.identification import Identification
 from elid_cli.model import Model
 from elid_cli.robot import EffectSpec, Robot
 
@@ -38,6 +39,18 @@ def representative(base: BaseParameters, estimate: Array, reference: Array) -> A
     # one correction removes the rounding of the pseudo-inverse in the leaders
     result[base.leaders] += wanted - base.transform @ result
     return result
+
+
+def identified_robot(found: Identification) -> Robot:
+    """Return the robot with what was found: values nearest to its own, nuisances as effects of the measurement."""
+    standard = representative(found.base, found.base.transform @ found.standard, found.robot.reference())
+    new = [
+        *(EffectSpec(e.effect, e.joint, e.parameters) for e in found.effects),
+        *(EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances),
+    ]
+    replaced = {(spec.effect, spec.joint) for spec in new}
+    kept = [spec for spec in found.robot.effects if (spec.effect, spec.joint) not in replaced]
+    return refined_robot(found.robot, standard, (*kept, *new))
 
 
 def refined_robot(robot: Robot, standard: Array, effects: Sequence[EffectSpec]) -> Robot:

@@ -28,9 +28,7 @@ def unsupported_stiffness(fit: Fit) -> dict[str, str]:
     return stiffness_in_noise(fit.model, fit.triangles, fit.solution.basis, noise)
 
 
-def stiffness_in_noise(
-    model: Model, triangles: Triangles, basis: NDArray[np.intp], noise: Array
-) -> dict[str, str]:
+def stiffness_in_noise(model: Model, triangles: Triangles, basis: NDArray[np.intp], noise: Array) -> dict[str, str]:
     """Return stiffness parameters that deflections with this noise cannot support, with the reason.
 
     Parameters

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from elid_cli.commands import options
 from elid_cli.commands.group import verb
-from elid_cli.commands.options import Conditioning, Gates, Output, Reading
+from elid_cli.commands.options import Conditioning, Gates, Output, Reading, Spread
+from elid_cli.commands.reducing import spread
 
 
 @verb("elid classify --robot puma560", "elid classify run07.mcap --robot puma560")
@@ -15,6 +16,7 @@ from elid_cli.commands.options import Conditioning, Gates, Output, Reading
 @options.robot
 @options.reading
 @options.conditioning
+@spread
 @options.gathered("gates", Gates, options.require_independent)
 @options.output
 def classify(
@@ -22,6 +24,7 @@ def classify(
     robot: str,
     reading: Reading,
     conditioning: Conditioning,
+    spread: Spread,
     gates: Gates,
     output: Output,
 ) -> None:
@@ -31,13 +34,13 @@ def classify(
     """
     from elid_cli.commands.emit import check_output, emit
     from elid_cli.commands.gates import check_gates, check_names
-    from elid_cli.commands.inputs import load_recording, load_signals
+    from elid_cli.commands.options import Fit
     from elid_cli.commands.progress import progress
+    from elid_cli.commands.reducing import Asked, from_samples, from_triangles, merges
 
     check_output(output)
     with progress(output, "reading") as advance:
         from elid_cli.base import find_base
-        from elid_cli.estimate import identify
         from elid_cli.model import Model
         from elid_cli.reports.classification import classification_report
         from elid_cli.robot_file import read_robot
@@ -47,7 +50,8 @@ def classify(
         check_names(gates, base.classes)
         recording = found = None
         if logs:
-            recording = load_recording(logs, machine, reading, output, conditioning.rate)
-            found = identify(machine, load_signals(recording, machine, conditioning, advance))
+            asked = Asked(logs, machine, reading, conditioning, Fit(), spread, output, advance)
+            answer = from_triangles(asked) if merges(logs, machine, Fit()) else from_samples(asked)
+            found, recording = answer.found, answer.recording
     emit(classification_report(machine, base, robot, found, recording), output)
     check_gates(gates, classes=base.classes if found is None else found.this_log)

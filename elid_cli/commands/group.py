@@ -24,7 +24,7 @@ from elid_cli import __version__
 from elid_cli.errors import UsageError, did_you_mean, nearest
 
 PACKAGE = __package__
-ORDER = ("info", "identify", "classify", "diagnose", "validate", "simulate", "excite")
+ORDER = ("info", "identify", "classify", "diagnose", "validate", "reduce", "simulate", "excite")
 """Verbs in the order of a first day with elid; any other follows in alphabetical order."""
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from elid_cli.commands import options
 from elid_cli.commands.group import verb
-from elid_cli.commands.options import Conditioning, Fit, Gates, Output, Reading
-
-if TYPE_CHECKING:
-    from elid_cli.identification import Identification
-    from elid_cli.robot import Robot
+from elid_cli.commands.options import Conditioning, Fit, Gates, Output, Reading, Spread
+from elid_cli.commands.reducing import spread
 
 
 @verb(
@@ -22,6 +17,7 @@ if TYPE_CHECKING:
 @options.reading
 @options.conditioning
 @options.fit
+@spread
 @options.option(options.FIT, "--physical", is_flag=True,
                 help="Also find all parameters of a robot that could be built, what the log leaves open from the robot "
                      "file; --write-robot then writes them.")
@@ -34,6 +30,7 @@ def identify(
     reading: Reading,
     conditioning: Conditioning,
     fit: Fit,
+    spread: Spread,
     physical: bool,
     gates: Gates,
     write_robot: str | None,
@@ -48,8 +45,8 @@ def identify(
     from elid_cli.atomic import check_writable
     from elid_cli.commands.emit import check_output, emit, pictures_wanted
     from elid_cli.commands.gates import check_gates, check_names
-    from elid_cli.commands.inputs import load_recording, load_signals
     from elid_cli.commands.progress import progress
+    from elid_cli.commands.reducing import Asked, from_samples, from_triangles, merges, samples_of
 
     check_output(output)
     if physical:
@@ -59,23 +56,22 @@ def identify(
     if write_robot is not None:
         check_writable(Path(write_robot))
     with progress(output, "reading") as advance:
-        from elid_cli import estimate, robot_file
-        from elid_cli.by_log import errors_by_log
+        from elid_cli import robot_file
+        from elid_cli.refined import identified_robot
         from elid_cli.reports.identification import identification_report
 
         machine = robot_file.read_robot(robot)
         check_names(gates, machine.parameter_names())
-        recording = load_recording(logs, machine, reading, output, conditioning.rate)
-        signals = load_signals(recording, machine, conditioning, advance)
-        choice = estimate.EstimateOptions(estimator=fit.estimator, accurate=fit.accurate)
-        found = estimate.identify(machine, signals, choice)
-        refined = _refined(found)
-        logs_apart = errors_by_log(refined, signals, recording.files)
-        report = identification_report(found, recording, robot, logs_apart)
+        asked = Asked(logs, machine, reading, conditioning, fit, spread, output, advance)
+        found, recording, apart, signals = from_triangles(asked) if merges(logs, machine, fit) else from_samples(asked)
+        refined = identified_robot(found)
+        report = identification_report(found, recording, robot, apart)
         if pictures_wanted(output):
             from elid_cli.reports.figures import identification_figures, with_figures
 
-            report = with_figures(report, identification_figures(found, refined, signals))
+            signals = signals or samples_of(asked)
+            if signals is not None:
+                report = with_figures(report, identification_figures(found, refined, signals))
         if physical:
             from elid_cli.physical import make_physical
             from elid_cli.reports.physical import with_physical
@@ -87,18 +83,3 @@ def identify(
         robot_file.write_robot(refined, write_robot)
     emit(report, output)
     check_gates(gates, found.error, found.this_log)
-
-
-def _refined(found: Identification) -> Robot:
-    """Return the robot with what was found: values nearest to its own, nuisances as effects of the measurement."""
-    from elid_cli.refined import refined_robot, representative
-    from elid_cli.robot import EffectSpec
-
-    standard = representative(found.base, found.base.transform @ found.standard, found.robot.reference())
-    new = [
-        *(EffectSpec(e.effect, e.joint, e.parameters) for e in found.effects),
-        *(EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances),
-    ]
-    replaced = {(spec.effect, spec.joint) for spec in new}
-    kept = [spec for spec in found.robot.effects if (spec.effect, spec.joint) not in replaced]
-    return refined_robot(found.robot, standard, (*kept, *new))

@@ -95,6 +95,7 @@ class Conditioning:
     min_velocity: float | None = None
     measured_velocity: bool = True
     knots: float | None = None
+    slow_motion: bool = False
 
 
 conditioning = gathered(
@@ -110,6 +111,14 @@ conditioning = gathered(
     option(SIGNALS, "--knots", type=Number(above=0), metavar="S",
            help="Spacing of the smoothing splines' knots. Default: from the log."),
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Who reads several logs."""
+
+    jobs: int = 1
+    scheduler: str | None = None
 
 
 @dataclass(frozen=True)

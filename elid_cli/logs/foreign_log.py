@@ -25,6 +25,8 @@ KINDS: tuple[tuple[bytes, str, str], ...] = (
 
 def kind_of(head: bytes) -> tuple[str, str] | None:
     """Return (what it is, converter) for a known foreign head, else None."""
+    if head.startswith(b"PK\x03\x04") and b"elid.npy" in head[:80]:
+        return "triangles of elid reduce, which hold no samples", "elid identify and elid classify take them"
     return next(((what, how) for magic, what, how in KINDS if head.startswith(magic)), None)
 
 
@@ -33,7 +35,8 @@ def refuse(source: Source) -> NoReturn:
     known = kind_of(source.head)
     assert known is not None
     what, how = known
-    raise LogError(f"{source.name}: {what}, which elid does not read", hint=how.format(name=source.name))
+    which = "" if "which" in what else ", which elid does not read"
+    raise LogError(f"{source.name}: {what}{which}", hint=how.format(name=source.name))
 
 
 def _open(source: Source) -> Sequence[RawLog]:

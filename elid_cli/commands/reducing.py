@@ -1,0 +1,200 @@
+"""Logs and triangle files, in any mixture, as reduced logs; and when identification goes that way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import click
+
+from elid_cli.commands import options
+from elid_cli.commands.emit import note, pictures_wanted
+from elid_cli.commands.inputs import load_recording, load_signals
+from elid_cli.commands.options import Conditioning, Fit, Output, Reading, Spread
+from elid_cli.commands.progress import Progress
+from elid_cli.errors import UsageError
+
+if TYPE_CHECKING:
+    from elid_cli.by_log import ByLog
+    from elid_cli.identification import Identification
+    from elid_cli.recording import Recording
+    from elid_cli.reduced_log import ReducedLog
+    from elid_cli.robot import Robot
+    from elid_cli.signals import Signals
+
+spread = options.gathered(
+    "spread", Spread,
+    options.option(options.INPUT, "--jobs", type=click.IntRange(min=1), default=1, metavar="N",
+                   help="Processes that read several logs at once."),
+    options.option(options.INPUT, "--scheduler", metavar="ADDRESS",
+                   help="Dask scheduler whose workers read the logs: tcp://host:8786."),
+)  # fmt: skip
+
+
+def reduced_logs(
+    logs: Sequence[str],
+    robot: Robot,
+    reading: Reading,
+    conditioning: Conditioning,
+    spread: Spread,
+    output: Output,
+    progress: Progress | None,
+) -> list[ReducedLog]:
+    """Return the logs reduced, those of triangle files as they are; what was repaired goes to stderr."""
+    from elid_cli.fleet import Job, reduce_jobs
+    from elid_cli.logs import read_map_options
+    from elid_cli.robot_text import text_of
+    from elid_cli.triangle_file import is_triangle_file, read_triangles
+
+    mapping = read_map_options(reading.maps) or None
+    wish = asdict(conditioning)
+    text = text_of(robot)
+    stored = {log: read_triangles(log) for log in logs if is_triangle_file(log)}
+    jobs = [
+        Job(log, text, robot.name, mapping, reading.strict, reading.time, wish) for log in logs if log not in stored
+    ]
+    tell = None if progress is None else lambda share: progress("reducing", share)
+    made = iter(reduce_jobs(jobs, spread.jobs, spread.scheduler, tell))
+    found: list[ReducedLog] = []
+    for log in logs:
+        found += stored[log] if log in stored else [next(made)]
+    _check_options(found, conditioning)
+    for word in ("repairs", "warnings"):
+        for log_ in (log_ for log_ in found if not all(f in stored for f in log_.recording.files)):
+            prefix = f"{log_.recording.files[0]}: " if len(found) > 1 else ""
+            told = getattr(log_.recording, word)
+            note((prefix + line for line in told), output, "repaired" if word == "repairs" else "warning")
+    return found
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the user asked to be identified, and how."""
+
+    logs: Sequence[str]
+    robot: Robot
+    reading: Reading
+    conditioning: Conditioning
+    fit: Fit
+    spread: Spread
+    output: Output
+    progress: Progress | None
+
+
+class Answer(NamedTuple):
+    """What was found, from what, how it fits each log, and the signals where they are at hand."""
+
+    found: Identification
+    recording: Recording
+    apart: tuple[ByLog, ...]
+    signals: Signals | None
+
+
+def from_triangles(asked: Asked) -> Answer:
+    """Identify from logs reduced one by one."""
+    from elid_cli.merging import identify_reduced, joined_recording
+
+    logs = reduced_logs(
+        asked.logs, asked.robot, asked.reading, asked.conditioning, asked.spread, asked.output, asked.progress
+    )
+    found, apart = identify_reduced(asked.robot, logs)
+    return Answer(found, joined_recording(logs), apart, None)
+
+
+def from_samples(asked: Asked) -> Answer:
+    """Identify from all logs read at once; a long one is reduced block by block."""
+    from elid_cli.by_log import errors_by_log
+    from elid_cli.estimate import EstimateOptions, identify
+    from elid_cli.refined import identified_robot
+
+    recording = load_recording(asked.logs, asked.robot, asked.reading, asked.output, asked.conditioning.rate)
+    signals = load_signals(recording, asked.robot, asked.conditioning, asked.progress)
+    if not whole_log_needed(asked.robot, asked.fit) and is_long(signals, asked.robot):
+        from elid_cli.merging import identify_reduced
+
+        reduced = reduced_signals(signals, recording, asked.robot, asked.conditioning, asked.progress)
+        found, _ = identify_reduced(asked.robot, [reduced])
+        return Answer(found, reduced.recording, (), signals if pictures_wanted(asked.output) else None)
+    found = identify(asked.robot, signals, EstimateOptions(estimator=asked.fit.estimator, accurate=asked.fit.accurate))
+    apart = errors_by_log(identified_robot(found), signals, recording.files)
+    return Answer(found, recording, apart, signals)
+
+
+def samples_of(asked: Asked) -> Signals | None:
+    """Return the signals of the logs for figures, or None (and say so) where only their triangles are at hand."""
+    from elid_cli.triangle_file import is_triangle_file
+
+    if any(is_triangle_file(log) for log in asked.logs):
+        note(["no figures of torques: triangles hold no samples"], asked.output)
+        return None
+    quiet = replace(asked.output, quiet=True)
+    recording = load_recording(asked.logs, asked.robot, asked.reading, quiet, asked.conditioning.rate)
+    return load_signals(recording, asked.robot, asked.conditioning, asked.progress)
+
+
+def whole_log_needed(robot: Robot, fit: Fit) -> str:
+    """Return why triangles do not suffice for what was asked, or nothing where they do."""
+    if fit.accurate:
+        return "--accurate estimates the trajectory from the samples"
+    if fit.estimator != "default":
+        return f"--estimator {fit.estimator} starts from the samples"
+    if robot.effects:
+        return f"{robot.name} declares effects, whose shapes are fitted to the samples"
+    return ""
+
+
+def merges(logs: Sequence[str], robot: Robot, fit: Fit) -> bool:
+    """Return whether these logs are reduced one by one and merged: several of them, or triangle files among them.
+
+    Raises
+    ------
+    UsageError
+        A triangle file where the samples are needed.
+    """
+    from elid_cli.triangle_file import is_triangle_file
+
+    reason = whole_log_needed(robot, fit)
+    stored = [log for log in logs if is_triangle_file(log)]
+    if stored and reason:
+        raise UsageError(f"{stored[0]}: triangles do not suffice", detail=reason, hint="name the logs themselves")
+    return not reason and (len(logs) > 1 or bool(stored))
+
+
+LONG = 64 << 20
+"""Bytes of filtered columns above which one log, too, is reduced block by block."""
+
+
+def is_long(signals: Signals, robot: Robot) -> bool:
+    """Return whether a log's filtered columns would take much memory."""
+    from elid_cli.model import Model
+
+    return len(signals.outputs) * Model(robot).estimation.program.outputs * 8 > LONG
+
+
+def reduced_signals(
+    signals: Signals, recording: Recording, robot: Robot, conditioning: Conditioning, progress: Progress | None
+) -> ReducedLog:
+    """Return one log reduced, whose signals are at hand."""
+    from elid_cli.base import find_base
+    from elid_cli.log_reduction import reduce_log
+    from elid_cli.model import Model
+
+    model = Model(robot)
+    tell = None if progress is None else lambda share: progress("reducing", share)
+    return reduce_log(model, find_base(model), signals, recording, asdict(conditioning), tell)
+
+
+def _check_options(found: Sequence[ReducedLog], conditioning: Conditioning) -> None:
+    """Refuse options on the command line that stored triangles were not made with (UsageError)."""
+    for key, value in asdict(replace(conditioning)).items():
+        if value == getattr(Conditioning(), key):
+            continue
+        for log in found:
+            if log.options.get(key) != value:
+                made = log.options.get(key)
+                raise UsageError(
+                    f"{', '.join(log.recording.files)}: reduced with another {key.replace('_', '-')}",
+                    detail=f"{'chosen from the log' if made is None else made} when it was reduced, {value} now",
+                    hint="reduce the log again, or leave the option out",
+                )
