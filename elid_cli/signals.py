@@ -36,6 +36,8 @@ KNOTS = (0.008, 0.4)
 _PER_DECADE = 8
 STILL = 3.0
 """A joint whose range of motion is below this many standard deviations of its noise does not move."""
+SLOW, SLOW_KEPT = (0.05, 0.05), (0.01, 0.005)
+"""Largest speed that counts as reversing, rad/s (m/s), and its largest part of the top speed."""
 MINIMUM_SAMPLES = 40
 
 
@@ -49,6 +51,8 @@ class SignalOptions:
     """Rate after decimation, Hz."""
     min_velocity: float | None = None
     """Speed below which a motor counts as reversing or stuck, rad/s (m/s)."""
+    slow_motion: bool = False
+    """Keep slow motion, in which friction shows most: what a diagnosis needs more than an estimate."""
     knots: float | None = None
     """Knot spacing of the splines, s."""
     measured_velocity: bool = True
@@ -192,7 +196,10 @@ def prepare(
     knots = smooth.knots
     widest = float(np.nanmax(knots)) if np.isfinite(knots).any() else 0.0
     top = np.array([np.quantile(np.abs(motion.dtheta[:, k]), 0.95) for k in range(robot.n)])
-    lowest = np.minimum(0.05, 0.05 * top) if options.min_velocity is None else np.full(robot.n, options.min_velocity)
+    most, share = SLOW_KEPT if options.slow_motion else SLOW
+    lowest = np.minimum(most, share * top)
+    if options.min_velocity is not None:
+        lowest = np.full(robot.n, options.min_velocity)
     return Signals(
         joints=robot.joint_names,
         dt=dt,

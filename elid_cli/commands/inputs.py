@@ -46,12 +46,11 @@ def load_signals(recording: Recording, robot: Robot, conditioning: Conditioning,
 
 
 def sharp(conditioning: Conditioning, recording: Recording) -> Conditioning:
-    """Return the options with the cut-off that diagnose and validate share, unless the user chose one."""
+    """Return the options that diagnose and validate share: slow motion kept, and their cut-off unless one is given."""
     from elid_cli.diagnosis.conditioning import cutoff_for
 
-    if conditioning.cutoff is not None:
-        return conditioning
-    return replace(conditioning, cutoff=cutoff_for(recording.rate))
+    cutoff = cutoff_for(recording.rate) if conditioning.cutoff is None else conditioning.cutoff
+    return replace(conditioning, cutoff=cutoff, slow_motion=True)
 
 
 def signal_options(conditioning: Conditioning) -> SignalOptions:
@@ -64,6 +63,7 @@ def signal_options(conditioning: Conditioning) -> SignalOptions:
         min_velocity=conditioning.min_velocity,
         knots=conditioning.knots,
         measured_velocity=conditioning.measured_velocity,
+        slow_motion=conditioning.slow_motion,
     )
 
 

@@ -60,8 +60,8 @@ class Candidate:
 
     @property
     def size(self) -> int:
-        """Number of free parameters, shapes included."""
-        return self.gain.width + len(self.effect.shape)
+        """Number of free parameters: amplitudes, and shapes that are refined."""
+        return self.gain.width + sum(1 for p in self.effect.shapes if not p.fixed)
 
 
 def validated(gain: Gain) -> bool:

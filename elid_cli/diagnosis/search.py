@@ -128,7 +128,7 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     margin = max(NEAR, NEAR_SHARE * able[0].net)
     near = [c for c in able if c.net > able[0].net - margin]
     # among equals the one with the fewest parameters: the others hold it as a special case, or fit its noise
-    best = min(near, key=lambda c: (c.size, -c.net))
+    best = min(near, key=lambda c: (c.size, c.gain.width, -c.net))
     return Step(best, tuple(c for c in near if c is not best))
 
 
@@ -212,7 +212,7 @@ def predicted_better(old: State, new: State, rows: Sequence[Row]) -> float | Non
 def _worthwhile(old: State, new: State, candidate: Candidate) -> bool:
     """Whether the refitted model improves some row the effect acts on by a size that matters in practice."""
     last = len(new.effects) - 1
-    if not sensible(new.effects[last], new.scene, new.named(last)) or new.impossible > old.impossible:
+    if not sensible(new.effects[last], new.scene, new.named(last)) or not new.impossible <= old.impossible:
         return False
     judged = not candidate.effect.local or bool(candidate.gain.acting.all())
     if judged and predicted_better(old, new, list(candidate.columns.rows)) is None:

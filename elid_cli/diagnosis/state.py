@@ -146,11 +146,11 @@ class State:
         return squares
 
     @property
-    def impossible(self) -> int:
-        """Return how many stiffnesses, rotor inertias and friction coefficients are negative."""
+    def impossible(self) -> frozenset[str]:
+        """Return which stiffnesses, rotor inertias and friction coefficients are negative."""
         names = self.log.model.names
-        return sum(
-            1
+        return frozenset(
+            name
             for name, value in zip(names, self.standard, strict=True)
             if value < 0 and name.startswith(("K", "Jm", "fs", "fv")) and self.log.base.classes[name] == "independent"
         )

@@ -9,6 +9,9 @@ import numpy as np
 from elid_cli.terms.effect import Columns, Effect, Parameter, Scene
 from elid_cli.terms.rows import motor_row
 
+FLAT = (0.75, 1.3)
+"""Powers that cannot be told from viscous friction."""
+
 
 class QuadraticViscous(Effect):
     """Friction that grows with a power of speed: churning above one, shear thinning below one."""
@@ -37,7 +40,9 @@ class QuadraticViscous(Effect):
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
         """Whether it is friction of a film: what falls with speed by less than its first power is Stribeck's."""
         falling = values["power"] < 1 and values["amplitude"] < 0
-        return super().plausible(scene, joint, values) and not falling
+        # near the first power it is the viscous friction of the model, and its amplitude means nothing
+        bent = not FLAT[0] < values["power"] < FLAT[1]
+        return super().plausible(scene, joint, values) and not falling and bent
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the amplitude in the motor row."""

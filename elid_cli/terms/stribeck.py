@@ -12,6 +12,9 @@ from elid_cli.terms.rows import motor_row
 
 Array = NDArray[np.float64]
 
+SLOWEST = 0.008
+"""Least Stribeck velocity, as a part of the top speed."""
+
 
 class Stribeck(Effect):
     """Friction that is higher (or lower) at low speed than Coulomb and viscous friction alone.
@@ -56,6 +59,12 @@ class Stribeck(Effect):
         fading = fading or [0.02 * top, 0.05 * top, 0.12 * top, 0.3 * top]  # slow or sliding joints
         rising = [v for v in fading if v <= 0.2 * top]
         return [*((v, e) for e in (1.0, 2.0) for v in fading), *((v, -1.0) for v in rising)]
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether the velocity is one that a log resolves: below it there is the motor's sticking only."""
+        top = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.98))
+        return super().plausible(scene, joint, values) and values["velocity"] > SLOWEST * top
 
     @classmethod
     def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:

@@ -166,7 +166,7 @@ def truth(effect: str, robot: Robot, k: int, s: Scales) -> dict[str, float]:
         "torque_gain": {"gain": 0.08},
         "saturation": {"limit": s.top},
         "encoder_offset": {"offset": 0.1 * s.deflection},
-        "gravity_direction": {"roll": 0.02, "pitch": 0.0},
+        "gravity_direction": {"roll": 0.02, "pitch": 0.02},
         "payload": {"m": 0.8, "cx": 0.05, "cy": 0.02, "cz": 0.0, "start": 0.55 * DURATION}
         | dict.fromkeys(("Ixx", "Iyy", "Izz"), 0.01)
         | dict.fromkeys(("Ixy", "Ixz", "Iyz"), 0.0),
@@ -220,7 +220,7 @@ def one(trial: Trial) -> Outcome:
         return Outcome(trial, "not simulated", "", 0.0, np.nan, np.nan)
     start = time.perf_counter()
     log = noisy(recording, trial.db, trial.torque, trial.colour, trial.seed)
-    found = diagnose(base, prepare(log, base, SignalOptions(cutoff=25.0)))
+    found = diagnose(base, prepare(log, base, SignalOptions(cutoff=25.0, slow_motion=True)))
     seconds = time.perf_counter() - start
     return Outcome(trial, verdict(found, specs), said(found), seconds, worst(found), np.nan)
 
