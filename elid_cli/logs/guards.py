@@ -58,7 +58,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
         return [*found, swapped]
     for pair in compared:
         found.extend(pair.sentences(plan))
-        if abs(pair.slope - 1) < CLOSE:
+        if abs(pair.slope - 1) < CLOSE and robot.joints[pair.j].elastic:
             deflection = theta[:, pair.j] - q[:, pair.j]
             found.extend(_efforts(pair, deflection, checked.tau[::step, pair.j], robot, plan))
     return found
@@ -83,7 +83,8 @@ class _Pair:
     @staticmethod
     def of(j: int, q: Array, theta: Array, robot: Robot) -> _Pair | None:
         joint = robot.joints[j]
-        if not joint.elastic or not (np.isfinite(q).all() and np.isfinite(theta).all()) or q.size < 3:
+        # a rigid joint of which only one side was measured has both sides alike
+        if not (np.isfinite(q).all() and np.isfinite(theta).all()) or q.size < 3 or np.array_equal(q, theta):
             return None
         moved, turned = float(q.std()), float(theta.std())
         if moved < 1e-9 or turned < 1e-9:
