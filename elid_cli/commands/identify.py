@@ -65,7 +65,7 @@ def identify(
         asked = Asked(logs, machine, reading, conditioning, fit, spread, output, advance)
         found, recording, apart, signals = from_triangles(asked) if merges(logs, machine, fit) else from_samples(asked)
         refined = identified_robot(found)
-        report = identification_report(found, recording, robot, apart)
+        report = identification_report(found, recording, robot, apart, write_robot)
         if pictures_wanted(output):
             from elid_cli.reports.figures import identification_figures, with_figures
 

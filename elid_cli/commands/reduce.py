@@ -30,7 +30,7 @@ def reduce(
 ) -> None:
     """Reduce logs to what identification keeps of them: small triangles, however long the log.
 
-    ``elid identify`` and ``elid classify`` take such files beside logs and give the same answer as from the logs.
+    elid identify and elid classify take such files beside logs and give the same answer as from the logs.
     """
     from pathlib import Path
 

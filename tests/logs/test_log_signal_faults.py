@@ -289,8 +289,8 @@ def test_efforts_of_the_wrong_side_or_sign_are_noticed(tmp_path: Path) -> None:
 def test_a_rigid_joint_with_both_sides_in_other_units_is_noticed(tmp_path: Path) -> None:
     base = recording(3000)
     robot = Robot("arm", (*ROBOT.joints[:2], Joint("wrist", transmission="rigid")))
-    path = table(like(base, theta=base.q)).with_column("theta.wrist", lambda x: np.radians(x)).save(tmp_path / "log.csv")
-    got = read_recording([path], robot)
+    broken = table(like(base, theta=base.q)).with_column("theta.wrist", lambda x: np.radians(x))
+    got = read_recording([broken.save(tmp_path / "log.csv")], robot)
     assert any("wrist: theta moves 0.01745 times as far as q" in text for text in got.warnings), got.warnings
 
 
