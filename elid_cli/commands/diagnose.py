@@ -83,6 +83,8 @@ def diagnose(
             seen = load_signals(other, machine, sharp(conditioning, other), advance)
             before, after = (validate(r, seen).error for r in (found.validation_before.robot, found.refined))
             judged.append(Check(other, before, after))
+        if advance is not None:
+            advance("judging", 0.5)
         declared = len(found.state_before.effects)
         told = Told(
             found,

@@ -32,7 +32,7 @@ def validate(
 
     check_output(output)
     with progress(output, "reading") as advance:
-        from elid_cli.diagnosis.stretches import folds
+        from elid_cli.diagnosis.stretches import folds, spans
         from elid_cli.reports.validation import validation_report
         from elid_cli.robot_file import read_robot
         from elid_cli.validation import validate as judge
@@ -40,8 +40,10 @@ def validate(
         machine = read_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate)
         signals = load_signals(recording, machine, sharp(conditioning, recording), advance)
-        found = judge(machine, signals, folds(len(signals.outputs)) < 0 if held_out else None)
-        report = validation_report(found, recording, robot)
+        chosen = folds(len(signals.outputs)) < 0 if held_out else None
+        found = judge(machine, signals, chosen)
+        stretches = () if chosen is None else spans(found.observation.t, chosen)
+        report = validation_report(found, recording, robot, stretches)
         if pictures_wanted(output):
             from elid_cli.reports.figures import validation_figures, with_figures
 

@@ -17,3 +17,9 @@ def folds(instants: int) -> NDArray[np.intp]:
     stretch = np.arange(instants) * STRETCHES // max(instants, 1)
     table = np.array([_FOLD_OF.get(k, -1) for k in range(STRETCHES)], dtype=np.intp)
     return table[np.minimum(stretch, STRETCHES - 1)]
+
+
+def spans(t: NDArray[np.float64], chosen: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+    """Return the first and last time, s, of every stretch of chosen instants, (M,) each."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(int), [0]])))
+    return tuple((float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True))

@@ -37,6 +37,7 @@ from elid_cli.reports.inputs import (
     nuisance_items,
     nuisance_payload,
     recorded_items,
+    span_words,
     used_items,
 )
 from elid_cli.robot import Robot
@@ -175,8 +176,7 @@ def _effect_payload(contribution: Contribution) -> dict[str, Any]:
 
 
 def _tried(found: Diagnosis) -> Items:
-    spans = ", ".join(f"{number_text(a, 3)} to {number_text(b, 3)} s" for a, b in found.held_out)
-    return (("tried", f"{found.tried} effects at their joints; held out of the search: {spans}"),)
+    return (("tried", f"{found.tried} effects at their joints; held out of the search: {span_words(found.held_out)}"),)
 
 
 def _residual(found: Diagnosis) -> Table:

@@ -109,6 +109,11 @@ def nuisance_payload(nuisances: Sequence[Any]) -> list[dict[str, Any]]:
     ]
 
 
+def span_words(spans: Sequence[tuple[float, float]]) -> str:
+    """Return stretches of time in words: ``1.38 to 2.03 s, 4.01 to 4.65 s``."""
+    return ", ".join(f"{number_text(a, 3)} to {number_text(b, 3)} s" for a, b in spans)
+
+
 def command(verb: str, recording: Recording | None, robot: str, *options: str) -> str:
     """Return a command line to paste."""
     files = recording.files if recording is not None else ("LOG",)

@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from elid_cli.recording import Recording
 from elid_cli.report import KeyValues, Report, Section, Text
 from elid_cli.reports.identification import error_payload, error_table
-from elid_cli.reports.inputs import command, heading, log_payload, recorded_items, robot_payload, used_items
+from elid_cli.reports.inputs import command, heading, log_payload, recorded_items, robot_payload, span_words, used_items
 from elid_cli.validation import Validation
 
 
-def validation_report(found: Validation, recording: Recording, robot_argument: str) -> Report:
-    """Return the report of one validation."""
+def validation_report(
+    found: Validation, recording: Recording, robot_argument: str, held_out: Sequence[tuple[float, float]] = ()
+) -> Report:
+    """Return the report of one validation, judged on some stretches (first and last time, s) or on the whole log."""
     effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in found.robot.effects)
     facts = (
         *recorded_items(found.robot, recording),
         *used_items(found.settings),
         ("predicted with", f"the robot file's own values{f' and {effects}' if effects else ''}; nothing was fitted"),
+        *((("judged on", f"what diagnose holds out: {span_words(held_out)}"),) if held_out else ()),
     )
     payload = {
         **robot_payload(found.robot),
         "log": log_payload(recording),
         "settings": dict(found.settings),
+        "held_out": [list(span) for span in held_out],
         "error": error_payload(found.error),
     }
     sections: tuple[Section, ...] = (
