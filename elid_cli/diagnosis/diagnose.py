@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from elid_cli.base import find_base
 from elid_cli.diagnosis.encoders import Skew
-from elid_cli.diagnosis.screen import Candidate
+from elid_cli.diagnosis.screen import Candidate, sensible
 from elid_cli.diagnosis.search import Found, Step, search
 from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
-from elid_cli.diagnosis.stretches import folds
+from elid_cli.diagnosis.stretches import folds, spans
 from elid_cli.diagnosis.triage import Organised, RowState, organise, rows_of, words
 from elid_cli.effects import declared_effects, scene_of
 from elid_cli.estimate import JointError, Nuisance
@@ -183,15 +183,16 @@ def diagnose(
 
 
 def _supported(found: Found, declared: int) -> Found:
-    """Drop effects that the held-out stretches do not support."""
+    """Drop effects that the held-out stretches do not support, or whose values the others have made impossible."""
     state, steps = found.after, list(found.steps)
     changed = True
     while changed and steps:
         changed = False
         for k, step in enumerate(steps):
-            if step.candidate.effect.local:
+            possible = sensible(state.effects[declared + k], state.scene, state.named(declared + k))
+            if possible and step.candidate.effect.local:
                 continue
-            if held_out_gain(state, declared + k) <= 0:
+            if not possible or held_out_gain(state, declared + k) <= 0:
                 state = refreshed(without(state, declared + k))
                 steps.pop(k)
                 changed = True
@@ -265,7 +266,7 @@ def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequenc
         moved=moved(before, after),
         sufficient=not effects and not seen and not unexplained,
         tried=found.tried,
-        held_out=_spans(log, chosen),
+        held_out=spans(log.observation.t, chosen),
         validation_before=validations[0],
         validation_after=validations[1],
         chosen=chosen,
@@ -442,11 +443,3 @@ def _floored(errors: Mapping[str, JointError], state: State) -> dict[str, JointE
         )
         for name, e in errors.items()
     }
-
-
-def _spans(log: Log, chosen: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
-    t = log.observation.t
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(int), [0]])))
-    return tuple((float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True))
-
-

@@ -89,8 +89,8 @@ def search(
         Called with a label and the finished part.
     """
     before = refreshed(fit(log, declared))
-    state, steps = _measurement_first(before, library)
-    state, seen = _seen_in_positions(state, library)
+    state, seen = _seen_in_positions(before, library)
+    state, steps = _measurement_first(state, library)
     remaining: list[Candidate] = []
     tried = 0
     refused: set[tuple[str, int]] = set()
@@ -148,7 +148,9 @@ def _measurement_first(state: State, library: Mapping[str, type[Effect]]) -> tup
         present = {(e.name, e.joint) for e in state.effects}
         if any((kind.name, joint) in present for kind in kinds):
             continue
-        trial = _pair(state, joint, kinds)
+        # where the positions have shown the skew, what hides behind it can still be the offset
+        moved = state.log.shifts.of(SKEW, joint) != 0.0
+        trial = _pair(state, joint, [kind for kind in kinds if not (moved and kind.name == SKEW)])
         if trial is not None:
             state, found = trial
             steps += found
@@ -181,7 +183,8 @@ def _pair(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[Stat
     if not all(sensible(grown.effects[first + k], grown.scene, grown.named(first + k)) for k in range(len(scored))):
         return None
     rows = [Row("motor", joint)]
-    singles = [refreshed(fit(state.log, (*state.effects, c.effect), state.scene)) for c in scored]
+    alone = scored if len(scored) > 1 else []
+    singles = [refreshed(fit(state.log, (*state.effects, c.effect), state.scene)) for c in alone]
     gain = predicted_better(state, grown, rows)
     if gain is None or gain < PAIR_GAIN or not _improves(state, grown, rows[0]):
         return None

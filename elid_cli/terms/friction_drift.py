@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
+
 from elid_cli.terms.effect import Columns, Effect, Parameter, Scene
 from elid_cli.terms.rows import motor_row
 
@@ -22,6 +26,17 @@ class FrictionDrift(Effect):
         Parameter("viscous", "N·m·s/rad", "change of viscous friction from the first to the last instant"),
     )
     twins = ()
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether friction stays friction: neither part may turn around during the log (±half of it each way)."""
+        known = dict(zip(scene.robot.parameter_names(), scene.parameters.tolist(), strict=True))
+        coulomb, viscous = known[f"fs{joint + 1}"], known[f"fv{joint + 1}"]
+        if coulomb <= 0 and viscous <= 0:
+            return True
+        speed = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.9))
+        whole = max(coulomb, 0.0) + max(viscous, 0.0) * speed
+        return bool(abs(values["coulomb"]) + abs(values["viscous"]) * speed < 1.5 * whole)
 
     def columns(self, scene: Scene) -> Columns:
         """Return the columns of both changes in the motor row."""
