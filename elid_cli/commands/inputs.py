@@ -46,11 +46,12 @@ def load_signals(recording: Recording, robot: Robot, conditioning: Conditioning,
 
 
 def sharp(conditioning: Conditioning, recording: Recording) -> Conditioning:
-    """Return the options that diagnose and validate share: slow motion kept, and their cut-off unless one is given."""
-    from elid_cli.diagnosis.conditioning import cutoff_for
+    """Return the options that diagnose and validate share; a cut-off that the user chose stands."""
+    from elid_cli.diagnosis.conditioning import options_for
 
-    cutoff = cutoff_for(recording.rate) if conditioning.cutoff is None else conditioning.cutoff
-    return replace(conditioning, cutoff=cutoff, slow_motion=True)
+    shared = options_for(recording.rate)
+    cutoff = shared.cutoff if conditioning.cutoff is None else conditioning.cutoff
+    return replace(conditioning, cutoff=cutoff, slow_motion=shared.slow_motion)
 
 
 def signal_options(conditioning: Conditioning) -> SignalOptions:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from elid_cli.signals import RATE_PER_CUTOFF
+from elid_cli.signals import RATE_PER_CUTOFF, SignalOptions
 
 CUTOFF = 25.0
 """Hz; higher than what parameters need, since ripple, vibration and reversals live above them."""
@@ -11,3 +11,8 @@ CUTOFF = 25.0
 def cutoff_for(rate: float) -> float:
     """Return the cut-off (Hz) of the parallel filter for a log of `rate` samples per second."""
     return min(CUTOFF, rate / RATE_PER_CUTOFF)
+
+
+def options_for(rate: float) -> SignalOptions:
+    """Return how to prepare a log of `rate` samples per second: sharp, with its slow motion kept."""
+    return SignalOptions(cutoff=cutoff_for(rate), slow_motion=True)

@@ -13,9 +13,9 @@ import pytest
 from diagnosis_logs import Diagnosed, Logs, arm, log_with, moved
 
 from elid_cli.diagnosis import Diagnosis, diagnose
-from elid_cli.diagnosis.conditioning import cutoff_for
+from elid_cli.diagnosis.conditioning import options_for
 from elid_cli.robot import Robot
-from elid_cli.signals import SignalOptions, prepare
+from elid_cli.signals import prepare
 
 
 @pytest.fixture(scope="session")
@@ -33,7 +33,7 @@ def log(robot: Robot) -> Logs:
 def diagnosed(robot: Robot, log: Logs) -> Diagnosed:
     def found(*effects: str) -> Diagnosis:
         recording = log(*effects)
-        return diagnose(robot, prepare(recording, robot, SignalOptions(cutoff=cutoff_for(recording.rate))))
+        return diagnose(robot, prepare(recording, robot, options_for(recording.rate)))
 
     return cache(found)
 
