@@ -20,7 +20,7 @@ from elid_cli.identification import (
     Nuisance,
     Verdict,
 )
-from elid_cli.link_equation import link_stiffness, with_link_stiffness
+from elid_cli.link_equation import link_stiffness, with_both_regressions, with_link_stiffness
 from elid_cli.model import Model
 from elid_cli.nuisance import DELAY
 from elid_cli.observation import Observation
@@ -132,6 +132,7 @@ def assemble(
         triangles=fit.triangles,
         weights=solution.weights,
     )
+    found = with_both_regressions(found, fit.observation)
     return with_link_stiffness(
         found, lambda joint: link_stiffness(base, fit.observation, fit.signals, robot.reference(), joint), base.classes
     )

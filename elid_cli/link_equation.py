@@ -1,4 +1,4 @@
-"""Stiffness from the link's own equation and the robot file's inertias, where the torque does not show it.
+"""Stiffness where the motor torque shows it badly: by both regressions, or from the link's own equation.
 
 The link's row has no measured torque in it: K (theta - q) = what the bodies need. It fixes the ratio of the stiffness
 to the inertias as sharply as the deflection is measured, whatever the motor's friction does. Where friction hides the
@@ -26,6 +26,10 @@ EXPLAINED = 0.6
 """Least part of the bodies' torque that the transmission's must explain."""
 GOOD = 0.8
 """The same for a stiffness that counts as supported."""
+WEAK = 0.3
+"""Relative standard deviation above which a stiffness is weak."""
+CLEAR = 0.7
+"""Part of the deflection's variance that must follow the torque for a stiffness to be read off one regression."""
 APART = 0.25
 """Relative difference between two ways to a stiffness beyond which neither is well determined."""
 LEAST = 50
@@ -98,6 +102,76 @@ def _fitted(columns: Array, load: Array, stretch: NDArray[np.intp]) -> LinkStiff
     variance = float(np.var(load))
     explained = 1.0 - float(np.var(rest)) / variance if variance > 0 else 0.0
     return LinkStiffness(float(fitted[0] / scale[0]), spread / float(scale[0]), explained)
+
+
+@dataclass(frozen=True)
+class TwoWays:
+    """A stiffness by the regressions of torque on deflection and of deflection on torque, N·m/rad.
+
+    Noise in the deflection makes the first too small, noise in the torque the second too large.
+    """
+
+    direct: float
+    inverse: float
+
+    @property
+    def middle(self) -> float:
+        """Return the geometric mean."""
+        return float(np.sqrt(self.direct * self.inverse))
+
+    @property
+    def spread(self) -> float:
+        """Return the standard deviation whose two-sided 95 % interval reaches about from one to the other."""
+        return self.middle * 0.25 * float(np.log(self.inverse / self.direct))
+
+    @property
+    def share(self) -> float:
+        """Return the part of the deflection's variance that follows the torque."""
+        return self.direct / self.inverse
+
+
+def two_ways(found: Identification, observation: Observation, joint: int) -> TwoWays | None:
+    """Return a joint's stiffness by both regressions of its motor row, or None where they do not exist.
+
+    The torque is the motor's less rotor inertia and friction as identified; a constant is eliminated.
+    """
+    rows = {group.row: group for group in observation.groups}
+    group = rows.get(Row("motor", joint))
+    if group is None or group.count < 50:
+        return None
+    names = found.base.parameters
+    spring = [k for k, column in enumerate(group.index) if names[column] == f"K{joint + 1}"]
+    if not spring:
+        return None
+    own = [k for k in range(len(group.index)) if k not in spring]
+    torque = group.target - found.standard[group.index[own]] @ group.columns[own]
+    x, y = (values[group.use] - values[group.use].mean() for values in (group.columns[spring[0]], torque))
+    xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
+    return TwoWays(xy / xx, yy / xy) if xx > 0 and xy > 0 else None
+
+
+def with_both_regressions(found: Identification, observation: Observation) -> Identification:
+    """Return the identification with each stiffness that depends on the direction of regression put between the two."""
+    estimate, deviation = found.estimate.copy(), found.std_error.copy()
+    verdict: list[Verdict] = list(found.verdict)
+    this_log, reasons = dict(found.this_log), dict(found.reasons)
+    for k, leader in enumerate(found.base.leaders):
+        name = found.base.parameters[leader]
+        if not name.startswith("K") or verdict[k] == "refused":
+            continue
+        ways = two_ways(found, observation, int(name[1:]) - 1)
+        if ways is None or ways.share >= CLEAR:
+            continue
+        estimate[k], deviation[k] = ways.middle, max(ways.spread, deviation[k])
+        if deviation[k] > WEAK * estimate[k]:
+            verdict[k], this_log[name] = "weak", "weak"
+        reasons[name] = (
+            f"only {ways.share:.0%} of the deflection follows the torque: between {ways.direct:.3g} (torque on "
+            f"deflection) and {ways.inverse:.3g} (deflection on torque)"
+        )
+    return replace(
+        found, estimate=estimate, std_error=deviation, verdict=tuple(verdict), this_log=this_log, reasons=reasons
+    )
 
 
 def with_link_stiffness(
