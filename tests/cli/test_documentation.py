@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import click
 import pytest
 
 from elid_cli.commands.group import elid, summaries
+from elid_cli.terms import effect_classes
 
 README = Path(__file__).parents[2] / "README.md"
 TEXT = README.read_text("utf-8")
@@ -36,6 +40,30 @@ def test_every_option_is_in_the_readme(verb: str) -> None:
     options = [param for param in command(verb).params if isinstance(param, click.Option)]
     names = {max(param.opts, key=len) for param in options} - COMMON
     assert sorted(name for name in names if name not in TEXT) == []
+
+
+@written
+def test_every_effect_is_in_the_readme_in_the_words_of_elid() -> None:
+    for name, effect in effect_classes().items():
+        assert f"| `{name}` | {effect.summary} |" in TEXT
+
+
+@written
+def test_code_of_the_readme_fits_a_terminal_where_elid_wrote_it() -> None:
+    for block in re.findall(r"```console\n(.*?)```", TEXT, re.DOTALL):
+        answer = [line for line in block.splitlines() if not line.startswith(("$ ", "    --", "Next: "))]
+        assert max(map(len, answer)) <= 80
+
+
+@written
+def test_the_readme_runs_from_python() -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], cwd=README.parent, capture_output=True, encoding="utf-8",
+        env={**os.environ, "PYTHONIOENCODING": "utf-8"}, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "stribeck joint2" in done.stdout
 
 
 def commands_of(text: str) -> list[list[str]]:
