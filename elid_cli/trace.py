@@ -11,17 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-BLOCK = 2048
-"""Samples per block: a row is 16 kB, so that the live rows of a six-joint arm stay in the second-level cache."""
+BLOCK = 4080
+"""Samples per block: long enough that NumPy's calls cost little, short enough that live rows stay in the cache."""
 
 _ADD, _SUB, _MUL, _NEG = range(4)
-_UFUNCS = (np.add, np.subtract, np.multiply, np.negative)
+_NAMES = ("add", "sub", "mul", "neg")
 
 
 class Graph:
@@ -149,21 +151,41 @@ class Program:
         for position, value in self.constants:
             out[position] = value
         block = min(BLOCK, max(samples, 1))
-        registers = np.empty((self.registers, block))
+        # a register row starts on its own cache lines, an odd number of them after the last: rows a power of two apart
+        # would fall on the same lines of a set-associative cache
+        registers = np.empty((self.registers, block + 8))
+        bound: list[object] = [None] * (self.inputs + self.registers + self.outputs)
+        bound[self.inputs : self.inputs + self.registers] = [row[:block] for row in registers]
         for start in range(0, samples, block):
             stop = min(start + block, samples)
-            slots: list[Array] = [row[start:stop] for row in rows]
-            slots += [row[: stop - start] for row in registers]
-            slots += [row[start:stop] for row in out]
-            for code, a, b, target in self.instructions:
-                left = slots[a] if isinstance(a, int) else a[0]  # type: ignore[index]
-                if code == _NEG:
-                    np.negative(left, out=slots[target])
-                else:
-                    right = slots[b] if isinstance(b, int) else b[0]  # type: ignore[index]
-                    _UFUNCS[code](left, right, out=slots[target])  # type: ignore[call-overload]
+            if stop - start < block:
+                bound[self.inputs : self.inputs + self.registers] = [row[: stop - start] for row in registers]
+            bound[: self.inputs] = list(rows[:, start:stop])
+            bound[self.inputs + self.registers :] = list(out[:, start:stop])
+            self._blockwise(bound)
             for target, source in self.copies:
-                slots[target][:] = slots[source]
+                bound[target][:] = bound[source]  # type: ignore[index]
+
+    @cached_property
+    def _blockwise(self) -> Callable[[list[object]], None]:
+        """The instructions as one Python function of the slots' rows: a loop over them would cost a third more."""
+        scope: dict[str, object] = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "neg": np.negative}
+        names = [f"s{k}" for k in range(self.inputs + self.registers + self.outputs)]
+
+        def text(operand: object) -> str:
+            if isinstance(operand, int):
+                return names[operand]
+            # an array of no dimension is taken by a ufunc faster than a Python float
+            name = f"c{len(scope)}"
+            scope[name] = np.array(operand[0])  # type: ignore[index]
+            return name
+
+        lines = ["def traced(slots):", f" {', '.join(names)}, = slots"]
+        for code, a, b, target in self.instructions:
+            operands = text(a) if code == _NEG else f"{text(a)}, {text(b)}"
+            lines.append(f" {_NAMES[code]}({operands}, {names[target]})")
+        exec("\n".join(lines), scope)  # the text holds nothing but slots and constants
+        return cast(Callable[[list[object]], None], scope["traced"])
 
     def scalar(self) -> Callable[[Sequence[float]], list[float]]:
         """Return the same function for one sample: a list of inputs to a list of outputs (plain Python floats)."""
@@ -204,17 +226,7 @@ def compile_program(graph: Graph, outputs: Sequence[Scalar]) -> Program:
             else:
                 first_output[value.index] = k
 
-    needed: set[int] = set()
-    stack = [value.index for value in outputs if isinstance(value, Node)]
-    while stack:
-        index = stack.pop()
-        if index < graph.inputs or index in needed:
-            continue
-        needed.add(index)
-        _, a, b = graph.operations[index - graph.inputs]
-        stack += [operand for operand in (a, b) if isinstance(operand, int)]
-
-    order = sorted(needed)
+    order = _scheduled(graph, [value for value in outputs if isinstance(value, Node)])
     last_use = {operand: index for index in order for operand in _operands(graph, index)}
     slot: dict[int, int] = {i: i for i in range(graph.inputs)}
     free: list[int] = []
@@ -246,6 +258,31 @@ def compile_program(graph: Graph, outputs: Sequence[Scalar]) -> Program:
     return Program(graph.inputs, len(outputs), count, instructions, constants, copies)
 
 
+def _scheduled(graph: Graph, outputs: Sequence[Node]) -> list[int]:
+    """Return the operations that outputs need, each after its operands and as late as possible.
+
+    Outputs are taken in the order in which they were recorded, which is body by body, so that few values live at a
+    time and stay in the cache.
+    """
+    order: list[int] = []
+    done: set[int] = set()
+    for output in sorted({node.index for node in outputs}):
+        stack = [output]
+        while stack:
+            index = stack[-1]
+            waiting = [k for k in _operands(graph, index) if k >= graph.inputs and k not in done]
+            if index in done or index < graph.inputs or not waiting:
+                stack.pop()
+                if index >= graph.inputs and index not in done:
+                    done.add(index)
+                    order.append(index)
+            else:
+                stack += waiting
+    return order
+
+
 def _operands(graph: Graph, index: int) -> list[int]:
+    if index < graph.inputs:
+        return []
     _, a, b = graph.operations[index - graph.inputs]
     return [operand for operand in (a, b) if isinstance(operand, int)]

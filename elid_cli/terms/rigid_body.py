@@ -11,9 +11,8 @@ from collections.abc import Iterator
 from elid_cli.kinematics import Vector, cross, dot
 from elid_cli.robot import Robot
 from elid_cli.terms.base_term import ChainMotion, Entry
-from elid_cli.trace import Scalar
 
-_INERTIA = (("Ixx", 0, 0), ("Iyy", 1, 1), ("Izz", 2, 2), ("Ixy", 0, 1), ("Ixz", 0, 2), ("Iyz", 1, 2))
+_INERTIA = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 
 
 class RigidBody:
@@ -28,15 +27,15 @@ class RigidBody:
             body = motion.bodies[i]
             a, omega, alpha = body.acceleration, body.omega, body.alpha
             field = _acceleration_field(omega, alpha)
+            moments = _moments(omega, alpha)
             for j, (v, w) in enumerate(body.twists):
                 yield Entry("link", j, f"m{i}", dot(v, a))
                 lever = cross(a, w)
                 for axis, column in enumerate("xyz"):
                     value = v[0] * field[0][axis] + v[1] * field[1][axis] + v[2] * field[2][axis] + lever[axis]
                     yield Entry("link", j, f"c{column}{i}", value)
-                gyro = cross(w, omega)
-                for kind, r, c in _INERTIA:
-                    yield Entry("link", j, f"{kind}{i}", _quadratic(w, alpha, gyro, omega, r, c))
+                for kind, moment in zip(_INERTIA, moments, strict=True):
+                    yield Entry("link", j, f"{kind}{i}", dot(w, moment))
 
 
 def _acceleration_field(omega: Vector, alpha: Vector) -> tuple[Vector, Vector, Vector]:
@@ -50,8 +49,19 @@ def _acceleration_field(omega: Vector, alpha: Vector) -> tuple[Vector, Vector, V
     )
 
 
-def _quadratic(w: Vector, alpha: Vector, gyro: Vector, omega: Vector, r: int, c: int) -> Scalar:
-    """Return w·E alpha + (w×omega)·E omega, E the unit symmetric matrix of element (r, c)."""
-    if r == c:
-        return w[r] * alpha[r] + gyro[r] * omega[r]
-    return w[r] * alpha[c] + w[c] * alpha[r] + gyro[r] * omega[c] + gyro[c] * omega[r]
+def _moments(omega: Vector, alpha: Vector) -> tuple[Vector, ...]:
+    """Return E alpha + omega x E omega for the unit symmetric matrix E of each inertia.
+
+    Written with the elements of the acceleration field, which the trace computes once for both.
+    """
+    xx, yy, zz = omega[0] * omega[0], omega[1] * omega[1], omega[2] * omega[2]
+    xy, xz, yz = omega[0] * omega[1], omega[0] * omega[2], omega[1] * omega[2]
+    x, y, z = alpha
+    return (
+        (x, xz, -xy),
+        (-yz, y, xy),
+        (yz, -xz, z),
+        (-(xz - y), yz + x, xx - yy),
+        (xy + z, zz - xx, -(yz - x)),
+        (yy - zz, -(xy - z), xz + y),
+    )
