@@ -61,15 +61,35 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
         from elid_cli.paper import identify_paper
 
         return identify_paper(robot, signals, options)
+    whole, robot = robot, robot.stiffened(signals.unlinked)
     model = Model(robot)
     fit = fit_log(model, find_base(model), signals, options)
     refused = unsupported_stiffness(fit)
-    found = assemble(fit, options, refused)
+    found = unlinked_named(assemble(fit, options, refused), whole)
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
     if options.accurate:
         return _accurate(fit, found, options, refused)
     return found
+
+
+def unlinked_named(found: Identification, robot: Robot) -> Identification:
+    """Return the identification with the stiffnesses named that a log without link positions cannot show."""
+    lost = [
+        (f"K{k}", before.name)
+        for k, (before, now) in enumerate(zip(robot.joints, found.robot.joints, strict=True), start=1)
+        if before.elastic and not now.elastic
+    ]
+    if not lost:
+        return found
+    why = "has no link position in this log: its transmission counts as rigid"
+    reasons = {name: f"{joint} {why}" for name, joint in lost}
+    return replace(
+        found,
+        this_log={**found.this_log, **dict.fromkeys(reasons, "not excited")},
+        reasons={**found.reasons, **reasons},
+        notes=(*found.notes, *(f"{name} cannot be identified: {reason}" for name, reason in reasons.items())),
+    )
 
 
 def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused: Mapping[str, str]) -> Identification:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -181,6 +181,20 @@ class Robot:
     def gear_ratios(self) -> Array:
         """Gear ratios k_m, shape (n,)."""
         return np.array([joint.gear_ratio for joint in self.joints], dtype=float)
+
+    def stiffened(self, joints: NDArray[np.bool_]) -> Robot:
+        """Return the robot with rigid transmissions at some elastic joints (n,): all that a log without links shows.
+
+        Effects that need the transmission are left out with it.
+        """
+        made_rigid = joints & self.elastic
+        if not made_rigid.any():
+            return self
+        changed = tuple(
+            replace(j, transmission="rigid", parameters={k: v for k, v in j.parameters.items() if k != "K"}) if r else j
+            for j, r in zip(self.joints, made_rigid, strict=True)
+        )
+        return replace(self, joints=changed)
 
     def placements(self) -> tuple[tuple[Array, Array], ...]:
         """Return (before, after) of every joint: constant 4x4 transforms around its motion about or along z."""

@@ -8,7 +8,7 @@ filtered in parallel with the model's columns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -21,7 +21,8 @@ from elid_cli.lowpass import LowPass, low_pass
 from elid_cli.motion import Motion
 from elid_cli.recording import Recording, Segment
 from elid_cli.robot import Robot
-from elid_cli.smoothing import Spline, fit_spline
+from elid_cli.smoothing import fit_spline
+from elid_cli.spline_motion import STRETCH, Piece, SplineMotion
 
 Array = NDArray[np.float64]
 
@@ -39,6 +40,8 @@ STILL = 3.0
 SLOW, SLOW_KEPT = (0.05, 0.05), (0.01, 0.005)
 """Largest speed that counts as reversing, rad/s (m/s), and its largest part of the top speed."""
 MINIMUM_SAMPLES = 40
+EXCERPTS, JUDGED = 8, 96_000
+"""Number of stretches of a long log, and their samples together, by which knots and noise are chosen."""
 
 
 @dataclass(frozen=True)
@@ -98,8 +101,6 @@ class Signals:
     """Speed below which a motor counts as reversing, (n,)."""
     still: NDArray[np.bool_]
     """Joints that do not move in this log, (n,)."""
-    splines: tuple[tuple[Spline, Spline], ...] = ()
-    """Per segment: splines of all link and of all motor channels, where splines were used."""
     velocity_used: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     notes: tuple[str, ...] = ()
     recording: Recording | None = None
@@ -109,6 +110,13 @@ class Signals:
     def n(self) -> int:
         """Number of joints."""
         return len(self.joints)
+
+    @property
+    def unlinked(self) -> NDArray[np.bool_]:
+        """Joints of which the log holds no link position, (n,): their transmission counts as rigid."""
+        if self.recording is None:
+            return np.zeros(self.n, dtype=bool)
+        return np.asarray(np.isnan(self.recording.q).all(axis=0), dtype=bool)
 
     @property
     def rate(self) -> float:
@@ -180,14 +188,15 @@ def prepare(
         )
     link, motor = _channels(recording, robot)
     if options.smoothing == "butterworth":
-        smooth = _butterworth(link, motor, segments, dt, options)
+        smooth = _butterworth(recording.t, link, motor, segments, dt, options)
     else:
         smooth = _splined(recording, link, motor, segments, options, accelerations)
-    still = _still(smooth, segments) | _constant(link, segments) | _constant(motor, segments)
-    motion = _motion(recording.t, smooth, still, segments)
+    low, high, mean = _ranges(smooth.motion, segments)
+    still = _still(low, high, smooth.noise) | _constant(link, segments) | _constant(motor, segments)
+    motion = _at_rest(smooth.motion, still, mean)
     if still.all():
-        ranges = [_span(smooth.values[0][:, k], segments) for k in range(robot.n)]
-        spans = ", ".join(f"{name}: {span:.2g}" for name, span in zip(robot.joint_names, ranges, strict=True))
+        ranges = zip(robot.joint_names, high[0] - low[0], strict=True)
+        spans = ", ".join(f"{name}: {span:.2g}" for name, span in ranges)
         raise DataError(
             f"{', '.join(recording.files) or 'log'}: no joint moves",
             detail=f"range of motion in rad or m: {spans}",
@@ -195,7 +204,7 @@ def prepare(
         )
     knots = smooth.knots
     widest = float(np.nanmax(knots)) if np.isfinite(knots).any() else 0.0
-    top = np.array([np.quantile(np.abs(motion.dtheta[:, k]), 0.95) for k in range(robot.n)])
+    top = _top_speed(motion, segments)
     most, share = SLOW_KEPT if options.slow_motion else SLOW
     lowest = np.minimum(most, share * top)
     if options.min_velocity is not None:
@@ -214,7 +223,6 @@ def prepare(
         margin=round(2 * widest / dt),
         min_velocity=lowest,
         still=still,
-        splines=smooth.splines,
         velocity_used=smooth.velocity_used,
         notes=smooth.notes,
         recording=recording,
@@ -223,24 +231,24 @@ def prepare(
 
 @dataclass(frozen=True)
 class _Smooth:
-    """Values and two derivatives of link and motor channels, each (N, n), with what was learnt on the way."""
+    """Smooth motion, with what was learnt on the way."""
 
-    values: tuple[Array, Array, Array]
-    motor: tuple[Array, Array, Array]
+    motion: Motion
     noise: tuple[Array, Array]
     knots: Array
-    splines: tuple[tuple[Spline, Spline], ...] = ()
     velocity_used: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     notes: tuple[str, ...] = ()
 
 
 def _channels(recording: Recording, robot: Robot) -> tuple[Array, Array]:
     """Return link and motor positions, (N, n); a rigid joint has one position, its motor's where both exist."""
-    link, motor = recording.q.copy(), recording.theta.copy()
-    for k, joint in enumerate(robot.joints):
-        if not joint.elastic or not np.isfinite(link[:, k]).any():
-            source = motor if np.isfinite(motor[:, k]).any() else link
-            link[:, k] = motor[:, k] = source[:, k]
+    link, motor = recording.q, recording.theta
+    shared = [k for k, joint in enumerate(robot.joints) if not joint.elastic or not np.isfinite(link[:, k]).any()]
+    if shared:
+        link, motor = link.copy(), motor.copy()
+    for k in shared:
+        source = motor if np.isfinite(motor[:, k]).any() else link
+        link[:, k] = motor[:, k] = source[:, k]
     return link, motor
 
 
@@ -259,55 +267,51 @@ def _splined(
     options: SignalOptions,
     accelerations: tuple[Array, Array] | None,
 ) -> _Smooth:
-    samples, n = link.shape
-    dt = recording.dt
-    both = np.concatenate([link, motor], axis=1).T
-    strides = _choose(both, segments, dt, n, options, ())
-    rates, notes = _rates(recording, accelerations, both, segments, strides, options)
+    n, dt = link.shape[1], recording.dt
+    strides = _choose((link, motor), segments, dt, n, options, ())
+    rates, notes = _rates(recording, accelerations, (link, motor), segments, strides, options)
     if rates:
-        strides = _choose(both, segments, dt, n, options, rates)
-    out = np.full((3, 2 * n, samples), np.nan)
-    squares, counts = np.zeros(2 * n), np.zeros(2 * n)
-    splines: list[tuple[Spline, Spline]] = []
+        strides = _choose((link, motor), segments, dt, n, options, rates)
+    squares, counts = np.zeros((2, n)), np.zeros((2, n))
+    pieces: list[Piece] = []
     for segment in segments:
         part = slice(segment.start, segment.stop)
-        for stride in sorted(set(strides.tolist())):
-            chosen = np.flatnonzero(np.concatenate([strides, strides]) == stride)
-            further = [(r.derivative, r.values[chosen, part], r.ratio[chosen]) for r in rates]
-            fit = fit_spline(np.ascontiguousarray(both[chosen, part]), stride, dt, further)
-            for derivative in range(3):
-                out[derivative, chosen, part] = fit.spline.evaluate(derivative)
-            squares[chosen] += fit.rms**2 * len(segment)
-            counts[chosen] += len(segment)
-    noise: Array = np.sqrt(squares / counts)
+        for number, (side, values) in enumerate((("link", link), ("motor", motor))):
+            for stride in sorted(set(strides.tolist())):
+                joints = np.flatnonzero(strides == stride)
+                further = [
+                    (r.derivative, r.values[number * n + joints, part], r.ratio[number * n + joints]) for r in rates
+                ]
+                fit = fit_spline(values[part].T, stride, dt, further, joints)
+                pieces.append(Piece(segment, "link" if side == "link" else "motor", joints, fit.spline))
+                squares[number, joints] += fit.rms**2 * len(segment)
+                counts[number, joints] += len(segment)
+    noise = np.sqrt(squares / counts)
     used = np.any([r.ratio > 0 for r in rates], axis=0) if rates else np.zeros(2 * n, dtype=bool)
     return _Smooth(
-        (out[0, :n].T, out[1, :n].T, out[2, :n].T),
-        (out[0, n:].T, out[1, n:].T, out[2, n:].T),
-        (noise[:n], noise[n:]),
-        np.asarray(strides * dt, dtype=float),
-        tuple(splines),
-        used,
-        notes,
+        SplineMotion(recording.t, n, pieces), (noise[0], noise[1]), np.asarray(strides * dt, dtype=float), used, notes
     )
 
 
 def _choose(
-    both: Array,
+    channels: tuple[Array, Array],
     segments: tuple[Segment, ...],
     dt: float,
     n: int,
     options: SignalOptions,
     rates: Sequence[Rate],
 ) -> NDArray[np.intp]:
-    """Return the knot stride per joint: the finer of what its link and its motor channel prefer."""
+    """Return the knot stride per joint: the finer of what its link and its motor channel prefer.
+
+    Of a long log, stretches spread over it decide.
+    """
     candidates = _spacings(dt, options, finest=2 * dt if rates else KNOTS[0])
     if len(candidates) == 1:
         return np.full(n, candidates[0], dtype=np.intp)
     scores = np.zeros((len(candidates), 2 * n))
-    for segment in segments:
+    for segment in excerpts(segments):
         span = slice(segment.start, segment.stop)
-        part = np.ascontiguousarray(both[:, span])
+        part = np.ascontiguousarray(np.concatenate([channel[span] for channel in channels], axis=1).T)
         noise = np.array([white_noise(channel) for channel in part]) if rates else np.zeros(0)
         for row, stride in enumerate(candidates):
             if len(segment) <= 12 * stride:
@@ -321,10 +325,27 @@ def _choose(
     return np.array([candidates[k] for k in finest], dtype=np.intp)
 
 
+def excerpts(segments: Sequence[Segment]) -> tuple[Segment, ...]:
+    """Return stretches spread over a long log that say what it is like; of a log that is not long, all of it."""
+    total = sum(len(s) for s in segments)
+    if total <= 2 * JUDGED:
+        return tuple(segments)
+    each = JUDGED // EXCERPTS
+    found: list[Segment] = []
+    begin = 0
+    for segment in segments:
+        wanted = (np.arange(EXCERPTS) + 0.5) / EXCERPTS * total - begin
+        for centre in wanted[(wanted >= 0) & (wanted < len(segment))]:
+            start = segment.start + int(np.clip(centre - each // 2, 0, max(len(segment) - each, 0)))
+            found.append(Segment(start, min(start + each, segment.stop), segment.source))
+        begin += len(segment)
+    return tuple(found)
+
+
 def _fused_score(part: Array, rates: Sequence[tuple[Rate, Array]], noise: Array, stride: int, dt: float) -> Array:
     """Return Akaike's criterion of splines seen through positions and rates of known noise, (channels,)."""
     fit = fit_spline(part, stride, dt, [(r.derivative, values, r.ratio) for r, values in rates])
-    squares = np.nansum(fit.residual**2, axis=1)
+    squares = fit.squares.copy()
     for rate, values in rates:
         squares += rate.ratio**2 * np.nansum((values - fit.spline.evaluate(rate.derivative)) ** 2, axis=1)
     score: Array = squares / np.maximum(noise, 1e-300) ** 2 + 2.0 * fit.freedom
@@ -334,7 +355,7 @@ def _fused_score(part: Array, rates: Sequence[tuple[Rate, Array]], noise: Array,
 def _rates(
     recording: Recording,
     accelerations: tuple[Array, Array] | None,
-    both: Array,
+    channels: tuple[Array, Array],
     segments: tuple[Segment, ...],
     strides: NDArray[np.intp],
     options: SignalOptions,
@@ -342,8 +363,11 @@ def _rates(
     """Return measured derivatives that agree with the positions, and a sentence for each that does not."""
     if not options.measured_velocity:
         return [], ()
-    absent = np.full((both.shape[1], len(strides)), np.nan)
     measured = [(1, recording.dq, recording.dtheta), (2, *(accelerations or (None, None)))]
+    if all(values is None for _, *sides in measured for values in sides):
+        return [], ()
+    both = np.concatenate(channels, axis=1).T
+    absent = np.full((both.shape[1], len(strides)), np.nan)
     rates, notes = [], []
     for derivative, link, motor in measured:
         if link is None and motor is None:
@@ -359,7 +383,7 @@ def _rates(
 
 
 def _butterworth(
-    link: Array, motor: Array, segments: tuple[Segment, ...], dt: float, options: SignalOptions
+    t: Array, link: Array, motor: Array, segments: tuple[Segment, ...], dt: float, options: SignalOptions
 ) -> _Smooth:
     from scipy.signal import butter, sosfiltfilt
 
@@ -376,44 +400,68 @@ def _butterworth(
             out[side, 1, part] = np.gradient(smooth, dt, axis=0)
             out[side, 2, part] = np.gradient(out[side, 1, part], dt, axis=0)
             noise[side] = np.sqrt(np.nanmean((raw - smooth) ** 2, axis=0))
-    return _Smooth(
-        (out[0, 0], out[0, 1], out[0, 2]), (out[1, 0], out[1, 1], out[1, 2]), (noise[0], noise[1]), np.full(n, np.nan)
-    )
+    motion = Motion(t, out[0, 0], out[0, 1], out[0, 2], out[1, 0], out[1, 1], out[1, 2])
+    return _Smooth(motion, (noise[0], noise[1]), np.full(n, np.nan))
 
 
-def _span(channel: Array, segments: tuple[Segment, ...]) -> float:
-    parts = np.concatenate([channel[s.start : s.stop] for s in segments])
-    return float(np.nanmax(parts) - np.nanmin(parts)) if np.isfinite(parts).any() else 0.0
+def _stretches(segments: Sequence[Segment]) -> Iterator[slice]:
+    for segment in segments:
+        for start in range(segment.start, segment.stop, STRETCH):
+            yield slice(start, min(start + STRETCH, segment.stop))
 
 
-def _still(smooth: _Smooth, segments: tuple[Segment, ...]) -> NDArray[np.bool_]:
-    n = smooth.values[0].shape[1]
-    result = np.zeros(n, dtype=bool)
-    for k in range(n):
-        for channel, noise in ((smooth.values[0], smooth.noise[0]), (smooth.motor[0], smooth.noise[1])):
-            span = _span(channel[:, k], segments)
-            scale = float(np.nanmax(np.abs(channel[:, k]), initial=0.0))
-            result[k] |= span <= max(STILL * float(noise[k]), 1e-9 * scale, 1e-12)
-    return result
+def _ranges(motion: Motion, segments: Sequence[Segment]) -> tuple[Array, Array, Array]:
+    """Return smallest, largest and mean position of links and motors, (2, n) each; NaN where there is none."""
+    n = motion[0:0].q.shape[1]
+    low, high, total, count = np.full((2, n), np.nan), np.full((2, n), np.nan), np.zeros((2, n)), np.zeros((2, n))
+    for part in _stretches(segments):
+        here = motion[part]
+        for side, values in enumerate((here.q, here.theta)):
+            low[side] = np.fmin(low[side], np.fmin.reduce(values))
+            high[side] = np.fmax(high[side], np.fmax.reduce(values))
+            known = np.isfinite(values)
+            count[side] += np.count_nonzero(known, axis=0)
+            total[side] += np.sum(values, axis=0, where=known)
+    return low, high, np.where(count > 0, total / np.maximum(count, 1), 0.0)
 
 
-def _constant(raw: Array, segments: tuple[Segment, ...]) -> NDArray[np.bool_]:
+def _still(low: Array, high: Array, noise: tuple[Array, Array]) -> NDArray[np.bool_]:
+    span = np.nan_to_num(high - low)
+    scale = np.nan_to_num(np.fmax(np.abs(low), np.abs(high)))
+    least = np.fmax(np.fmax(STILL * np.stack(noise), 1e-9 * scale), 1e-12)
+    still: NDArray[np.bool_] = np.any(span <= least, axis=0)
+    return still
+
+
+def _constant(raw: Array, segments: Sequence[Segment]) -> NDArray[np.bool_]:
     """Return which channels hold one value only, (n,): splines of a constant vibrate at their ends by rounding."""
-    known = np.isfinite(raw).any(axis=0)
-    return known & np.array([_span(raw[:, k], segments) == 0.0 for k in range(raw.shape[1])])
+    low, high = np.full(raw.shape[1], np.nan), np.full(raw.shape[1], np.nan)
+    for part in _stretches(segments):
+        low, high = np.fmin(low, np.fmin.reduce(raw[part])), np.fmax(high, np.fmax.reduce(raw[part]))
+    constant: NDArray[np.bool_] = np.isfinite(low) & (high == low)
+    return constant
 
 
-def _motion(t: Array, smooth: _Smooth, still: NDArray[np.bool_], segments: tuple[Segment, ...]) -> Motion:
+def _at_rest(motion: Motion, still: NDArray[np.bool_], mean: Array) -> Motion:
     """Return the motion; a joint that does not move rests exactly at its mean, so that its columns are exact."""
-    q, dq, ddq = (a.copy() for a in smooth.values)
-    theta, dtheta, ddtheta = (a.copy() for a in smooth.motor)
+    if not still.any():
+        return motion
+    rest = np.where(still, mean, np.nan)
+    if isinstance(motion, SplineMotion):
+        return motion.resting(rest)
+    arrays = [a.copy() for a in (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)]
     for k in np.flatnonzero(still):
-        for position in (q, theta):
-            parts = np.concatenate([position[s.start : s.stop, k] for s in segments])
-            position[:, k] = float(np.nanmean(parts)) if np.isfinite(parts).any() else 0.0
-        for rate in (dq, ddq, dtheta, ddtheta):
-            rate[:, k] = 0.0
-    return Motion(t, q, dq, ddq, theta, dtheta, ddtheta)
+        for number, array in enumerate(arrays):
+            array[:, k] = 0.0 if number % 3 else rest[number // 3, k]
+    return Motion(motion.t, *arrays)
+
+
+def _top_speed(motion: Motion, segments: Sequence[Segment]) -> Array:
+    """Return the speed that each motor exceeds in one twentieth of the time, (n,); of a long log, of some samples."""
+    every = max(1, sum(len(s) for s in segments) // (2 * JUDGED))
+    speeds = np.concatenate([np.abs(motion[part].dtheta[::every]) for part in _stretches(segments)])
+    top: Array = np.quantile(speeds, 0.95, axis=0)
+    return top
 
 
 def _torque_noise(tau: Array, segments: tuple[Segment, ...]) -> Array:
@@ -422,7 +470,7 @@ def _torque_noise(tau: Array, segments: tuple[Segment, ...]) -> Array:
     The median tells it from jumps, which friction and controllers make and which are no noise; of a torque in coarse
     steps the median may be 0, and the mean square is taken.
     """
-    sixth = np.concatenate([np.diff(tau[s.start : s.stop], 6, axis=0) for s in segments])
+    sixth = np.concatenate([np.diff(tau[s.start : s.stop], 6, axis=0) for s in excerpts(segments)])
     result = np.full(tau.shape[1], np.nan)
     for k in range(tau.shape[1]):
         known = sixth[np.isfinite(sixth[:, k]), k]

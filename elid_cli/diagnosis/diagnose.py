@@ -166,6 +166,7 @@ def diagnose(
         Called with a label and the finished part, 0 to 1.
     """
     options = options or DiagnoseOptions()
+    robot = robot.stiffened(signals.unlinked)
     model = Model(robot)
     log = divided(model, signals)
     library = {
@@ -192,7 +193,7 @@ def _supported(found: Found, declared: int) -> Found:
             possible = sensible(state.effects[declared + k], state.scene, state.named(declared + k))
             if possible and step.candidate.effect.local:
                 continue
-            if not possible or held_out_gain(state, declared + k) <= 0:
+            if not possible or held_out_gain(state, declared + k) < step.candidate.effect.least_gain:
                 state = refreshed(without(state, declared + k))
                 steps.pop(k)
                 changed = True

@@ -40,6 +40,8 @@ NEAR_SHARE = 0.01
 """… or whose gain differs by this part: then the form of the curve decides, which a log can only hint at."""
 KEPT = 0.03
 """Part of the left-out error that an effect must take away to be kept whatever its likelihood."""
+PASSED = 0.6
+"""Part of the cut-off up to which frequencies are named."""
 STEPS = 8
 PAIR = ("encoder_skew", "encoder_offset")
 """Faults of the position channels that are tried together, before any physics."""
@@ -122,7 +124,7 @@ def at_floor(state: State) -> bool:
 def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     """Return the best supported candidate with its rivals, or None when nothing deserves a name."""
     threshold = NET_AT_FLOOR if at_floor(state) else NET
-    able = [c for c in candidates if c.supported and c.net > threshold]
+    able = [c for c in candidates if c.supported and c.net > threshold and _within(state, c)]
     if not able:
         return None
     margin = max(NEAR, NEAR_SHARE * able[0].net)
@@ -130,6 +132,12 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     # among equals the one with the fewest parameters: the others hold it as a special case, or fit its noise
     best = min(near, key=lambda c: (c.size, c.gain.width, -c.net))
     return Step(best, tuple(c for c in near if c is not best))
+
+
+def _within(state: State, candidate: Candidate) -> bool:
+    """Whether a frequency lies clear of the filter's edge, where the filter itself makes a resonance."""
+    frequency = candidate.values.get("frequency")
+    return frequency is None or frequency < PASSED * state.log.signals.filter.cutoff
 
 
 def _measurement_first(state: State, library: Mapping[str, type[Effect]]) -> tuple[State, list[Step]]:

@@ -34,6 +34,7 @@ class FlexibleMode(OscillatorEffect):
     fingerprint = "sum row, a narrow line at a fixed frequency that rings after jerks, whatever the speed"
     record = "jerky motion, logged and filtered well above the frequency; an accelerometer on the suspect"
     place = "link"
+    least_gain = 0.15  # its column lives where the splines' errors are largest
     amplitudes = (Parameter("inertia", "kg·m²", "inertia that swings", low=0.0),)
     shapes = (
         Parameter("frequency", "Hz", "its natural frequency with the link held", low=0.05),

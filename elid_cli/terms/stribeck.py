@@ -12,7 +12,7 @@ from elid_cli.terms.rows import motor_row
 
 Array = NDArray[np.float64]
 
-SLOWEST = 0.008
+SLOWEST = 0.015
 """Least Stribeck velocity, as a part of the top speed."""
 
 

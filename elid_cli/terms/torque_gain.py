@@ -13,6 +13,9 @@ from elid_cli.terms.rows import motor_row
 
 Array = NDArray[np.float64]
 
+LEAST = 0.015
+"""Least gain error that is told from the errors of smoothing."""
+
 
 class TorqueGain(Effect):
     """A torque constant that differs from the one the log was scaled with.
@@ -40,6 +43,11 @@ class TorqueGain(Effect):
     def applies(cls, robot: Robot, joint: int) -> bool:
         """Whether there is another joint to compare with."""
         return robot.n > 1
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether the gain is one of a torque constant and not the last per cent that smoothing takes."""
+        return super().plausible(scene, joint, values) and abs(values["gain"]) > LEAST
 
     def columns(self, scene: Scene) -> Columns:
         """Return the predicted torque in the motor row."""
