@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.errors import RobotError
+from elid_cli.motion import Motion
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
 from elid_cli.terms.shifted import shifted
@@ -98,7 +99,8 @@ def corrected(signals: Signals, shifts: Shifts) -> Signals:
                     channel[part, k] = shifted(channel[part, k], float(shifts.link[k]) / signals.dt)
             if shifts.torque[k]:
                 tau[part, k] = _later(tau[part, k], float(shifts.torque[k]) / signals.dt)
-    return replace(signals, motion=replace(motion, q=link[0], dq=link[1], ddq=link[2]), tau=tau)
+    moved = Motion(motion.t, link[0], link[1], link[2], motion.theta, motion.dtheta, motion.ddtheta)
+    return replace(signals, motion=moved, tau=tau)
 
 
 def _later(values: Array, samples: float) -> Array:

@@ -8,7 +8,7 @@ the same optimum as a Rauch-Tung-Striebel smoother with that prior).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 DEGREE = 5
 _ORDER = DEGREE + 1
+_STRETCH = 32768
+"""Samples taken at a time."""
 _RIDGE = 1e-10
 """Weight of the third-difference penalty relative to the data: holds coefficients that no sample sees."""
 
@@ -95,42 +97,70 @@ class Spline:
         return moved
 
 
+    def between(self, start: int, stop: int, derivatives: int = 3) -> Array:
+        """Return values and derivatives at samples start…stop-1, (derivatives, channels, stop - start)."""
+        width = self.stride * self.dt
+        intervals = self.coefficients.shape[1] - DEGREE
+        first = min(start // self.stride, intervals - 1)
+        last = min(max(-(-stop // self.stride), first + 1), intervals)
+        local = np.arange(self.stride) / self.stride
+        weights = np.concatenate([basis(local, d) / width**d for d in range(derivatives)])
+        windows = np.lib.stride_tricks.sliding_window_view(self.coefficients[:, first : last + DEGREE], _ORDER, axis=1)
+        channels = len(self.coefficients)
+        pieces = np.matmul(windows, weights.T).reshape(channels, last - first, derivatives, self.stride)
+        body = np.moveaxis(pieces, 2, 0).reshape(derivatives, channels, -1)
+        if stop > intervals * self.stride:
+            end = np.stack([windows[:, -1] @ basis(np.ones(1), d).T / width**d for d in range(derivatives)])
+            body = np.concatenate([body, end], axis=2)
+        asked: Array = body[:, :, start - first * self.stride : stop - first * self.stride]
+        return asked
+
+
 @dataclass(frozen=True)
 class Fit:
     """A spline with what it left over."""
 
     spline: Spline
-    residual: Array
-    """Samples minus spline, (channels, samples); NaN where there was no sample."""
+    squares: Array
+    """Sum of squares of samples minus spline, (channels,)."""
+    counted: NDArray[np.intp]
+    """Samples that there were, (channels,)."""
     freedom: int
     """Number of coefficients per channel."""
 
     @property
     def rms(self) -> Array:
         """Residual rms per channel, corrected for the coefficients spent, (channels,)."""
-        counted = np.sum(np.isfinite(self.residual), axis=1)
-        spare = np.maximum(counted - self.freedom, 1)
-        rms: Array = np.sqrt(np.nansum(self.residual**2, axis=1) / spare)
+        spare = np.maximum(self.counted - self.freedom, 1)
+        rms: Array = np.sqrt(self.squares / spare)
         return rms
 
     @property
     def aicc(self) -> Array:
         """Corrected Akaike criterion per channel, (channels,); infinite where samples do not suffice."""
-        counted = np.sum(np.isfinite(self.residual), axis=1).astype(float)
-        power = np.maximum(np.nansum(self.residual**2, axis=1) / counted, 1e-300)
+        counted = self.counted.astype(float)
+        power = np.maximum(self.squares / np.maximum(counted, 1.0), 1e-300)
         spare = counted - self.freedom - 2.0
         with np.errstate(divide="ignore"):
             criterion = counted * np.log(power) + 2.0 * (self.freedom + 1) * counted / spare
         return np.where(spare > 0, criterion, np.inf)
 
 
-def fit_spline(values: Array, stride: int, dt: float, rates: Sequence[tuple[int, Array, Array]] = ()) -> Fit:
+def fit_spline(
+    values: Array,
+    stride: int,
+    dt: float,
+    rates: Sequence[tuple[int, Array, Array]] = (),
+    channels: NDArray[np.intp] | None = None,
+) -> Fit:
     """Fit quintic splines with knots every `stride` samples.
+
+    Samples are taken a stretch at a time, so that no further array of their length is made.
 
     Parameters
     ----------
     values
-        Samples, (channels, N); NaN where missing.
+        Samples, (channels, N), of any layout in memory; NaN where missing.
     stride
         Samples per knot interval, at least 1.
     dt
@@ -138,46 +168,85 @@ def fit_spline(values: Array, stride: int, dt: float, rates: Sequence[tuple[int,
     rates
         Measured derivatives of the same channels: (derivative, samples (channels, N) with NaN where missing, standard
         deviation of position noise over that of this noise (channels,)).
+    channels
+        Rows of `values` to fit, default all.
     """
-    channels, samples = values.shape
+    channels = np.arange(len(values)) if channels is None else channels
+    samples = values.shape[1]
     intervals = max(1, -(-(samples - 1) // stride))
-    padded = intervals * stride + 1
-    local = np.arange(stride) / stride
-    known = np.isfinite(values)
-    shared = bool(known.all()) and not rates
-    band = np.zeros((channels if not shared else 1, _ORDER, intervals + DEGREE))
-    right = np.zeros((channels, intervals + DEGREE))
-    observed: list[tuple[int, Array, Array]] = [(0, values, np.ones(channels)), *rates]
+    whole = not rates and bool(np.isfinite(values.sum(axis=1)[channels]).all())
+    band = np.zeros((1 if whole else len(channels), _ORDER, intervals + DEGREE))
+    right = np.zeros((len(channels), intervals + DEGREE))
+    observed: list[tuple[int, Array, Array]] = [(0, values, np.ones(len(channels))), *rates]
     for derivative, data, ratio in observed:
-        weight = np.isfinite(data) * (ratio**2)[:, None]
-        width = (stride * dt) ** derivative
-        design, end = basis(local, derivative) / width, basis(np.ones(1), derivative) / width
-        _accumulate(band, right, data, weight[:1] if shared else weight, design, end, stride, padded)
-    coefficients = _solve(band, right)
-    spline = Spline(coefficients, samples, stride, dt)
-    residual = values - spline.evaluate()
-    return Fit(spline, residual, min(intervals + DEGREE, samples))
+        for first, part in _stretches(data, channels if derivative == 0 else None, stride, intervals):
+            design = basis(np.arange(stride + 1) / stride, derivative) / (stride * dt) ** derivative
+            _accumulate(band, right, part, ratio, design, first, whole=whole)
+    spline = Spline(_solve(band, right), samples, stride, dt)
+    squares, counted = np.zeros(len(channels)), np.zeros(len(channels), dtype=np.intp)
+    for first, part in _stretches(values, channels, stride, intervals):
+        rest = part - spline.between(first * stride, first * stride + part.shape[1], 1)[0]
+        if whole:
+            squares += np.einsum("cn,cn->c", rest, rest)
+            counted += part.shape[1]
+        else:
+            squares += np.nansum(rest**2, axis=1)
+            counted += np.count_nonzero(np.isfinite(rest), axis=1)
+    return Fit(spline, squares, counted, min(intervals + DEGREE, samples))
+
+
+def _stretches(
+    data: Array, channels: NDArray[np.intp] | None, stride: int, intervals: int
+) -> Iterator[tuple[int, Array]]:
+    """Yield (first interval, samples (channels, m)) of some intervals at a time; the last holds the end point too."""
+    each = max(1, _STRETCH // stride)
+    for first in range(0, intervals, each):
+        last = min(first + each, intervals)
+        stop = data.shape[1] if last == intervals else last * stride
+        part = data[:, first * stride : stop]
+        yield first, np.ascontiguousarray(part if channels is None or len(channels) == len(data) else part[channels])
 
 
 def _accumulate(
-    band: Array, right: Array, data: Array, weight: Array, design: Array, end: Array, stride: int, padded: int
+    band: Array, right: Array, part: Array, ratio: Array, design: Array, first: int, *, whole: bool
 ) -> None:
-    """Add one kind of observation to the banded normal equations (upper form: band[:, a] is diagonal a)."""
-    channels, samples = data.shape
-    body = padded - 1
-    weights = np.zeros((weight.shape[0], padded))
-    weights[:, :samples] = weight
-    loads = np.zeros((channels, padded))
-    loads[:, :samples] = np.where(weight > 0, np.nan_to_num(data) * weight, 0.0)
-    intervals = body // stride
-    moments = loads[:, :body].reshape(channels, intervals, stride) @ design
-    blocks = weights[:, :body].reshape(weights.shape[0], intervals, stride)
+    """Add some intervals' observations to the banded normal equations (upper form: band[:, a] is diagonal a).
+
+    `design` holds the weights of a whole interval's samples and, last, those of its end.
+    """
+    stride = len(design) - 1
+    channels, count = part.shape
+    full = min(count // stride, right.shape[1] - DEGREE - first)
+    rest = count - full * stride
+    ends = _interval_ends(right, first, full, rest)
+    if not whole:
+        weight = np.isfinite(part) * (ratio**2)[:, None]
+        part = np.where(weight > 0, np.nan_to_num(part, posinf=0.0, neginf=0.0) * weight, 0.0)
+    body = part[:, : full * stride].reshape(channels, full, stride)
+    moments = body @ design[:-1]
+    products = (design[:-1, :, None] * design[:-1, None, :]).reshape(stride, -1)
+    cross = None if whole else weight[:, : full * stride].reshape(channels, full, stride) @ products
+    total = products.sum(axis=0)
     for a in range(_ORDER):
-        right[:, a : a + intervals] += moments[:, :, a]
-        right[:, intervals - 1 + a] += loads[:, body] * end[0, a]
+        right[:, first + a : first + a + full] += moments[:, :, a]
         for b in range(a, _ORDER):
-            band[:, b - a, a : a + intervals] += blocks @ (design[:, a] * design[:, b])
-            band[:, b - a, intervals - 1 + a] += weights[:, body] * end[0, a] * end[0, b]
+            added = total[_ORDER * a + b] if cross is None else cross[:, :, _ORDER * a + b]
+            band[:, b - a, first + a : first + a + full] += added
+    for sample, interval, at in ends:
+        row, value = design[at], part[:, full * stride + sample]
+        shared = np.ones(1) if whole else weight[:, full * stride + sample]
+        right[:, interval : interval + _ORDER] += np.outer(value, row)
+        for a in range(_ORDER):
+            for b in range(a, _ORDER):
+                band[:, b - a, interval + a] += shared * row[a] * row[b]
+
+
+def _interval_ends(right: Array, first: int, full: int, rest: int) -> list[tuple[int, int, int]]:
+    """Return (sample, interval, row of the design) of samples after the last full interval of a stretch."""
+    intervals = right.shape[1] - DEGREE
+    if rest == 1 and first + full == intervals:  # the end point closes the last interval
+        return [(0, intervals - 1, -1)]
+    return [(sample, first + full, sample) for sample in range(rest)]
 
 
 def _solve(band: Array, right: Array) -> Array:
