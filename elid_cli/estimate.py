@@ -20,7 +20,7 @@ from elid_cli.identification import (
     Nuisance,
     Verdict,
 )
-from elid_cli.link_equation import link_stiffness, with_both_regressions, with_link_stiffness
+from elid_cli.link_equation import link_stiffness, two_ways, with_both_regressions, with_link_stiffness
 from elid_cli.model import Model
 from elid_cli.nuisance import DELAY
 from elid_cli.observation import Observation
@@ -127,7 +127,7 @@ def assemble(
     nuisances, delays = _nuisances(fit)
     warnings = [*suspicious(base, estimate, deviation, known)]
     lacking = shortfall(base, solution, known, fit.signals)
-    found = Identification(
+    fresh = Identification(
         robot=robot,
         base=base,
         estimate=np.where(unsaid, np.nan, estimate),
@@ -152,7 +152,7 @@ def assemble(
         triangles=fit.triangles,
         weights=solution.weights,
     )
-    found = with_both_regressions(found, fit.observation)
+    found = with_both_regressions(fresh, lambda joint: two_ways(fresh, fit.observation, joint))
     return with_link_stiffness(
         found, lambda joint: link_stiffness(base, fit.observation, fit.signals, robot.reference(), joint), base.classes
     )

@@ -18,11 +18,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from elid_cli import errors
-from elid_cli.base import BaseParameters, find_base
 from elid_cli.errors import ElidError, UsageError
 from elid_cli.log_reduction import reduce_log
 from elid_cli.logs import read_recording
-from elid_cli.model import Model
 from elid_cli.recording import Recording
 from elid_cli.reduced_log import ReducedLog
 from elid_cli.robot import Robot
@@ -66,7 +64,7 @@ def prepared(recording: Recording, robot: Robot, conditioning: Mapping[str, Any]
 
 def reduce_job(job: Job, progress: Progress | None = None) -> ReducedLog:
     """Read and reduce one log in this process."""
-    robot, model, base = _machine(job.robot, job.name)
+    robot = _machine(job.robot, job.name)
     recording = read_recording(
         [job.path or job.log],
         robot,
@@ -76,7 +74,7 @@ def reduce_job(job: Job, progress: Progress | None = None) -> ReducedLog:
         time_source=job.time_source,
     )
     signals = prepared(recording, robot, job.conditioning)
-    reduced = reduce_log(model, base, signals, recording, job.conditioning, progress)
+    reduced = reduce_log(robot, signals, recording, job.conditioning, progress)
     if job.path and job.path != job.log:
         reduced = replace(reduced, recording=replace(reduced.recording, files=(job.log,)))
     return reduced
@@ -214,9 +212,7 @@ def _placed(job: Job) -> Job:
 
 
 @lru_cache(maxsize=2)
-def _machine(text: str, name: str) -> tuple[Robot, Model, BaseParameters]:
+def _machine(text: str, name: str) -> Robot:
     from elid_cli.robot_file import robot_from_text
 
-    robot = robot_from_text(text, name)
-    model = Model(robot)
-    return robot, model, find_base(model)
+    return robot_from_text(text, name)

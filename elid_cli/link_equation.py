@@ -150,8 +150,11 @@ def two_ways(found: Identification, observation: Observation, joint: int) -> Two
     return TwoWays(xy / xx, yy / xy) if xx > 0 and xy > 0 else None
 
 
-def with_both_regressions(found: Identification, observation: Observation) -> Identification:
-    """Return the identification with each stiffness that depends on the direction of regression put between the two."""
+def with_both_regressions(found: Identification, way: Callable[[int], TwoWays | None]) -> Identification:
+    """Return the identification with each stiffness that depends on the direction of regression put between the two.
+
+    `way` gives both for a joint (from 0).
+    """
     estimate, deviation = found.estimate.copy(), found.std_error.copy()
     verdict: list[Verdict] = list(found.verdict)
     this_log, reasons = dict(found.this_log), dict(found.reasons)
@@ -159,7 +162,7 @@ def with_both_regressions(found: Identification, observation: Observation) -> Id
         name = found.base.parameters[leader]
         if not name.startswith("K") or verdict[k] == "refused":
             continue
-        ways = two_ways(found, observation, int(name[1:]) - 1)
+        ways = way(int(name[1:]) - 1)
         if ways is None or ways.share >= CLEAR:
             continue
         estimate[k], deviation[k] = ways.middle, max(ways.spread, deviation[k])

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters
-from elid_cli.link_equation import LEAST, LinkStiffness
+from elid_cli.link_equation import LEAST, LinkStiffness, TwoWays
 from elid_cli.longrun import KernelSum, Persistence, small_sample
+from elid_cli.merged_fit import MergedFit, Stock
 from elid_cli.model import Model, Row
 from elid_cli.observation import Block
 from elid_cli.reduction import factor_of
@@ -121,6 +122,27 @@ def merged_stiffness(systems: Sequence[LinkSystem]) -> LinkStiffness | None:
     variance = float(torque @ torque) / count - (float(torque @ ones) / count) ** 2
     left = float(rest @ rest) / count - (float(rest @ ones) / count) ** 2
     return LinkStiffness(float(fitted[0]), spread, 1.0 - left / variance if variance > 0 else 0.0)
+
+
+def merged_ways(model: Model, stock: Stock, fit: MergedFit, standard: Array, joint: int) -> TwoWays | None:
+    """Return a joint's stiffness by both regressions of its motor row (`link_equation.two_ways`), from triangles."""
+    chosen = stock.chosen(fit.gliding, stock.nuisances).of(Row("motor", joint))
+    count = sum(t.count for t in chosen)
+    spring = model.index.get(f"K{joint + 1}")
+    if count < LEAST or spring is None or spring not in chosen[0].index:
+        return None
+    index = chosen[0].index
+    factor = np.concatenate([t.factor for t in chosen])
+    own = np.flatnonzero((index < model.parameters) & (index != spring))
+    ones = factor[:, np.flatnonzero(index == model.parameters + stock.nuisances.index(model.robot.n + joint))[0]]
+    x = factor[:, np.flatnonzero(index == spring)[0]]
+    y = factor[:, -1] - factor[:, own] @ standard[index[own]]
+
+    def product(a: Array, b: Array) -> float:
+        return float(a @ b) - float(a @ ones) * float(b @ ones) / count
+
+    xx, yy, xy = product(x, x), product(y, y), product(x, y)
+    return TwoWays(xy / xx, yy / xy) if xx > 0 and xy > 0 else None
 
 
 def _solved(factor: Array) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.base import BaseParameters
+from elid_cli.base import find_base
 from elid_cli.link_reduction import LinkTorque, reduce_links
 from elid_cli.longrun import KernelSum, Persistence, small_sample
 from elid_cli.merged_fit import Stock, fit_stock
@@ -22,6 +22,7 @@ from elid_cli.observation import REVERSAL_SHARE, Block, observed_blocks
 from elid_cli.recording import Recording
 from elid_cli.reduced_log import ReducedLog, Scores, SignalFacts, hollow
 from elid_cli.reduction import Triangle, factor_of
+from elid_cli.robot import Robot
 from elid_cli.robot_text import fingerprint
 from elid_cli.signals import Signals
 from elid_cli.solve import Solution
@@ -49,8 +50,7 @@ class _Kept:
 
 
 def reduce_log(
-    model: Model,
-    base: BaseParameters,
+    robot: Robot,
     signals: Signals,
     recording: Recording,
     options: Mapping[str, object],
@@ -60,8 +60,8 @@ def reduce_log(
 
     Parameters
     ----------
-    model, base
-        The robot.
+    robot
+        The robot as described.
     signals, recording
         The log.
     options
@@ -69,6 +69,8 @@ def reduce_log(
     progress
         Told the share of the log that is done.
     """
+    model = Model(robot.stiffened(signals.unlinked))
+    base = find_base(model)
     plan = model.estimation
     layout = _layout(model, plan)
     pile = _Pile(model, layout, len(signals.outputs))
@@ -89,7 +91,7 @@ def reduce_log(
     scores = _ScoreMaker(model, plan, layout, stock, blocks)
     fit_stock(stock, base.count, signals.dt, scores.covariance)
     return ReducedLog(
-        fingerprint(model.robot),
+        fingerprint(robot),
         dict(options),
         hollow(recording),
         facts_of(signals, blocks),
@@ -117,6 +119,7 @@ def facts_of(signals: Signals, blocks: Sequence[_Kept]) -> SignalFacts:
         deflection_noise=np.array([deflection_noise(signals, k) for k in range(n)]),
         still=signals.still,
         torque=np.array([np.isfinite(signals.tau[:, k]).any() for k in range(n)]),
+        unlinked=signals.unlinked,
         velocity_used=bool(signals.velocity_used.any()),
         known=np.sum([kept.known.sum(axis=1) for kept in blocks], axis=0, dtype=np.intp),
         poses=np.nan_to_num(signals.motion.q[outputs]),

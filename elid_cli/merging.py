@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from elid_cli.base import BaseParameters, find_base
 from elid_cli.by_log import ByLog
 from elid_cli.errors import UsageError
-from elid_cli.estimate import assemble
+from elid_cli.estimate import assemble, unlinked_named
 from elid_cli.fitting import Fit
 from elid_cli.heldout import joint_errors
 from elid_cli.identification import EstimateOptions, Identification
-from elid_cli.link_equation import with_link_stiffness
-from elid_cli.link_reduction import merged_stiffness
+from elid_cli.link_equation import with_both_regressions, with_link_stiffness
+from elid_cli.link_reduction import merged_stiffness, merged_ways
 from elid_cli.log_reduction import FOLDS, lifted, spread_of
 from elid_cli.lowpass import LowPass
 from elid_cli.merged_fit import MergedFit, Stock, fit_stock
@@ -47,6 +47,7 @@ def identify_reduced(robot: Robot, logs: Sequence[ReducedLog]) -> tuple[Identifi
         The logs excite no parameter at all.
     """
     check_alike(robot, logs)
+    whole, robot = robot, robot.stiffened(logs[0].facts.unlinked)
     model = Model(robot)
     base = find_base(model)
     stock = _stock(model, logs)
@@ -56,15 +57,18 @@ def identify_reduced(robot: Robot, logs: Sequence[ReducedLog]) -> tuple[Identifi
         return _covariance(logs, stock, solution, nuisances)
 
     fit = fit_stock(stock, base.count, dt, covariance)
-    whole = _as_fit(model, base, logs, fit)
+    judged = _as_fit(model, base, logs, fit)
     noise = _mean_square([log.facts.deflection_noise for log in logs], [log.facts.instants for log in logs])
     refused = stiffness_in_noise(model, fit.triangles, fit.solution.basis, noise)
-    found = assemble(whole, EstimateOptions(), refused)
+    found = assemble(judged, EstimateOptions(), refused)
     found = replace(found, settings={**found.settings, **_counts(logs, fit)})
     alike = [log for log in logs if np.array_equal(log.reference, robot.reference(), equal_nan=True)]
+    standard = found.standard
+    found = with_both_regressions(found, lambda joint: merged_ways(model, stock, fit, standard, joint))
     found = with_link_stiffness(
         found, lambda joint: merged_stiffness([s for log in alike if (s := log.links[joint])]), base.classes
     )
+    found = unlinked_named(found, whole)
     return found, _by_log(model, logs, fit)
 
 
@@ -79,6 +83,13 @@ def check_alike(robot: Robot, logs: Sequence[ReducedLog]) -> None:
                 "gravity, gears, transmissions or declared effects differ",
                 hint=f"elid reduce LOG --robot {robot.name} -o FILE.npz",
             )
+    without = {tuple(log.facts.unlinked.tolist()) for log in logs}
+    if len(without) > 1:
+        raise UsageError(
+            "some of these logs lack link positions that others have",
+            detail="without them a transmission counts as rigid, which is another model",
+            hint="identify those with link positions, and the others, apart",
+        )
     first = logs[0]
     files = ", ".join(first.recording.files)
     for log in logs[1:]:

@@ -41,6 +41,8 @@ class SignalFacts:
     still: NDArray[np.bool_]
     torque: NDArray[np.bool_]
     """Joints with a torque."""
+    unlinked: NDArray[np.bool_]
+    """Joints without a link position: their transmission counts as rigid."""
     velocity_used: bool
     known: NDArray[np.intp]
     """Instants at which a joint's torque is known."""
@@ -71,7 +73,7 @@ class ReducedLog:
     """
 
     fingerprint: str
-    """Of the robot's model (`robot_text.fingerprint`)."""
+    """Of the model of the robot as described (`robot_text.fingerprint`)."""
     options: Mapping[str, object]
     """How the signals were conditioned, as asked for; JSON values."""
     recording: Recording

@@ -176,13 +176,10 @@ def reduced_signals(
     signals: Signals, recording: Recording, robot: Robot, conditioning: Conditioning, progress: Progress | None
 ) -> ReducedLog:
     """Return one log reduced, whose signals are at hand."""
-    from elid_cli.base import find_base
     from elid_cli.log_reduction import reduce_log
-    from elid_cli.model import Model
 
-    model = Model(robot)
     tell = None if progress is None else lambda share: progress("reducing", share)
-    return reduce_log(model, find_base(model), signals, recording, asdict(conditioning), tell)
+    return reduce_log(robot, signals, recording, asdict(conditioning), tell)
 
 
 def _check_options(found: Sequence[ReducedLog], conditioning: Conditioning) -> None:
