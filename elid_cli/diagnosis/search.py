@@ -42,7 +42,10 @@ KEPT = 0.03
 """Part of the left-out error that an effect must take away to be kept whatever its likelihood."""
 PASSED = 0.6
 """Part of the cut-off up to which frequencies are named."""
-STEPS = 8
+STEPS = 14
+"""Most candidates that are fitted in full …"""
+REFUSALS = 8
+"""… and most that may turn out not to be worth their parameters."""
 PAIR = ("encoder_skew", "encoder_offset")
 """Faults of the position channels that are tried together, before any physics."""
 PAIR_GAIN = 0.1
@@ -106,7 +109,7 @@ def search(
         grown = refreshed(fit(state.log, (*state.effects, chosen.candidate.effect), state.scene))
         if not _worthwhile(state, grown, chosen.candidate):
             refused.add(chosen.candidate.key)
-            if len(refused) > 3:
+            if len(refused) > REFUSALS:
                 break
             continue
         state = grown
