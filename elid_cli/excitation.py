@@ -99,6 +99,12 @@ class Excitation:
         return relative
 
     @property
+    def unknown(self) -> tuple[int, int]:
+        """How many parameters act on the torques, and of how many of them the robot file gives no value."""
+        acting = np.any(self.base.transform != 0, axis=0)
+        return int(acting.sum()), int((acting & np.isnan(self.robot.reference())).sum())
+
+    @property
     def gain(self) -> float:
         """How many times smaller standard errors are than after random motion, geometric mean."""
         return float(np.exp((self.evaluation.log_det - self.random.log_det) / self.base.count))

@@ -56,6 +56,7 @@ def diagnose(
     from elid_cli.commands.emit import check_output, emit, pictures_wanted
     from elid_cli.commands.inputs import check_effects, load_recording, load_signals, sharp
     from elid_cli.commands.progress import progress
+    from elid_cli.commands.writing import write_described
 
     check_output(output)
     if write_robot is not None:
@@ -67,7 +68,6 @@ def diagnose(
         from elid_cli.diagnosis.identified import identified
         from elid_cli.reports.diagnosis import Check, Told, diagnosis_report
         from elid_cli.robot_file import read_robot
-        from elid_cli.robot_file import write_robot as write_file
         from elid_cli.validation import validate
 
         check_effects(only)
@@ -103,7 +103,7 @@ def diagnose(
 
             report = with_figures(report, diagnosis_figures(found, told.after, told.contributions, signals))
     if write_robot is not None:
-        write_file(found.refined, write_robot)
+        write_described(found.refined, write_robot)
     emit(report, output)
     _check(told, gates, fail_on_effect)
 

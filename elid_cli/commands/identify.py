@@ -47,6 +47,7 @@ def identify(
     from elid_cli.commands.gates import check_gates, check_names
     from elid_cli.commands.progress import progress
     from elid_cli.commands.reducing import Asked, from_samples, from_triangles, merges, samples_of
+    from elid_cli.commands.writing import write_described
 
     check_output(output)
     if physical:
@@ -56,11 +57,11 @@ def identify(
     if write_robot is not None:
         check_writable(Path(write_robot))
     with progress(output, "reading") as advance:
-        from elid_cli import robot_file
         from elid_cli.refined import identified_robot
         from elid_cli.reports.identification import identification_report
+        from elid_cli.robot_file import read_robot
 
-        machine = robot_file.read_robot(robot)
+        machine = read_robot(robot)
         check_names(gates, machine.parameter_names())
         asked = Asked(logs, machine, reading, conditioning, fit, spread, output, advance)
         found, recording, apart, signals = from_triangles(asked) if merges(logs, machine, fit) else from_samples(asked)
@@ -80,6 +81,6 @@ def identify(
             report = with_physical(report, built, found.base)
             refined = replace(refined, joints=built.refined_robot().joints)
     if write_robot is not None:
-        robot_file.write_robot(refined, write_robot)
+        write_described(refined, write_robot)
     emit(report, output)
     check_gates(gates, found.error, found.this_log)

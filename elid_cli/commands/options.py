@@ -157,7 +157,8 @@ require_independent = option(
 gates = gathered("gates", Gates, max_error, require_independent)
 
 write_robot = option(
-    OUTPUT, "--write-robot", type=File(), metavar="FILE.yaml", help="Write a robot file that holds what was found.",
+    OUTPUT, "--write-robot", type=File(), metavar="FILE.yaml",
+    help="Write a robot file that holds what was found; .urdf and .xml: as URDF and MJCF, without effects.",
 )  # fmt: skip
 check = option(
     INPUT, "--check", "checks", multiple=True, type=File(), metavar="LOG",

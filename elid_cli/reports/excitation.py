@@ -5,8 +5,6 @@ from __future__ import annotations
 import shlex
 from typing import Any
 
-import numpy as np
-
 from elid_cli.excitation import Excitation
 from elid_cli.report import (
     Cell,
@@ -52,11 +50,10 @@ def excitation_report(found: Excitation, robot_argument: str, file: str, rate: f
 
 def _guessed(found: Excitation) -> tuple[tuple[str, Cell], ...]:
     """Return which of the parameters that matter had to be guessed."""
-    matters = np.any(found.base.transform != 0, axis=0)
-    unknown = matters & np.isnan(found.robot.reference())
-    if not unknown.any():
+    acting, unknown = found.unknown
+    if not unknown:
         return ()
-    count = f"{int(unknown.sum())} of {int(matters.sum())}"
+    count = f"{unknown} of {acting}"
     return (("guessed", f"{count} parameters that act on the torques are not in the robot file: those of a typical "
                         "arm are taken, so torques and errors below are rough"),)  # fmt: skip
 

@@ -54,7 +54,8 @@ def identification_report(
     """
     facts = (*recorded_items(found.robot, recording), *used_items(found.settings), *result_items(found))
     if written is not None:
-        facts += (("written", f"{written}, a robot file that predicts as this result does"),)
+        foreign = written.lower().endswith((".urdf", ".xml", ".mjcf"))
+        facts += (("written", f"{written}, {'without effects' if foreign else 'which predicts as this result does'}"),)
     sections: list[Section] = [
         heading(found.robot, recording),
         KeyValues("inputs", facts),

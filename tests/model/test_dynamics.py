@@ -99,8 +99,10 @@ def test_gravity_feedforward_holds_the_arm_still() -> None:
 
 
 def test_unknown_parameters_that_matter_are_named() -> None:
+    robot = read_robot("quanser_2dsfl")
+    poorer = [replace(j, parameters={k: j.parameters[k] for k in ("Jm", "fv", "K")}) for j in robot.joints]
     with pytest.raises(RobotError) as caught:
-        Dynamics(read_robot("quanser_2dsfl"))
+        Dynamics(replace(robot, joints=tuple(poorer)))
     assert "joint1 m cx Izz fs; joint2 m cx cy Izz fs" in str(caught.value)
 
 

@@ -66,6 +66,17 @@ def test_the_robot_that_could_be_built_simulates_and_predicts(
     assert main(["validate", str(log), "--robot", written, "--max-error", "3%"]) == 0
 
 
+def test_the_suffix_chooses_the_robot_files_form(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for suffix, word in ((".urdf", "<robot name="), (".xml", "<mujoco"), (".yaml", "joints:")):
+        written = tmp_path / f"mine{suffix}"
+        line = ["identify", str(log), "--robot", "planar2", "--physical", "--write-robot", str(written)]
+        assert main(line) == 0
+        assert f"mine{suffix}" in capsys.readouterr().out
+        assert word in written.read_text("utf-8")
+    urdf, yaml = (read_robot(tmp_path / f"mine{suffix}").reference() for suffix in (".urdf", ".yaml"))
+    np.testing.assert_allclose(urdf, yaml, rtol=1e-9, atol=1e-9)
+
+
 def test_identify_writes_a_page_and_a_folder_of_figures(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -23,7 +23,7 @@ SPECS: dict[str, dict[str, float]] = {
     "encoder_offset": {"offset": 1e-3},
     "encoder_skew": {"skew": 2e-3},
     "flexible_mode": {"inertia": 0.3, "frequency": 9.0, "damping": 0.02},
-    "friction_drift": {"coulomb": -0.7, "viscous": 0.3},
+    "friction_drift": {"coulomb": -0.3, "viscous": 0.15},
     "gravity_direction": {"roll": 0.01, "pitch": -0.02},
     "hysteresis": {"torque": 6.0, "distance": 1e-3},
     "kinematic_error": {"amplitude": 4e-4, "phase": 0.7, "order": 20.0},

@@ -71,7 +71,7 @@ def test_the_rising_stribeck_term_vanishes_at_standstill(planar_scene: Scene) ->
 def test_drift_has_no_mean_and_ends_at_half_the_change(planar_scene: Scene) -> None:
     s = planar_scene
     t, w = s.motion.t, s.motion.dtheta[:, 1]
-    expected = (t / (3000 * DT) - 0.5) * (-0.7 * np.tanh(w / 5e-3) + 0.3 * w)
+    expected = (t / (3000 * DT) - 0.5) * (-0.3 * np.tanh(w / 5e-3) + 0.15 * w)
     np.testing.assert_allclose(total("friction_drift", s, 1)[RowKey("motor", 1)], expected, atol=1e-12)
 
 

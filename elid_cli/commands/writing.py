@@ -1,0 +1,36 @@
+"""``--write-robot``: a robot description in the form that its file name asks for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from elid_cli.robot import Robot
+
+
+def write_described(robot: Robot, path: str) -> None:
+    """Write a robot as URDF (``.urdf``), as MJCF (``.xml``, ``.mjcf``), or else as elid's own YAML.
+
+    Effects are part of the YAML only; MJCF names them in a comment.
+
+    Raises
+    ------
+    RobotError
+        Parameters that the format cannot hold.
+    UsageError
+        The file cannot be written.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix == ".urdf":
+        from elid_cli.urdf_write import write_urdf
+
+        write_urdf(robot, path)
+    elif suffix in (".xml", ".mjcf"):
+        from elid_cli.mjcf import write_mjcf
+
+        write_mjcf(robot, path)
+    else:
+        from elid_cli.robot_file import write_robot
+
+        write_robot(robot, path)
