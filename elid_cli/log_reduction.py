@@ -122,7 +122,7 @@ def facts_of(signals: Signals, blocks: Sequence[_Kept]) -> SignalFacts:
         unlinked=signals.unlinked,
         velocity_used=bool(signals.velocity_used.any()),
         known=np.sum([kept.known.sum(axis=1) for kept in blocks], axis=0, dtype=np.intp),
-        poses=np.nan_to_num(signals.motion.q[outputs]),
+        poses=np.nan_to_num(np.array([signals.motion.positions(slice(k, k + 1))[0, :, 0] for k in outputs.tolist()])),
     )
 
 

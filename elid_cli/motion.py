@@ -30,6 +30,10 @@ class Motion:
         """Number of instants N."""
         return int(self.q.shape[0])
 
+    def positions(self, part: slice) -> Array:
+        """Return positions of links and motors over some samples, (2, n, m)."""
+        return np.stack([self.q[part].T, self.theta[part].T])
+
     def __getitem__(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Motion:
         return Motion(
             self.t[index],

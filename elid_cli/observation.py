@@ -20,8 +20,8 @@ from elid_cli.signals import Signals
 
 Array = NDArray[np.float64]
 
-_CHUNK = 32768
-"""Samples whose full-rate regressor is held at a time."""
+_CHUNK = 8160
+"""Samples whose full-rate regressor is held at a time, two blocks of the traced program."""
 REVERSAL_SHARE = 0.02
 """A filtered sample is masked when more than this share of its filter window lies in a reversal."""
 
@@ -120,12 +120,14 @@ class Block:
 def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Block]:
     """Compute, filter and decimate the rows of a log block by block, in the order of its instants."""
     place = 0
+    # memory that is touched for the first time is slower than the arithmetic: one array serves all blocks
+    room = np.empty((plan.program.outputs, _longest(signals)))
     for number, segment in enumerate(signals.segments):
         count = len(signals.filter.outputs(len(segment), signals.margin))
         for begin, end, (first, last) in _chunks(signals, len(segment), count):
             part = slice(segment.start + begin, segment.start + end)
             motion = signals.motion[part]
-            rows = np.empty((plan.program.outputs, motion.samples))
+            rows = room[:, : motion.samples]
             plan.program.run(inputs_of(motion), rows)
             torque = signals.tau[part].T
             slow = np.abs(motion.dtheta.T) < signals.min_velocity[:, None]
@@ -207,6 +209,18 @@ def _slope(signals: Signals, segment: Segment, part: slice) -> Array:
     return slope[:, part.start - wide.start :][:, : part.stop - part.start]
 
 
+def _outputs_per_chunk(signals: Signals) -> int:
+    """Return how many outputs a chunk has: at least so many that the filter's overlap stays a small part of it."""
+    window = 2 * signals.filter.half + 1
+    return max(1, (max(_CHUNK, 8 * window) - window) // signals.filter.step + 1)
+
+
+def _longest(signals: Signals) -> int:
+    """Return the samples of the longest chunk."""
+    chunk = (_outputs_per_chunk(signals) - 1) * signals.filter.step + 2 * signals.filter.half + 1
+    return min(chunk, max((len(s) for s in signals.segments), default=0))
+
+
 def _chunks(signals: Signals, length: int, count: int) -> list[tuple[int, int, tuple[int, int]]]:
     """Return (begin, end, (first, last)): sample ranges whose filtered outputs are numbers first…last-1.
 
@@ -216,7 +230,7 @@ def _chunks(signals: Signals, length: int, count: int) -> list[tuple[int, int, t
         return []
     step, half = signals.filter.step, signals.filter.half
     origin = half + signals.margin
-    each = max(1, _CHUNK // step)
+    each = _outputs_per_chunk(signals)
     chunks = []
     for first in range(0, count, each):
         last = min(first + each, count)

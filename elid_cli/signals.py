@@ -415,13 +415,13 @@ def _ranges(motion: Motion, segments: Sequence[Segment]) -> tuple[Array, Array, 
     n = motion[0:0].q.shape[1]
     low, high, total, count = np.full((2, n), np.nan), np.full((2, n), np.nan), np.zeros((2, n)), np.zeros((2, n))
     for part in _stretches(segments):
-        here = motion[part]
-        for side, values in enumerate((here.q, here.theta)):
-            low[side] = np.fmin(low[side], np.fmin.reduce(values))
-            high[side] = np.fmax(high[side], np.fmax.reduce(values))
+        here = motion.positions(part)
+        for side, values in enumerate(here):
+            low[side] = np.fmin(low[side], np.fmin.reduce(values, axis=1))
+            high[side] = np.fmax(high[side], np.fmax.reduce(values, axis=1))
             known = np.isfinite(values)
-            count[side] += np.count_nonzero(known, axis=0)
-            total[side] += np.sum(values, axis=0, where=known)
+            count[side] += np.count_nonzero(known, axis=1)
+            total[side] += np.sum(values, axis=1, where=known)
     return low, high, np.where(count > 0, total / np.maximum(count, 1), 0.0)
 
 
@@ -457,9 +457,8 @@ def _at_rest(motion: Motion, still: NDArray[np.bool_], mean: Array) -> Motion:
 
 
 def _top_speed(motion: Motion, segments: Sequence[Segment]) -> Array:
-    """Return the speed that each motor exceeds in one twentieth of the time, (n,); of a long log, of some samples."""
-    every = max(1, sum(len(s) for s in segments) // (2 * JUDGED))
-    speeds = np.concatenate([np.abs(motion[part].dtheta[::every]) for part in _stretches(segments)])
+    """Return the speed that each motor exceeds in a twentieth of the time, (n,); of a long log, in stretches of it."""
+    speeds = np.concatenate([np.abs(motion[part].dtheta) for part in _stretches(excerpts(segments))])
     top: Array = np.quantile(speeds, 0.95, axis=0)
     return top
 

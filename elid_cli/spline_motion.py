@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -78,9 +78,14 @@ class SplineMotion(Motion):
         link, motor = self.evaluated(start, stop)
         return Motion(self.t[start:stop], *(a.T for a in link), *(a.T for a in motor))
 
-    def evaluated(self, start: int, stop: int) -> Array:
-        """Return samples start…stop-1: (link or motor, derivative 0 to 2, joint, sample)."""
-        out = np.empty((2, 3, self._joints, max(stop - start, 0)))
+    def positions(self, part: slice) -> Array:
+        """Return positions of links and motors over some samples, (2, n, m)."""
+        start, stop, _ = part.indices(self.samples)
+        return self.evaluated(start, stop, 1)[:, 0]
+
+    def evaluated(self, start: int, stop: int, derivatives: int = 3) -> Array:
+        """Return samples start…stop-1: (link or motor, derivative, joint, sample)."""
+        out = np.empty((2, derivatives, self._joints, max(stop - start, 0)))
         covered = 0
         for piece in self.pieces:
             first, last = max(start, piece.segment.start), min(stop, piece.segment.stop)
@@ -91,7 +96,7 @@ class SplineMotion(Motion):
         for piece in self.pieces:
             first, last = max(start, piece.segment.start), min(stop, piece.segment.stop)
             if first < last:
-                values = piece.spline.between(first - piece.segment.start, last - piece.segment.start)
+                values = piece.spline.between(first - piece.segment.start, last - piece.segment.start, derivatives)
                 side = out[0 if piece.side == "link" else 1, :, :, first - start : last - start]
                 if len(piece.joints) == self._joints:
                     side[:] = values
@@ -103,18 +108,12 @@ class SplineMotion(Motion):
             out[side, 1:, joint] = 0.0
         return out
 
-    def stretches(self) -> Iterator[Array]:
-        """Yield all samples of the segments, some at a time, as `evaluated` gives them."""
-        for segment in self.segments:
-            for start in range(segment.start, segment.stop, STRETCH):
-                yield self.evaluated(start, min(start + STRETCH, segment.stop))
-
     def _whole(self, side: int, derivative: int) -> Array:
         out = np.full((self.samples, self._joints), np.nan)
         for segment in self.segments:
             for start in range(segment.start, segment.stop, STRETCH):
                 stop = min(start + STRETCH, segment.stop)
-                out[start:stop] = self.evaluated(start, stop)[side, derivative].T
+                out[start:stop] = self.evaluated(start, stop, derivative + 1)[side, derivative].T
         return out
 
     @cached_property
