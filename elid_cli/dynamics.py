@@ -15,7 +15,7 @@ from elid_cli.ldl import NotPositiveError, ldl_solver
 from elid_cli.model import Model, inputs_of
 from elid_cli.motion import Motion, random_motion
 from elid_cli.robot import Robot
-from elid_cli.terms.effect import DIRECTION_WIDTH
+from elid_cli.terms.effect import DIRECTION_WIDTH, direction_widths
 from elid_cli.trace import Graph, Program, Scalar, compile_program
 
 Array = NDArray[np.float64]
@@ -39,8 +39,8 @@ class Dynamics:
         Standard parameters in standard order (p,); by default the description's reference values. NaN is allowed
         where the motion does not depend on the parameter, which then counts as 0.
     friction_width
-        Speed (rad/s or m/s) over which Coulomb friction's sign(v) is rounded as tanh(v / width). There is no
-        stiction state: a joint held by friction creeps at less than about this speed.
+        Speed (rad/s; a tenth of it in m/s) over which Coulomb friction's sign(v) is rounded as tanh(v / width). There
+        is no stiction state: a joint held by friction creeps at less than about this speed.
 
     Raises
     ------
@@ -55,7 +55,8 @@ class Dynamics:
         self.robot = robot
         self.model = Model(robot)
         self.parameters = _known(self.model, robot.reference() if parameters is None else parameters)
-        self.friction_width = friction_width
+        self._widths = direction_widths(robot, friction_width)
+        self._width_list: list[float] = self._widths.tolist()
         self._values = dict(zip(self.model.names, self.parameters.tolist(), strict=True))
         self._folded = FoldedModel(robot, self.model.terms, self._values)
         self.elastic = self._folded.elastic
@@ -126,8 +127,7 @@ class Dynamics:
             The mass matrix is not positive definite here.
 
         """
-        width = self.friction_width
-        direction = [math.tanh(v / width) for v in dtheta]
+        direction = [math.tanh(v / width) for v, width in zip(dtheta, self._width_list, strict=True)]
         out = self._core(
             [*map(math.sin, q), *map(math.cos, q), *q, *dq, *dtheta, *direction, *deflection, *link_force, *motor_force]
         )
@@ -170,7 +170,7 @@ class Dynamics:
                 for link in range(3):
                     columns[link + 3][0, k] = columns[link][0, k]
         inputs = inputs_of(Motion(np.zeros(1), *columns))
-        inputs[7::9, 0] = np.tanh(inputs[5::9, 0] / self.friction_width)
+        inputs[7::9, 0] = np.tanh(inputs[5::9, 0] / self._widths)
         out = self._inverse(inputs[:, 0].tolist())
         return out[: self.robot.n], out[self.robot.n :]
 
@@ -186,7 +186,7 @@ class Dynamics:
         """
         n = self.robot.n
         inputs = inputs_of(Motion(np.zeros(q.shape[0]), q, dq, ddq, q, dq, ddq))
-        inputs[7::9] = np.tanh(inputs[5::9] / (_WIDE * self.friction_width))
+        inputs[7::9] = np.tanh(inputs[5::9] / (_WIDE * self._widths[:, None]))
         out = np.empty((2 * n, q.shape[0]))
         self._inverse_program.run(inputs, out)
         total = out[:n] + out[n:]

@@ -83,7 +83,7 @@ control = gathered(
     option(CONTROL, "--continuous", is_flag=True,
            help="Torque acts at every instant; otherwise it is held over a sample, which delays it by half of one."),
     option(CONTROL, "--friction-width", type=Number(above=0), default=5e-3, show_default=True, metavar="V",
-           help="Speed over which Coulomb friction turns from - to +, rad/s."),
+           help="Speed over which Coulomb friction turns from - to +, rad/s; a tenth of it in m/s."),
 )  # fmt: skip
 
 

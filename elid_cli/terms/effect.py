@@ -29,7 +29,10 @@ Place = Literal["motor", "link", "spring", "chain", "torque", "encoder"]
 the whole chain, the torque channel, or the position channels."""
 
 DIRECTION_WIDTH = 5e-3
-"""Joint-side speed (rad/s or m/s) over which sign(v) is rounded as tanh(v / width), in effects only."""
+"""Joint-side speed, rad/s, over which sign(v) is rounded as tanh(v / width), in effects and simulations only."""
+ARM = 0.1
+"""m; speeds of prismatic joints count as those of a point at this distance from a revolute joint's axis. Rounded over
+5 mm/s, the friction of a lift at 0.2 m/s would look like Stribeck friction."""
 
 
 @dataclass(frozen=True)
@@ -89,11 +92,17 @@ class Scene:
 
     def direction(self, joint: int) -> Array:
         """Return the rounded sign of motor velocity, shape (N,)."""
-        return np.tanh(self.motion.dtheta[:, joint] / DIRECTION_WIDTH)
+        rounded: Array = np.tanh(self.motion.dtheta[:, joint] / direction_widths(self.robot)[joint])
+        return rounded
 
     def deflection(self, joint: int) -> Array:
         """Return q - theta, shape (N,)."""
         return self.motion.q[:, joint] - self.motion.theta[:, joint]
+
+
+def direction_widths(robot: Robot, width: float = DIRECTION_WIDTH) -> Array:
+    """Return the speed over which the sign of each joint's velocity is rounded, (n,), rad/s or m/s."""
+    return np.array([width if joint.revolute else ARM * width for joint in robot.joints])
 
 
 Columns = Mapping[RowKey, Array]
