@@ -6,7 +6,7 @@ import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,8 +173,8 @@ def _through(t: Array, points: Array) -> Spline:
     """Return the spline through all points, with zero velocity and acceleration at both ends."""
     from scipy.interpolate import make_interp_spline
 
-    rest = [(1, 0.0), (2, 0.0)]
-    spline = make_interp_spline(t, points, k=DEGREE, bc_type=(rest, rest))  # type: ignore[arg-type]  # the stubs know no lists
+    rest: Any = [(1, 0.0), (2, 0.0)]
+    spline = make_interp_spline(t, points, k=DEGREE, bc_type=(rest, rest))
     return Spline(np.asarray(spline.t), np.asarray(spline.c))
 
 

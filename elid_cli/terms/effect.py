@@ -151,7 +151,7 @@ class Effect(ABC):
     """Whether the effect needs an elastic transmission."""
     whole_robot: ClassVar[bool] = False
     """Whether the effect belongs to no single joint."""
-    least_gain: ClassVar[float] = 0.04
+    least_gain: ClassVar[float] = 0.1
     """Part of the held-out residual variance that the effect must take away to be named: below it the smoothing's own
     errors imitate anything."""
     local: ClassVar[bool] = False
