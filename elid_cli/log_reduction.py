@@ -118,7 +118,7 @@ def facts_of(signals: Signals, blocks: Sequence[_Kept]) -> SignalFacts:
         noise=np.stack([signals.noise.q, signals.noise.theta, signals.noise.tau]),
         deflection_noise=np.array([deflection_noise(signals, k) for k in range(n)]),
         still=signals.still,
-        torque=np.array([np.isfinite(signals.tau[:, k]).any() for k in range(n)]),
+        torque=np.any([kept.known.any(axis=1) for kept in blocks], axis=0),
         unlinked=signals.unlinked,
         velocity_used=bool(signals.velocity_used.any()),
         known=np.sum([kept.known.sum(axis=1) for kept in blocks], axis=0, dtype=np.intp),

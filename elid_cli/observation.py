@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.mapped import let_go
 from elid_cli.model import Model, Plan, Row, inputs_of
 from elid_cli.motion import Motion
 from elid_cli.recording import Segment
@@ -141,6 +142,7 @@ def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Bloc
                 _share(slow, signals),
                 signals.filter.apply(_channels(motion)),
             )
+            let_go(signals.tau)
         place += count
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from elid_cli.errors import DataError, LogError
 from elid_cli.fusion import Rate, rate_of, white_noise
 from elid_cli.lowpass import LowPass, low_pass
+from elid_cli.mapped import let_go
 from elid_cli.motion import Motion
 from elid_cli.recording import Recording, Segment
 from elid_cli.robot import Robot
@@ -116,7 +117,8 @@ class Signals:
         """Joints of which the log holds no link position, (n,): their transmission counts as rigid."""
         if self.recording is None:
             return np.zeros(self.n, dtype=bool)
-        return np.asarray(np.isnan(self.recording.q).all(axis=0), dtype=bool)
+        q = self.recording.q
+        return np.array([bool(np.isnan(q[:1, k]).all() and np.isnan(q[:, k]).all()) for k in range(self.n)])
 
     @property
     def rate(self) -> float:
@@ -191,8 +193,12 @@ def prepare(
         smooth = _butterworth(recording.t, link, motor, segments, dt, options)
     else:
         smooth = _splined(recording, link, motor, segments, options, accelerations)
-    low, high, mean = _ranges(smooth.motion, segments)
-    still = _still(low, high, smooth.noise) | _constant(link, segments) | _constant(motor, segments)
+    low, high, mean = _ranges(smooth.motion, excerpts(segments))
+    still = _still(low, high, smooth.noise)
+    if still.any():  # stretches of a long log are enough to see that a joint moves, not that it does not
+        low, high, mean = _ranges(smooth.motion, segments)
+        still = _still(low, high, smooth.noise)
+    still |= _constant(link, segments) | _constant(motor, segments)
     motion = _at_rest(smooth.motion, still, mean)
     if still.all():
         ranges = zip(robot.joint_names, high[0] - low[0], strict=True)
@@ -283,6 +289,7 @@ def _splined(
                     (r.derivative, r.values[number * n + joints, part], r.ratio[number * n + joints]) for r in rates
                 ]
                 fit = fit_spline(values[part].T, stride, dt, further, joints)
+                let_go(values)
                 pieces.append(Piece(segment, "link" if side == "link" else "motor", joints, fit.spline))
                 squares[number, joints] += fit.rms**2 * len(segment)
                 counts[number, joints] += len(segment)
@@ -435,10 +442,17 @@ def _still(low: Array, high: Array, noise: tuple[Array, Array]) -> NDArray[np.bo
 
 def _constant(raw: Array, segments: Sequence[Segment]) -> NDArray[np.bool_]:
     """Return which channels hold one value only, (n,): splines of a constant vibrate at their ends by rounding."""
-    low, high = np.full(raw.shape[1], np.nan), np.full(raw.shape[1], np.nan)
+    constant = np.ones(raw.shape[1], dtype=bool)
+    first = np.full(raw.shape[1], np.nan)
     for part in _stretches(segments):
-        low, high = np.fmin(low, np.fmin.reduce(raw[part])), np.fmax(high, np.fmax.reduce(raw[part]))
-    constant: NDArray[np.bool_] = np.isfinite(low) & (high == low)
+        values = raw[part]
+        finite = np.isfinite(values)
+        unset = np.isnan(first) & finite.any(axis=0)
+        first[unset] = values[finite.argmax(axis=0), np.arange(values.shape[1])][unset]
+        constant &= np.all((values == first) | ~finite, axis=0)
+        if not constant.any():
+            break
+    constant &= np.isfinite(first)
     return constant
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elid_cli.errors import LogError, nearest
 from elid_cli.logs.raw import RawLog
 from elid_cli.logs.resolve import Placement, Plan
+from elid_cli.mapped import let_go
 from elid_cli.robot import Robot
 
 Array = NDArray[np.float64]
@@ -93,7 +94,9 @@ def _drop_zeros(filled: Mapping[str, Array], joints: Sequence[str]) -> list[str]
         if values is None:
             continue
         zero: NDArray[np.bool_] = np.asarray(~values.any(axis=0))
-        values[:, zero] = np.nan
+        let_go(values)
+        if zero.any():
+            values[:, zero] = np.nan
         if zero.any() and signal == "tau":
             who = " ".join(joint for joint, here in zip(joints, zero, strict=True) if here)
             warnings.append(f"tau of {who} is zero throughout: taken as not recorded")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from elid_cli.logs.checks import Checked
 from elid_cli.logs.repair import Aligned
 from elid_cli.logs.resolve import Plan
+from elid_cli.mapped import let_go
 from elid_cli.robot import Robot
 
 Array = NDArray[np.float64]
@@ -50,8 +51,9 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
         q, theta = checked.q[start:stop], checked.theta[start:stop]
         found.extend(_wraps(q, theta, robot, plan))
         found.extend(_stale(checked, start, stop, robot))
-    q, theta = checked.q[::step], checked.theta[::step]
+    q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
     pairs = [_Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
+    tau: Array | None = None
     compared = [pair for pair in pairs if pair is not None]
     swapped = _swap(q, theta, compared, robot)
     if swapped:
@@ -60,8 +62,18 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
         found.extend(pair.sentences(plan))
         if abs(pair.slope - 1) < CLOSE and robot.joints[pair.j].elastic:
             deflection = theta[:, pair.j] - q[:, pair.j]
-            found.extend(_efforts(pair, deflection, checked.tau[::step, pair.j], robot, plan))
+            tau = _thinned(checked.tau, step) if tau is None else tau
+            found.extend(_efforts(pair, deflection, tau[:, pair.j], robot, plan))
     return found
+
+
+def _thinned(values: Array, step: int) -> Array:
+    """Return every `step`-th sample."""
+    if step == 1:
+        return values
+    thinned = values[::step].copy()
+    let_go(values)
+    return thinned
 
 
 @dataclass(frozen=True)
@@ -229,6 +241,7 @@ def _largest_steps(values: Array) -> Array:
     largest = np.zeros(values.shape[1])
     for start in range(0, values.shape[0] - 1, SAMPLES):
         largest = np.maximum(largest, np.abs(np.diff(values[start : start + SAMPLES + 1], axis=0)).max(axis=0))
+    let_go(values)
     return largest
 
 

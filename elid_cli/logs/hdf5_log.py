@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from elid_cli.errors import LogError
 from elid_cli.logs.raw import Channel, LogFormat, Pick, Stream
 from elid_cli.logs.source import Source
+from elid_cli.mapped import mapped_dataset
 from elid_cli.recording import Recording
 
 Array = NDArray[np.float64]
@@ -31,9 +33,15 @@ class Hdf5Log:
     """The datasets of a file, or of one episode in it."""
 
     def __init__(
-        self, name: str, stream: IO[bytes] | None, datasets: Mapping[str, Any], labels: tuple[str, ...]
+        self,
+        name: str,
+        stream: IO[bytes] | None,
+        datasets: Mapping[str, Any],
+        labels: tuple[str, ...],
+        path: Path | None = None,
     ) -> None:
         self.name = name
+        self._path = path
         self._stream = stream  # kept open with the file object that h5py reads from
         self._datasets = datasets
         self._time = next((f"/{key}" for key in TIME_NAMES if f"/{key}" in datasets), "")
@@ -105,6 +113,9 @@ class Hdf5Log:
         dataset = self._datasets[path]
         refuse_bomb(dataset, f"{self.name}: {path}")
         rows, width = self._shape(dataset)
+        mapped = None if self._transposed(dataset) else mapped_dataset(dataset, self._path)
+        if mapped is not None:
+            return mapped.reshape(rows, width)
         try:
             raw = dataset[()]
         except (OSError, RuntimeError, ValueError) as error:
@@ -154,10 +165,11 @@ def _open(source: Source) -> Sequence[Hdf5Log]:
                 stream,
                 episodes[prefix],
                 _names(file[prefix].attrs.get("joint_names")) or labels,
+                source.path,
             )
             for prefix in ordered
         ]
-    return [Hdf5Log(source.name, stream, datasets, labels)]
+    return [Hdf5Log(source.name, stream, datasets, labels, source.path)]
 
 
 def _datasets(group: Any, prefix: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:

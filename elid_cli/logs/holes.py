@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from elid_cli.logs.grid import Grid
 from elid_cli.logs.interpolate import interpolate
 from elid_cli.logs.timeline import fill_limit
+from elid_cli.mapped import let_go
 
 Array = NDArray[np.float64]
 
@@ -19,7 +20,9 @@ def fill(signals: Mapping[str, Array], grid: Grid, joints: Sequence[str], repair
     limit = fill_limit(grid.dt)
     bridged: dict[str, int] = {}
     for signal, values in signals.items():
-        if np.isfinite(values.sum()):
+        whole = bool(np.isfinite(values.sum()))
+        let_go(values)
+        if whole:
             continue
         if signal == "temperature":
             _hold(values)

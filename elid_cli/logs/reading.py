@@ -20,6 +20,7 @@ from elid_cli.logs.registry import recognise
 from elid_cli.logs.repair import Aligned, Sampled, align
 from elid_cli.logs.resolve import Layer, Placement, Plan, resolve
 from elid_cli.logs.source import Source, open_source
+from elid_cli.mapped import let_go
 from elid_cli.recording import Recording, Segment
 from elid_cli.robot import Robot
 
@@ -130,6 +131,7 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
         _add(signals, signal, placement)
     checked = check(signals, aligned.t.size, robot, plan, raw, name, strict=options.strict)
     checked.warnings.extend(suspicions(checked, aligned, robot, plan))
+    let_go(*signals.values())
     return _Part(aligned, checked, plan, index, [*raw.losses, *plan.unfit, *aligned.repairs], notes)
 
 

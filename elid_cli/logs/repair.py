@@ -13,6 +13,7 @@ from elid_cli.errors import LogError
 from elid_cli.logs.grid import Grid, grid_of, identical, onto, regularised
 from elid_cli.logs.holes import fill
 from elid_cli.logs.timeline import Timeline, build
+from elid_cli.mapped import let_go
 
 Array = NDArray[np.float64]
 
@@ -90,7 +91,9 @@ def _without_holes(stream: Sampled, repairs: list[str]) -> Iterator[Sampled]:
 
     A topic may be shared by publishers that each know some joints, a CSV table by channels of different rates.
     """
-    if _sound(stream.values):
+    sound = _sound(stream.values)
+    let_go(stream.values)
+    if sound:
         yield stream
         return
     finite = _numbers(stream.values)
@@ -166,7 +169,9 @@ def _tracks(stream: Sampled, line: Timeline | None, joints: Sequence[str], repai
     """Yield a stream without its sporadic missing values: columns that miss the same samples stay together."""
     if line is None:
         return
-    if _sound(stream.values):
+    sound = _sound(stream.values)
+    let_go(stream.values)
+    if sound:
         yield _Track(stream.signal, stream.joints, stream.values, line)
         return
     finite = _numbers(stream.values)
@@ -209,7 +214,9 @@ def _usable(signals: dict[str, Array], grid: Grid, joints: Sequence[str], repair
     mask = np.ones(grid.samples, dtype=bool)
     for signal in sorted(signals, key=lambda name: name not in REQUIRED):
         values = signals[signal]
-        if np.isfinite(values.sum()):
+        known = bool(np.isfinite(values.sum()))
+        let_go(values)
+        if known:
             continue
         for j, joint in enumerate(joints):
             finite = np.isfinite(values[:, j])

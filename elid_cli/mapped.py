@@ -1,0 +1,52 @@
+"""Large arrays of numbers taken from the file where they lie, instead of being copied into memory.
+
+What has been passed over can be let go again, and comes back from the file when it is asked for: a long log is then
+held in memory only as far as it is being looked at. Only where the operating system offers it (Linux 5.4); elsewhere
+nothing is let go.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LEAST = 64 << 20
+"""Bytes from which an array is mapped rather than read."""
+_PAGEOUT = 21
+"""MADV_PAGEOUT of Linux: pages as the file has them are dropped, changed ones are kept."""
+
+
+def mapped_dataset(dataset: Any, path: Path | None) -> Array | None:
+    """Return a dataset of HDF5 as an array on its file, or None where it does not lie there in one plain piece.
+
+    Writing to the array does not change the file.
+    """
+    size = dataset.size * dataset.dtype.itemsize
+    plain = dataset.chunks is None and dataset.dtype == np.dtype("<f8") and sys.byteorder == "little"
+    if path is None or not plain or size < LEAST:
+        return None
+    offset = dataset.id.get_offset()
+    if offset is None or offset % 8 or path.stat().st_size < offset + size:
+        return None
+    return np.memmap(path, dtype=np.float64, mode="c", offset=offset, shape=dataset.shape).view(np.ndarray)
+
+
+def let_go(*arrays: NDArray[Any] | None) -> None:
+    """Drop from memory what of these arrays lies unchanged in a file."""
+    if sys.platform != "linux":
+        return
+    for array in arrays:
+        owner: Any = array
+        while owner is not None and not isinstance(owner, mmap.mmap):
+            owner = getattr(owner, "base", None)
+        if owner is not None:
+            with contextlib.suppress(OSError, ValueError):
+                owner.madvise(_PAGEOUT)
