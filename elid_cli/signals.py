@@ -41,7 +41,9 @@ STILL = 3.0
 SLOW, SLOW_KEPT = (0.05, 0.05), (0.01, 0.005)
 """Largest speed that counts as reversing, rad/s (m/s), and its largest part of the top speed."""
 MINIMUM_SAMPLES = 40
-EXCERPTS, JUDGED = 8, 96_000
+_WIDEST = 13
+"""Length that a stretch needs to be judged by, in the widest knot spacings."""
+EXCERPTS, JUDGED = 8, 48_000
 """Number of stretches of a long log, and their samples together, by which knots and noise are chosen."""
 
 
@@ -193,7 +195,7 @@ def prepare(
         smooth = _butterworth(recording.t, link, motor, segments, dt, options)
     else:
         smooth = _splined(recording, link, motor, segments, options, accelerations)
-    low, high, mean = _ranges(smooth.motion, excerpts(segments))
+    low, high, mean = _ranges(smooth.motion, excerpts(segments, dt))
     still = _still(low, high, smooth.noise)
     if still.any():  # stretches of a long log are enough to see that a joint moves, not that it does not
         low, high, mean = _ranges(smooth.motion, segments)
@@ -210,7 +212,7 @@ def prepare(
         )
     knots = smooth.knots
     widest = float(np.nanmax(knots)) if np.isfinite(knots).any() else 0.0
-    top = _top_speed(motion, segments)
+    top = _top_speed(motion, segments, dt)
     most, share = SLOW_KEPT if options.slow_motion else SLOW
     lowest = np.minimum(most, share * top)
     if options.min_velocity is not None:
@@ -223,7 +225,7 @@ def prepare(
         tau_link=recording.tau_link,
         temperature=recording.temperature,
         segments=segments,
-        noise=Noise(smooth.noise[0], smooth.noise[1], _torque_noise(recording.tau, segments)),
+        noise=Noise(smooth.noise[0], smooth.noise[1], _torque_noise(recording.tau, segments, dt)),
         knots=knots,
         filter=filter_,
         margin=round(2 * widest / dt),
@@ -278,11 +280,12 @@ def _splined(
     rates, notes = _rates(recording, accelerations, (link, motor), segments, strides, options)
     if rates:
         strides = _choose((link, motor), segments, dt, n, options, rates)
+    alike = _alike((link, motor)) and not rates
     squares, counts = np.zeros((2, n)), np.zeros((2, n))
     pieces: list[Piece] = []
     for segment in segments:
         part = slice(segment.start, segment.stop)
-        for number, (side, values) in enumerate((("link", link), ("motor", motor))):
+        for number, (side, values) in enumerate((("link", link), ("motor", motor))[: 1 if alike else 2]):
             for stride in sorted(set(strides.tolist())):
                 joints = np.flatnonzero(strides == stride)
                 further = [
@@ -290,9 +293,10 @@ def _splined(
                 ]
                 fit = fit_spline(values[part].T, stride, dt, further, joints)
                 let_go(values)
-                pieces.append(Piece(segment, "link" if side == "link" else "motor", joints, fit.spline))
-                squares[number, joints] += fit.rms**2 * len(segment)
-                counts[number, joints] += len(segment)
+                for name, row in ((side, number),) if not alike else (("link", 0), ("motor", 1)):
+                    pieces.append(Piece(segment, "link" if name == "link" else "motor", joints, fit.spline))
+                    squares[row, joints] += fit.rms**2 * len(segment)
+                    counts[row, joints] += len(segment)
     noise = np.sqrt(squares / counts)
     used = np.any([r.ratio > 0 for r in rates], axis=0) if rates else np.zeros(2 * n, dtype=bool)
     return _Smooth(
@@ -315,29 +319,40 @@ def _choose(
     candidates = _spacings(dt, options, finest=2 * dt if rates else KNOTS[0])
     if len(candidates) == 1:
         return np.full(n, candidates[0], dtype=np.intp)
-    scores = np.zeros((len(candidates), 2 * n))
-    for segment in excerpts(segments):
+    sides = 1 if _alike(channels) and not rates else 2
+    scores = np.zeros((len(candidates), sides * n))
+    for segment in excerpts(segments, dt):
         span = slice(segment.start, segment.stop)
-        part = np.ascontiguousarray(np.concatenate([channel[span] for channel in channels], axis=1).T)
+        part = np.ascontiguousarray(np.concatenate([channel[span] for channel in channels[:sides]], axis=1).T)
         noise = np.array([white_noise(channel) for channel in part]) if rates else np.zeros(0)
         for row, stride in enumerate(candidates):
-            if len(segment) <= 12 * stride:
+            if len(segment) <= (_WIDEST - 1) * stride:
                 scores[row] = np.inf
             elif rates:
                 scores[row] += _fused_score(part, [(r, r.values[:, span]) for r in rates], noise, stride, dt)
             else:
                 scores[row] += fit_spline(part, stride, dt).aicc
     best = np.argmin(scores, axis=0)
-    finest = np.minimum(best[:n], best[n:])
+    finest = np.minimum(best[:n], best[-n:])
     return np.array([candidates[k] for k in finest], dtype=np.intp)
 
 
-def excerpts(segments: Sequence[Segment]) -> tuple[Segment, ...]:
+def _alike(channels: tuple[Array, Array]) -> bool:
+    """Whether links and motors are the same signals, as of a robot with rigid transmissions."""
+    link, motor = channels
+    return (
+        link is motor
+        or bool(np.array_equal(link[:STRETCH], motor[:STRETCH], equal_nan=True))
+        and bool(np.array_equal(link, motor, equal_nan=True))
+    )
+
+
+def excerpts(segments: Sequence[Segment], dt: float) -> tuple[Segment, ...]:
     """Return stretches spread over a long log that say what it is like; of a log that is not long, all of it."""
     total = sum(len(s) for s in segments)
-    if total <= 2 * JUDGED:
+    each = max(JUDGED // EXCERPTS, round(_WIDEST * KNOTS[1] / dt))
+    if total <= 2 * each * EXCERPTS:
         return tuple(segments)
-    each = JUDGED // EXCERPTS
     found: list[Segment] = []
     begin = 0
     for segment in segments:
@@ -470,20 +485,20 @@ def _at_rest(motion: Motion, still: NDArray[np.bool_], mean: Array) -> Motion:
     return Motion(motion.t, *arrays)
 
 
-def _top_speed(motion: Motion, segments: Sequence[Segment]) -> Array:
+def _top_speed(motion: Motion, segments: Sequence[Segment], dt: float) -> Array:
     """Return the speed that each motor exceeds in a twentieth of the time, (n,); of a long log, in stretches of it."""
-    speeds = np.concatenate([np.abs(motion[part].dtheta) for part in _stretches(excerpts(segments))])
+    speeds = np.concatenate([np.abs(motion[part].dtheta) for part in _stretches(excerpts(segments, dt))])
     top: Array = np.quantile(speeds, 0.95, axis=0)
     return top
 
 
-def _torque_noise(tau: Array, segments: tuple[Segment, ...]) -> Array:
+def _torque_noise(tau: Array, segments: tuple[Segment, ...], dt: float) -> Array:
     """Return the standard deviation of white torque noise from sixth differences, (n,) (sum of squares 924).
 
     The median tells it from jumps, which friction and controllers make and which are no noise; of a torque in coarse
     steps the median may be 0, and the mean square is taken.
     """
-    sixth = np.concatenate([np.diff(tau[s.start : s.stop], 6, axis=0) for s in excerpts(segments)])
+    sixth = np.concatenate([np.diff(tau[s.start : s.stop], 6, axis=0) for s in excerpts(segments, dt)])
     result = np.full(tau.shape[1], np.nan)
     for k in range(tau.shape[1]):
         known = sixth[np.isfinite(sixth[:, k]), k]

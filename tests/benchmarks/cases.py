@@ -1,0 +1,199 @@
+"""What is measured: each case runs in a fresh process and returns CPU seconds of its parts, taken in turn."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+SAMPLES = 100_000
+ROUNDS = 5
+
+
+def in_turn(parts: dict[str, Callable[[], object]], rounds: int = ROUNDS) -> dict[str, float]:
+    """Return the median CPU seconds of each part; the parts take turns, so that all see the same machine."""
+    times: dict[str, list[float]] = {name: [] for name in parts}
+    for _ in range(rounds):
+        for name, part in parts.items():
+            begin = time.process_time()
+            part()
+            times[name].append(time.process_time() - begin)
+    return {name: float(np.median(found)) for name, found in times.items()}
+
+
+def pin_loop(robot, samples: int) -> Callable[[], object]:  # type: ignore[no-untyped-def]
+    """Return Pinocchio's joint torque regressor in a Python loop into one array, for the robot's geometry."""
+    import pinocchio as pin
+
+    model = pin.Model()
+    parent, place = 0, pin.SE3.Identity()
+    for k, (before, after) in enumerate(robot.placements()):
+        parent = model.addJoint(parent, pin.JointModelRZ(), place * pin.SE3(before[:3, :3], before[:3, 3]), f"j{k}")
+        model.appendBodyToJoint(parent, pin.Inertia.Random(), pin.SE3.Identity())
+        place = pin.SE3(after[:3, :3], after[:3, 3])
+    data, n = model.createData(), robot.n
+    q, v, a = np.random.default_rng(0).uniform(-1, 1, (3, samples, n))
+    table = np.empty((samples * n, 10 * n))
+    regressor = pin.computeJointTorqueRegressor
+
+    def loop() -> None:
+        for k in range(samples):
+            table[k * n : k * n + n] = regressor(model, data, q[k], v[k], a[k])
+
+    return loop
+
+
+def rigid_regressor(which: str) -> dict[str, float]:
+    """µs per sample of the rigid-body regressor in blocks, against the loop."""
+    import made
+
+    from elid_cli import trace
+    from elid_cli.model import Model, inputs_of
+    from elid_cli.motion import random_motion
+    from elid_cli.terms.rigid_body import RigidBody
+
+    robot = getattr(made, which)()
+    program = Model(made.rigid(robot), (RigidBody(),)).estimation.program
+    motion = random_motion(robot.n, np.zeros(robot.n, dtype=bool), SAMPLES)
+    out = np.empty((program.outputs, trace.BLOCK))
+
+    def blocks() -> None:
+        for start in range(0, SAMPLES, trace.BLOCK):
+            part = motion[start : start + trace.BLOCK]
+            program.run(inputs_of(part), out[:, : part.samples])
+
+    def writing() -> None:
+        for _ in range(0, SAMPLES, trace.BLOCK):
+            out.fill(0.0)
+
+    loop = SAMPLES // 5
+    found = in_turn({"pin": pin_loop(robot, loop), "elid": blocks, "floor": writing})
+    return {"pin": found["pin"] / loop * 1e6, "elid": found["elid"] / SAMPLES * 1e6,
+            "floor": found["floor"] / SAMPLES * 1e6}  # fmt: skip
+
+
+def elastic_reduction(which: str) -> dict[str, float]:
+    """µs per sample of the full elastic regressor (2n rows), filtered, decimated and reduced as identify does it.
+
+    Also the same without filter and decimation, every sample reduced, and the bare loop.
+    """
+    import made
+
+    from elid_cli import trace
+    from elid_cli.lowpass import low_pass
+    from elid_cli.model import Model, inputs_of
+    from elid_cli.motion import random_motion
+    from elid_cli.reduction import factor_of
+
+    robot = getattr(made, which)()
+    plan = Model(robot).estimation
+    motion = random_motion(robot.n, np.ones(robot.n, dtype=bool), SAMPLES)
+    out = np.empty((plan.program.outputs, 2 * trace.BLOCK))
+    filter_ = low_pass(10.0, 1e-3, 20)
+
+    def reduced(decimated: bool) -> None:
+        factors = {item.row: np.zeros((0, len(item.columns))) for item in plan.rows}
+        for start in range(0, SAMPLES, out.shape[1]):
+            part = motion[start : start + out.shape[1]]
+            rows = out[:, : part.samples]
+            plan.program.run(inputs_of(part), rows)
+            rows = filter_.apply(rows) if decimated else rows
+            for item in plan.rows:
+                factors[item.row] = factor_of(np.concatenate([factors[item.row], rows[item.slots].T]))
+
+    flops = sum(2.0 * len(item.columns) ** 2 for item in plan.rows) / filter_.step
+    flops += 2.0 * plan.program.outputs * len(filter_.taps) / filter_.step
+    matrix = np.random.default_rng(0).random((1000, 1000))
+    loop = SAMPLES // 5
+    parts = {"pin": pin_loop(robot, loop), "elid": lambda: reduced(True), "full": lambda: reduced(False),
+             "gemm": lambda: matrix @ matrix}  # fmt: skip
+    found = in_turn(parts)
+    speed = 2 * 1000**3 / found["gemm"]
+    return {"pin": found["pin"] / loop * 1e6, "elid": found["elid"] / SAMPLES * 1e6,
+            "full": found["full"] / SAMPLES * 1e6, "floor": flops / speed * 1e6}  # fmt: skip
+
+
+def identify_arrays() -> dict[str, float]:
+    """CPU seconds of identify on arrays, rigid model, 100 k samples of six joints."""
+    import made
+
+    from elid_cli.estimate import EstimateOptions, identify
+    from elid_cli.signals import prepare
+
+    robot = made.rigid(made.puma())
+    recording = made.recording(robot, SAMPLES / 1000)
+
+    def whole() -> None:
+        identify(robot, prepare(recording, robot), EstimateOptions(guards=False))
+
+    whole()
+    return in_turn({"elid": whole}, 3)
+
+
+def hdf5_arrays(path: str) -> dict[str, float]:
+    """CPU seconds of an HDF5 log to arrays that have been looked at, against h5py's whole read."""
+    import h5py
+    import made
+
+    from elid_cli.logs.hdf5_log import FORMAT
+    from elid_cli.logs.raw import Pick
+    from elid_cli.logs.source import open_source
+
+    names = made.puma().joint_names
+    SIGNALS = ("q", "theta", "tau")
+
+    def plain() -> None:
+        with h5py.File(path) as file:
+            arrays = [file[name][()] for name in ("t", *SIGNALS)]
+            sum(a.sum() for a in arrays)
+
+    def ours() -> None:
+        log = FORMAT.open(open_source(Path(path)))[0]
+        streams = log.load([Pick(f"/{name}", "", names, time="/t") for name in SIGNALS])
+        sum(stream.values.sum() for stream in streams)
+
+    return in_turn({"h5py": plain, "elid": ours}, 3)
+
+
+def read_and_filter(path: str) -> dict[str, float]:
+    """CPU seconds of reading an HDF5 log and filtering its channels, and nothing else."""
+    import h5py
+    from scipy.signal import butter, sosfiltfilt
+
+    sections = butter(4, 20.0, fs=1000.0, output="sos")
+
+    def both() -> None:
+        with h5py.File(path) as file:
+            for name in ("q", "theta", "tau"):
+                values = file[name][()]
+                for start in range(0, len(values), 200_000):
+                    # blocks with overlap, equal to the whole to 1e-12
+                    sosfiltfilt(sections, values[max(start - 700, 0) : start + 200_700], axis=0)
+
+    return in_turn({"filter": both}, 1)
+
+
+def mcap_decode(path: str) -> dict[str, float]:
+    """CPU seconds of the bulk decoder alone."""
+    import made
+
+    from elid_cli.logs.mcap_log import CANONICAL, McapLog
+    from elid_cli.logs.raw import Pick
+    from elid_cli.logs.source import open_source
+
+    names = made.puma().joint_names
+
+    def decode() -> None:
+        source = open_source(Path(path))
+        picks = [Pick(s["from"], s["field"], names) for k, s in CANONICAL.items() if k in ("q", "theta", "tau")]
+        McapLog(source.name, [source]).load(picks)
+
+    return in_turn({"decode": decode}, 1)
+
+
+CASES: dict[str, Callable[..., dict[str, float]]] = {
+    f.__name__: f
+    for f in (rigid_regressor, elastic_reduction, identify_arrays, hdf5_arrays, read_and_filter, mcap_decode)
+}

@@ -1,0 +1,130 @@
+"""Robots and logs that the benchmarks measure on, made deterministically and in blocks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model import Model
+from elid_cli.motion import Motion
+from elid_cli.robot import Robot
+from elid_cli.robot_file import read_robot, robot_from_text
+
+Array = NDArray[np.float64]
+BLOCK = 20_000
+
+
+def puma() -> Robot:
+    """Return the PUMA 560."""
+    return read_robot("puma560")
+
+
+def seven() -> Robot:
+    """Return a seven-joint arm with the Panda's geometry."""
+    a = (0, 0, 0, 0.0825, -0.0825, 0, 0.088)
+    alpha = ("0", "-pi/2", "pi/2", "pi/2", "-pi/2", "pi/2", "pi/2")
+    d = (0.333, 0, 0.316, 0, 0.384, 0, 0)
+    return _arm("seven", "modified", [(a[k], alpha[k], d[k], "0") for k in range(7)])
+
+
+def random_arm() -> Robot:
+    """Return six joints without a zero or a right angle in their geometry."""
+    draw = np.random.default_rng(3).uniform(0.1, 1.2, (6, 4))
+    return _arm("random", "standard", [tuple(row) for row in draw.tolist()])
+
+
+def planar3() -> Robot:
+    """Return three parallel elastic joints with reference parameters."""
+    values = "{m: 5, cx: -1, cy: 0.1, Izz: 0.8, Jm: 2, fs: 0.5, fv: 0.4, K: 2000}"
+    joints = [f"  - {{name: j{k}, a: 0.4, alpha: 0, d: 0, theta: 0, gear_ratio: 0.1, parameters: {values}}}"
+              for k in (1, 2, 3)]  # fmt: skip
+    return robot_from_text(
+        "\n".join(["name: planar3", "gravity: [0, -9.81, 0]", "dh: standard", "joints:", *joints]), "planar3"
+    )
+
+
+def rigid(robot: Robot) -> Robot:
+    """Return the robot with rigid transmissions."""
+    return robot.stiffened(np.ones(robot.n, dtype=bool))
+
+
+def _arm(name: str, dh: str, rows: list[tuple[object, ...]]) -> Robot:
+    lines = [f"name: {name}", "gravity: [0, 0, -9.81]", f"dh: {dh}", "joints:"]
+    for k, (a, alpha, d, theta) in enumerate(rows, start=1):
+        lines.append(f"  - {{name: j{k}, a: {a}, alpha: {alpha}, d: {d}, theta: {theta}, gear_ratio: 0.01}}")
+    return robot_from_text("\n".join(lines), name)
+
+
+class Movement:
+    """Sums of sines of every joint, and what the robot's reference parameters make of them."""
+
+    def __init__(self, robot: Robot, seed: int = 0) -> None:
+        draw = np.random.default_rng(seed)
+        self.robot, self.model = robot, Model(robot)
+        self.frequency = 2 * np.pi * draw.uniform(0.05, 0.6, (robot.n, 5))
+        self.size, self.phase = draw.uniform(0.1, 0.4, (robot.n, 5)), draw.uniform(0, 6.28, (robot.n, 5))
+        self.noise = np.random.default_rng(seed + 1)
+
+    def block(self, start: int, stop: int, dt: float) -> tuple[Array, Array, Array, Array]:
+        """Return t, q, theta and tau of some samples, with sensor noise."""
+        robot, model = self.robot, self.model
+        t = np.arange(start, stop) * dt
+        angle = self.frequency * t[:, None, None] + self.phase
+        q = (self.size * np.sin(angle)).sum(2)
+        dq = (self.size * self.frequency * np.cos(angle)).sum(2)
+        ddq = (-self.size * self.frequency**2 * np.sin(angle)).sum(2)
+        reference = np.nan_to_num(robot.reference())
+        rows = model.rows(Motion(t, q, dq, ddq, q, dq, ddq), model.equations)
+        theta = q.copy()
+        for item in model.equations.rows:
+            if item.row.kind == "link":
+                stiffness = model.index[f"K{item.row.joint + 1}"]
+                load = reference[item.columns] @ rows[item.row]  # without deflection the spring's column is zero
+                theta[:, item.row.joint] += load / reference[stiffness]
+        dtheta = np.gradient(theta, dt, axis=0)
+        motion = Motion(t, q, dq, ddq, theta, dtheta, np.gradient(dtheta, dt, axis=0))
+        rows = model.rows(motion)
+        tau = np.stack([reference[i.columns] @ rows[i.row] for i in model.estimation.rows if i.row.kind == "sum"], 1)
+        tau += 0.02 * np.abs(tau).mean(0) * self.noise.standard_normal(tau.shape)
+        q, theta = (values + 1e-6 * self.noise.standard_normal(q.shape) for values in (q, theta))
+        return t, q, theta, tau
+
+
+def write_hdf5(robot: Robot, path: Path, seconds: float, rate: float = 1000.0) -> None:
+    """Write a log of any length without holding it."""
+    import h5py
+
+    movement, samples = Movement(robot), int(seconds * rate)
+    with h5py.File(path, "w") as file:
+        file.attrs["joint_names"] = [name.encode() for name in robot.joint_names]
+        time = file.create_dataset("t", (samples,), dtype="f8")
+        sets = [file.create_dataset(name, (samples, robot.n), dtype="f8") for name in ("q", "theta", "tau")]
+        for start in range(0, samples, BLOCK):
+            stop = min(start + BLOCK, samples)
+            t, *signals = movement.block(start, stop, 1 / rate)
+            time[start:stop] = t
+            for dataset, values in zip(sets, signals, strict=True):
+                dataset[start:stop] = values
+
+
+def write_other(robot: Robot, path: Path, seconds: float, rate: float = 1000.0) -> None:
+    """Write a log in the format of the name's suffix."""
+    from elid_cli.logs import write_recording
+
+    write_recording(recording(robot, seconds, rate), path)
+
+
+def recording(robot: Robot, seconds: float, rate: float = 1000.0):  # type: ignore[no-untyped-def]
+    """Return a recording in memory."""
+    from elid_cli.recording import Recording, Segment
+
+    samples = int(seconds * rate)
+    movement = Movement(robot)
+    blocks = [movement.block(k, min(k + 10_000, samples), 1 / rate) for k in range(0, samples, 10_000)]
+    t, q, theta, tau = (np.concatenate(part) for part in zip(*blocks, strict=True))
+    return replace(
+        Recording(robot.joint_names, 1 / rate, t, q, theta, tau), segments=(Segment(0, samples),), files=("made",)
+    )
