@@ -218,7 +218,6 @@ def _accumulate(
     channels, count = part.shape
     full = min(count // stride, right.shape[1] - DEGREE - first)
     rest = count - full * stride
-    ends = _interval_ends(right, first, full, rest)
     if not whole:
         weight = np.isfinite(part) * (ratio**2)[:, None]
         part = np.where(weight > 0, np.nan_to_num(part, posinf=0.0, neginf=0.0) * weight, 0.0)
@@ -232,21 +231,17 @@ def _accumulate(
         for b in range(a, _ORDER):
             added = total[_ORDER * a + b] if cross is None else cross[:, :, _ORDER * a + b]
             band[:, b - a, first + a : first + a + full] += added
-    for sample, interval, at in ends:
-        row, value = design[at], part[:, full * stride + sample]
-        shared = np.ones(1) if whole else weight[:, full * stride + sample]
-        right[:, interval : interval + _ORDER] += np.outer(value, row)
+    if rest:
+        # the end point closes the last interval; other samples that are left over begin one
+        closes = rest == 1 and first + full == right.shape[1] - DEGREE
+        rows = design[-1:] if closes else design[:rest]
+        interval = first + full - closes
+        tail = part[:, full * stride :]
+        right[:, interval : interval + _ORDER] += tail @ rows
+        shared = np.ones((1, rest)) if whole else weight[:, full * stride :]
         for a in range(_ORDER):
             for b in range(a, _ORDER):
-                band[:, b - a, interval + a] += shared * row[a] * row[b]
-
-
-def _interval_ends(right: Array, first: int, full: int, rest: int) -> list[tuple[int, int, int]]:
-    """Return (sample, interval, row of the design) of samples after the last full interval of a stretch."""
-    intervals = right.shape[1] - DEGREE
-    if rest == 1 and first + full == intervals:  # the end point closes the last interval
-        return [(0, intervals - 1, -1)]
-    return [(sample, first + full, sample) for sample in range(rest)]
+                band[:, b - a, interval + a] += shared @ (rows[:, a] * rows[:, b])
 
 
 def _solve(band: Array, right: Array) -> Array:
