@@ -49,18 +49,27 @@ class LowPass:
             return picked
         flat = rows.reshape(-1, rows.shape[-1])
         begin = int(centres[0]) - self.half
-        result = np.empty((len(flat), count))
+        result = self._filtered(flat, begin, count)
+        lost = np.flatnonzero(~np.isfinite(result).all(axis=1))
+        for row in lost:
+            finite = np.isfinite(flat[row])
+            holes = np.concatenate([[0], np.cumsum(~finite)])
+            seen = holes[centres + self.half + 1] - holes[centres - self.half]
+            filled = self._filtered(np.where(finite, flat[row], 0.0)[None], begin, count)[0]
+            result[row] = np.where(seen > 0, np.nan, filled)
+        return result.reshape(*shape, count)
+
+    def _filtered(self, rows: Array, begin: int, count: int) -> Array:
+        """Return `count` outputs of rows (r, N), the first of them of the window that begins at sample `begin`."""
+        result = np.empty((len(rows), count))
         tile = min(self._tile, count)
         matrix = self._matrix(tile)
         for first in range(0, count, tile):
             last = min(first + tile, count)
             here = matrix if last - first == tile else self._matrix(last - first)
             start = begin + first * self.step
-            np.matmul(flat[:, start : start + len(here)], here, out=result[:, first:last])
-        lost = ~np.isfinite(result).all(axis=1)
-        for row in np.flatnonzero(lost):
-            result[row] = self._with_holes(flat[row], centres)
-        return result.reshape(*shape, count)
+            np.matmul(rows[:, start : start + len(here)], here, out=result[:, first:last])
+        return result
 
     @property
     def _tile(self) -> int:
@@ -73,16 +82,6 @@ class LowPass:
         for k in range(outputs):
             matrix[k * self.step : k * self.step + len(self.taps), k] = self.taps
         return matrix
-
-    def _with_holes(self, row: Array, centres: NDArray[np.intp]) -> Array:
-        """Return the outputs of a row with samples that are no numbers: NaN where the window holds one."""
-        finite = np.isfinite(row)
-        if not finite.any():
-            return np.full(len(centres), np.nan)
-        holes = np.concatenate([[0], np.cumsum(~finite)])
-        seen = holes[centres + self.half + 1] - holes[centres - self.half]
-        filled = LowPass(self.taps, self.step, self.cutoff).apply(np.where(finite, row, 0.0)[None])[0]
-        return np.where(seen > 0, np.nan, filled[: len(centres)])
 
 
 def low_pass(cutoff: float, dt: float, step: int) -> LowPass:
