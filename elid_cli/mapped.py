@@ -1,8 +1,8 @@
 """Large arrays of numbers taken from the file where they lie, instead of being copied into memory.
 
 What has been passed over can be let go again, and comes back from the file when it is asked for: a long log is then
-held in memory only as far as it is being looked at. Only where the operating system offers it (Linux 5.4); elsewhere
-nothing is let go.
+held in memory only as far as it is being looked at. Such arrays are read-only; who must change one takes a copy
+(`writable`).
 """
 
 from __future__ import annotations
@@ -20,15 +20,10 @@ Array = NDArray[np.float64]
 
 LEAST = 64 << 20
 """Bytes from which an array is mapped rather than read."""
-_PAGEOUT = 21
-"""MADV_PAGEOUT of Linux: pages as the file has them are dropped, changed ones are kept."""
 
 
 def mapped_dataset(dataset: Any, path: Path | None) -> Array | None:
-    """Return a dataset of HDF5 as an array on its file, or None where it does not lie there in one plain piece.
-
-    Writing to the array does not change the file.
-    """
+    """Return a dataset of HDF5 as a read-only array on its file, or None where it is not there in one plain piece."""
     size = dataset.size * dataset.dtype.itemsize
     plain = dataset.chunks is None and dataset.dtype == np.dtype("<f8") and sys.byteorder == "little"
     if path is None or not plain or size < LEAST:
@@ -36,12 +31,12 @@ def mapped_dataset(dataset: Any, path: Path | None) -> Array | None:
     offset = dataset.id.get_offset()
     if offset is None or offset % 8 or path.stat().st_size < offset + size:
         return None
-    return np.memmap(path, dtype=np.float64, mode="c", offset=offset, shape=dataset.shape).view(np.ndarray)
+    return np.memmap(path, dtype=np.float64, mode="r", offset=offset, shape=dataset.shape).view(np.ndarray)
 
 
 def let_go(*arrays: NDArray[Any] | None) -> None:
-    """Drop from memory what of these arrays lies unchanged in a file."""
-    if sys.platform != "linux":
+    """Drop from memory what of these arrays lies in a file."""
+    if not hasattr(mmap, "MADV_DONTNEED"):
         return
     for array in arrays:
         owner: Any = array
@@ -49,4 +44,9 @@ def let_go(*arrays: NDArray[Any] | None) -> None:
             owner = getattr(owner, "base", None)
         if owner is not None:
             with contextlib.suppress(OSError, ValueError):
-                owner.madvise(_PAGEOUT)
+                owner.madvise(mmap.MADV_DONTNEED)
+
+
+def writable(array: Array) -> Array:
+    """Return the array, or a copy where it may not be written to."""
+    return array if array.flags.writeable else array.copy()

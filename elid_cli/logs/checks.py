@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from elid_cli.errors import LogError, nearest
 from elid_cli.logs.raw import RawLog
 from elid_cli.logs.resolve import Placement, Plan
-from elid_cli.mapped import let_go
+from elid_cli.mapped import let_go, writable
 from elid_cli.robot import Robot
 
 Array = NDArray[np.float64]
@@ -82,11 +82,12 @@ def _complete(filled: dict[str, Array], has: dict[str, NDArray[np.bool_]], j: in
             if other not in filled:
                 filled[other] = np.full_like(filled[one], np.nan)
                 has[other] = np.zeros(has[one].size, bool)
+            filled[other] = writable(filled[other])
             filled[other][:, j] = filled[one][:, j]
             has[other][j] = True
 
 
-def _drop_zeros(filled: Mapping[str, Array], joints: Sequence[str]) -> list[str]:
+def _drop_zeros(filled: dict[str, Array], joints: Sequence[str]) -> list[str]:
     """Take efforts and velocities that are zero throughout as absent: drivers fill what they do not know with 0."""
     warnings = []
     for signal in ZERO_IS_ABSENT:
@@ -96,6 +97,7 @@ def _drop_zeros(filled: Mapping[str, Array], joints: Sequence[str]) -> list[str]
         zero: NDArray[np.bool_] = np.asarray(~values.any(axis=0))
         let_go(values)
         if zero.any():
+            values = filled[signal] = writable(values)
             values[:, zero] = np.nan
         if zero.any() and signal == "tau":
             who = " ".join(joint for joint, here in zip(joints, zero, strict=True) if here)

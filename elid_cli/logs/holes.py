@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,20 +10,21 @@ from numpy.typing import NDArray
 from elid_cli.logs.grid import Grid
 from elid_cli.logs.interpolate import interpolate
 from elid_cli.logs.timeline import fill_limit
-from elid_cli.mapped import let_go
+from elid_cli.mapped import writable
 
 Array = NDArray[np.float64]
 
 
-def fill(signals: Mapping[str, Array], grid: Grid, joints: Sequence[str], repairs: list[str]) -> None:
-    """Bridge short runs of missing samples inside a stretch."""
+def fill(
+    signals: dict[str, Array], grid: Grid, joints: Sequence[str], repairs: list[str], sound: Collection[int] = ()
+) -> None:
+    """Bridge short runs of missing samples inside a stretch; `sound` are the identities of arrays without any."""
     limit = fill_limit(grid.dt)
     bridged: dict[str, int] = {}
-    for signal, values in signals.items():
-        whole = bool(np.isfinite(values.sum()))
-        let_go(values)
-        if whole:
+    for signal, values in list(signals.items()):
+        if id(values) in sound or np.isfinite(values.sum()):
             continue
+        values = signals[signal] = writable(values)
         if signal == "temperature":
             _hold(values)
             continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,7 +13,7 @@ from elid_cli.errors import LogError
 from elid_cli.logs.grid import Grid, grid_of, identical, onto, regularised
 from elid_cli.logs.holes import fill
 from elid_cli.logs.timeline import Timeline, build
-from elid_cli.mapped import let_go
+from elid_cli.mapped import let_go, writable
 
 Array = NDArray[np.float64]
 
@@ -70,9 +70,10 @@ def align(streams: Sequence[Sampled], joints: Sequence[str], name: str) -> Align
         If the time of the required signals never advances or no usable stretch is left.
     """
     repairs: list[str] = []
-    whole = [piece for stream in streams for piece in _without_holes(stream, repairs)]
+    sound: set[int] = set()
+    whole = [piece for stream in streams for piece in _without_holes(stream, repairs, sound)]
     lines = _timelines(whole, repairs, name)
-    tracks = [track for stream in whole for track in _tracks(stream, lines[id(stream)], joints, repairs)]
+    tracks = [track for stream in whole for track in _tracks(stream, lines[id(stream)], joints, repairs, sound)]
     required = [track for track in tracks if track.signal in REQUIRED]
     if not required:
         raise LogError(f"{name}: no usable samples", detail="theta, q and tau hold no numbers")
@@ -81,19 +82,19 @@ def align(streams: Sequence[Sampled], joints: Sequence[str], name: str) -> Align
     )
     grid = grid_of(leader.line)
     signals = _assemble(tracks, grid, len(joints), leader, repairs)
-    fill(signals, grid, joints, repairs)
-    mask = _usable(signals, grid, joints, repairs)
+    fill(signals, grid, joints, repairs, sound)
+    mask = _usable(signals, grid, joints, repairs, sound)
     return _cut(signals, grid, mask, repairs, name)
 
 
-def _without_holes(stream: Sampled, repairs: list[str]) -> Iterator[Sampled]:
+def _without_holes(stream: Sampled, repairs: list[str], sound: set[int]) -> Iterator[Sampled]:
     """Yield a stream without the rows that hold nothing for it; columns with stamps of their own become streams.
 
     A topic may be shared by publishers that each know some joints, a CSV table by channels of different rates.
     """
-    sound = _sound(stream.values)
-    let_go(stream.values)
-    if sound:
+    if _sound(stream.values):
+        sound.add(id(stream.values))
+        let_go(stream.values)
         yield stream
         return
     finite = _numbers(stream.values)
@@ -165,13 +166,13 @@ def _same(a: Array, b: Array) -> bool:
     return a is b or (a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True)))
 
 
-def _tracks(stream: Sampled, line: Timeline | None, joints: Sequence[str], repairs: list[str]) -> Iterator[_Track]:
+def _tracks(
+    stream: Sampled, line: Timeline | None, joints: Sequence[str], repairs: list[str], sound: Collection[int]
+) -> Iterator[_Track]:
     """Yield a stream without its sporadic missing values: columns that miss the same samples stay together."""
     if line is None:
         return
-    sound = _sound(stream.values)
-    let_go(stream.values)
-    if sound:
+    if id(stream.values) in sound or _sound(stream.values):
         yield _Track(stream.signal, stream.joints, stream.values, line)
         return
     finite = _numbers(stream.values)
@@ -209,20 +210,21 @@ def _assemble(tracks: Sequence[_Track], grid: Grid, n: int, leader: _Track, repa
     return signals
 
 
-def _usable(signals: dict[str, Array], grid: Grid, joints: Sequence[str], repairs: list[str]) -> NDArray[np.bool_]:
+def _usable(
+    signals: dict[str, Array], grid: Grid, joints: Sequence[str], repairs: list[str], sound: Collection[int]
+) -> NDArray[np.bool_]:
     """Return where every signal that the log has is known; optional ones with long holes are dropped."""
     mask = np.ones(grid.samples, dtype=bool)
     for signal in sorted(signals, key=lambda name: name not in REQUIRED):
         values = signals[signal]
-        known = bool(np.isfinite(values.sum()))
-        let_go(values)
-        if known:
+        if id(values) in sound or np.isfinite(values.sum()):
             continue
         for j, joint in enumerate(joints):
             finite = np.isfinite(values[:, j])
             if not finite.any() or signal == "temperature":
                 continue
             if signal not in REQUIRED and np.count_nonzero(finite & mask) < COVERED * np.count_nonzero(mask):
+                values = signals[signal] = writable(values)
                 values[:, j] = np.nan
                 repairs.append(f"{signal} of {joint} has too many holes and is not used")
                 continue
