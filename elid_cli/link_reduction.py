@@ -64,7 +64,7 @@ class LinkTorque:
         """Return what the links' equations need of a block."""
         nothing = np.full(block.last - block.first, np.nan)
         torque = np.stack([nothing if row is None else row[1] @ block.columns[row[0]] for row in self._rows])
-        return LinkBlock(block.stretch, block.channels, torque)
+        return LinkBlock(block.stretch, block.channels.copy(), torque)
 
     @property
     def known(self) -> list[bool]:

@@ -142,15 +142,16 @@ def _marked(block: Block, signals: Signals) -> _Kept:
 
 
 def _single(block: Block) -> Block:
+    """Return what the scores need of a block, in little room; views would keep the whole block alive."""
     return Block(
         block.first,
         block.last,
         block.stretch,
         block.columns.astype(np.float32),
-        block.tau,
-        block.tau_rate,
-        block.reversal[:, :0],
-        block.channels[:0],
+        block.tau.copy(),
+        block.tau_rate.copy(),
+        np.zeros((0, 0)),
+        np.zeros((0, 0)),
     )
 
 

@@ -120,27 +120,30 @@ class Block:
 
 def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Block]:
     """Compute, filter and decimate the rows of a log block by block, in the order of its instants."""
-    place = 0
+    place, n, width = 0, model.robot.n, plan.program.outputs
     # memory that is touched for the first time is slower than the arithmetic: one array serves all blocks
-    room = np.empty((plan.program.outputs, _longest(signals)))
+    room = np.empty((width + 6 * n, _longest(signals)))
     for number, segment in enumerate(signals.segments):
         count = len(signals.filter.outputs(len(segment), signals.margin))
         for begin, end, (first, last) in _chunks(signals, len(segment), count):
             part = slice(segment.start + begin, segment.start + end)
             motion = signals.motion[part]
             rows = room[:, : motion.samples]
-            plan.program.run(inputs_of(motion), rows)
-            torque = signals.tau[part].T
+            plan.program.run(inputs_of(motion), rows[:width])
+            rows[width : width + n] = signals.tau[part].T
+            rows[width + n : width + 2 * n] = _slope(signals, segment, part)
+            _channels(motion, rows[width + 2 * n :])
             slow = np.abs(motion.dtheta.T) < signals.min_velocity[:, None]
+            filtered = signals.filter.apply(rows)
             yield Block(
                 place + first,
                 place + last,
                 number,
-                signals.filter.apply(rows),
-                signals.filter.apply(torque),
-                signals.filter.apply(_slope(signals, segment, part)),
+                filtered[:width],
+                filtered[width : width + n],
+                filtered[width + n : width + 2 * n],
                 _share(slow, signals),
-                signals.filter.apply(_channels(motion)),
+                filtered[width + 2 * n :],
             )
             let_go(signals.tau)
         place += count
@@ -199,9 +202,13 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
     )
 
 
-def _channels(motion: Motion) -> Array:
-    parts = (motion.theta - motion.q, motion.dtheta - motion.dq, motion.dq, motion.ddq)
-    return np.concatenate([part.T for part in parts])
+def _channels(motion: Motion, out: Array) -> None:
+    """Write deflections, their rates, link velocities and accelerations, (4 n, samples)."""
+    n = motion.q.shape[1]
+    np.subtract(motion.theta.T, motion.q.T, out=out[:n])
+    np.subtract(motion.dtheta.T, motion.dq.T, out=out[n : 2 * n])
+    out[2 * n : 3 * n] = motion.dq.T
+    out[3 * n :] = motion.ddq.T
 
 
 def _slope(signals: Signals, segment: Segment, part: slice) -> Array:

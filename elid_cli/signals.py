@@ -340,9 +340,8 @@ def _choose(
 def _alike(channels: tuple[Array, Array]) -> bool:
     """Whether links and motors are the same signals, as of a robot with rigid transmissions."""
     link, motor = channels
-    return (
-        link is motor
-        or bool(np.array_equal(link[:STRETCH], motor[:STRETCH], equal_nan=True))
+    return link is motor or (
+        bool(np.array_equal(link[:STRETCH], motor[:STRETCH], equal_nan=True))
         and bool(np.array_equal(link, motor, equal_nan=True))
     )
 
