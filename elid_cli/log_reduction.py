@@ -33,6 +33,8 @@ Progress = Callable[[float], None]
 
 FOLDS = 6
 """Contiguous stretches of a log, each in turn predicted by a fit to the others."""
+WAITING = 2000
+"""Equations that are reduced at a time."""
 POSES = 200
 """Link positions kept to say where a log did not go."""
 SINGLE = 64 << 20
@@ -161,13 +163,36 @@ def _system(block: Block, slots: slice, joint: int) -> Array:
     return np.concatenate([block.columns[slots], extra])
 
 
+class _Growing:
+    """A triangle to which equations are added; they wait until there are enough of them for one QR."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.power = 0.0
+        self._parts: list[Array] = []
+        self._waiting = 0
+
+    def add(self, system: Array) -> None:
+        """Add equations, (columns + 1, m)."""
+        self.count += system.shape[1]
+        self.power += float(system[-1] @ system[-1])
+        self._parts.append(system.T.copy())
+        self._waiting += system.shape[1]
+        if self._waiting > WAITING:
+            self._parts, self._waiting = [self.factor()], 0
+
+    def factor(self) -> Array:
+        """Return the triangle of all that was added."""
+        return factor_of(np.concatenate(self._parts))
+
+
 class _Pile:
     """Triangles that grow block by block."""
 
     def __init__(self, model: Model, layout: Sequence[tuple[Row, NDArray[np.intp]]], instants: int) -> None:
         self._index = dict(layout)
         self._instants = max(instants, 1)
-        self._found: tuple[dict[tuple[Row, int], Triangle], ...] = ({}, {})
+        self._found: tuple[dict[tuple[Row, int], _Growing], ...] = ({}, {})
 
     def add(self, kept: _Kept, plan: Plan) -> None:
         """Add the equations of a block."""
@@ -184,18 +209,19 @@ class _Pile:
                         part = system[:, start:stop]
                         self._grow(found, item.row, int(fold[start]), part if chosen.all() else part[:, chosen])
 
-    def _grow(self, found: dict[tuple[Row, int], Triangle], row: Row, fold: int, system: Array) -> None:
-        before = found.get((row, fold))
-        power, count = float(system[-1] @ system[-1]), system.shape[1]
-        rows = system.T
-        if before is not None:
-            rows = np.concatenate([before.factor, rows])
-            power, count = power + before.power, count + before.count
-        found[row, fold] = Triangle(row, fold, self._index[row], factor_of(rows), count, power)
+    def _grow(self, found: dict[tuple[Row, int], _Growing], row: Row, fold: int, system: Array) -> None:
+        growing = found.setdefault((row, fold), _Growing())
+        growing.add(system)
 
     def triangles(self) -> tuple[tuple[Triangle, ...], tuple[Triangle, ...]]:
         """Return what has grown: away from reversals, and around them."""
-        steady, reversing = (tuple(found.values()) for found in self._found)
+        steady, reversing = (
+            tuple(
+                Triangle(row, fold, self._index[row], growing.factor(), growing.count, growing.power)
+                for (row, fold), growing in found.items()
+            )
+            for found in self._found
+        )
         return steady, reversing
 
 
@@ -234,10 +260,14 @@ class _ScoreMaker:
             place = 0
             for item, (row, index) in zip(self._plan.rows, self._layout, strict=True):
                 use = (kept.known if gliding[row.joint] else kept.use)[row.joint]
-                system = _system(kept.block, item.slots, row.joint)
-                residual = system[-1] - values[index] @ system[:-1]
-                here = rows[place : place + len(index)]
-                np.multiply(system[:-1], np.where(use, residual, 0.0), out=here)
+                block, joint, here = kept.block, row.joint, rows[place : place + len(index)]
+                columns = block.columns[item.slots]
+                own, delay, offset = values[index[:-2]], values[index[-2]], values[index[-1]]
+                residual = block.tau[joint] - own @ columns - delay * block.tau_rate[joint] - offset
+                residual = np.where(use, residual, 0.0)
+                np.multiply(columns, residual, out=here[:-2])
+                np.multiply(block.tau_rate[joint], residual, out=here[-2])
+                here[-1] = residual
                 if not use.all():
                     here[:, ~use] = 0.0  # what is not known must not spread
                 place += len(index)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -61,6 +61,13 @@ def basis(u: Array, derivative: int = 0) -> Array:
     return weights
 
 
+@lru_cache(maxsize=64)
+def _interval_weights(stride: int, derivatives: int, width: float) -> Array:
+    """Return the weights of an interval's samples for the value and its derivatives, (derivatives * stride, 6)."""
+    local = np.arange(stride) / stride
+    return np.concatenate([basis(local, d) / width**d for d in range(derivatives)])
+
+
 @dataclass(frozen=True)
 class Spline:
     """Quintic splines of several channels on one segment.
@@ -103,8 +110,7 @@ class Spline:
         intervals = self.coefficients.shape[1] - DEGREE
         first = min(start // self.stride, intervals - 1)
         last = min(max(-(-stop // self.stride), first + 1), intervals)
-        local = np.arange(self.stride) / self.stride
-        weights = np.concatenate([basis(local, d) / width**d for d in range(derivatives)])
+        weights = _interval_weights(self.stride, derivatives, width)
         windows = np.lib.stride_tricks.sliding_window_view(self.coefficients[:, first : last + DEGREE], _ORDER, axis=1)
         channels = len(self.coefficients)
         pieces = np.matmul(windows, weights.T).reshape(channels, last - first, derivatives, self.stride)
