@@ -31,6 +31,16 @@ def gravity_torque(robot: Robot, q: Array, parameters: Array, gravity: Sequence[
     return torque
 
 
+def body_torque(robot: Robot, motion: Motion, parameters: Array) -> Array:
+    """Return the torques (n, N) that the bodies need from the link rows, rotors left out."""
+    values = dict(zip(robot.parameter_names(), np.nan_to_num(parameters).tolist(), strict=True))
+    torque = np.zeros((robot.n, motion.samples))
+    for _, joint, name, value in RigidBody().entries(robot, _moving(robot, motion)):
+        if values[name]:
+            torque[joint] += np.asarray(value) * values[name]
+    return torque
+
+
 def last_body(robot: Robot, motion: Motion) -> Array:
     """Return the columns of the last body's ten parameters in every link row, shape (n, 10, N)."""
     columns = np.zeros((robot.n, len(LINK_PARAMETERS), motion.samples))

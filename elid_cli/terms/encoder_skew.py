@@ -7,11 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.terms.effect import Columns, Effect, Parameter, Scene
-from elid_cli.terms.rows import spring_rows
+from elid_cli.motion import Motion
+from elid_cli.terms.bodies import body_torque
+from elid_cli.terms.effect import Columns, Effect, Parameter, RowKey, Scene
+from elid_cli.terms.rows import derivative, spring_rows
 from elid_cli.terms.shifted import shifted
 
 Array = NDArray[np.float64]
+
+STEP = 1e-4
+"""s; shift by which the derivative of the bodies' torques is taken."""
 
 
 class EncoderSkew(Effect):
@@ -46,8 +51,33 @@ class EncoderSkew(Effect):
         return np.array([values["skew"] * float(scene.stiffness[joint])]), ()
 
     def columns(self, scene: Scene) -> Columns:
-        """Return the link's velocity in both rows of the transmission."""
-        return spring_rows(self.joint, scene.motion.dq[:, self.joint])
+        """Return the link's velocity in both rows of the transmission, and what the bodies need more in link rows."""
+        columns = dict(spring_rows(self.joint, scene.motion.dq[:, self.joint]))
+        for joint, change in enumerate(self._bodies(scene)):
+            if np.any(change):
+                row = RowKey("link", joint)
+                columns[row] = columns.get(row, np.zeros((1, scene.samples))) + change
+        return columns
+
+    def _bodies(self, scene: Scene) -> Array:
+        """Return d(bodies' torques)/d(shift of this joint's link) / K, (n, N); nothing where K is unknown."""
+        stiffness = float(scene.stiffness[self.joint])
+        if not stiffness > 0 or scene.samples < 3:
+            return np.zeros((scene.robot.n, scene.samples))
+        still = ("body torque",)
+        if still not in scene.cache:
+            scene.cache[still] = body_torque(scene.robot, scene.motion, scene.parameters)
+        moved = body_torque(scene.robot, self._moved(scene), scene.parameters)
+        change: Array = (moved - scene.cache[still]) / (STEP * stiffness)
+        return change
+
+    def _moved(self, scene: Scene) -> Motion:
+        motion, j = scene.motion, self.joint
+        q, dq, ddq = np.array(motion.q), np.array(motion.dq), np.array(motion.ddq)
+        q[:, j] += STEP * motion.dq[:, j]
+        dq[:, j] += STEP * motion.ddq[:, j]
+        ddq[:, j] += STEP * derivative(motion.ddq[:, j], scene.dt, scene.starts)
+        return Motion(motion.t, q, dq, ddq, motion.theta, motion.dtheta, motion.ddtheta)
 
     def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the link's channels as logged: each reading is `skew` old."""

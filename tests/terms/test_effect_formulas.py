@@ -120,7 +120,6 @@ def test_every_order_in_between_resembles_one_of_the_grid(planar_scene: Scene) -
 SPRING = {
     "backlash": lambda e, de, K, dq: -3000.0 * np.clip(e, -1.5e-3, 1.5e-3),
     "cubic_stiffness": lambda e, de, K, dq: 4e6 * e**3,
-    "encoder_skew": lambda e, de, K, dq: K * 2e-3 * dq,
     "encoder_offset": lambda e, de, K, dq: K * 1e-3 + 0 * e,
     "sensor_gain": lambda e, de, K, dq: -0.04 * K * e,
     "sensor_offset": lambda e, de, K, dq: 1.5 + 0 * e,
@@ -135,6 +134,16 @@ def test_effects_in_the_transmission(name: str, planar_scene: Scene) -> None:
     expected = SPRING[name]((m.q - m.theta)[:, 0], (m.dq - m.dtheta)[:, 0], 3000.0, m.dq[:, 0])
     np.testing.assert_allclose(found[RowKey("link", 0)], expected, atol=1e-9)
     np.testing.assert_allclose(found[RowKey("motor", 0)], -expected, atol=1e-9)
+
+
+def test_a_skew_moves_the_spring_and_what_the_bodies_need(planar_scene: Scene) -> None:
+    m = planar_scene.motion
+    found = total("encoder_skew", planar_scene)
+    spring = 3000.0 * 2e-3 * m.dq[:, 0]
+    np.testing.assert_allclose(found[RowKey("motor", 0)], -spring, atol=1e-9)
+    bodies = found[RowKey("link", 0)] - spring
+    assert 0 < np.sqrt(np.mean(bodies**2)) < np.sqrt(np.mean(spring**2))
+    assert np.any(found[RowKey("link", 1)])  # the next link is moved along
 
 
 def test_backlash_leaves_the_spring_of_a_dead_zone(planar_scene: Scene) -> None:
