@@ -40,6 +40,9 @@ ROUNDING = 1e-9
 """Values below this share of their typical size are the solver's rounding and count as zero."""
 MOVED = 2.0
 """Standard deviations by which a base parameter must move to be named."""
+TRUST = (1.0, 0.8, 0.6, 0.4)
+"""Weights tried for the motor rows of joints whose stiffness the log refused. Their spring torque is encoder noise,
+which pulls the fit where no physical robot is; what predicts left-out stretches best decides how far they count."""
 CONTRADICTION = 0.02
 """Relative rise of the held-out error above which data and a physical robot contradict each other."""
 
@@ -120,7 +123,7 @@ def make_physical(found: Identification) -> PhysicalParameters:
     robot, base = found.robot, found.base
     cones = consistency(robot, _typical(found))
     system = _system(found)
-    fit, solution = _pulled(found, cones, system)
+    solution, error_after = _best(found, cones)
     p = len(base.parameters)
     sizes = cones.scales.sizes
     values = np.where(np.abs(solution[:p]) < ROUNDING * sizes, 0.0, solution[:p])
@@ -141,7 +144,7 @@ def make_physical(found: Identification) -> PhysicalParameters:
         chi2_before=_squares(system, least) / count,
         chi2_after=_squares(system, solution) / count,
         error_before=found.error,
-        error_after={} if found.triangles is None else _held_out(robot, fit, found.triangles, found.weights),
+        error_after=error_after,
         margin=float(cones.eigenvalues(values / sizes).min()),
     )
 
@@ -176,6 +179,31 @@ class _Fit:
         return solution
 
 
+def _best(found: Identification, cones: Consistency) -> tuple[Array, dict[str, JointError]]:
+    """Return the solution whose worst row gives up least on left-out stretches, and its errors there."""
+    triangles = found.triangles
+    if triangles is None:
+        return _pulled(found, cones, _system(found))[1], {}
+    refused = {int(found.base.parameters[k][1:]) - 1 for k in _refused_springs(found)}
+    answers = []
+    for trust in TRUST if refused else TRUST[:1]:
+        weights = {
+            row: weight * (trust if row.kind == "motor" and row.joint in refused else 1.0)
+            for row, weight in found.weights.items()
+        }
+        fit, solution = _pulled(found, cones, triangles.stacked(weights))
+        errors = _held_out(found.robot, fit, triangles, weights)
+        answers.append((_worst(found.error, errors), solution, errors))
+    return min(answers, key=lambda answer: answer[0])[1:]
+
+
+def _worst(before: Mapping[str, JointError], after: Mapping[str, JointError]) -> float:
+    """Return the largest relative rise of any joint's held-out error, motor rows included."""
+    pairs = [(after[j].rms, e.rms) for j, e in before.items() if j in after]
+    pairs += [(after[j].spring_rms or 0.0, e.spring_rms) for j, e in before.items() if j in after and e.spring_rms]
+    return max((new / old - 1 for new, old in pairs), default=0.0)
+
+
 def _pulled(found: Identification, cones: Consistency, system: Array) -> tuple[_Fit, Array]:
     """Return the fit with the strongest pull that the data can afford, and its solution."""
     target = prior(found.robot, cones.scales) / cones.scales.sizes
@@ -204,6 +232,15 @@ def _system(found: Identification) -> Array:
     return np.column_stack([root @ found.base.transform[known], root @ found.estimate[known]])
 
 
+def _refused_springs(found: Identification) -> list[int]:
+    """Return the places of stiffnesses that the log refused."""
+    return [
+        int(leader)
+        for leader, verdict in zip(found.base.leaders, found.verdict, strict=True)
+        if verdict == "refused" and found.base.parameters[leader].startswith("K")
+    ]
+
+
 def _unseen_springs(found: Identification) -> list[int]:
     """Return stiffnesses that the log refused and the robot file gives.
 
@@ -211,11 +248,7 @@ def _unseen_springs(found: Identification) -> list[int]:
     but held at its true K the same noise would spoil what else that row knows.
     """
     reference = found.robot.reference()
-    return [
-        int(leader)
-        for leader, verdict in zip(found.base.leaders, found.verdict, strict=True)
-        if verdict == "refused" and found.base.parameters[leader].startswith("K") and reference[leader] > 0
-    ]
+    return [k for k in _refused_springs(found) if reference[k] > 0]
 
 
 def _equations(found: Identification) -> int:
