@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,7 +73,11 @@ class SpringView:
     """What the description says: K (theta - q) and the effects of the transmission."""
     rising: NDArray[np.bool_]
     """Whether the deflection grows."""
+    used: NDArray[np.bool_]
+    """Instants that count (not masked around a reversal of the motor, where its friction is undefined)."""
     stiffness: float
+    known: bool
+    """Whether the stiffness is more than what a fit had to put there: False where it was refused."""
 
 
 @dataclass(frozen=True)
@@ -136,12 +140,19 @@ def variables(robot: Robot, signals: Signals, observation: Observation, joint: i
         "time (s)": observation.t,
     }
     if robot.joints[joint].elastic:
-        found[f"deflection (m{angle})"] = 1e3 * (motion.theta[at, joint] - motion.q[at, joint])
+        deflection = _deflection(observation, joint, robot.parameter_names())
+        raw = motion.theta[at, joint] - motion.q[at, joint]
+        found[f"deflection (m{angle})"] = 1e3 * (raw if deflection is None else deflection)
     return found
 
 
-def spring_views(found: Validation, signals: Signals) -> tuple[SpringView, ...]:
-    """Return the deflection-torque curve of every elastic joint whose stiffness the description gives."""
+def spring_views(
+    found: Validation, signals: Signals, refused: Collection[str] = ()
+) -> tuple[SpringView, ...]:
+    """Return the deflection-torque curve of every elastic joint whose stiffness the description gives.
+
+    `refused` names parameters that the log does not support.
+    """
     bare = _without_spring_effects(found, signals)
     views = []
     for k, joint in enumerate(found.robot.joints):
@@ -150,11 +161,9 @@ def spring_views(found: Validation, signals: Signals) -> tuple[SpringView, ...]:
         if row not in found.residual or not joint.elastic or stiffness is None or signals.still[k]:
             continue
         group = found.observation.group(row)
-        names = found.robot.parameter_names()
-        place = np.flatnonzero(group.index == names.index(f"K{k + 1}"))
-        if not place.size or not group.use.any():
+        deflection = _deflection(found.observation, k, found.robot.parameter_names())
+        if deflection is None or not group.use.any():
             continue
-        deflection = group.columns[int(place[0])]
         transmitted = stiffness * deflection + bare.residual[row]
         views.append(
             SpringView(
@@ -164,7 +173,9 @@ def spring_views(found: Validation, signals: Signals) -> tuple[SpringView, ...]:
                 transmitted=transmitted,
                 modelled=transmitted - found.residual[row],
                 rising=np.gradient(deflection) > 0,
+                used=group.use,
                 stiffness=float(stiffness),
+                known=f"K{k + 1}" not in refused,
             )
         )
     return tuple(views)
@@ -198,6 +209,16 @@ def organised(residual: Array, values: Array) -> float:
     bins = np.array_split(residual[order], BINS)
     total = float(np.sum(residual**2))
     return sum(len(b) * float(np.mean(b)) ** 2 for b in bins if len(b)) / total if total > 0 else 0.0
+
+
+def _deflection(observation: Observation, joint: int, names: Sequence[str]) -> Array | None:
+    """Return the deflection that multiplies a stiffness, as filtered and corrected, (M,); None where there is none."""
+    groups = [g for g in observation.groups if (g.row.kind, g.row.joint) == ("motor", joint)]
+    for group in groups:
+        place = np.flatnonzero(group.index == names.index(f"K{joint + 1}"))
+        if place.size:
+            return np.asarray(group.columns[int(place[0])])
+    return None
 
 
 def _broken(values: Array, observation: Observation) -> Array:

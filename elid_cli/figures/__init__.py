@@ -1,4 +1,4 @@
-"""Pictures of a report's figures. One file per kind of figure: a module with ``draw(figure) -> matplotlib figure``.
+"""Pictures of a report's figures. One file per kind: a module with ``draw(figure, paper) -> matplotlib figure``.
 
 matplotlib is imported only when something is drawn, and pyplot never, so that no display and no global state matter.
 """
@@ -15,6 +15,8 @@ from elid_cli.report import Figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
+    from elid_cli.figures.paint import Paper
+
 SALT = "elid"
 """Salt of the identifiers in an SVG: the same figure gives the same bytes."""
 RESOLUTION = 150
@@ -24,8 +26,8 @@ RESOLUTION = 150
 class Kind(Protocol):
     """What a module in this folder offers."""
 
-    def draw(self, figure: Figure) -> Canvas:
-        """Return the picture."""
+    def draw(self, figure: Figure, paper: Paper) -> Canvas:
+        """Return the picture, as wide as the paper."""
 
 
 def kinds() -> tuple[str, ...]:
@@ -33,8 +35,8 @@ def kinds() -> tuple[str, ...]:
     return tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if m.name not in ("paint", "thin")))
 
 
-def picture(figure: Figure, suffix: str) -> bytes:
-    """Return a figure as a file of that format: ``svg`` or ``png``.
+def picture(figure: Figure, suffix: str, *, narrow: bool = False) -> bytes:
+    """Return a figure as a file of that format: ``svg`` or ``png``; `narrow` for a telephone's width.
 
     Raises
     ------
@@ -44,7 +46,7 @@ def picture(figure: Figure, suffix: str) -> bytes:
         There is no such kind of figure.
 
     """
-    from elid_cli.figures.paint import settings
+    from elid_cli.figures.paint import PAGE, TELEPHONE, settings
 
     if figure.kind not in kinds():
         raise KeyError(figure.kind)
@@ -53,7 +55,8 @@ def picture(figure: Figure, suffix: str) -> bytes:
 
     stream = io.BytesIO()
     metadata: dict[str, Any] = {"Date": None, "Creator": None} if suffix == "svg" else {"Software": None}
-    chosen: Any = {**settings(), "svg.hashsalt": f"{SALT}-{figure.key}"}
+    chosen: Any = {**settings(), "svg.hashsalt": f"{SALT}-{figure.key}{narrow:d}"}
     with matplotlib.rc_context(chosen):
-        kind.draw(figure).savefig(stream, format=suffix, metadata=metadata, dpi=RESOLUTION)
+        drawn = kind.draw(figure, TELEPHONE if narrow else PAGE)
+        drawn.savefig(stream, format=suffix, metadata=metadata, dpi=RESOLUTION)
     return stream.getvalue()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from elid_cli.figures.paint import INK, canvas
+from elid_cli.figures.paint import INK
 from elid_cli.report import Figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
+
+    from elid_cli.figures.paint import Paper
 
 LOOK = {
     "independent": ("#0072b2", "i", "white", "independent"),
@@ -21,12 +23,12 @@ LOOK = {
 STANDARD = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "Jm", "fs", "fv", "K")
 
 
-def draw(figure: Figure) -> Canvas:
+def draw(figure: Figure, paper: Paper) -> Canvas:
     """Draw ``classes``, name -> class, for ``joints``."""
     from matplotlib.patches import Patch, Rectangle
 
     classes, joints = figure.data["classes"], figure.data["joints"]
-    made = canvas(0.3 * len(joints) + 0.95)
+    made = paper.canvas(0.3 * len(joints) + (1.6 if paper.narrow else 0.95))
     axes = made.subplots()
     seen = []
     for row in range(len(joints)):
@@ -41,7 +43,7 @@ def draw(figure: Figure) -> Canvas:
             axes.text(column, row, letter, ha="center", va="center", color=ink, fontsize=8)
     axes.set_xlim(-0.55, len(STANDARD) - 0.45)
     axes.set_ylim(len(joints) - 0.45, -0.55)
-    axes.set_xticks(range(len(STANDARD)), STANDARD)
+    axes.set_xticks(range(len(STANDARD)), STANDARD, fontsize=7.5 if paper.narrow else None)
     axes.set_yticks(range(len(joints)), joints)
     axes.grid(visible=False)
     axes.tick_params(length=0)
@@ -50,5 +52,5 @@ def draw(figure: Figure) -> Canvas:
         spine.set_visible(False)
     handles = [Patch(facecolor=LOOK[c][0], edgecolor="#bbbbbb", label=f"{LOOK[c][1]}  {LOOK[c][3]}")
                for c in LOOK if c in seen]  # fmt: skip
-    made.legend(handles=handles, loc="outside lower center", ncols=3)
+    made.legend(handles=handles, loc="outside lower center", ncols=1 if paper.narrow else 3)
     return made

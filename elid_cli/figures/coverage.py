@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from elid_cli.figures.paint import BLUE, GREY, ORANGE, grid_of
+from elid_cli.figures.paint import BLUE, GREY, ORANGE
 from elid_cli.figures.thin import cloud
 from elid_cli.report import Figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
+    from elid_cli.figures.paint import Paper
 
-def draw(figure: Figure) -> Canvas:
+
+def draw(figure: Figure, paper: Paper) -> Canvas:
     """Draw ``joints``: dictionaries of joint, revolute, q, dq and limits (low, high) or None."""
     joints = figure.data["joints"]
-    made, panels = grid_of(len(joints), 3, 1.95)
+    made, panels = paper.grid(len(joints), 3, 1.95)
     for axes, joint in zip(panels, joints, strict=True):
         unit = "rad" if joint["revolute"] else "m"
         kept = cloud(joint["q"], joint["dq"], (200, 120))

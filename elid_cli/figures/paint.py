@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,8 +22,38 @@ BLUE, ORANGE, GREEN, PURPLE = "#0072b2", "#d55e00", "#009e73", "#aa4499"
 CYCLE = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (PURPLE, ":"), (INK, (0, (5, 1))), ("#56b4e9", (0, (3, 1, 1, 1))),
          ("#e69f00", (0, (1, 1))))  # fmt: skip
 """Colour and dash of lines that stand side by side."""
-WIDTH = 7.6
-"""Width of a figure, inches."""
+BEFORE = "#e9a978"
+"""The residual before, behind the one after."""
+MEASURED = "#86bbdf"
+"""What was measured: a broad pale line, so that a thin dark one over it shows in grey too."""
+
+
+@dataclass(frozen=True)
+class Paper:
+    """What a figure is drawn on: a page, or a telephone, where panels stand below each other in the same type."""
+
+    width: float
+    """Inches."""
+    narrow: bool = False
+
+    def canvas(self, height: float) -> Canvas:
+        """Return an empty figure of that height in inches."""
+        from matplotlib.figure import Figure as Made
+
+        return Made(figsize=(self.width, height), layout="constrained")
+
+    def grid(self, count: int, columns: int, each: float, *, sharey: bool = False) -> tuple[Canvas, list[Axes]]:
+        """Return a figure with `count` panels in rows of at most `columns` (2 if narrow), each `each` inches high."""
+        columns = min(columns, count, 2 if self.narrow else columns)
+        rows = -(-count // columns)
+        made = self.canvas(each * rows + 0.25)
+        axes = list(made.subplots(rows, columns, squeeze=False, sharey=sharey).ravel())
+        for spare in axes[count:]:
+            spare.set_axis_off()
+        return made, axes[:count]
+
+
+PAGE, TELEPHONE = Paper(7.6), Paper(3.7, narrow=True)
 
 
 def settings() -> dict[str, Any]:
@@ -37,24 +68,6 @@ def settings() -> dict[str, Any]:
         "lines.linewidth": 1.0, "legend.frameon": False, "figure.facecolor": "white", "savefig.facecolor": "white",
         "svg.fonttype": "none", "path.simplify": True, "path.simplify_threshold": 0.2, "axes.unicode_minus": False,
     }  # fmt: skip
-
-
-def canvas(height: float, width: float = WIDTH) -> Canvas:
-    """Return an empty figure of that size in inches."""
-    from matplotlib.figure import Figure as Made
-
-    return Made(figsize=(width, height), layout="constrained")
-
-
-def grid_of(count: int, columns: int, each: float, *, sharey: bool = False) -> tuple[Canvas, list[Axes]]:
-    """Return a figure with `count` panels in rows of at most `columns`, each `each` inches high."""
-    columns = min(columns, count)
-    rows = -(-count // columns)
-    made = canvas(each * rows + 0.25)
-    axes = list(made.subplots(rows, columns, squeeze=False, sharey=sharey).ravel())
-    for spare in axes[count:]:
-        spare.set_axis_off()
-    return made, axes[:count]
 
 
 def scatter_with_mean(

@@ -6,30 +6,37 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elid_cli.figures.paint import BLUE, GREY, INK, ORANGE, canvas
-from elid_cli.report import Figure
+from elid_cli.figures.paint import BLUE, GREY, INK, ORANGE
+from elid_cli.report import Figure, number_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
-LONGEST = 34
-"""Characters of a name; the table beside the figure has it whole."""
+    from elid_cli.figures.paint import Paper
+
+LONGEST, SHORTER = 30, 22
+"""Characters of a name on a page and on a telephone; the table beside the figure has it whole."""
 EDGE = 2.2
 """Values beyond this many times their scale are drawn at the edge."""
+TYPE = 7.5
+FAR = 100.0
+"""Standard deviation, % of the value, from which on its size says nothing."""
 
 
-def draw(figure: Figure) -> Canvas:
+def draw(figure: Figure, paper: Paper) -> Canvas:
     """Draw ``names``, ``estimate``, ``std_error``, ``reference`` and ``verdict`` of b base parameters."""
     data = figure.data
     estimate, deviation = np.asarray(data["estimate"]), np.asarray(data["std_error"])
     reference = np.asarray(data["reference"])
-    names = [name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…" for name in data["names"]]
+    longest = SHORTER if paper.narrow else LONGEST
+    names = [name if len(name) <= longest else f"{name[: longest - 1]}…" for name in data["names"]]
     count = len(names)
-    columns = 1 if count <= 24 else 2
+    columns = 1 if count <= 24 or paper.narrow else 2
     rows = -(-count // columns)
-    made = canvas(0.165 * rows + 0.9)
+    made = paper.canvas(0.18 * rows + 0.9)
     panels = made.subplots(1, columns, squeeze=False, sharex=True)[0]
-    scale = np.fmax(np.abs(estimate), np.abs(np.nan_to_num(reference)))
+    # a value that is nothing but noise is drawn on the scale of its interval, not of itself
+    scale = np.fmax(np.fmax(np.abs(estimate), np.abs(np.nan_to_num(reference))), 1.96 * deviation)
     scale = np.where((scale > 0) & np.isfinite(scale), scale, 1.0)
     for column, axes in enumerate(panels):
         index = np.arange(column * rows, min((column + 1) * rows, count))
@@ -42,10 +49,16 @@ def draw(figure: Figure) -> Canvas:
                   markeredgewidth=1.0, label="reference")  # fmt: skip
         for place, k in zip(y, index, strict=True):
             if data["verdict"][k] == "refused":
-                axes.text(-EDGE, place, " refused", va="center", fontsize=6.8, color=INK)
-        axes.set_yticks(y, [names[k] for k in index], fontsize=6.8)
+                axes.text(-EDGE, place, " refused", va="center", fontsize=TYPE, color=INK)
+            elif np.isfinite(deviation[k]) and estimate[k] != 0:
+                share = 100 * deviation[k] / abs(estimate[k])
+                text = f"{number_text(share, 2)} %" if share < FAR else "> 100 %"
+                axes.text(1.02, place, text, va="center", ha="left", fontsize=TYPE, color=GREY,
+                          transform=axes.get_yaxis_transform())  # fmt: skip
+        axes.set_yticks(y, [names[k] for k in index], fontsize=TYPE)
         axes.set_ylim(rows - 0.5, -0.5)
         axes.set_xlim(-EDGE, EDGE)
         axes.set_xlabel("value / its own size")
+        axes.set_title("± sd", fontsize=TYPE, color=GREY, loc="right", x=1.02, ha="left")
     made.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return made

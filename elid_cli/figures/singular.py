@@ -6,18 +6,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elid_cli.figures.paint import BLUE, GREY, ORANGE, canvas
+from elid_cli.figures.paint import BLUE, GREY, ORANGE
 from elid_cli.report import Figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
+    from elid_cli.figures.paint import Paper
 
-def draw(figure: Figure) -> Canvas:
+
+def draw(figure: Figure, paper: Paper) -> Canvas:
     """Draw ``values``, largest first, relative to the first; the first ``rank`` are base parameters."""
     values, rank = np.asarray(figure.data["values"]), int(figure.data["rank"])
     relative = np.maximum(values / values[0], 1e-17)
-    made = canvas(2.4)
+    made = paper.canvas(2.4)
     axes = made.subplots()
     number = np.arange(1, len(values) + 1)
     axes.semilogy(number[:rank], relative[:rank], "o", color=BLUE, markersize=3.2,
@@ -26,6 +28,7 @@ def draw(figure: Figure) -> Canvas:
         axes.semilogy(number[rank:], relative[rank:], "x", color=ORANGE, markersize=4,
                       label=f"dependent columns, largest {relative[rank]:.1e}")  # fmt: skip
         axes.axvline(rank + 0.5, color=GREY, linestyle="--", linewidth=0.9)
+    axes.set_xlim(0, len(values) + 1)
     axes.set_xlabel("number")
     axes.set_ylabel("relative singular value")
     axes.legend(loc="lower left")

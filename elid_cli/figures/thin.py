@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 
 COLUMNS = 900
 """Columns of a line: about one per dot of a printed page's width."""
+GAP = 4.0
+"""Bins between means, beyond which nothing is said of what lies between."""
 CELLS = (260, 160)
 """Cells of a cloud of points, across and up."""
 
@@ -50,10 +52,18 @@ def cloud(x: Array, y: Array, cells: tuple[int, int] = CELLS) -> NDArray[np.intp
     return np.asarray(finite[np.sort(first)])
 
 
+def _parted(rows: Array, widest: float) -> Array:
+    """Return rows, first column rising, with a row of NaN in the middle of every step wider than `widest`."""
+    wide = np.flatnonzero(np.diff(rows[:, 0]) > widest) + 1
+    between = np.full((len(wide), rows.shape[1]), np.nan)
+    between[:, 0] = 0.5 * (rows[wide - 1, 0] + rows[wide, 0])
+    return np.insert(rows, wide, between, axis=0)
+
+
 def bands(x: Array, y: Array, bins: int = 40) -> tuple[Array, Array, Array, Array, Array]:
     """Return bins of equal width with enough points in them: (centre, mean, low, high, smallest and largest (2, …)).
 
-    Low and high hold the middle 90 % of the points.
+    Low and high hold the middle 90 % of the points. In a wide gap stands a bin of NaN, so that no line crosses it.
     """
     finite = np.isfinite(x) & np.isfinite(y)
     x, y = x[finite], y[finite]
@@ -68,5 +78,5 @@ def bands(x: Array, y: Array, bins: int = 40) -> tuple[Array, Array, Array, Arra
         if inside.size >= 5:
             low, high = np.quantile(inside, (0.05, 0.95))
             rows.append((0.5 * (edges[b] + edges[b + 1]), inside.mean(), low, high, inside.min(), inside.max()))
-    table = np.array(rows).reshape(-1, 6).T
+    table = _parted(np.array(rows).reshape(-1, 6), GAP * (edges[1] - edges[0])).T
     return table[0], table[1], table[2], table[3], table[4:6]

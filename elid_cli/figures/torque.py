@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elid_cli.figures.paint import BLUE, GREY, INK, ORANGE, PALE, canvas
+from elid_cli.figures.paint import BEFORE, GREY, INK, MEASURED, ORANGE
 from elid_cli.figures.thin import envelope
 from elid_cli.report import Figure
 
@@ -14,8 +14,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
+    from elid_cli.figures.paint import Paper
 
-def draw(figure: Figure) -> Canvas:
+
+def draw(figure: Figure, paper: Paper) -> Canvas:
     """Draw ``t``, ``measured`` and ``used`` (M,), the ``unit``, and ``residuals``.
 
     Each of these is a dictionary of ``name``, ``residual`` (M,), ``before`` (M,) or None, and ``floor`` or None; the
@@ -23,11 +25,11 @@ def draw(figure: Figure) -> Canvas:
     """
     data = figure.data
     t, measured, residuals = data["t"], data["measured"], data["residuals"]
-    made = canvas(2.15 + 1.35 * len(residuals))
+    made = paper.canvas(2.15 + (1.7 if paper.narrow else 1.35) * len(residuals))
     top, *under = made.subplots(1 + len(residuals), 1, sharex=True, height_ratios=(1.7, *(1.0 for _ in residuals)))
-    top.plot(*envelope(t, measured), color=BLUE, linewidth=1.1, label="measured")
+    top.plot(*envelope(t, measured), color=MEASURED, linewidth=2.6, label="measured")
     predicted = measured - residuals[0]["residual"]
-    top.plot(*envelope(t, predicted), color=ORANGE, linestyle=(0, (4, 2)), linewidth=1.0, label="predicted")
+    top.plot(*envelope(t, predicted), color=INK, linestyle=(0, (4, 1.5)), linewidth=0.9, label="predicted")
     top.set_ylabel(f"torque ({data['unit']})")
     top.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=2, borderaxespad=0.2)
     used = np.asarray(data["used"], dtype=bool)
@@ -36,8 +38,8 @@ def draw(figure: Figure) -> Canvas:
         handles, labels = axes.get_legend_handles_labels()
         # what the first panel has explained needs no second time
         known = 4 if number == 0 else 1 + (part["before"] is not None)
-        axes.legend(handles[:known], labels[:known], loc="lower left", bbox_to_anchor=(0, 1.0), ncols=4,
-                    borderaxespad=0.2)  # fmt: skip
+        axes.legend(handles[:known], labels[:known], loc="lower left", bbox_to_anchor=(0, 1.0),
+                    ncols=2 if paper.narrow else 4, borderaxespad=0.2)  # fmt: skip
         axes.set_ylabel(f"residual ({data['unit']})")
     under[-1].set_xlabel("time (s)")
     top.margins(x=0.01)
@@ -48,8 +50,10 @@ def draw(figure: Figure) -> Canvas:
 def _residual(axes: Axes, t: Any, part: dict[str, Any], used: Any) -> None:
     residual, before, floor = part["residual"], part["before"], part["floor"]
     if before is not None:
-        axes.plot(*envelope(t, before), color=PALE, linewidth=0.9, label="before")
-    axes.plot(*envelope(t, residual), color=INK, linewidth=0.7, label=part["name"])
+        axes.plot(*envelope(t, before), color=BEFORE, linewidth=1.2, label="before")
+    if not used.all():
+        axes.plot(*envelope(t, residual), color=GREY, linewidth=0.5)
+    axes.plot(*envelope(t, np.where(used, residual, np.nan)), color=INK, linewidth=0.8, label=part["name"])
     if floor:
         for side in (-2 * floor, 2 * floor):
             name = "± 2 × noise floor" if side > 0 else None
@@ -60,5 +64,5 @@ def _residual(axes: Axes, t: Any, part: dict[str, Any], used: Any) -> None:
     # what was left out of the fit may be far off and must not set the scale
     axes.set_ylim(-reach, reach)
     if not used.all() and used.any():
-        axes.fill_between(t, 0, 1, where=~used, transform=axes.get_xaxis_transform(), color=GREY, alpha=0.13,
+        axes.fill_between(t, 0, 1, where=~used, transform=axes.get_xaxis_transform(), color=GREY, alpha=0.2,
                           linewidth=0, label="left out (reversal)")  # fmt: skip

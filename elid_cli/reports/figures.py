@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 
 from elid_cli.diagnosis.contributions import Contribution
@@ -30,7 +30,7 @@ def identification_figures(found: Identification, refined: Robot, signals: Signa
     judged = validate(refined, signals)
     return (
         *_torques(joint_views(judged, signals, _floor(found, signals, judged))),
-        *_springs(judged, signals),
+        *_springs(judged, signals, refused_names(found)),
         *_residuals(joint_views(judged, signals)),
         *_parameters(found, signals),
     )
@@ -62,10 +62,16 @@ def diagnosis_figures(
     return (
         *effects,
         *_torques(views, before),
-        *_springs(found.validation_after, signals),
+        *_springs(found.validation_after, signals, refused_names(identified)),
         *_residuals(views, before),
         *_parameters(identified, signals),
     )
+
+
+def refused_names(found: Identification) -> frozenset[str]:
+    """Return the names of base parameters that were refused."""
+    verdicts = zip(found.base.names, found.verdict, strict=True)
+    return frozenset(name for name, verdict in verdicts if verdict == "refused")
 
 
 def _torques(views: Sequence[JointView], before: Mapping[str, JointView] | None = None) -> list[Figure]:
@@ -109,13 +115,14 @@ def _followed(view: JointView, residual: Array, before: Array | None, suffix: st
     return Figure(f"residual_{view.joint}{suffix}", title, "residual", data, caption)
 
 
-def _springs(judged: Validation, signals: Signals) -> list[Figure]:
-    springs = [asdict(view) for view in spring_views(judged, signals)]
+def _springs(judged: Validation, signals: Signals, refused: Collection[str] = ()) -> list[Figure]:
+    springs = [asdict(view) for view in spring_views(judged, signals, refused)]
     if not springs:
         return []
     caption = (
-        "Torque through each transmission (motor torque less the motor's inertia and friction) against its deflection. "
-        "Two branches mean hysteresis or friction in the transmission, a flat middle means backlash."
+        "Torque through each transmission (motor torque less the motor's inertia and friction) against its deflection "
+        "e; below, less the line K·e. Two branches mean hysteresis or friction in the transmission, a flat middle "
+        "backlash, a bend a stiffness that grows. Pale: around reversals of the motor, where its friction is undefined."
     )
     return [Figure("springs", "Deflection and torque of the transmissions", "spring", {"springs": springs}, caption)]
 

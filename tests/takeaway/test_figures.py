@@ -271,3 +271,18 @@ def test_a_rigid_robot_gets_its_figures_too(planar: Robot) -> None:
     assert "spring" not in {figure.kind for figure in figures}
     assert len(identify(rigid, signals).estimate)
     assert all(picture(figure, "png") for figure in figures[:1])
+
+
+def test_a_mean_is_not_drawn_across_a_gap() -> None:
+    x = np.concatenate([np.linspace(-1.0, -0.8, 500), np.linspace(0.8, 1.0, 500)])
+    centre, mean, *_ = bands(x, x)
+    assert np.isnan(mean).sum() == 1
+    assert abs(centre[np.isnan(mean)][0]) < 0.1
+
+
+def test_a_figure_for_a_telephone_is_narrower_and_as_whole(report: Report, planar: Robot) -> None:
+    for figure in every_kind(report, planar).values():
+        page, telephone = (picture(figure, "svg", narrow=narrow).decode() for narrow in (False, True))
+        widths = [float(re.search(r'viewBox="0 0 (\S+)', text)[1]) for text in (page, telephone)]  # type: ignore[index]
+        assert widths[1] < 0.5 * widths[0]
+        assert telephone.count("<g id=\"axes_") == page.count("<g id=\"axes_")
