@@ -42,7 +42,7 @@ def emit(report: Report, output: Output) -> None:
     for name in output.report:
         formats.write_report(report, Path(name))
     if output.plot is not None:
-        formats.draw(report, Path(output.plot))
+        formats.draw(report, Path(output.plot), output.plot_format)
     kind = "json" if output.json else "markdown" if output.markdown else "terminal"
     sys.stdout.write(formats.render(report, kind, style_of(sys.stdout, output)))
     sys.stdout.flush()

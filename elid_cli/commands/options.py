@@ -185,6 +185,7 @@ class Output:
     markdown: bool = False
     report: tuple[str, ...] = ()
     plot: str | None = None
+    plot_format: Literal["png", "svg"] = "png"
     everything: bool = False
     color: Literal["auto", "always", "never"] = "auto"
     quiet: bool = False
@@ -202,6 +203,8 @@ output = gathered(
     option(OUTPUT, "--report", multiple=True, type=File(), metavar="FILE.html",
            help="Write the whole report to a file as well; its suffix is its format. Repeatable."),
     option(OUTPUT, "--plot", type=File(), metavar="DIR", help="Write the figures into a folder."),
+    option(OUTPUT, "--plot-format", type=click.Choice(("png", "svg")), default="png", show_default=True,
+           help="What the figures of --plot are."),
     option(OUTPUT, "--all", "everything", is_flag=True, help="Print every row of long tables."),
     option(OUTPUT, "--color", type=click.Choice(CHOICES), default="auto", help="Colour of the report."),
     option(OUTPUT, "--quiet", is_flag=True, help="No progress and no notes on stderr."),

@@ -23,6 +23,10 @@ RESOLUTION = 150
 """Dots per inch of a PNG."""
 
 
+COLORS = 128
+"""Colours of a PNG."""
+
+
 class Kind(Protocol):
     """What a module in this folder offers."""
 
@@ -59,4 +63,14 @@ def picture(figure: Figure, suffix: str, *, narrow: bool = False) -> bytes:
     with matplotlib.rc_context(chosen):
         drawn = kind.draw(figure, TELEPHONE if narrow else PAGE)
         drawn.savefig(stream, format=suffix, metadata=metadata, dpi=RESOLUTION)
-    return stream.getvalue()
+    return stream.getvalue() if suffix == "svg" else _small(stream)
+
+
+def _small(png: io.BytesIO) -> bytes:
+    """Return a PNG with a palette, about a third as large: drawings need few colours."""
+    from PIL import Image  # matplotlib brings it
+
+    small = io.BytesIO()
+    with Image.open(png) as drawn:
+        drawn.convert("RGB").quantize(COLORS, dither=Image.Dither.NONE).save(small, "PNG", optimize=True)
+    return small.getvalue()

@@ -28,7 +28,7 @@ def draw(figure: Figure, paper: Paper) -> Canvas:
             scatter_with_mean(axes, data["values"][~rising], data[key][~rising], INK, dashes="--", label="falling")
             axes.legend(loc="best")
         error = data["error_without" if key == "without" else "error_with"]
-        axes.set_title(f"{word} {data['effect']}: held-out error {number_text(error, 3)} {data['unit']}")
+        axes.set_title(f"{word} it: held-out error {number_text(error, 3)} {data['unit']}")
         if axes is right or not paper.narrow:
             axes.set_xlabel(data["variable"])
         if axes is left or paper.narrow:

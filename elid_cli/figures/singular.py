@@ -17,9 +17,11 @@ if TYPE_CHECKING:
 
 def draw(figure: Figure, paper: Paper) -> Canvas:
     """Draw ``values``, largest first, relative to the first; the first ``rank`` are base parameters."""
+    from matplotlib.ticker import MaxNLocator
+
     values, rank = np.asarray(figure.data["values"]), int(figure.data["rank"])
     relative = np.maximum(values / values[0], 1e-17)
-    made = paper.canvas(2.4)
+    made = paper.canvas(2.8)
     axes = made.subplots()
     number = np.arange(1, len(values) + 1)
     axes.semilogy(number[:rank], relative[:rank], "o", color=BLUE, markersize=3.2,
@@ -31,5 +33,6 @@ def draw(figure: Figure, paper: Paper) -> Canvas:
     axes.set_xlim(0, len(values) + 1)
     axes.set_xlabel("number")
     axes.set_ylabel("relative singular value")
-    axes.legend(loc="lower left")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    made.legend(loc="outside upper left", ncols=1 if paper.narrow else 2)
     return made

@@ -25,7 +25,7 @@ def draw(figure: Figure, paper: Paper) -> Canvas:
     """
     data = figure.data
     t, measured, residuals = data["t"], data["measured"], data["residuals"]
-    made = paper.canvas(2.15 + (1.7 if paper.narrow else 1.35) * len(residuals))
+    made = paper.canvas(2.15 + (1.8 if paper.narrow else 1.35) * len(residuals))
     top, *under = made.subplots(1 + len(residuals), 1, sharex=True, height_ratios=(1.7, *(1.0 for _ in residuals)))
     top.plot(*envelope(t, measured), color=MEASURED, linewidth=2.6, label="measured")
     predicted = measured - residuals[0]["residual"]
@@ -39,7 +39,7 @@ def draw(figure: Figure, paper: Paper) -> Canvas:
         # what the first panel has explained needs no second time
         known = 4 if number == 0 else 1 + (part["before"] is not None)
         axes.legend(handles[:known], labels[:known], loc="lower left", bbox_to_anchor=(0, 1.0),
-                    ncols=2 if paper.narrow else 4, borderaxespad=0.2)  # fmt: skip
+                    ncols=(2 if number == 0 else 1) if paper.narrow else 4, borderaxespad=0.2)  # fmt: skip
         axes.set_ylabel(f"residual ({data['unit']})")
     under[-1].set_xlabel("time (s)")
     top.margins(x=0.01)
@@ -65,4 +65,4 @@ def _residual(axes: Axes, t: Any, part: dict[str, Any], used: Any) -> None:
     axes.set_ylim(-reach, reach)
     if not used.all() and used.any():
         axes.fill_between(t, 0, 1, where=~used, transform=axes.get_xaxis_transform(), color=GREY, alpha=0.2,
-                          linewidth=0, label="left out (reversal)")  # fmt: skip
+                          linewidth=0, label="left out")  # fmt: skip

@@ -98,10 +98,10 @@ def check_drawing(folder: Path) -> None:
     check_writable((folder if folder.is_dir() else folder.parent) / "figure")
 
 
-def draw(report: Report, folder: Path) -> None:
-    """Write the report's figures into a folder, made if it is missing, one file per figure."""
+def draw(report: Report, folder: Path, suffix: str = "png") -> None:
+    """Write the report's figures into a folder, made if it is missing, one ``png`` or ``svg`` file per figure."""
     folder.mkdir(exist_ok=True)
-    _drawing().draw(report, folder)
+    _drawing().draw(report, folder, suffix)
 
 
 def _drawing() -> ModuleType:

@@ -1,4 +1,4 @@
-"""Figures as files: one PNG per figure of a report, named by its key."""
+"""Figures as files: one PNG or SVG per figure of a report, named by its key."""
 
 from __future__ import annotations
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import base64
+import platform
 import re
 from collections.abc import Iterable, Sequence
 from html import escape
-from importlib import resources
+from importlib import metadata, resources
 
 from elid_cli import __version__
 from elid_cli.errors import UsageError
@@ -16,6 +17,8 @@ from elid_cli.report import Cell, Column, Figure, KeyValues, Mark, Quantity, Rep
 SUFFIXES = (".html", ".htm")
 LONG = 14
 """Rows of a table beyond which it is folded."""
+RESULTS = ("effects", "effects_meaning", "also_possible", "before_after", "error", "physical")
+"""Tables and facts that belong to the summary."""
 _LARGEST = 600_000
 """Bytes of an SVG above which a figure goes into the page as PNG."""
 
@@ -32,7 +35,7 @@ def render(report: Report, style: Style) -> str:
         '<section class="summary" aria-label="summary">', *(_section(s) for s in first), "</section>",
         _contents(figures),
         *(_section(s) for s in rest),
-        f"<footer>elid {escape(__version__)}</footer>",
+        f"<footer>{_origin(report)}</footer>",
     ]  # fmt: skip
     sheet = resources.files(__package__).joinpath("page.css").read_text("utf-8")
     return (
@@ -46,15 +49,42 @@ def render(report: Report, style: Style) -> str:
 
 
 def _ordered(sections: Sequence[Section]) -> tuple[list[Section], list[Section]]:
-    """Return (summary, rest): what it means, warnings, effects and errors first; what was read comes last."""
-    first: list[Section] = [s for s in sections if isinstance(s, Text) and s.role in ("plain", "warning")]
-    first += [s for s in sections if isinstance(s, Table) and s.key in ("effects", "before_after", "error")]
-    first += [s for s in sections if isinstance(s, Text) and s.role == "next"]
-    other = [s for s in sections if s not in first and not (isinstance(s, Text) and s.role == "heading")]
+    """Return (summary, rest): warnings, results and the next command; then facts, tables, figures and long tables.
+
+    Within each of these the report's own order stands.
+    """
+    said = [s for s in sections if not (isinstance(s, Text) and s.role == "heading")]
+    first = [s for s in said if _is_result(s)]
+    following = [s for s in said if isinstance(s, Text) and s.role == "next"]
+    other = [s for s in said if s not in first and s not in following]
     figures = [s for s in other if isinstance(s, Figure)]
-    tables = [s for s in other if isinstance(s, Table)]
-    facts = [s for s in other if not isinstance(s, Figure | Table)]
-    return [*first, *facts], [*figures, *tables]
+    folded = [s for s in other if isinstance(s, Table) and len(s.rows) > LONG]
+    short = [s for s in other if s not in figures and s not in folded]
+    first.sort(key=lambda s: not (isinstance(s, Text) and s.role == "warning"))
+    return [*first, *following], [*short, *figures, *folded]
+
+
+def _is_result(section: Section) -> bool:
+    if isinstance(section, Text):
+        return section.role in ("plain", "warning")
+    return section.key in RESULTS and not (isinstance(section, Table) and len(section.rows) > LONG)
+
+
+def _origin(report: Report) -> str:
+    """Return what a reader needs to do it again: versions of the programs, and hashes of what was read."""
+    versions = ", ".join(f"{name} {_version(name)}" for name in ("numpy", "scipy", "matplotlib"))
+    lines = [f"elid {__version__}, Python {platform.python_version()}, {versions}"]
+    log = report.payload.get("log") or {}
+    hashes = zip(log.get("files", ()), log.get("sha256", ()), strict=False)
+    lines += [f"{file} sha256 {digest}" for file, digest in hashes]
+    return "<br>".join(escape(line) for line in lines)
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "not installed"
 
 
 def _contents(figures: Sequence[Figure]) -> str:
@@ -94,9 +124,8 @@ def _table(section: Table) -> str:
     table = f'<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
     note = f"<p class=note>{escape(section.note)}</p>" if section.note else ""
     name = section.title or {"error": "torque error"}.get(section.key, section.key.replace("_", " "))
-    name = name[:1].upper() + name[1:]
     if len(rows) > LONG:
-        return f"<details><summary>{escape(name)} ({len(rows)})</summary>{table}{note}</details>"
+        return f"<details><summary>{escape(name[:1].upper() + name[1:])} ({len(rows)})</summary>{table}{note}</details>"
     return f"{_title(name)}{table}{note}"
 
 
@@ -115,29 +144,30 @@ def _row(columns: Iterable[Column], cells: Iterable[Cell]) -> str:
 
 def _figure(figure: Figure) -> str:
     caption = f"<figcaption>{escape(figure.caption)}</figcaption>" if figure.caption else ""
+    wide, narrow = (_picture(figure, narrow=narrow) for narrow in (False, True))
     return (
         f'<figure id="{_anchor(figure.key)}"><h2>{escape(figure.title)}</h2>'
-        f'<div class="scroll paper">{_picture(figure)}</div>{caption}</figure>'
+        f'<div class="paper wide">{wide}</div><div class="paper narrow">{narrow}</div>{caption}</figure>'
     )
 
 
-def _picture(figure: Figure) -> str:
+def _picture(figure: Figure, *, narrow: bool) -> str:
     try:
         from elid_cli.figures import picture
 
-        drawn = picture(figure, "svg")
+        drawn = picture(figure, "svg", narrow=narrow)
         if len(drawn) > _LARGEST:
-            data = base64.b64encode(picture(figure, "png")).decode("ascii")
+            data = base64.b64encode(picture(figure, "png", narrow=narrow)).decode("ascii")
             return f'<img alt="{escape(figure.title)}" src="data:image/png;base64,{data}">'
     except ModuleNotFoundError as missing:
         raise UsageError(f"--report: {missing.name} is not installed", hint="pip install 'elid[plots]'") from None
-    return _inline(drawn.decode("utf-8"), figure)
+    return _inline(drawn.decode("utf-8"), figure, "narrow-" if narrow else "")
 
 
-def _inline(svg: str, figure: Figure) -> str:
+def _inline(svg: str, figure: Figure, variant: str) -> str:
     """Return an SVG as part of a page: without prologue, its identifiers made unique by the figure's key."""
     svg = svg[svg.index("<svg") :]
-    prefix = f"{_anchor(figure.key)}-"
+    prefix = f"{_anchor(figure.key)}-{variant}"
     svg = re.sub(r'\bid="', f'id="{prefix}', svg)
     svg = re.sub(r"url\(#", f"url(#{prefix}", svg)
     svg = re.sub(r'href="#', f'href="#{prefix}', svg)
@@ -149,4 +179,4 @@ def _anchor(key: str) -> str:
 
 
 def _title(title: str) -> str:
-    return f"<h2>{escape(title)}</h2>" if title else ""
+    return f"<h2>{escape(title[:1].upper() + title[1:])}</h2>" if title else ""

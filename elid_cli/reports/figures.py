@@ -75,7 +75,10 @@ def refused_names(found: Identification) -> frozenset[str]:
 
 
 def _torques(views: Sequence[JointView], before: Mapping[str, JointView] | None = None) -> list[Figure]:
-    caption = "Filtered motor torque, measured and predicted with the spring eliminated, and their difference."
+    caption = (
+        "Filtered motor torque, measured and predicted with the spring eliminated, and their difference. Grey: "
+        "left out, around reversals."
+    )
     figures = []
     for view in views:
         old = None if before is None else before.get(view.joint)
