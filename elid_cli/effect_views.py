@@ -56,7 +56,7 @@ def effect_views(found: Diagnosis, parts: Sequence[Contribution]) -> tuple[Effec
         row = (part.rows, joint)
         before = residuals(rest.log.observation, rest.solution.values, rest.extras)[row]
         after = residuals(state.log.observation, state.solution.values, state.extras)[row]
-        group = next(g for g in state.log.observation.groups if (g.row.kind, g.row.joint) == row)
+        group = next(g for g in state.log.observation.groups if g.row == row)
         use = group.use & np.isfinite(before) & np.isfinite(after)
         choices = variables(found.robot, state.log.signals, state.log.observation, joint)
         variable, split = _followed((before - after)[use], {name: v[use] for name, v in choices.items()})

@@ -105,10 +105,10 @@ def scene_of(model: Model, signals: Signals, standard: Array) -> Scene:
 
 
 def _optional(signals: Signals) -> dict[str, Any]:
-    """Return the scene's fields that exist only where the effect protocol has them."""
-    if signals.tau_link is None or "tau_link" not in Scene.__dataclass_fields__:
+    """Return the readings of the joint torque sensors that are used, where there are any; NaN at the other joints."""
+    if signals.tau_link is None or not signals.sensed.any():
         return {}
-    return {"tau_link": _joined_rows(signals.tau_link, signals.segments)}
+    return {"tau_link": np.where(signals.sensed, _joined_rows(signals.tau_link, signals.segments), np.nan)}
 
 
 def _whole(segments: Sequence[Segment], samples: int) -> bool:
@@ -149,8 +149,12 @@ def _torques(model: Model, motion: Motion, standard: Array) -> tuple[Array, Arra
 
 
 def full_rate(effect: Effect, scene: Scene) -> dict[Row, Array]:
-    """Return an effect's columns in sum and motor rows at the scene's instants, each (d, N)."""
-    return pair({(key.side, key.joint): values for key, values in effect.columns(scene).items()}, scene.robot)
+    """Return an effect's columns in the rows of estimation at the scene's instants, each (d, N)."""
+    columns = {(str(key.side), key.joint): values for key, values in effect.columns(scene).items()}
+    sensed: NDArray[np.bool_] | None = None
+    if scene.tau_link is not None:
+        sensed = np.array([np.isfinite(reading).any() for reading in scene.tau_link.T])
+    return pair(columns, scene.robot, sensed, reading=effect.place == "sensor")
 
 
 def extra_of(effect: Effect, scene: Scene, signals: Signals) -> Extra:

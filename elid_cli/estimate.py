@@ -96,6 +96,9 @@ def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused
     """Return the collocation's answer where it is accepted, else the default one with the reason."""
     from elid_cli.accurate import Refusal, collocate
 
+    if len(fit.observation.independent) < len(fit.observation.groups):
+        note = "--accurate: the default estimate stands: the collocation does not use the joint torque sensors"
+        return replace(found, notes=(*found.notes, note))
     answer = collocate(fit)
     if isinstance(answer, Refusal):
         note = f"--accurate: the default estimate stands: {answer.reason}"
@@ -170,7 +173,7 @@ def _nuisances(fit: Fit) -> tuple[tuple[Nuisance, ...], Array]:
     for k, extra in enumerate(fit.nuisances):
         joint = next(iter(extra.rows)).joint
         value = float(fit.solution.values[p + k])
-        kind = "delay" if extra.name == DELAY else "offset"
+        kind = extra.name.split("_")[-1]  # delay, offset, gain
         if extra.name == DELAY:
             delays[joint] = value
         found.append(Nuisance(extra.name, robot.joints[joint].name, {kind: value}, {kind: _deviation(fit, p + k)}))

@@ -26,7 +26,7 @@ from elid_cli.effects import (
 )
 from elid_cli.identification import EstimateOptions
 from elid_cli.model import Model
-from elid_cli.nuisance import delay_columns, offset_columns, significant
+from elid_cli.nuisance import delay_columns, offset_columns, reading_columns, significant
 from elid_cli.observation import Observation, observe
 from elid_cli.reduction import Extra, Triangles, folds_of, reduce
 from elid_cli.signals import Signals
@@ -85,6 +85,8 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
     if options.offsets:
         nuisances += offset_columns(observation)
     effects = _start_effects(model, base, observation, signals)
+    if options.offsets and len(observation.independent) < len(observation.groups):
+        nuisances += _reading_columns(model, base, observation, nuisances, effects)
     for last in (False, True):
         effects, triangles, solution = _fit_effects(model, base, observation, signals, nuisances, effects, fold)
         if last or not nuisances:
@@ -92,6 +94,26 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
         nuisances = significant(observation, solution, nuisances, signals, effects.extras if effects else ())
     covariance = _covariance(base, observation, signals, nuisances, effects, triangles, solution)
     return Fit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
+
+
+def _reading_columns(
+    model: Model,
+    base: BaseParameters,
+    observation: Observation,
+    nuisances: Sequence[Extra],
+    effects: FittedEffects | None,
+) -> list[Extra]:
+    """Return offset and gain columns of the joint torque sensors, the gains' at the stiffness of a first fit."""
+    elastic = model.robot.elastic
+    declared = {(item.spec.effect, item.effect.joint) for item in (effects.effects if effects else ())}
+    known = [*nuisances, *(effects.extras if effects else ())]
+    stiffness = np.zeros(len(elastic))
+    for _ in range(EFFECT_ROUNDS):
+        extras = [*known, *reading_columns(observation, stiffness, declared)] if np.any(stiffness) else known
+        triangles = reduce(observation, extras)
+        values = reweighted(triangles, base.count + triangles.extras).values
+        stiffness = np.array([values[model.index[f"K{k + 1}"]] if elastic[k] else 0.0 for k in range(len(elastic))])
+    return reading_columns(observation, stiffness, declared)
 
 
 def _start_effects(

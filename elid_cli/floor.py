@@ -2,7 +2,8 @@
 
 The noise of each position channel, as estimated from what the splines left over, is added to the smooth motion and
 sent through the same splines, regressor and filter; what the present parameters then predict differently is the
-propagated noise. White torque noise, estimated from sixth differences, goes through the same filter. The resulting
+propagated noise. White noise of the torques, motors' and joint sensors', estimated from sixth differences, goes through
+the same filter. The resulting
 series also serve as the model of the noise's colour: whitening by the residual's own colour would remove effects.
 """
 
@@ -14,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.model import Model, Row
+from elid_cli.model import SENSOR_KINDS, Model, Row
 from elid_cli.motion import Motion
 from elid_cli.observation import Observation, observe
 from elid_cli.signals import Signals
@@ -57,13 +58,17 @@ def noise_floor(
     """
     generator = np.random.default_rng(seed)
     series: dict[Row, list[Array]] = {group.row: [] for group in observation.groups}
+    sensed = any(group.row.kind in SENSOR_KINDS for group in observation.groups)
     for _ in range(replicates):
         noisy = observe(model, replace(signals, motion=perturbed(signals, generator)), mask=False)
         torque = signals.decimate(_torque_noise(signals, generator).T)
+        read = signals.decimate(_reading_noise(signals, generator).T) if sensed else np.zeros_like(torque)
         for group, other in zip(observation.groups, noisy.groups, strict=True):
             moved = standard[group.index] @ (other.columns - group.columns)
-            if group.row.kind != "link":
+            if group.row.kind not in ("link", "load", "spring"):
                 moved = moved - np.nan_to_num(torque[group.row.joint])
+            if group.row.kind in SENSOR_KINDS:
+                moved = moved + (1.0 if group.row.kind == "drive" else -1.0) * np.nan_to_num(read[group.row.joint])
             series[group.row].append(moved)
     stacked = {row: np.array(values) for row, values in series.items()}
     rms = {}
@@ -97,3 +102,7 @@ def perturbed(signals: Signals, generator: np.random.Generator) -> Motion:
 
 def _torque_noise(signals: Signals, generator: np.random.Generator) -> Array:
     return generator.standard_normal(signals.tau.shape) * np.nan_to_num(signals.noise.tau)
+
+
+def _reading_noise(signals: Signals, generator: np.random.Generator) -> Array:
+    return generator.standard_normal(signals.tau.shape) * np.nan_to_num(signals.noise.tau_link)

@@ -36,7 +36,8 @@ def physics_warnings(fit: Fit, found: Identification) -> tuple[str, ...]:
     if not negative and max((e.relative for e in found.error.values()), default=0.0) < BAD:
         return ()
     base = fit.base.count
-    observation = observe(fit.model, fit.signals, mask=False)
+    signals = replace(fit.signals, sensed=np.zeros(fit.signals.n, dtype=bool))  # by motor torque and positions alone
+    observation = observe(fit.model, signals, mask=False)
     now = misfit(observation, base)
     said: list[tuple[float, str]] = []
 
@@ -59,9 +60,9 @@ def physics_warnings(fit: Fit, found: Identification) -> tuple[str, ...]:
     for k in moving:
         if robot.joints[k].elastic and robot.joints[k].gear_ratio and k > 0:
             other = Model(_geared(robot, k))
-            tried(observe(other, fit.signals, mask=False), f"gear_ratio of {names[k]} looks as if its sign were wrong")
+            tried(observe(other, signals, mask=False), f"gear_ratio of {names[k]} looks as if its sign were wrong")
     for label, factor in (("degrees", np.pi / 180), ("radians where degrees are declared", 180 / np.pi)):
-        scaled = replace(fit.signals, motion=_scaled(fit.signals.motion, factor))
+        scaled = replace(signals, motion=_scaled(fit.signals.motion, factor))
         tried(observe(fit.model, scaled, mask=False), f"the positions look as if they were in {label}")
     for k in moving:
         if robot.joints[k].elastic and _opposed(fit.signals, k):

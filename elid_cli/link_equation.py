@@ -133,10 +133,11 @@ class TwoWays:
 def two_ways(found: Identification, observation: Observation, joint: int) -> TwoWays | None:
     """Return a joint's stiffness by both regressions of its motor row, or None where they do not exist.
 
-    The torque is the motor's less rotor inertia and friction as identified; a constant is eliminated.
+    The torque is the motor's less rotor inertia and friction as identified, or the joint torque sensor's; a constant is
+    eliminated.
     """
     rows = {group.row: group for group in observation.groups}
-    group = rows.get(Row("motor", joint))
+    group = rows.get(observation.spring_row(joint))
     if group is None or group.count < 50:
         return None
     names = found.base.parameters

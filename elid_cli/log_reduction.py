@@ -154,6 +154,7 @@ def _single(block: Block) -> Block:
         block.tau_rate.copy(),
         np.zeros((0, 0)),
         np.zeros((0, 0)),
+        np.zeros((0, 0)),
     )
 
 

@@ -3,6 +3,12 @@
 Rows come in two pairings. ``link``/``motor`` are the paper's: 2n rows per sample, link rows with right-hand side
 0. ``sum``/``motor`` is what estimation uses: the sum of a joint's two rows has the motor torque as right-hand side
 and no spring in it, so no row is homogeneous and rows may be weighted freely. A rigid joint has its sum row only.
+
+Where a joint torque sensor reads the torque in the transmission, three rows join these two, in which link and motor
+side decouple: ``load``, what the bodies need = reading; ``drive``, rotor and friction = motor torque - reading;
+``spring``, K (theta - q) = reading. An effect that the model lacks shows in one of the three only. The two are sums of
+them (sum = load + drive, motor = drive + spring), but without the sensor's noise: each row has its own weight, and
+standard errors know that the rows share their noise.
 """
 
 from __future__ import annotations
@@ -27,7 +33,10 @@ from elid_cli.terms.viscous import Viscous
 from elid_cli.trace import Graph, Node, Program, Scalar, compile_program
 
 Array = NDArray[np.float64]
-Kind = Literal["sum", "motor", "link"]
+Kind = Literal["sum", "motor", "link", "load", "drive", "spring"]
+SENSOR_KINDS: tuple[Kind, ...] = ("load", "drive", "spring")
+"""Row groups of a joint with a torque sensor."""
+_ORDER: tuple[Kind, ...] = ("link", "sum", "motor", *SENSOR_KINDS)
 
 BASE_TERMS: tuple[BaseTerm, ...] = (RigidBody(), Rotor(), Coulomb(), Viscous(), Spring())
 
@@ -81,6 +90,7 @@ class Model:
         self.terms = tuple(terms)
         self.names = robot.parameter_names()
         self.index = {name: k for k, name in enumerate(self.names)}
+        self._sensed: dict[tuple[int, ...], Plan] = {}
 
     @property
     def parameters(self) -> int:
@@ -91,6 +101,16 @@ class Model:
     def estimation(self) -> Plan:
         """Sum and motor rows (the spring eliminated from the sum rows)."""
         return self._plan(paper=False)
+
+    def sensed(self, sensors: NDArray[np.bool_]) -> Plan:
+        """Return the rows of `estimation`, followed by those of the elastic joints that have torque sensors, (n,).
+
+        Without a sensor the plan is `estimation` itself.
+        """
+        joints = tuple(int(k) for k in np.flatnonzero(sensors) if self.robot.joints[k].elastic)
+        if joints not in self._sensed:
+            self._sensed[joints] = self._plan(paper=False, sensors=joints) if joints else self.estimation
+        return self._sensed[joints]
 
     @cached_property
     def equations(self) -> Plan:
@@ -127,20 +147,22 @@ class Model:
             dense[k][:, item.columns] = rows[item.row].T
         return dense
 
-    def _plan(self, *, paper: bool) -> Plan:
+    def _plan(self, *, paper: bool, sensors: tuple[int, ...] = ()) -> Plan:
         graph = Graph(_INPUTS * self.robot.n)
-        values = self.trace(graph, paper=paper)
+        values = self.trace(graph, paper=paper, sensors=sensors)
         rows: list[RowPlan] = []
         outputs: list[Scalar] = []
-        order = {"link": 0, "sum": 0, "motor": 1}
-        for row in sorted(values, key=lambda r: (order[r.kind], r.joint)):
+        order = {"link": 0, "sum": 0, "motor": 1, "load": 2, "drive": 2, "spring": 2}
+        for row in sorted(values, key=lambda r: (order[r.kind], r.joint, _ORDER.index(r.kind))):
             present = {name: value for name, value in values[row].items() if isinstance(value, Node) or value != 0}
             filled = [(self.index[name], present[name]) for name in sorted(present, key=self.index.__getitem__)]
             rows.append(RowPlan(row, np.array([k for k, _ in filled], dtype=np.intp), len(outputs)))
             outputs += [value for _, value in filled]
         return Plan(compile_program(graph, outputs), tuple(rows))
 
-    def trace(self, graph: Graph, *, paper: bool, gravity: bool = True) -> dict[Row, dict[str, Scalar]]:
+    def trace(
+        self, graph: Graph, *, paper: bool, gravity: bool = True, sensors: tuple[int, ...] = ()
+    ) -> dict[Row, dict[str, Scalar]]:
         """Record the coefficients of all parameters on `graph`, whose inputs are those of `inputs_of`."""
         states, motors = _symbols(graph, self.robot)
         motion = ChainMotion(chain(self.robot, states, gravity=gravity), motors)
@@ -151,10 +173,14 @@ class Model:
                 values[Row("motor", k)] = {}
             else:
                 values[Row("sum", k)] = {}
+            values |= {Row(kind, k): {} for kind in SENSOR_KINDS if k in sensors}
         for term in self.terms:
             for side, number, name, value in term.entries(self.robot, motion):
                 for row in self._targets(side, number, paper=paper):
                     values[row][name] = values[row].get(name, 0.0) + value
+                read = _read(side, number, spring=name == f"K{number + 1}") if number in sensors else None
+                if read is not None:
+                    values[read][name] = values[read].get(name, 0.0) + value
         return values
 
     def _targets(self, side: str, joint: int, *, paper: bool) -> list[Row]:
@@ -163,6 +189,13 @@ class Model:
         if side == "link":
             return [Row("link" if paper else "sum", joint)]
         return [Row("motor", joint)] if paper else [Row("sum", joint), Row("motor", joint)]
+
+
+def _read(side: str, joint: int, *, spring: bool) -> Row | None:
+    """Return the row that an entry of eq. (13) has its place in where a sensor reads the transmission's torque."""
+    if spring:  # as it loads the motor: what the sensor reads
+        return Row("spring", joint) if side == "motor" else None
+    return Row("load" if side == "link" else "drive", joint)
 
 
 def _symbols(graph: Graph, robot: Robot) -> tuple[list[JointState], list[MotorState]]:

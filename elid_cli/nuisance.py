@@ -3,12 +3,13 @@
 Delay: a torque that is held by the drive and logged at the start of the sample acts half a sample later than
 logged; left alone, that moves rotor inertias by tens of per cent. To first order
 W p = u(t - delay) = u - delay du/dt. Offset: a constant in the torque channel (or friction that differs between
-the two directions, which motion alone cannot tell apart) moves Coulomb friction and gravity terms.
+the two directions, which motion alone cannot tell apart) moves Coulomb friction and gravity terms. A joint torque
+sensor has an offset of its own, and a gain: where the motor torque shows them beyond doubt they are corrected.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ SIGNIFICANT = 4.0
 """Standard deviations a nuisance must differ from zero to be corrected."""
 DELAY = "torque_delay"
 OFFSET = "torque_offset"
+READING_GAIN = "sensor_gain"
+READING_OFFSET = "sensor_offset"
 
 
 def delay_columns(observation: Observation) -> list[Extra]:
@@ -42,9 +45,37 @@ def _channel_columns(observation: Observation, name: str, values: Array, unit: s
     present = {group.row for group in observation.groups if group.count}
     extras = []
     for k in range(observation.robot.n):
-        rows = {row: values[k][None] for row in (Row("sum", k), Row("motor", k)) if row in present}
+        acted = (Row("sum", k), Row("motor", k), Row("drive", k))
+        rows = {row: values[k][None] for row in acted if row in present}
         if rows:
             extras.append(Extra(name, rows, (unit,)))
+    return extras
+
+
+def reading_columns(observation: Observation, stiffness: Array, but: Container[tuple[str, int]] = ()) -> list[Extra]:
+    """Return offset and gain of every joint torque sensor, each in the three rows of its joint.
+
+    Parameters
+    ----------
+    observation
+        Filtered equations.
+    stiffness
+        Stiffnesses as far as known, (n,). The gain's column is K (theta - q): the reading itself would explain
+        everything, with every parameter at 0. A gain then shows in the motor's row only, as it should.
+    but
+        (name, joint) that the robot file declares as effects.
+    """
+    extras = []
+    for group in observation.groups:
+        kind, joint = group.row
+        if kind != "spring" or not group.count:
+            continue
+        spring = stiffness[joint] * group.columns.sum(axis=0)  # the row's only column is the deflection
+        for name, unit, values in ((READING_OFFSET, "N·m", np.ones_like(spring)), (READING_GAIN, "1", spring)):
+            if (name, joint) not in but and np.any(values):
+                rows = {Row("load", joint): values[None], Row("spring", joint): values[None]}
+                rows[Row("drive", joint)] = -values[None]
+                extras.append(Extra(name, rows, (unit,)))
     return extras
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.mapped import let_go
-from elid_cli.model import Model, Plan, Row, inputs_of
+from elid_cli.model import SENSOR_KINDS, Model, Plan, Row, RowPlan, inputs_of
 from elid_cli.motion import Motion
 from elid_cli.recording import Segment
 from elid_cli.robot import Robot
@@ -79,22 +79,37 @@ class Observation:
         return next(group for group in self.groups if group.row == row)
 
     @property
+    def independent(self) -> tuple[Equations, ...]:
+        """Return row groups of which none is a sum of others: of a joint with a torque sensor, the sensor's three."""
+        read = {group.row.joint for group in self.groups if group.row.kind in SENSOR_KINDS}
+        return tuple(g for g in self.groups if g.row.joint not in read or g.row.kind in SENSOR_KINDS)
+
+    def spring_row(self, joint: int) -> Row:
+        """Return the row that the transmission of a joint shows in: against its sensor, or against the motor."""
+        read = Row("spring", joint)
+        return read if any(group.row == read for group in self.groups) else Row("motor", joint)
+
+    @property
     def masked(self) -> Array:
         """Share of instants masked around reversals, per joint, (n,)."""
         used = np.zeros((self.robot.n, self.instants), dtype=bool)
         for group in self.groups:
-            used[group.row.joint] |= group.use
+            if group.row.kind not in ("load", "spring"):  # no friction in these: reversals count
+                used[group.row.joint] |= group.use
         hidden = (self.known & ~used).sum(axis=1)
         share: Array = hidden / np.maximum(self.known.sum(axis=1), 1)
         return share
 
     def unmasked(self, joints: NDArray[np.bool_]) -> Observation:
         """Return the observation with the reversals of some joints (n,) counted as well."""
-        groups = tuple(
-            replace(g, use=self.known[g.row.joint]) if joints[g.row.joint] and g.row.kind != "link" else g
-            for g in self.groups
-        )
-        return replace(self, groups=groups)
+
+        def counted(group: Equations) -> Equations:
+            if not joints[group.row.joint] or group.row.kind in ("link", "load", "spring"):
+                return group
+            known = self.known[group.row.joint]
+            return replace(group, use=known & np.isfinite(group.target) if group.row.kind == "drive" else known)
+
+        return replace(self, groups=tuple(map(counted, self.groups)))
 
     def only(self, chosen: NDArray[np.bool_]) -> Observation:
         """Return the observation with the instants outside `chosen` (M,) masked."""
@@ -116,13 +131,16 @@ class Block:
     """Share of each instant's filter window in which a motor reverses or sticks, (n, last - first)."""
     channels: Array
     """Filtered deflections (theta - q), their rates, link velocities and accelerations, (4 n, last - first)."""
+    tau_link: Array
+    """Filtered readings of the joint torque sensors, (n, last - first); (0, last - first) where the plan has none."""
 
 
 def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Block]:
     """Compute, filter and decimate the rows of a log block by block, in the order of its instants."""
     place, n, width = 0, model.robot.n, plan.program.outputs
     # memory that is touched for the first time is slower than the arithmetic: one array serves all blocks
-    room = np.empty((width + 6 * n, _longest(signals)))
+    sensors = n if signals.tau_link is not None and any(r.row.kind in SENSOR_KINDS for r in plan.rows) else 0
+    room = np.empty((width + 6 * n + sensors, _longest(signals)))
     for number, segment in enumerate(signals.segments):
         count = len(signals.filter.outputs(len(segment), signals.margin))
         for begin, end, (first, last) in _chunks(signals, len(segment), count):
@@ -132,7 +150,9 @@ def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Bloc
             plan.program.run(inputs_of(motion), rows[:width])
             rows[width : width + n] = signals.tau[part].T
             rows[width + n : width + 2 * n] = _slope(signals, segment, part)
-            _channels(motion, rows[width + 2 * n :])
+            _channels(motion, rows[width + 2 * n : width + 6 * n])
+            if sensors and signals.tau_link is not None:
+                rows[width + 6 * n :] = signals.tau_link[part].T
             slow = np.abs(motion.dtheta.T) < signals.min_velocity[:, None]
             filtered = signals.filter.apply(rows)
             yield Block(
@@ -143,7 +163,8 @@ def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Bloc
                 filtered[width : width + n],
                 filtered[width + n : width + 2 * n],
                 _share(slow, signals),
-                filtered[width + 2 * n :],
+                filtered[width + 2 * n : width + 6 * n],
+                filtered[width + 6 * n :],
             )
             let_go(signals.tau)
         place += count
@@ -159,15 +180,15 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
     signals
         Smooth motion and torque.
     plan
-        Row pairing, by default sum and motor rows.
+        Row pairing, by default sum and motor rows, and those of joint torque sensors where they are used.
     mask
         Mask instants around reversals of the motor, where Coulomb friction is undefined.
     """
-    plan = plan or model.estimation
+    plan = plan or model.sensed(signals.sensed)
     n = model.robot.n
     outputs = signals.outputs
     columns = np.empty((plan.program.outputs, len(outputs)))
-    tau = np.empty((n, len(outputs)))
+    tau, read = np.empty((n, len(outputs))), np.full((n, len(outputs)), np.nan)
     rate = np.empty((n, len(outputs)))
     reversal = np.zeros((n, len(outputs)))
     stretch = np.zeros(len(outputs), dtype=np.intp)
@@ -175,22 +196,14 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
         here = slice(block.first, block.last)
         columns[:, here], tau[:, here], rate[:, here] = block.columns, block.tau, block.tau_rate
         reversal[:, here], stretch[here] = block.reversal, block.stretch
+        if len(block.tau_link):
+            read[:, here] = block.tau_link
     known = np.isfinite(tau)
     reversing = (reversal > REVERSAL_SHARE) & ~signals.still[:, None]
     use: NDArray[np.bool_] = known & ~reversing if mask else known
-    groups = tuple(
-        Equations(
-            item.row,
-            item.columns,
-            columns[item.slots],
-            tau[item.row.joint] if item.row.kind != "link" else np.zeros(len(outputs)),
-            use[item.row.joint] if item.row.kind != "link" else np.all(np.isfinite(columns[item.slots]), axis=0),
-        )
-        for item in plan.rows
-    )
     return Observation(
         model.robot,
-        groups,
+        tuple(_equations(item, columns[item.slots], tau, read, use) for item in plan.rows),
         model.parameters,
         signals.motion.t[outputs],
         stretch,
@@ -200,6 +213,20 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
         reversing,
         known,
     )
+
+
+def _equations(item: RowPlan, columns: Array, tau: Array, read: Array, use: NDArray[np.bool_]) -> Equations:
+    """Return one row group from its columns, the torques, the sensors' readings and the instants that count."""
+    kind, joint = item.row
+    if kind == "link":
+        here: NDArray[np.bool_] = np.all(np.isfinite(columns), axis=0)
+        return Equations(item.row, item.columns, columns, np.zeros(columns.shape[1]), here)
+    if kind in ("load", "spring"):
+        return Equations(item.row, item.columns, columns, read[joint], np.isfinite(read[joint]))
+    if kind == "drive":
+        target = tau[joint] - read[joint]
+        return Equations(item.row, item.columns, columns, target, use[joint] & np.isfinite(target))
+    return Equations(item.row, item.columns, columns, tau[joint], use[joint])
 
 
 def _channels(motion: Motion, out: Array) -> None:
@@ -261,8 +288,14 @@ def extra_columns(signals: Signals, rows: Mapping[Row, Array]) -> dict[Row, Arra
     return {row: signals.decimate(values) for row, values in rows.items()}
 
 
-def pair(effects: Mapping[tuple[str, int], Array], robot: Robot) -> dict[Row, Array]:
-    """Turn columns given for link and motor rows into columns of sum and motor rows.
+def pair(
+    effects: Mapping[tuple[str, int], Array],
+    robot: Robot,
+    sensed: NDArray[np.bool_] | None = None,
+    *,
+    reading: bool = False,
+) -> dict[Row, Array]:
+    """Turn columns given for link and motor rows into columns of the rows of estimation.
 
     Parameters
     ----------
@@ -270,12 +303,34 @@ def pair(effects: Mapping[tuple[str, int], Array], robot: Robot) -> dict[Row, Ar
         (side, joint) -> (d, N), link and motor rows of eq. (13), model side.
     robot
         Tells which joints are rigid (sum row only).
+    sensed
+        Joints whose torque sensor is used, (n,): columns of their rows too.
+    reading
+        Whether the effect lies in a sensor's reading, which sum and motor rows do not know.
     """
     rows: dict[Row, Array] = {}
-    for (side, joint), values in effects.items():
+    for (side, joint), values in effects.items() if not reading else ():
         total = Row("sum", joint)
         rows[total] = rows[total] + values if total in rows else np.array(values, dtype=float)
         if side == "motor" and robot.joints[joint].elastic:
             rows[Row("motor", joint)] = np.array(values, dtype=float)
+    for joint in np.flatnonzero(sensed).tolist() if sensed is not None else ():
+        if robot.joints[joint].elastic:
+            rows |= _read(effects.get(("link", joint)), effects.get(("motor", joint)), joint, reading=reading)
     # what enters both rows of the spring cancels in their sum: such a row is not acted on at all
     return {row: values for row, values in rows.items() if np.any(values)}
+
+
+def _read(link: Array | None, motor: Array | None, joint: int, *, reading: bool) -> dict[Row, Array]:
+    """Return an effect's columns in the rows of a joint with a torque sensor.
+
+    What acts on link and motor with opposite signs is a torque in the transmission, which the sensor reads along with
+    the spring's; an error of the reading itself stands in all three rows.
+    """
+    if link is None:
+        return {} if motor is None else {Row("drive", joint): np.array(motor, dtype=float)}
+    if motor is None:
+        return {Row("load", joint): np.array(link, dtype=float)}
+    if reading:
+        return {Row("load", joint): +link, Row("drive", joint): +motor, Row("spring", joint): +link}
+    return {Row("load", joint): link + motor, Row("spring", joint): np.array(motor, dtype=float)}

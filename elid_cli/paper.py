@@ -175,7 +175,7 @@ def _prediction(
     options: EstimateOptions,
 ) -> tuple[Triangles, dict[Row, float]]:
     """Return sum and motor rows, filtered as the default estimator does, and squares predicted from other folds."""
-    observation = observe(model, signals)
+    observation = observe(model, signals, model.estimation)
     rows = reduce(observation, (), folds_of(observation, options.folds))
     squares: dict[Row, float] = dict.fromkeys(rows.rows, 0.0)
     for fold in range(rows.folds):

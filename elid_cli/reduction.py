@@ -47,7 +47,7 @@ class Triangle:
     count: int
     """Instants it was made of."""
     power: float
-    """Sum of squares of the measured torque over these instants."""
+    """Sum of squares of the measured torque, the motor's or the joint torque sensor's, over these instants."""
 
     def squares(self, solution: Array) -> float:
         """Return the residual sum of squares for a solution over all columns."""
@@ -137,7 +137,7 @@ def reduce(
     for group in observation.groups:
         index, columns = full_columns(group, extras, observation.parameters)
         system = np.concatenate([columns, group.target[None]])
-        torque = observation.tau[group.row.joint]
+        torque = group.target if group.row.kind in ("load", "spring") else observation.tau[group.row.joint]
         for number in range(count):
             use = group.use & (fold == number)
             used = int(np.count_nonzero(use))

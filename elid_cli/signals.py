@@ -24,6 +24,7 @@ from elid_cli.recording import Recording, Segment
 from elid_cli.robot import Robot
 from elid_cli.smoothing import fit_spline
 from elid_cli.spline_motion import STRETCH, Piece, SplineMotion
+from elid_cli.torque_sensors import sensors_of
 
 Array = NDArray[np.float64]
 
@@ -78,6 +79,8 @@ class Noise:
     q: Array
     theta: Array
     tau: Array
+    tau_link: Array = field(default_factory=lambda: np.zeros(0))
+    """Empty where the log has no joint torque sensor that is used."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +109,8 @@ class Signals:
     """Joints that do not move in this log, (n,)."""
     velocity_used: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     notes: tuple[str, ...] = ()
+    sensed: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Joints whose torque sensor is used, (n,); empty: none."""
     recording: Recording | None = None
     """What the signals were made from: estimators that model the raw samples start there."""
 
@@ -201,6 +206,8 @@ def prepare(
         low, high, mean = _ranges(smooth.motion, segments)
         still = _still(low, high, smooth.noise)
     still |= _constant(link, segments) | _constant(motor, segments)
+    sensed, doubts = sensors_of(recording, excerpts(segments, dt))
+    read = _torque_noise(recording.tau_link, segments, dt) if sensed.any() and recording.tau_link is not None else None
     motion = _at_rest(smooth.motion, still, mean)
     if still.all():
         ranges = zip(robot.joint_names, high[0] - low[0], strict=True)
@@ -225,14 +232,20 @@ def prepare(
         tau_link=recording.tau_link,
         temperature=recording.temperature,
         segments=segments,
-        noise=Noise(smooth.noise[0], smooth.noise[1], _torque_noise(recording.tau, segments, dt)),
+        noise=Noise(
+            smooth.noise[0],
+            smooth.noise[1],
+            _torque_noise(recording.tau, segments, dt),
+            np.zeros(0) if read is None else read,
+        ),
         knots=knots,
         filter=filter_,
         margin=round(2 * widest / dt),
         min_velocity=lowest,
         still=still,
         velocity_used=smooth.velocity_used,
-        notes=smooth.notes,
+        notes=(*smooth.notes, *doubts),
+        sensed=sensed,
         recording=recording,
     )
 

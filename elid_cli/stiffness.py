@@ -53,8 +53,8 @@ def stiffness_in_noise(model: Model, triangles: Triangles, basis: NDArray[np.int
 
 
 def deciding_deflection(model: Model, triangles: Triangles, basis: NDArray[np.intp], joint: int) -> float | None:
-    """Return the mean square of the deflection that the other columns of its motor row leave, rad² (m²)."""
-    chosen = triangles.of(Row("motor", joint))
+    """Return the mean square of the deflection that the other columns of its row leave, rad² (m²)."""
+    chosen = triangles.of(Row("spring", joint)) or triangles.of(Row("motor", joint))
     if not chosen:
         return None
     index = chosen[0].index

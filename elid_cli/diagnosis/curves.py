@@ -6,7 +6,7 @@ from elid_cli.diagnosis.screen import Candidate, score
 from elid_cli.diagnosis.search import predicted_better
 from elid_cli.diagnosis.state import State, fit
 from elid_cli.diagnosis.triage import HIGH
-from elid_cli.model import Row
+from elid_cli.model import Kind, Row
 from elid_cli.terms.effect import Effect
 from elid_cli.terms.lookup import VARIABLES, Lookup, Rows
 
@@ -45,6 +45,10 @@ def best_curve(state: State) -> Effect | None:
 def residual_rows(state: State, joint: int) -> Rows | None:
     """Return where the residual of a joint sits, or None where all its rows are at their floors."""
     ratios = state.ratios()
+    if Row("spring", joint) in ratios:
+        sides: tuple[tuple[Kind, Rows], ...] = (("drive", "motor"), ("spring", "transmission"), ("load", "link"))
+        level, where = max((ratios.get(Row(kind, joint), 0.0), name) for kind, name in sides)
+        return where if level > HIGH else None
     total, motor = ratios.get(Row("sum", joint), 0.0), ratios.get(Row("motor", joint))
     if motor is None or (motor > HIGH and total > HIGH):
         return "motor" if total > HIGH else None

@@ -14,7 +14,7 @@ from elid_cli.diagnosis.screen import Candidate, sensible
 from elid_cli.diagnosis.search import Found, Step, search
 from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.stretches import folds, spans
-from elid_cli.diagnosis.triage import Organised, RowState, organise, rows_of, words
+from elid_cli.diagnosis.triage import Organised, RowState, judged_rows, organise, rows_of, words
 from elid_cli.effects import declared_effects, scene_of
 from elid_cli.estimate import JointError, Nuisance
 from elid_cli.model import Model, Row
@@ -35,6 +35,8 @@ Progress = Callable[[str, float], None]
 UNEXPLAINED = 1.3
 """Residual over floor above which what is left counts as unexplained structure."""
 _NEVER_SEARCHED = ("lookup",)
+_SIDES = {"load": "link", "drive": "motor"}
+"""What lies in a row of a joint with a torque sensor."""
 
 
 @dataclass(frozen=True)
@@ -262,7 +264,7 @@ def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequenc
         rows_after=rows_after,
         triage=words(rows_before),
         organised={
-            (robot.joint_names[row.joint], row.kind): tuple(organise(before, row)[:4]) for row in before.triangles.rows
+            (robot.joint_names[row.joint], row.kind): tuple(organise(before, row)[:4]) for row in judged_rows(before)
         },
         moved=moved(before, after),
         sufficient=not effects and not seen and not unexplained,
@@ -396,7 +398,7 @@ def _unexplained(
         if item.ratio <= UNEXPLAINED:
             continue
         joint = names.index(item.joint)
-        organised = organise(state, Row("sum" if item.rows == "sum" else "motor", joint))
+        organised = organise(state, Row(item.rows, joint))
         best = organised[0] if organised else Organised("none", 0.0)
         near = tuple(
             (
@@ -407,8 +409,8 @@ def _unexplained(
             for c in remaining
             if c.effect.joint == joint or c.effect.whole_robot
         )[:3]
-        kind = "link" if item.rows == "sum" and _quiet(rows, item.joint) else item.rows
-        found.append(Unexplained(item.joint, kind, best.variable, best.share, item.rms, item.ratio, near))
+        side = "link" if item.rows == "sum" and _quiet(rows, item.joint) else _SIDES.get(item.rows, item.rows)
+        found.append(Unexplained(item.joint, side, best.variable, best.share, item.rms, item.ratio, near))
     return tuple(found)
 
 

@@ -197,7 +197,8 @@ def project(
     parts, targets, places, kept, adapted = [], [], [], [], []
     stretches: list[Stretch] = []
     first = 0
-    for number, whitener in enumerate(joints):
+    channels = 0
+    for whitener in joints:
         r = len(whitener.rows)
         seen = whitener.use & (fold >= 0)
         series = np.array([columns_of[row] for row in whitener.rows])
@@ -215,10 +216,11 @@ def project(
         for k in range(r):
             start = first + k * len(instant)
             stretches += [
-                Stretch(2 * number + k, f, slice(start + int(edges[f]), start + int(edges[f + 1])))
+                Stretch(channels + k, f, slice(start + int(edges[f]), start + int(edges[f + 1])))
                 for f in range(folds)
             ]
         first += len(index)
+        channels += r
     columns, target = np.concatenate(parts), np.concatenate(targets)
     norms = np.linalg.norm(columns, axis=0)
     columns = columns[:, norms > 0] / norms[norms > 0]

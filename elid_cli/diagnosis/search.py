@@ -193,7 +193,7 @@ def _pair(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[Stat
     first = len(grown.effects) - len(scored)
     if not all(sensible(grown.effects[first + k], grown.scene, grown.named(first + k)) for k in range(len(scored))):
         return None
-    rows = [Row("motor", joint)]
+    rows = [state.log.observation.spring_row(joint)]
     alone = scored if len(scored) > 1 else []
     singles = [refreshed(fit(state.log, (*state.effects, c.effect), state.scene)) for c in alone]
     gain = predicted_better(state, grown, rows)

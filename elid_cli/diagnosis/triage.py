@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.diagnosis.state import State
-from elid_cli.model import Row
+from elid_cli.model import SENSOR_KINDS, Kind, Row
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ class RowState:
     """Residual of one row group against its floor (training stretches)."""
 
     joint: str
-    rows: str
+    rows: Kind
     rms: float
     share: float
     """rms over the rms of the torque."""
@@ -40,15 +40,21 @@ class Organised:
 
 
 def rows_of(state: State) -> tuple[RowState, ...]:
-    """Return residual, share of torque and ratio to the floor of every row group."""
+    """Return residual, share of torque and ratio to the floor of every row group that is no sum of others."""
     ratios = state.ratios()
     names = state.log.model.robot.joint_names
     return tuple(
         RowState(
             names[row.joint], row.kind, state.rms(row), state.rms(row) / state.triangles.torque_rms(row), ratios[row]
         )
-        for row in state.triangles.rows
+        for row in judged_rows(state)
     )
+
+
+def judged_rows(state: State) -> tuple[Row, ...]:
+    """Return the row groups that have data and are no sums of others."""
+    kept = {group.row for group in state.log.observation.independent}
+    return tuple(row for row in state.triangles.rows if row in kept)
 
 
 def words(rows: tuple[RowState, ...]) -> tuple[str, ...]:
@@ -56,10 +62,12 @@ def words(rows: tuple[RowState, ...]) -> tuple[str, ...]:
     ratio = {(r.joint, r.rows): r.ratio for r in rows}
     joints = list(dict.fromkeys(r.joint for r in rows))
     sentences = []
-    high_sum = [j for j in joints if ratio.get((j, "sum"), 0) > HIGH]
+    high_sum = [j for j in joints if max(ratio.get((j, "sum"), 0), ratio.get((j, "load"), 0)) > HIGH]
     for joint in joints:
         total, motor = ratio.get((joint, "sum"), 0.0), ratio.get((joint, "motor"))
-        if motor is None:
+        if (joint, "spring") in ratio:
+            sentences += _sensor_words(joint, {kind: ratio.get((joint, kind), 0.0) for kind in SENSOR_KINDS})
+        elif motor is None:
             if total > HIGH:
                 sentences.append(f"{joint}: torque row {total:.1f} times its floor (rigid joint: one row)")
         elif motor > HIGH >= total:
@@ -73,6 +81,20 @@ def words(rows: tuple[RowState, ...]) -> tuple[str, ...]:
     if len(high_sum) > 1:
         sentences.append(f"several joints at once ({', '.join(high_sum)}): payload, gravity, contact or the base, too")
     return tuple(sentences)
+
+
+def _sensor_words(joint: str, ratio: Mapping[str, float]) -> list[str]:
+    """Return a sentence for a joint with a torque sensor, whose rows tell the sides apart by themselves."""
+    high = [kind for kind in SENSOR_KINDS if ratio[kind] > HIGH]
+    if not high:
+        return []
+    if len(high) == 1:
+        where = {"load": "link side", "drive": "motor side, torque channel or sensor gain", "spring": "transmission"}
+        side = where[high[0]]
+    else:  # what the rows share is the reading
+        side = "joint torque sensor, or more than one side"
+    sizes = ", ".join(f"{kind} row {ratio[kind]:.1f}" for kind in SENSOR_KINDS)
+    return [f"{joint}: {side}: {sizes} times its floor"]
 
 
 def organise(state: State, row: Row) -> list[Organised]:

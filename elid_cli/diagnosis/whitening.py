@@ -82,13 +82,15 @@ def whiteners(observation: Observation, floor: Floor) -> tuple[JointWhitener, ..
     """
     found = []
     for joint in range(observation.robot.n):
-        groups = [g for g in observation.groups if g.row.joint == joint and g.count > 8 * ORDER]
+        groups = [g for g in observation.independent if g.row.joint == joint and g.count > 8 * ORDER]
         if not groups:
             continue
         rows = tuple(g.row for g in groups)
         use = np.logical_and.reduce([g.use for g in groups])
         series = np.array([floor.series[row] for row in rows])
-        torque = np.sqrt(np.mean(observation.tau[joint][use] ** 2)) if use.any() else 1.0
+        # a joint without motor torque has its sensor's only
+        scale = observation.tau[joint] if observation.known[joint].any() else groups[0].target
+        torque = np.sqrt(np.mean(scale[use] ** 2)) if use.any() else 1.0
         lags, mix = _autoregression(series, LEAST * torque)
         found.append(JointWhitener(rows, lags, mix, history(use, observation.stretch)))
     return tuple(found)

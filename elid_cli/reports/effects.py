@@ -11,6 +11,7 @@ from elid_cli.terms.effect import Effect, Parameter
 WHERE = {
     "motor": "motor row", "link": "link row", "spring": "transmission: link and motor row",
     "chain": "link rows of the whole chain", "torque": "torque channel", "encoder": "position channels",
+    "sensor": "joint torque sensor",
 }  # fmt: skip
 
 

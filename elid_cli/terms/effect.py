@@ -24,9 +24,9 @@ Array = NDArray[np.float64]
 Simulated = Literal["torque", "robot", "motor", "log"]
 """How an effect enters a simulation: ``torque`` through its columns (or its state), ``robot`` by `Effect.altered`,
 ``motor`` by `Effect.delivered`, ``log`` by `Effect.logged`."""
-Place = Literal["motor", "link", "spring", "chain", "torque", "encoder"]
+Place = Literal["motor", "link", "spring", "chain", "torque", "encoder", "sensor"]
 """Where an effect acts: a motor row, a link row, both rows of the spring with opposite signs, the link rows of
-the whole chain, the torque channel, or the position channels."""
+the whole chain, the torque channel, the position channels, or the reading of the joint torque sensor."""
 
 DIRECTION_WIDTH = 5e-3
 """Joint-side speed, rad/s, over which sign(v) is rounded as tanh(v / width), in effects and simulations only."""
@@ -156,6 +156,8 @@ class Effect(ABC):
     errors imitate anything."""
     local: ClassVar[bool] = False
     """Whether the effect lives in a part of the log only, so that cross-validation over time cannot judge it."""
+    from_model: ClassVar[bool] = False
+    """Whether the columns come from the present model's torques, so that a fit has to be repeated until both agree."""
     memory: ClassVar[bool] = False
     """Whether the effect has an internal state (see `MemoryEffect`)."""
     simulated: ClassVar[Simulated] = "torque"

@@ -27,7 +27,7 @@ class SensorGain(Effect):
     typical = "±1-5 %"
     fingerprint = "sensor against motor torque and against deflection: a share of the load, sum row untouched"
     record = "large loads of both signs, with motor torque and sensor logged together"
-    place = "spring"
+    place = "sensor"
     elastic_only = True
     amplitudes = (Parameter("gain", "1", "share by which the sensor reads too much", low=-0.6, high=1.5),)
     twins = ()

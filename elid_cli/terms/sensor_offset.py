@@ -24,7 +24,7 @@ class SensorOffset(Effect):
     typical = "0.5-3 % of the sensor's range"
     fingerprint = "sensor against motor torque and against deflection: a constant, sum row untouched"
     record = "poses with load torques of both signs, warm and cold"
-    place = "spring"
+    place = "sensor"
     elastic_only = True
     amplitudes = (Parameter("offset", "N·m", "what the sensor reads too much"),)
     twins = ()

@@ -50,7 +50,7 @@ def test_metadata_is_complete(name: str) -> None:
         assert len(text) > 3
         assert "  " not in text.replace(",  ", "").replace(";  ", "")
     assert len(kind.summary) <= 72
-    assert kind.place in ("motor", "link", "spring", "chain", "torque", "encoder")
+    assert kind.place in ("motor", "link", "spring", "chain", "torque", "encoder", "sensor")
     assert kind.simulated in ("torque", "robot", "motor", "log")
     assert set(kind.twins) <= set(LIBRARY) - {name}
     specs = (*kind.amplitudes, *kind.shapes)
