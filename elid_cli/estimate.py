@@ -27,6 +27,7 @@ from elid_cli.observation import Observation
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
 from elid_cli.stiffness import unsupported_stiffness
+from elid_cli.tilt import LEVEL, STEEPEST, TILT, declared_tilt, levelled, tilted, untilted
 from elid_cli.verdicts import classes_in_log, judge, shortfall, suspicious, torque_scale
 
 __all__ = [
@@ -47,6 +48,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+_LEVELLING = 8
+"""Most fits until a declared tilt of the base and the fit agree."""
+
 
 def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = None) -> Identification:
     """Estimate the base parameters of a robot from one log (or several, joined).
@@ -62,15 +66,39 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
 
         return identify_paper(robot, signals, options)
     whole, robot = robot, robot.stiffened(signals.unlinked)
-    model = Model(robot)
-    fit = fit_log(model, find_base(model), signals, options)
+    fit, tilt = _levelled_fit(robot, signals, options)
     refused = unsupported_stiffness(fit)
-    found = unlinked_named(assemble(fit, options, refused), whole)
+    found = unlinked_named(_as_described(assemble(fit, options, refused), robot, tilt), whole)
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
     if options.accurate:
-        return _accurate(fit, found, options, refused)
+        return _as_described(_accurate(fit, found, options, refused), robot, tilt)
     return found
+
+
+def _levelled_fit(robot: Robot, signals: Signals, options: EstimateOptions) -> tuple[Fit, Array]:
+    """Return the fit with gravity turned by the tilt that a declared effect stands for, and the tilt (2,), rad."""
+    tilt = declared_tilt(robot)
+    level = levelled(robot)
+    model = Model(level)
+    fit = fit_log(model, find_base(model), signals, options)
+    for _ in range(_LEVELLING):
+        declared = zip(fit.effects.effects if fit.effects else (), fit.amplitudes(), strict=True)
+        more = next((values for item, values in declared if item.spec.effect == TILT), np.zeros(2))
+        if np.abs(more).max() < LEVEL:
+            break
+        tilt = np.clip(tilt + more, -STEEPEST, STEEPEST)
+        model = Model(replace(level, gravity=tilted(robot, tilt).gravity))
+        fit = fit_log(model, find_base(model), signals, options)
+    return fit, tilt
+
+
+def _as_described(found: Identification, robot: Robot, tilt: Array) -> Identification:
+    """Return the identification as one of the level robot with its whole tilt as an effect."""
+    if not np.any(tilt):
+        return found
+    effects = tuple(replace(e, parameters=untilted({}, tilt)) if e.effect == TILT else e for e in found.effects)
+    return replace(found, robot=robot, effects=effects)
 
 
 def unlinked_named(found: Identification, robot: Robot) -> Identification:

@@ -13,6 +13,7 @@ from elid_cli.base import BaseParameters, find_base
 from elid_cli.identification import Identification
 from elid_cli.model import Model
 from elid_cli.robot import EffectSpec, Robot
+from elid_cli.tilt import levelled
 
 Array = NDArray[np.float64]
 
@@ -56,7 +57,7 @@ def identified_robot(found: Identification) -> Robot:
 def refined_robot(robot: Robot, standard: Array, effects: Sequence[EffectSpec]) -> Robot:
     """Return the robot with standard parameters (p,) and effects in place of its own."""
     values = dict(zip(robot.parameter_names(), standard, strict=True))
-    classes = find_base(Model(robot)).classes
+    classes = find_base(Model(levelled(replace(robot, effects=tuple(effects))))).classes
     joints = []
     for i, joint in enumerate(robot.joints, start=1):
         kinds = {name[: -len(str(i))]: float(v) for name, v in values.items() if _number(name) == i}

@@ -17,6 +17,7 @@ from elid_cli.observation import Observation, observe
 from elid_cli.robot import Robot
 from elid_cli.shifts import corrected, declared_shifts, unshifted_robot
 from elid_cli.signals import Signals
+from elid_cli.tilt import TILT, declared_tilt, levelled
 
 Array = NDArray[np.float64]
 
@@ -54,16 +55,20 @@ def validate(
     RobotError
         If the description holds no parameter values, or an effect lacks some.
     """
+    turned = bool(np.any(declared_tilt(robot)))
+    described, robot = robot, levelled(robot)
     model = Model(robot)
     standard = complete(robot, find_base(model))
     shifts = declared_shifts(robot)
     signals = corrected(signals, shifts)
-    observation = observe(model, signals) if observation is None or shifts else observation
+    observation = observe(model, signals) if observation is None or shifts or turned else observation
     residual = {group.row: group.target - standard[group.index] @ group.columns for group in observation.groups}
     if robot.effects:
         scene = scene_of(model, signals, standard)
         for spec in unshifted_robot(robot).effects:
             kind, joint = resolve(robot, spec)
+            if spec.effect == TILT:
+                continue
             try:
                 linear, shape = kind.coefficients(scene, joint, spec.parameters)
             except KeyError as error:
@@ -74,7 +79,7 @@ def validate(
             for row, columns in extra_of(kind(joint, shape), scene, signals).rows.items():
                 residual[row] = residual[row] - linear @ columns
     settings = {"cutoff": signals.filter.cutoff, "rate": signals.rate, "instants": observation.instants}
-    return Validation(robot, _errors(robot, observation, residual, chosen), residual, observation, settings)
+    return Validation(described, _errors(robot, observation, residual, chosen), residual, observation, settings)
 
 
 def complete(robot: Robot, base: BaseParameters) -> Array:

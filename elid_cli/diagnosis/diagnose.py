@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elid_cli.base import find_base
 from elid_cli.diagnosis.encoders import Skew
 from elid_cli.diagnosis.screen import Candidate, sensible
-from elid_cli.diagnosis.search import Found, Step, search
+from elid_cli.diagnosis.search import Found, Step, search, touched
 from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.stretches import folds, spans
 from elid_cli.diagnosis.triage import Organised, RowState, judged_rows, organise, rows_of, words
@@ -27,6 +27,7 @@ from elid_cli.signals import Signals
 from elid_cli.solve import reweighted
 from elid_cli.terms import effect_classes
 from elid_cli.terms.effect import Effect
+from elid_cli.tilt import declared_tilt, levelled
 from elid_cli.validation import Validation, validate
 
 Array = NDArray[np.float64]
@@ -143,12 +144,23 @@ class Diagnosis:
     """Smooth curves added by request where no named effect explains the structure."""
 
 
-def divided(model: Model, signals: Signals) -> Log:
+def divided(robot: Robot, signals: Signals) -> Log:
     """Return a log with its stretches divided into training folds and held-out ones."""
+    level, model = robot, Model(levelled(robot))
     shifts = declared_shifts(model.robot)
     moved_signals = corrected(signals, shifts)
     observation = observe(model, moved_signals)
-    return Log(model, find_base(model), moved_signals, observation, folds(observation.instants), signals, shifts)
+    return Log(
+        model=model,
+        base=find_base(model),
+        signals=moved_signals,
+        observation=observation,
+        fold=folds(observation.instants),
+        raw=signals,
+        shifts=shifts,
+        level=level,
+        tilt=declared_tilt(level),
+    )
 
 
 def diagnose(
@@ -169,15 +181,15 @@ def diagnose(
     """
     options = options or DiagnoseOptions()
     robot = robot.stiffened(signals.unlinked)
-    model = Model(robot)
-    log = divided(model, signals)
+    log = divided(robot, signals)
+    model = log.model
     library = {
         name: kind
         for name, kind in effect_classes().items()
         if name not in _NEVER_SEARCHED and (not options.only or name in options.only)
     }
     plain = reweighted(reduce(log.training, (), log.fold), log.base.count).values[: model.parameters]
-    declared = [d.effect for d in declared_effects(robot, scene_of(model, signals, plain))]
+    declared = [d.effect for d in declared_effects(model.robot, scene_of(model, signals, plain))]
     found = _supported(search(log, declared, library, progress), len(declared))
     named, curves = found.after, list[Effect]()
     if options.lookup:
@@ -212,7 +224,7 @@ def held_out_triangles(state: State) -> Triangles:
 def held_out_gain(state: State, number: int) -> float:
     """Return the part of the held-out residual variance that effect `number` takes away in its rows."""
     lacking = without(state, number)
-    rows = [row for row in state.columns[number].rows if row in state.triangles.rows]
+    rows = touched(lacking, state, state.columns[number].rows)
     outside, inside = held_out_triangles(lacking), held_out_triangles(state)
     # rows are compared in units of their noise floor, or the noisier row would hide what the quieter one shows
     weight = {r: max(state.floor.rms[r], 1e-4 * state.triangles.torque_rms(r)) ** -2 for r in rows}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,6 +42,8 @@ KEPT = 0.03
 """Part of the left-out error that an effect must take away to be kept whatever its likelihood."""
 PASSED = 0.6
 """Part of the cut-off up to which frequencies are named."""
+ELSEWHERE = 0.05
+"""Relative drop of a residual from which an effect counts as helping a row that it does not act on."""
 STEPS = 14
 """Most candidates that are fitted in full …"""
 REFUSALS = 8
@@ -229,9 +231,10 @@ def _worthwhile(old: State, new: State, candidate: Candidate) -> bool:
     if not sensible(new.effects[last], new.scene, new.named(last)) or not new.impossible <= old.impossible:
         return False
     judged = not candidate.effect.local or bool(candidate.gain.acting.all())
-    if judged and predicted_better(old, new, list(candidate.columns.rows)) is None:
+    rows = touched(old, new, candidate.columns.rows)
+    if judged and predicted_better(old, new, rows) is None:
         return False
-    if any(_improves(old, new, row) for row in candidate.columns.rows):
+    if any(_improves(old, new, row) for row in rows):
         return True
     gained = candidate.gain.likelihood / max(candidate.gain.count, 1)
     torque = [
@@ -240,6 +243,16 @@ def _worthwhile(old: State, new: State, candidate: Candidate) -> bool:
         if row in old.triangles.rows
     ]
     return gained > 0.5 * SMALLEST_VARIANCE and max(torque, default=0.0) > SMALLEST_TORQUE
+
+
+def touched(old: State, new: State, own: Iterable[Row]) -> list[Row]:
+    """Return the rows that an effect acts on and those that it helps elsewhere, through parameters that rows share.
+
+    A gain of one joint's torque scales that joint's parameters until its own rows fit; what does not fit then is the
+    joints that share the bodies with it.
+    """
+    rows = [row for row in own if row in old.triangles.rows]
+    return rows + [r for r in old.triangles.rows if r not in rows and new.rms(r) < (1 - ELSEWHERE) * old.rms(r)]
 
 
 def _improves(old: State, new: State, row: Row) -> bool:
@@ -258,7 +271,7 @@ def _pruned(state: State, steps: list[Step], declared: int) -> tuple[State, list
         for k in range(len(steps)):
             lacking = without(state, declared + k)
             again = score(lacking, state.effects[declared + k], steps[k].candidate.shapes, 1)
-            gain = predicted_better(lacking, state, list(state.columns[declared + k].rows)) or 0.0
+            gain = predicted_better(lacking, state, touched(lacking, state, state.columns[declared + k].rows)) or 0.0
             losses.append(np.inf if gain > KEPT or again is None else again.net)
         worst = int(np.argmin(losses))
         if losses[worst] > NET:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.base import BaseParameters
+from elid_cli.base import BaseParameters, find_base
 from elid_cli.covariance import sandwich
 from elid_cli.diagnosis.projected import Projected, project
 from elid_cli.diagnosis.stretches import FOLDS
@@ -20,10 +20,12 @@ from elid_cli.model import Model, Row
 from elid_cli.nuisance import DELAY, delay_columns, significant
 from elid_cli.observation import Observation, observe
 from elid_cli.reduction import Extra, Triangles, reduce
+from elid_cli.robot import Robot
 from elid_cli.shifts import NAMES, Shifts, corrected
 from elid_cli.signals import Signals
 from elid_cli.solve import Solution, reweighted, solve
 from elid_cli.terms.effect import Effect, Scene
+from elid_cli.tilt import LEVEL, STEEPEST, TILT, tilted, untilted
 
 Array = NDArray[np.float64]
 
@@ -34,6 +36,10 @@ CURVE_HEIGHT = 0.01
 _SETTLED = 0.002
 """Part of a sample within which shifts count as settled."""
 _SHIFTING = 5
+_AGREED = 1e-3
+"""Relative change of an amplitude below which columns from the model and the fit agree …"""
+_AGREEING = 12
+"""… and most fits until they do."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +56,22 @@ class Log:
     """The signals as logged; `signals` has late channels moved to where they belong."""
     shifts: Shifts
     """By how much channels were moved."""
+    level: Robot
+    """The robot as described; the model's has its gravity turned by `tilt`."""
+    tilt: Array
+    """Roll and pitch by which gravity is turned, rad, (2,)."""
 
     def shifted(self, shifts: Shifts) -> Log:
         """Return the log with other shifts of its channels."""
         signals = corrected(self.raw, shifts)
         return replace(self, signals=signals, observation=observe(self.model, signals), shifts=shifts)
+
+    def tilted(self, tilt: Array) -> Log:
+        """Return the log with the model in gravity turned by other angles."""
+        model = Model(tilted(self.level, tilt))
+        return replace(
+            self, model=model, base=find_base(model), observation=observe(model, self.signals), tilt=np.array(tilt)
+        )
 
     @property
     def training(self) -> Observation:
@@ -104,7 +121,7 @@ class State:
         values = effect.named(self.scene, coefficients)
         if effect.name in NAMES:
             values[NAMES[effect.name]] += self.log.shifts.of(effect.name, effect.joint)
-        return values
+        return untilted(values, self.log.tilt) if effect.name == TILT else values
 
     @property
     def delays(self) -> dict[int, float]:
@@ -216,12 +233,38 @@ def _curve_prior(effects: Sequence[Effect], columns: Sequence[Extra], triangles:
 def refreshed(state: State) -> State:
     """Return the state fitted again with the scene of its own parameters, late channels moved by what was found."""
     for _ in range(_SHIFTING):
-        state = fit(state.log, state.effects, scene_of(state.log.model, state.log.signals, state.standard))
+        state = _levelled(agreed(state))
         shifts, change = _shifts(state)
         if change <= _SETTLED * state.log.signals.dt:
             break
         log = state.log.shifted(shifts)
         state = fit(log, state.effects, scene_of(log.model, log.signals, state.standard))
+    return state
+
+
+def _levelled(state: State) -> State:
+    """Return the state with gravity turned until nothing is left for the tilt's column to say."""
+    place = [k for k, effect in enumerate(state.effects) if effect.name == TILT]
+    for _ in range(_AGREEING if place else 0):
+        more = state.coefficients(place[0])
+        if np.abs(more).max() < LEVEL:
+            break
+        log = state.log.tilted(np.clip(state.log.tilt + more, -STEEPEST, STEEPEST))
+        # what the tilt brings to light is not in the old parameters: columns come from a fit without them
+        level = reweighted(reduce(log.training, state.nuisances, log.fold), log.base.count).values
+        state = fit(log, state.effects, scene_of(log.model, log.signals, level[: log.model.parameters]))
+    return state
+
+
+def agreed(state: State) -> State:
+    """Return the state fitted with columns from its own parameters, repeatedly where effects depend on them closely."""
+    model = [k for k, effect in enumerate(state.effects) if effect.from_model]
+    for _ in range(_AGREEING if model else 1):
+        old = [state.coefficients(k) for k in model]
+        state = fit(state.log, state.effects, scene_of(state.log.model, state.log.signals, state.standard))
+        new = [state.coefficients(k) for k in model]
+        if all(np.abs(a - b).max() <= _AGREED * np.abs(b).max() for a, b in zip(old, new, strict=True)):
+            break
     return state
 
 
@@ -231,6 +274,8 @@ def without(state: State, number: int) -> State:
     log = state.log
     if effect.name in NAMES and log.shifts.of(effect.name, effect.joint):
         log = log.shifted(log.shifts.moved(effect.name, effect.joint, 0.0))
+    if effect.name == TILT and np.any(log.tilt):
+        log = log.tilted(np.zeros(2))
     return fit(log, [e for i, e in enumerate(state.effects) if i != number], state.scene)
 
 

@@ -30,6 +30,7 @@ class GravityDirection(Effect):
     record = "rests in many poses, with links on all sides of the base"
     place = "chain"
     whole_robot = True
+    from_model = True
     amplitudes = (
         Parameter("roll", "rad", "turn of gravity about the first horizontal base axis (x, or y)", low=-0.5, high=0.5),
         Parameter("pitch", "rad", "turn about the second horizontal base axis (y, or z)", low=-0.5, high=0.5),
@@ -59,8 +60,8 @@ class GravityDirection(Effect):
     def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
         """Return the robot in the turned field of gravity."""
         first, second = horizontal_axes(robot)
-        turned = _turned(np.array(robot.gravity), coefficients[0] * first + coefficients[1] * second)
-        return Alteration(0.0, with_gravity(robot, turned.tolist()), parameters)
+        field = turned(np.array(robot.gravity), coefficients[0] * first + coefficients[1] * second)
+        return Alteration(0.0, with_gravity(robot, field.tolist()), parameters)
 
 
 def horizontal_axes(robot: Robot) -> tuple[Array, Array]:
@@ -70,7 +71,7 @@ def horizontal_axes(robot: Robot) -> tuple[Array, Array]:
     return first, second
 
 
-def _turned(vector: Array, rotation: Array) -> Array:
+def turned(vector: Array, rotation: Array) -> Array:
     """Return a vector turned by a rotation vector, rad (Rodrigues)."""
     angle = float(np.linalg.norm(rotation))
     if angle == 0:

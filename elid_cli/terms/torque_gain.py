@@ -35,6 +35,7 @@ class TorqueGain(Effect):
         " it, so that a gain is always one against the others"
     )
     place = "torque"
+    from_model = True
     amplitudes = (Parameter("gain", "1", "share by which the logged torque is too large", low=-0.35, high=0.5),)
     twins = ()
     simulated = "log"
