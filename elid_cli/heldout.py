@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.identification import Identification, JointError
+from elid_cli.identification import Identification, JointError, SensorError
 from elid_cli.model import Row
 from elid_cli.reduction import Triangles
 from elid_cli.robot import Robot
@@ -49,7 +49,11 @@ def joint_errors(
 
         spring = rms(motor) if motor in squares else None
         share = None if spring is None else spring / torque
-        errors[joint.name] = JointError(rms(total), rms(total) / torque, spring, share, torque)
+        sensor = None
+        if Row("spring", k) in squares:
+            read = triangles.torque_rms(Row("spring", k), folds)
+            sensor = SensorError(rms(Row("load", k)), rms(Row("drive", k)), rms(Row("spring", k)), read)
+        errors[joint.name] = JointError(rms(total), rms(total) / torque, spring, share, torque, sensor=sensor)
     return errors
 
 

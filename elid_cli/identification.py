@@ -38,6 +38,20 @@ class EstimateOptions:
 
 
 @dataclass(frozen=True)
+class SensorError:
+    """Errors of one joint against its torque sensor, N·m (N), on the same data."""
+
+    load_rms: float
+    """Reading minus what the bodies need."""
+    drive_rms: float
+    """Motor torque minus reading, less rotor and friction; NaN where the motor torque is not known."""
+    spring_rms: float
+    """Reading minus K (theta - q)."""
+    reading_rms: float
+    """rms of the reading."""
+
+
+@dataclass(frozen=True)
 class JointError:
     """Error of the predicted motor torque of one joint on data not used in the fit, N·m (N)."""
 
@@ -52,6 +66,8 @@ class JointError:
     floor: float | None = None
     """rms that the sensors' noise alone would leave in the sum row."""
     spring_floor: float | None = None
+    sensor: SensorError | None = None
+    """The same against the joint's torque sensor, where it has one."""
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.fitting import Fit
-from elid_cli.model import Model, Row
-from elid_cli.reduction import Triangles
+from elid_cli.model import Kind, Model, Row
+from elid_cli.reduction import Triangle, Triangles
 from elid_cli.signals import Signals
 
 Array = NDArray[np.float64]
 
+_ROWS: tuple[Kind, ...] = ("motor", "spring")
 LARGEST_SHARE = 0.2
 """Share of the deciding deflection's energy that noise may have: K is then pulled by as much."""
 
@@ -53,10 +54,15 @@ def stiffness_in_noise(model: Model, triangles: Triangles, basis: NDArray[np.int
 
 
 def deciding_deflection(model: Model, triangles: Triangles, basis: NDArray[np.intp], joint: int) -> float | None:
-    """Return the mean square of the deflection that the other columns of its row leave, rad² (m²)."""
-    chosen = triangles.of(Row("spring", joint)) or triangles.of(Row("motor", joint))
-    if not chosen:
-        return None
+    """Return the mean square of the deflection that the other columns of its row leave, rad² (m²).
+
+    Where a joint torque sensor gives it a second row, the one in which more is left decides.
+    """
+    left = [_left(model, chosen, basis, joint) for row in _ROWS if (chosen := triangles.of(Row(row, joint)))]
+    return max((value for value in left if value is not None), default=None)
+
+
+def _left(model: Model, chosen: list[Triangle], basis: NDArray[np.intp], joint: int) -> float | None:
     index = chosen[0].index
     own = model.index[f"K{joint + 1}"]
     place = np.flatnonzero(index == own)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elid_cli.base import BaseParameters, find_base
 from elid_cli.effects import extra_of, resolve, scene_of
 from elid_cli.errors import RobotError
-from elid_cli.estimate import JointError
+from elid_cli.identification import JointError, SensorError
 from elid_cli.model import Model, Row
 from elid_cli.observation import Observation, observe
 from elid_cli.robot import Robot
@@ -101,6 +101,22 @@ def complete(robot: Robot, base: BaseParameters) -> Array:
     return np.nan_to_num(robot.reference())
 
 
+def _against_sensor(
+    observation: Observation, rms: Mapping[Row, float | None], use: Mapping[Row, NDArray[np.bool_]], joint: int
+) -> SensorError | None:
+    """Return the errors of a joint's three sensor rows, or None where it has no sensor."""
+    spring = Row("spring", joint)
+    size = rms.get(spring)
+    if size is None:
+        return None
+    read = observation.group(spring).target[use[spring]]
+    load, drive = (rms.get(Row(kind, joint)) for kind in ("load", "drive"))
+    nothing = float("nan")
+    return SensorError(
+        nothing if load is None else load, nothing if drive is None else drive, size, float(np.sqrt(np.mean(read**2)))
+    )
+
+
 def _errors(
     robot: Robot, observation: Observation, residual: Mapping[Row, Array], chosen: NDArray[np.bool_] | None
 ) -> dict[str, JointError]:
@@ -119,6 +135,11 @@ def _errors(
         torque = float(np.sqrt(np.mean(observation.tau[k][use[Row("sum", k)]] ** 2)))
         spring = rms(Row("motor", k))
         errors[joint.name] = JointError(
-            total, total / torque, spring, None if spring is None else spring / torque, torque
+            total,
+            total / torque,
+            spring,
+            None if spring is None else spring / torque,
+            torque,
+            sensor=_against_sensor(observation, {row: rms(row) for row in use if row.joint == k}, use, k),
         )
     return errors

@@ -201,9 +201,16 @@ def _residual(found: Diagnosis) -> Table:
                 _follows(found.organised.get((row.joint, row.rows), ())) if high else "",
             )
         )
-    elastic = any(row.rows == "motor" for row in found.rows_before)
-    note = "sum: motor torque against the whole model; motor: with the spring's torque from the deflection"
-    return Table("residual", columns, tuple(rows), title="what the model leaves", note=note if elastic else "")
+    kinds = {row.rows for row in found.rows_before}
+    notes = []
+    if "motor" in kinds:
+        notes.append("sum: motor torque against the whole model; motor: with the spring's torque from the deflection")
+    if "spring" in kinds:
+        notes.append(
+            "load: torque sensor against the bodies; drive: motor torque less the sensor's against rotor and friction;"
+            " spring: sensor against the deflection"
+        )
+    return Table("residual", columns, tuple(rows), title="what the model leaves", note="\n".join(notes))
 
 
 def _follows(organised: Sequence[Organised]) -> str:
@@ -292,6 +299,11 @@ def _before_after(
         sides = [("sum", old.rms, new.rms, new.relative, new.floor)]
         if new.spring_rms is not None:
             sides.append(("motor", old.spring_rms or 0.0, new.spring_rms, new.spring_relative or 0.0, new.spring_floor))
+        if old.sensor is not None and new.sensor is not None:
+            size = new.sensor.reading_rms
+            for kind in ("load", "drive", "spring"):
+                first, last = (float(getattr(sensor, f"{kind}_rms")) for sensor in (old.sensor, new.sensor))
+                sides.append((kind, first, last, last / (new.torque_rms if kind == "drive" else size), None))
         for kind, first, last, share, floor in sides:
             row: list[Cell] = [joint, kind, Quantity(new.torque_rms, unit, 3), Quantity(first, unit, 3)]
             row += [Quantity(last, unit, 3), percent(share)]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from math import isnan
 from typing import Any
 
 from elid_cli.by_log import ByLog
@@ -61,6 +63,7 @@ def identification_report(
         KeyValues("inputs", facts),
         base_table(found),
         error_table("error", found.robot, found.error),
+        *sensor_table("sensors", found.robot, found.error),
         *_by_log(found.robot, logs),
         *reasons_table(found),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.warnings))),
@@ -122,6 +125,7 @@ def error_payload(error: Mapping[str, JointError]) -> dict[str, Any]:
             "torque_rms": e.torque_rms,
             "floor": e.floor,
             "spring_floor": e.spring_floor,
+            **({} if e.sensor is None else {"sensor": asdict(e.sensor)}),
         }
         for joint, e in error.items()
     }
@@ -215,6 +219,30 @@ def error_table(
             row += [Quantity(e.spring_rms, unit, 3), percent(e.spring_relative)]
         rows.append(tuple(row))
     return Table(key, tuple(columns), tuple(rows), title=title)
+
+
+def sensor_table(key: str, robot: Robot, error: Mapping[str, JointError]) -> list[Section]:
+    """Return how well each joint torque sensor is predicted, side by side; nothing without sensors."""
+    columns = (
+        Column("joint", "joint"),
+        Column("reading_rms", "sensor rms", align="right"),
+        Column("load_rms", "bodies", align="right"),
+        Column("load_share", "share", align="right"),
+        Column("spring_rms", "spring", align="right"),
+        Column("spring_share", "share", align="right"),
+        Column("drive_rms", "motor side", align="right"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for name, e in error.items():
+        if e.sensor is None:
+            continue
+        unit, s = torque_unit(robot, name), e.sensor
+        row: list[Cell] = [name, Quantity(s.reading_rms, unit, 3)]
+        for size in (s.load_rms, s.spring_rms):
+            row += [Quantity(size, unit, 3), percent(size / s.reading_rms if s.reading_rms else None)]
+        rows.append((*row, Quantity(None if isnan(s.drive_rms) else s.drive_rms, unit, 3)))
+    title = "error against the joint torque sensors"
+    return [Table(key, columns, tuple(rows), title=title)] if rows else []
 
 
 def _by_log(robot: Robot, logs: Sequence[ByLog]) -> list[Section]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from elid_cli.recording import Recording
 from elid_cli.report import KeyValues, Report, Section, Text
-from elid_cli.reports.identification import error_payload, error_table
+from elid_cli.reports.identification import error_payload, error_table, sensor_table
 from elid_cli.reports.inputs import command, heading, log_payload, recorded_items, robot_payload, span_words, used_items
 from elid_cli.validation import Validation
 
@@ -33,6 +33,7 @@ def validation_report(
         heading(found.robot, recording),
         KeyValues("inputs", facts),
         error_table("error", found.robot, found.error, fitted=False),
+        *sensor_table("sensors", found.robot, found.error),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate(recording.warnings)),
         Text("next", command("diagnose", recording, robot_argument), "next"),
     )
