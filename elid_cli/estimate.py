@@ -156,7 +156,7 @@ def assemble(
     verdict, reasons = judge(base, estimate, deviation, scale, known, robot, fit.signals, refused or {})
     unsaid = np.array([v == "refused" for v in verdict])
     nuisances, delays = _nuisances(fit)
-    warnings = [*suspicious(base, estimate, deviation, known)]
+    warnings = [*suspicious(base, estimate, deviation, known), *fit.signals.doubts]
     lacking = shortfall(base, solution, known, fit.signals)
     fresh = Identification(
         robot=robot,

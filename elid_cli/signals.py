@@ -111,6 +111,8 @@ class Signals:
     notes: tuple[str, ...] = ()
     sensed: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """Joints whose torque sensor is used, (n,); empty: none."""
+    doubts: tuple[str, ...] = ()
+    """Why the torque sensors of other joints are not used, a sentence each."""
     recording: Recording | None = None
     """What the signals were made from: estimators that model the raw samples start there."""
 
@@ -244,8 +246,9 @@ def prepare(
         min_velocity=lowest,
         still=still,
         velocity_used=smooth.velocity_used,
-        notes=(*smooth.notes, *doubts),
+        notes=smooth.notes,
         sensed=sensed,
+        doubts=doubts,
         recording=recording,
     )
 
