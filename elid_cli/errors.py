@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from itertools import islice
 from typing import ClassVar
 
 EXIT_DONE = 0
@@ -73,9 +74,20 @@ class DataError(ElidError):
     exit_code = EXIT_DATA
 
 
+COMPARED = 2000
+"""Names among which the nearest is looked for; a file may bring millions of them."""
+LONGEST = 200
+"""Characters of a name that may still be a misspelling."""
+LISTED = 40
+"""Names that a hint lists."""
+
+
 def nearest(name: str, names: Iterable[str]) -> str | None:
     """Return the name closest to `name`, ignoring case, or None where nothing is near."""
-    known = {str(candidate).lower(): str(candidate) for candidate in names}
+    if len(name) > LONGEST:
+        return None
+    short = (str(candidate) for candidate in names)
+    known = {text.lower(): text for text in islice((text for text in short if len(text) <= LONGEST), COMPARED)}
     found = difflib.get_close_matches(name.lower(), list(known), n=1, cutoff=0.5)
     return known[found[0]] if found else None
 
@@ -86,4 +98,5 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
     near = nearest(name, valid)
     if near is not None:
         return f"did you mean {near!r}?"
-    return f"known: {', '.join(valid)}" if valid else ""
+    more = f" and {len(valid) - LISTED} more" if len(valid) > LISTED else ""
+    return f"known: {', '.join(valid[:LISTED])}{more}" if valid else ""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elid_cli.errors import LogError, nearest
 from elid_cli.logs.raw import RawLog
 from elid_cli.logs.resolve import Placement, Plan
+from elid_cli.logs.stuck import drop_stuck
 from elid_cli.mapped import let_go, writable
 from elid_cli.robot import Robot
 
@@ -47,6 +48,7 @@ def check(
     filled = {s: signals[s] if s in signals else np.full((samples, robot.n), np.nan) for s in ("q", "theta", "tau")}
     filled |= {s: values for s, values in signals.items() if s not in filled}
     warnings = _drop_zeros(filled, robot.joint_names)
+    warnings += _drop_stuck(filled, robot)
     has: dict[str, NDArray[np.bool_]] = {
         s: np.isfinite(values[0]) if samples else np.zeros(robot.n, bool) for s, values in filled.items()
     }
@@ -62,7 +64,7 @@ def check(
         fault.refuse("tau", robot.joint_names[0] if robot.n == 1 else "", "no torque")
     lacking = [j.name for k, j in enumerate(robot.joints) if not has["q"][k]]
     if lacking:
-        if strict:
+        if strict or "q" in plan.unusable:
             fault.refuse("q", lacking[0], "no link position")
         stiffness = "its stiffness" if len(lacking) == 1 else "their stiffness"
         warnings.append(f"{' '.join(lacking)}: no link position q: {stiffness} cannot be identified")
@@ -105,6 +107,17 @@ def _drop_zeros(filled: dict[str, Array], joints: Sequence[str]) -> list[str]:
     return warnings
 
 
+def _drop_stuck(filled: dict[str, Array], robot: Robot) -> list[str]:
+    """Take channels that never change while their joint moves as absent."""
+    drop = {signal: np.zeros(robot.n, bool) for signal in MEANING}
+    warnings = drop_stuck(filled, robot, drop) if filled["q"].shape[0] else []
+    for signal, chosen in drop.items():
+        if chosen.any():
+            filled[signal] = writable(filled[signal])
+            filled[signal][:, chosen] = np.nan
+    return warnings
+
+
 @dataclass(frozen=True)
 class _Fault:
     """Words for a missing signal: what is missing, where elid looked, what there is instead."""
@@ -125,13 +138,16 @@ class _Fault:
         if placement is None:
             reasons = self.plan.reasons
             reason = "; ".join(dict.fromkeys(reasons[s] for s in (signal, "q") if s in reasons))
-            return f"{need}; {reason + '; ' if reason else ''}{self._contents()}"
+            lost = f"; {self.raw.losses[0]}" if self.raw.losses else ""
+            return f"{need}; {reason + '; ' if reason else ''}{self._contents()}{lost}"
         labels = self._labels(placement)
         close = nearest(joint, labels) if joint else None
         seen = f"which names {' '.join(labels)}" if labels else "which holds no numbers for it"
         seen += f" (nearest: {close})" if close else ""
-        if joint in labels:
-            seen = "which is empty, NaN or zero for it"
+        if joint in labels or (labels and not joint):
+            seen = "which is empty, NaN or zero" + (" for it" if joint else " throughout")
+        if joint in labels and signal != "tau":
+            seen = "which is empty, NaN or never changes for it"
         return f"{need}; it is read from {placement.places}, {seen}"
 
     def _labels(self, placement: Placement) -> list[str]:
@@ -146,7 +162,7 @@ class _Fault:
         return list(dict.fromkeys(labels))
 
     def _contents(self) -> str:
-        shown = [channel for channel in self.raw.channels if not channel.field.endswith("sec")]
+        shown = [channel for channel in self.raw.channels if not _about(channel.field)]
         named = list(dict.fromkeys(c.address if c.width else f"{c.source} (not decoded: {c.kind})" for c in shown))
         more = f" and {len(named) - LISTED} more" if len(named) > LISTED else ""
         return f"the log holds {', '.join(named[:LISTED])}{more}" if named else "the log holds no channels"
@@ -155,13 +171,21 @@ class _Fault:
         free = [
             channel.address
             for channel in self.raw.channels
-            if channel.width in (1, self.robot.n) and not channel.address.endswith(("sec", "secs"))
+            if channel.width in (1, self.robot.n) and not _about(channel.field)
         ]
-        example = next(
-            (address for address in free for word in _WORDS[signal] if word in address.lower()), _EXAMPLES[signal]
-        )
+        likely = (address for word in _WORDS[signal] for address in free if word in address.lower())
+        example = next(likely, _EXAMPLES[signal])
         return f"elid info {self.name}, or map it: --map {signal}={example}"
 
 
-_WORDS = {"tau": ("tau", "torque", "effort", "current"), "theta": ("motor", "theta"), "q": ("link", "joint", "q")}
+def _about(field: str) -> bool:
+    """Whether a field of a message tells about the message and not about the robot."""
+    return field.endswith(("sec", "secs")) or field.startswith("layout.")
+
+
+_WORDS = {
+    "tau": ("tau", "torque", "effort", "current"),
+    "theta": ("motor", "theta", "position"),
+    "q": ("link", "joint", "q", "position"),
+}
 _EXAMPLES = {"tau": "/arm/motors.current", "theta": "/arm/motors.position", "q": "/arm/joint_states.position"}

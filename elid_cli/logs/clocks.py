@@ -57,7 +57,7 @@ def in_seconds(
     for stream in streams:
         stamps = stream.clocks[clock]
         unique.setdefault(id(stamps), _mended(stream.clocks, clock))
-    seconds = _from_origin(unique, factor, notes)
+    seconds = _from_origin(unique, factor, notes, name)
     return [seconds[id(stream.clocks[clock])] for stream in streams]
 
 
@@ -115,12 +115,17 @@ def _mended(clocks: Mapping[str, NDArray[Any]], clock: str) -> NDArray[Any]:
     return mended
 
 
-def _from_origin(unique: Mapping[int, NDArray[Any]], factor: float | None, notes: list[str]) -> dict[int, Array]:
+def _from_origin(
+    unique: Mapping[int, NDArray[Any]], factor: float | None, notes: list[str], name: str
+) -> dict[int, Array]:
     """Subtract the earliest stamp while the numbers are exact, then scale to s."""
     finite = [stamps[np.isfinite(stamps)] for stamps in unique.values()]
     finite = [stamps for stamps in finite if stamps.size]
     if not finite:
-        raise LogError("the log's time holds no numbers", hint="elid info LOG shows its columns")
+        raise LogError(
+            f"{name}: its time holds no numbers",
+            hint="name another clock (--map t=stamp), or give the rate: --rate 1000",
+        )
     whole = all(stamps.dtype.kind == "i" for stamps in unique.values())
     middles = [float(np.median(stamps)) for stamps in finite]
     if whole:

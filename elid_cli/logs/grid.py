@@ -144,10 +144,17 @@ def onto(grid: Grid, line: Timeline, values: Array) -> tuple[Array, bool]:
     """Return a stream's values on a grid, NaN where it has none, shape (N, k), and whether it was interpolated."""
     result = np.full((grid.samples, values.shape[1]), np.nan)
     interpolated = False
+    stretches = line.stretches
+    begins = np.array([line.t[begin] for begin, _ in stretches])
+    ends = np.array([line.t[stop - 1] for _, stop in stretches])
     for (first, last), start, count in zip(grid.bounds(), grid.starts, grid.counts, strict=True):
         target = result[first:last]
         end = start + (count - 1) * grid.dt
-        for begin, stop in line.stretches:
+        near = slice(  # stretches are in order of time, and there may be thousands of them
+            int(np.searchsorted(ends, start - 4 * line.dt)),
+            int(np.searchsorted(begins, end + 4 * line.dt, side="right")),
+        )
+        for begin, stop in stretches[near]:
             low = begin + int(np.searchsorted(line.t[begin:stop], start - 4 * line.dt))
             high = begin + int(np.searchsorted(line.t[begin:stop], end + 4 * line.dt, side="right"))
             if high <= low:

@@ -7,6 +7,7 @@ Behind a transmission theta and q differ by the deflection, which is small. Wher
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from elid_cli.logs.checks import Checked
 from elid_cli.logs.repair import Aligned
 from elid_cli.logs.resolve import Plan
+from elid_cli.logs.stuck import frozen, limited
 from elid_cli.mapped import let_go
 from elid_cli.robot import Robot
 
@@ -29,6 +31,8 @@ UNLIKE = 0.9
 """Correlation below which a swap is considered."""
 CLOSE = 0.03
 """Relative distance at which a slope is taken for a known factor."""
+BITS = 0.045
+"""log2 of `1 + CLOSE`: distance at which counts per turn are taken for a power of two."""
 LARGE_OFFSET = 0.02
 """rad or m; a constant theta - q above this is worth a word …"""
 OF_DEFLECTION = 5.0
@@ -39,6 +43,8 @@ FOLLOWS = 0.95
 """|correlation| of torque and deflection above which their relation is judged."""
 EXACTLY = 1e-3
 """Share of tau that is not proportional to the deflection below which tau is no motor torque."""
+WRONG_SCALE = 3.0
+"""Factor between tau and the spring's torque by the file's stiffness that no wrong reference value explains."""
 STALE = 0.5
 """Share of samples equal to the one before above which a moving signal is sampled and held."""
 
@@ -47,10 +53,13 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
     """Return one sentence per suspicion, with a mapping to paste where there is one."""
     step = max(1, aligned.t.size // SAMPLES)
     found: list[str] = []
+    found.extend(_amperes(plan))
     for start, stop in [max(aligned.segments, key=lambda bounds: bounds[1] - bounds[0])]:
         q, theta = checked.q[start:stop], checked.theta[start:stop]
         found.extend(_wraps(q, theta, robot, plan))
         found.extend(_stale(checked, start, stop, robot))
+        found.extend(frozen(q, theta, aligned.dt, robot))
+    found.extend(limited(checked.tau, robot))
     q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
     pairs = [_Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
     tau: Array | None = None
@@ -58,6 +67,9 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
     swapped = _swap(q, theta, compared, robot)
     if swapped:
         return [*found, swapped]
+    if len(compared) > 1:
+        tau = _thinned(checked.tau, step)
+        found.extend(_swapped_torques(theta - q, tau, compared, robot))
     for pair in compared:
         found.extend(pair.sentences(plan))
         if abs(pair.slope - 1) < CLOSE and robot.joints[pair.j].elastic:
@@ -65,6 +77,18 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
             tau = _thinned(checked.tau, step) if tau is None else tau
             found.extend(_efforts(pair, deflection, tau[:, pair.j], robot, plan))
     return found
+
+
+def _amperes(plan: Plan) -> Iterator[str]:
+    """Name a torque that is read from a channel called a current without a factor."""
+    placement = plan.placements.get("tau")
+    if placement is None or placement.spec.unit or placement.spec.scale != 1.0:
+        return
+    if re.search(r"current|ampere|(^|[^a-z])amps?([^a-z]|$)", placement.places.lower()):
+        yield (
+            f"tau is read from {placement.places} as it is, and that is a current by its name; "
+            f"{_paste(plan, 'tau', 'unit: A, scale: TORQUE_CONSTANT, side: motor')}"
+        )
 
 
 def _thinned(values: Array, step: int) -> Array:
@@ -157,12 +181,12 @@ class _Pair:
                 return what, paste
         for signal, per_turn in (("theta", size * 2 * math.pi), ("q", 2 * math.pi / size)):
             bits = math.log2(per_turn) if per_turn > 0 else 0
-            if per_turn > 200 and self.revolute and (abs(bits - round(bits)) < 0.01 or abs(per_turn / 500 % 1) < 0.01):
-                whole = 2 ** round(bits) if abs(bits - round(bits)) < 0.01 else 500 * round(per_turn / 500)
+            if per_turn > 200 and self.revolute and (abs(bits - round(bits)) < BITS or abs(per_turn / 500 % 1) < 0.01):
+                whole = 2 ** round(bits) if abs(bits - round(bits)) < BITS else 500 * round(per_turn / 500)
                 return f"{signal} looks like encoder counts", (signal, f"unit: counts:{whole}")
             geared = per_turn / gear if signal == "theta" and gear > 0 else 0
             bits = math.log2(geared) if geared > 1 else 0
-            if geared > 200 and self.revolute and abs(bits - round(bits)) < 0.01:
+            if geared > 200 and self.revolute and abs(bits - round(bits)) < BITS:
                 return "theta looks like motor-side encoder counts", (
                     "theta",
                     f"unit: counts:{2 ** round(bits)}, side: motor",
@@ -186,15 +210,50 @@ def _efforts(pair: _Pair, deflection: Array, tau: Array, robot: Robot, plan: Pla
     correlation = float(np.corrcoef(deflection, tau)[0, 1])
     slope = correlation * float(tau.std() / deflection.std())
     if correlation < -FOLLOWS:
-        yield f"{pair.name}: tau runs against the deflection theta - q; {_paste(plan, 'tau', 'sign: -1')}"
+        yield (
+            f"{pair.name}: tau runs against the deflection theta - q: its sign is opposite, or q and theta are "
+            f"exchanged; {_paste(plan, 'tau', 'sign: -1')}"
+        )
     elif correlation**2 > 1 - EXACTLY**2:
         yield (
             f"{pair.name}: tau follows the deflection without any friction or inertia: it looks like the torque "
             "in the transmission (tau_link), not the motor's"
         )
     stiffness = robot.joints[pair.j].parameters.get("K")
-    if correlation > FOLLOWS and stiffness and pair.gear > 2 and abs(slope * pair.gear / stiffness - 1) < 0.3:
-        yield f"{pair.name}: tau looks like the motor's shaft torque; {_paste(plan, 'tau', 'side: motor')}"
+    if correlation > FOLLOWS and stiffness:
+        yield from _scale(pair, slope / stiffness, stiffness, plan)
+
+
+def _scale(pair: _Pair, ratio: float, stiffness: float, plan: Plan) -> Iterator[str]:
+    """Compare tau with the torque that the deflection and the robot file's stiffness mean."""
+    if 1 / WRONG_SCALE < ratio < WRONG_SCALE:
+        return
+    why = f"it is {ratio:.3g} times K (theta - q) with K = {stiffness:g} of the robot file"
+    shaft = abs(math.log(pair.gear)) > math.log(WRONG_SCALE) if pair.gear > 0 else False
+    if shaft and abs(ratio * pair.gear - 1) < 0.3:
+        yield f"{pair.name}: tau looks like the motor's shaft torque, {why}; {_paste(plan, 'tau', 'side: motor')}"
+    elif abs(ratio / 1000 - 1) < 0.3:
+        yield f"{pair.name}: tau looks like mN·m, {why}; {_paste(plan, 'tau', 'unit: mN.m')}"
+    else:
+        key = f"unit: A, scale: {{{pair.name}: {1 / ratio:.4g}}}"
+        yield f"{pair.name}: tau looks like a current or another unit (or the positions are in one), {why}; {_paste(plan, 'tau', key)}"
+
+
+def _swapped_torques(deflection: Array, tau: Array, pairs: list[_Pair], robot: Robot) -> Iterator[str]:
+    """Name pairs of elastic joints whose torques fit each other's deflection far better than their own."""
+    joints = [p.j for p in pairs if robot.joints[p.j].elastic and np.isfinite(tau[:, p.j]).all() and tau[:, p.j].std()]
+    joints = [j for j in joints if deflection[:, j].std() > 0]
+    if len(joints) < 2:
+        return
+    table = np.abs(np.corrcoef(deflection[:, joints].T, tau[:, joints].T)[: len(joints), len(joints) :])
+    for a in range(len(joints)):
+        for b in range(a + 1, len(joints)):
+            if max(table[a, a], table[b, b]) < UNLIKE and min(table[a, b], table[b, a]) > FOLLOWS:
+                one, two = robot.joint_names[joints[a]], robot.joint_names[joints[b]]
+                yield (
+                    f"tau of {one} and {two} look swapped: each follows the other's deflection; "
+                    f"if so, map it with joints: {{{one}: {two}, {two}: {one}}}"
+                )
 
 
 def _swap(q: Array, theta: Array, pairs: list[_Pair], robot: Robot) -> str:

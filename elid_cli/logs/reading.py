@@ -30,6 +30,8 @@ SAME_RATE = 1e-6
 """Relative difference of sample times that counts as none when logs are joined."""
 BETWEEN_LOGS = 1.0
 """s between logs in the joined time."""
+SLOWEST, FASTEST = 5.0, 1e6
+"""Hz; rates outside are a time in another unit."""
 OPTIONAL = ("dq", "dtheta", "tau_link", "temperature")
 
 
@@ -105,6 +107,20 @@ def read_recording(
     return _joined(parts, sources, robot)
 
 
+def _believable(dt: float, name: str, plan: Plan) -> None:
+    """Refuse a sample time that no recorder of a robot has: time in another unit (LogError)."""
+    if 1 / FASTEST <= dt < 1 / SLOWEST:
+        return
+    slow = dt >= 1 / SLOWEST
+    place = plan.time.source or plan.time.field if plan.time is not None else "t"
+    unit = next((u for u, f in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)) if dt / f < 1 / SLOWEST), "ns")
+    raise LogError(
+        f"{name}: time advances by {dt:.4g} s per sample, too {'slow' if slow else 'fast'} for a robot's motion",
+        detail=f"between {SLOWEST:g} Hz and {FASTEST / 1e6:g} MHz can be used" + ("; is it in s?" if slow else ""),
+        hint=f"if it is in {unit}, put this in a mapping: t: {{from: {place}, unit: {unit}}}" if slow else "",
+    )
+
+
 def _part_name(source: Source, raw: RawLog) -> str:
     own = str(getattr(raw, "name", "") or source.name)
     return "standard input" if own == "-" else own
@@ -126,6 +142,7 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     factor = plan.time.factor if plan.time is not None else None
     seconds = in_seconds(streams, source=options.time_source, factor=factor, rate=options.rate, name=name, notes=notes)
     aligned = align(_converted(plan, streams, seconds, robot), robot.joint_names, name)
+    _believable(aligned.dt, name, plan)
     signals = dict(aligned.signals)
     for signal, placement in plan.placements.items():
         _add(signals, signal, placement)
@@ -140,7 +157,7 @@ def layers_of(raw: RawLog, robot: Robot, mapping: Mapping[str, Any] | None) -> l
     layers = []
     for where, given in (("--map", mapping), (f"the log block of {robot.name}", robot.log)):
         if given:
-            layers.append(Layer(where, *parse_mapping(given, robot, where)))
+            layers.append(Layer(where, *parse_mapping(given, robot, where), asked=given is mapping))
     for given in raw.canonical:
         layers.append(Layer("canonical names", *parse_mapping(given, robot, "canonical"), canonical=True))
     return layers

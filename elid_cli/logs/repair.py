@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.errors import LogError
+from elid_cli.logs.glitches import without_glitches
 from elid_cli.logs.grid import Grid, grid_of, identical, onto, regularised
 from elid_cli.logs.holes import fill
 from elid_cli.logs.timeline import Timeline, build
@@ -21,11 +22,15 @@ REQUIRED = ("theta", "tau", "q")
 """Signals that decide the time base, in this order among equally fast ones."""
 SHORTEST = 20
 """Samples of a stretch below which it is of no use."""
+UNPLACED = 0.5
+"""Share of samples whose stamp is that of another one above which the clock is of no use."""
 COVERED = 0.9
 """Share of the samples that an optional signal has to cover to be kept."""
 NAMED_GAPS = 3
 LARGEST = 1e12
 """A larger value, in SI units, is a broken one."""
+SLOWEST = 0.2
+"""s; a signal sampled at longer intervals tells nothing about a motion."""
 DENSE = 0.8
 """Share of numbers in a column below which it has stamps of its own rather than missing values."""
 
@@ -71,6 +76,7 @@ def align(streams: Sequence[Sampled], joints: Sequence[str], name: str) -> Align
     """
     repairs: list[str] = []
     sound: set[int] = set()
+    streams = [_unbroken(stream, joints, repairs) for stream in streams]
     whole = [piece for stream in streams for piece in _without_holes(stream, repairs, sound)]
     lines = _timelines(whole, repairs, name)
     tracks = [track for stream in whole for track in _tracks(stream, lines[id(stream)], joints, repairs, sound)]
@@ -81,7 +87,7 @@ def align(streams: Sequence[Sampled], joints: Sequence[str], name: str) -> Align
         required, key=lambda track: (round(track.line.dt, 9), -track.line.t.size, REQUIRED.index(track.signal))
     )
     grid = grid_of(leader.line)
-    signals = _assemble(tracks, grid, len(joints), leader, repairs)
+    signals = _assemble(tracks, grid, joints, leader, repairs)
     fill(signals, grid, joints, repairs, sound)
     mask = _usable(signals, grid, joints, repairs, sound)
     return _cut(signals, grid, mask, repairs, name)
@@ -113,6 +119,12 @@ def _without_holes(stream: Sampled, repairs: list[str], sound: set[int]) -> Iter
         yield Sampled(stream.signal, tuple(stream.joints[k] for k in columns), chosen, t)
 
 
+def _unbroken(stream: Sampled, joints: Sequence[str], repairs: list[str]) -> Sampled:
+    """Return a stream with its broken samples as NaN."""
+    values = without_glitches(stream.signal, [joints[j] for j in stream.joints], stream.values, repairs)
+    return stream if values is stream.values else replace(stream, values=values)
+
+
 def _sound(values: Array) -> bool:
     """Whether all values are numbers of a believable size (NaN spread through min and max)."""
     return values.size > 0 and bool(values.min() > -LARGEST and values.max() < LARGEST)
@@ -140,6 +152,8 @@ def _timelines(streams: Sequence[Sampled], repairs: list[str], name: str) -> dic
         line = build(judge.t, judge.values, label, shifts)
         if line is None and any(stream.signal in REQUIRED for stream in members):
             raise _at_one_instant(name, label, judge.t.size)
+        if line is not None and line.unplaced > UNPLACED * judge.t.size:
+            raise _stands_still(name, label, line.unplaced, judge.t.size)
         if line is not None:
             line = regularised(line, judge.values, label)
             repairs.extend(line.repairs)
@@ -158,6 +172,14 @@ def _at_one_instant(name: str, label: str, samples: int) -> LogError:
     return LogError(
         f"{name}: time never advances",
         detail=f"the stamps of {label} hold a single instant in {samples} samples",
+        hint="name another clock: --map t=stamp, --time log, or --rate 1000",
+    )
+
+
+def _stands_still(name: str, label: str, repeated: int, samples: int) -> LogError:
+    return LogError(
+        f"{name}: time stands still",
+        detail=f"{repeated} of {samples} samples of {label} have the same stamp as another, different one",
         hint="name another clock: --map t=stamp, --time log, or --rate 1000",
     )
 
@@ -190,10 +212,17 @@ def _tracks(
             yield _Track(stream.signal, tuple(stream.joints[k] for k in columns), stream.values[:, columns], sub)
 
 
-def _assemble(tracks: Sequence[_Track], grid: Grid, n: int, leader: _Track, repairs: list[str]) -> dict[str, Array]:
+def _assemble(
+    tracks: Sequence[_Track], grid: Grid, joints: Sequence[str], leader: _Track, repairs: list[str]
+) -> dict[str, Array]:
+    n = len(joints)
     signals: dict[str, Array] = {}
     apart: dict[str, float] = {}
     for track in tracks:
+        if track.line.dt > SLOWEST and grid.dt < SLOWEST and track.signal != "temperature":
+            who = " ".join(joints[j] for j in track.joints)
+            repairs.append(f"{track.signal} of {who} comes at {1 / track.line.dt:.3g} Hz, too slow: not used")
+            continue
         if track.joints == tuple(range(n)) and track.signal not in signals and identical(track.line, grid):
             signals[track.signal] = track.values
             continue

@@ -10,6 +10,10 @@ from elid_cli.logs.mapping import POSITIONS, SIGNALS, TORQUES, VELOCITIES, Signa
 from elid_cli.logs.raw import Channel, Pick
 from elid_cli.robot import Robot
 
+LISTED = 12
+"""Fields and names that a reason lists."""
+ABSENT = "the log has no "
+"""How the reason begins where a place is not in the log at all."""
 DEFAULT_FIELDS = dict.fromkeys(POSITIONS, "position") | dict.fromkeys(VELOCITIES, "velocity")
 DEFAULT_FIELDS |= dict.fromkeys(TORQUES, "effort") | {"temperature": "temperature"}
 
@@ -36,6 +40,8 @@ class Layer:
     signals: SignalMaps
     time: TimeMap | None = None
     canonical: bool = False
+    asked: bool = False
+    """Whether the user gave it for this log."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +55,8 @@ class Plan:
     notes: tuple[str, ...]
     reasons: Mapping[str, str]
     """Signals that nothing fits -> why."""
+    unusable: frozenset[str] = frozenset()
+    """Those of them that the log holds, or that the user has mapped."""
 
 
 def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) -> Plan:
@@ -59,6 +67,7 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
     time, unfit, notes = _place_time(by_source, layers)
     placements: dict[str, Placement] = {}
     reasons: dict[str, str] = {}
+    unusable: set[str] = set()
     failed: dict[str, tuple[str, str]] = {}
     for signal in SIGNALS:
         for layer in layers:
@@ -69,7 +78,9 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
             if isinstance(found, Placement):
                 placements[signal] = found
                 break
-            reasons.setdefault(signal, found)
+            reasons.setdefault(signal, found if layer.canonical else f"{layer.where}: {found}")
+            if layer.asked or not found.startswith(ABSENT):
+                unusable.add(signal)
             if not layer.canonical and signal not in failed:
                 failed[signal] = (layer.where, found)
     unfit += _unfit(failed, placements)
@@ -77,7 +88,7 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
         reasons.pop(signal, None)
         if placement.unnamed:
             notes.append(f"{signal}: values of {placement.places} have no names: taken in the robot's joint order")
-    return Plan(placements, time, tuple(unfit), tuple(notes), reasons)
+    return Plan(placements, time, tuple(unfit), tuple(notes), reasons, frozenset(unusable - set(placements)))
 
 
 def place(
@@ -161,7 +172,7 @@ def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel
                 break
     if found is None:
         near = nearest(source, by_source)
-        return f"the log has no {source!r}" + (f" (nearest: {near!r})" if near else "")
+        return f"{ABSENT}{source!r}" + (f" (nearest: {near!r})" if near else "")
     fields = {channel.field: channel for channel in found}
     if field:
         near = _field_like(field, fields)
@@ -172,10 +183,13 @@ def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel
             return fields[DEFAULT_FIELDS[spec.signal]]
         if len(found) == 1:
             return found[0]
+        if "data" in fields:  # std_msgs arrays
+            return fields["data"]
     wanted = field or DEFAULT_FIELDS[spec.signal]
     named = [name for name in fields if name and not name.endswith("sec")]
-    held = f"only {', '.join(named)}" if named else f"it cannot be decoded: {found[0].kind}"
-    return f"{found[0].source} has no field {wanted!r}, {held}"
+    held = f"only {', '.join(named[:LISTED])}" if named else f"it cannot be decoded: {found[0].kind}"
+    near = nearest(wanted, named)
+    return f"{found[0].source} has no field {wanted!r}, {held}" + (f" (nearest: {near!r})" if near else "")
 
 
 def _field_like(field: str, fields: Iterable[str]) -> str | None:
@@ -197,7 +211,7 @@ def _columns(spec: SignalMap, channel: Channel, robot: Robot) -> tuple[tuple[int
     elif channel.labels:
         pairs = [(name, j) for j, name in enumerate(names) if name in channel.labels]
         if not pairs:
-            return f"{channel.address} holds {' '.join(channel.labels)}, none of them {_listed(names)}"
+            return f"{channel.address} holds {_listed(channel.labels)}, none of them {_listed(names)}"
         if channel.open_ended:
             pairs = [(name, j) for j, name in enumerate(names) if name is not None]
     elif channel.width == robot.n:
@@ -211,7 +225,9 @@ def _columns(spec: SignalMap, channel: Channel, robot: Robot) -> tuple[tuple[int
 
 
 def _listed(names: Sequence[object]) -> str:
-    return " ".join(str(name) for name in names if name is not None)
+    known = [str(name) for name in names if name is not None]
+    more = f" and {len(known) - LISTED} more" if len(known) > LISTED else ""
+    return " ".join(known[:LISTED]) + more
 
 
 def _place_time(

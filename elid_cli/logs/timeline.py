@@ -38,6 +38,8 @@ class Timeline:
     repairs: tuple[str, ...] = ()
     shifts: tuple[tuple[float, float], ...] = ()
     """(raw time, shift) of each clock jump."""
+    unplaced: int = 0
+    """Samples left out because their stamp is that of another, different one."""
 
     @property
     def stretches(self) -> list[tuple[int, int]]:
@@ -88,18 +90,19 @@ def build(stamps: Array, values: Array, label: str, shifts: tuple[tuple[float, f
     steps = np.diff(t)
     if not (steps > 0).any():
         return None
+    unplaced = 0
     if (steps <= 0).any():
-        t, rows = _without_repeats(t, rows, values, label, repairs)
+        t, rows, unplaced = _without_repeats(t, rows, values, label, repairs)
     if t.size < 2:
         return None
     dt = sample_time(t)
-    return Timeline(t, rows, dt, _breaks(t, dt), tuple(repairs), own)
+    return Timeline(t, rows, dt, _breaks(t, dt), tuple(repairs), own, unplaced)
 
 
 def sample_time(t: Array) -> float:
     """Return the sample time of ascending stamps, gaps and lost samples left out; round where the stamps allow it."""
     steps = np.diff(t)
-    typical = float(np.median(steps))
+    typical = float(np.median(steps[steps > 0]))
     counts = np.rint(steps / typical)
     near = counts <= 10
     slots = float(counts[near].sum())
@@ -157,7 +160,9 @@ def _ordered(
     return t[order], (order if rows is None else rows[order]), ()
 
 
-def _without_repeats(t: Array, rows: Rows | None, values: Array, label: str, repairs: list[str]) -> tuple[Array, Rows]:
+def _without_repeats(
+    t: Array, rows: Rows | None, values: Array, label: str, repairs: list[str]
+) -> tuple[Array, Rows, int]:
     """Leave out copies of a stamp; spread the samples where the clock is coarser than they are."""
     if rows is None:
         rows = np.arange(t.size)
@@ -165,14 +170,16 @@ def _without_repeats(t: Array, rows: Rows | None, values: Array, label: str, rep
     now, before = values[rows[repeated]], values[rows[repeated - 1]]
     copies = ((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=1)
     if repeated.size > COARSE * t.size and np.count_nonzero(~copies) > 0.5 * repeated.size:
-        repairs.append(f"{label}: {repeated.size} repeated stamps: the clock is coarse, samples spread evenly")
-        return _spread(t), rows
+        even = _spread(t)
+        if (np.diff(even) > 0).all():
+            repairs.append(f"{label}: {repeated.size} repeated stamps: the clock is coarse, samples spread evenly")
+            return even, rows, 0
     keep = np.ones(t.size, dtype=bool)
     keep[repeated] = False
     different = np.count_nonzero(~copies)
     what = f", {different} of them with other values" if different else ""
     repairs.append(f"{label}: {repeated.size} samples with a repeated stamp left out{what}")
-    return t[keep], rows[keep]
+    return t[keep], rows[keep], int(different)
 
 
 def _spread(t: Array) -> Array:
