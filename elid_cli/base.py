@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -54,14 +55,14 @@ class BaseParameters:
         """Number of base parameters b."""
         return len(self.leaders)
 
-    @property
+    @cached_property
     def terms(self) -> tuple[dict[str, float], ...]:
         """Return each base parameter as standard parameter -> coefficient, in standard order."""
         return tuple(
             {self.parameters[k]: tidy(float(row[k])) for k in np.flatnonzero(row)} for row in self.transform
         )
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Return each base parameter as FORMATS prints it: ``m1 - 4*Izz1 + 4*Izz2``."""
         return tuple(combination(terms) for terms in self.terms)

@@ -31,30 +31,42 @@ def residuals(observation: Observation, values: Array, extras: Sequence[Extra] =
 
 def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extra] = ()) -> Array:
     """Return the covariance of the solution's basis, (r, r)."""
-    place = {int(column): k for k, column in enumerate(solution.basis)}
-    scores = np.zeros((observation.instants, len(solution.basis)))
+    live = solution.live
+    place = np.full(len(solution.values), -1, dtype=np.intp)
+    place[live] = np.arange(len(live))
+    scores = np.zeros((len(live), observation.instants))
     for group in observation.groups:
         weight = solution.weights.get(group.row, 0.0)
         if weight == 0.0:
             continue
         index, columns = full_columns(group, extras, observation.parameters)
-        residual = (group.target - solution.values[index] @ columns) * group.use * weight**2
-        kept = [k for k, column in enumerate(index) if int(column) in place]
-        scores[:, [place[int(index[k])] for k in kept]] += (columns[kept] * np.where(group.use, residual, 0.0)).T
-    whitened = np.nan_to_num(scores) @ solution.inverse
-    meat = long_run(whitened, observation.stretch)
-    covariance: Array = solution.inverse @ meat @ solution.inverse.T
+        residual = np.where(group.use, group.target - solution.values[index] @ columns, 0.0) * weight**2
+        kept = place[index] >= 0
+        here = columns * residual if kept.all() else columns[kept] * residual
+        if not group.use.all():
+            here[:, ~group.use] = 0.0  # what is not known must not spread
+        scores[place[index[kept]]] += here
+    # of each column's own scores: any rotation of them by the order of the pivots would change the width
+    memory = Persistence(len(live))
+    memory.feed(scores)
+    meat = summed(scores[place[solution.basis]], observation.stretch, memory.bandwidth)
+    covariance: Array = solution.inverse @ (solution.inverse.T @ meat @ solution.inverse) @ solution.inverse.T
     return covariance
 
 
 def long_run(scores: Array, stretch: NDArray[np.intp]) -> Array:
     """Return the long-run covariance sum of zero-mean scores (M, r), summed over instants."""
-    instants, width = scores.shape
     rows = np.ascontiguousarray(scores.T)
-    memory = Persistence(width)
+    memory = Persistence(len(rows))
     memory.feed(rows)
-    total = KernelSum(width, memory.bandwidth)
+    return summed(rows, stretch, memory.bandwidth)
+
+
+def summed(scores: Array, stretch: NDArray[np.intp], bandwidth: float) -> Array:
+    """Return the kernel's sum over zero-mean scores (r, M), for as many fitted parameters."""
+    width, instants = scores.shape
+    total = KernelSum(width, bandwidth)
     starts = np.flatnonzero(np.diff(stretch, prepend=-1))
     for number, (start, stop) in enumerate(zip(starts, [*starts[1:], instants], strict=True)):
-        total.feed(rows[:, start:stop], number)
-    return total.total() * small_sample(instants, width, memory.bandwidth)
+        total.feed(scores[:, start:stop], number)
+    return total.total() * small_sample(instants, width, bandwidth)

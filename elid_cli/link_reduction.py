@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters
+from elid_cli.blocks import Block
 from elid_cli.link_equation import LEAST, LinkStiffness, TwoWays
 from elid_cli.longrun import KernelSum, Persistence, small_sample
 from elid_cli.merged_fit import MergedFit, Stock
 from elid_cli.model import Model, Row
-from elid_cli.observation import Block
 from elid_cli.reduction import factor_of
 
 Array = NDArray[np.float64]

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import find_base
+from elid_cli.blocks import Block, observed_blocks
 from elid_cli.link_reduction import LinkTorque, reduce_links
 from elid_cli.longrun import KernelSum, Persistence, small_sample
 from elid_cli.merged_fit import Stock, fit_stock
 from elid_cli.model import Model, Plan, Row
-from elid_cli.observation import REVERSAL_SHARE, Block, observed_blocks
+from elid_cli.observation import REVERSAL_SHARE
 from elid_cli.recording import Recording
 from elid_cli.reduced_log import ReducedLog, Scores, SignalFacts, hollow
 from elid_cli.reduction import Triangle, factor_of
@@ -243,15 +244,25 @@ class _ScoreMaker:
     def covariance(self, solution: Solution, nuisances: Sequence[int], gliding: NDArray[np.bool_]) -> Array:
         """Return the covariance of a solution's basis, and keep what it was made of."""
         values, lift = lifted(solution, self._layout, self._stock, nuisances)
-        memory = Persistence(lift.shape[1])
+        live = live_columns(solution, self._stock, nuisances)
+        memory = Persistence(len(live))
         for rows, _ in self._scores(values, gliding):
-            memory.feed(lift.T @ rows)
+            memory.feed(self._summed(rows, solution, len(values))[live])
         bandwidth = memory.bandwidth
         total = KernelSum(len(lift), bandwidth)
         for rows, stretch in self._scores(values, gliding):
             total.feed(rows, stretch)
         self.made.append(Scores(total.total(), bandwidth, tuple(nuisances)))
         return spread_of(solution, lift.T @ self.made[-1].gram @ lift, memory.instants, bandwidth)
+
+    def _summed(self, rows: Array, solution: Solution, width: int) -> Array:
+        """Return weighted scores of every column, (p + 2n, m), summed over row groups."""
+        summed = np.zeros((width, rows.shape[1]))
+        place = 0
+        for row, index in self._layout:
+            summed[index] += solution.weights.get(row, 0.0) ** 2 * rows[place : place + len(index)]
+            place += len(index)
+        return summed
 
     def _scores(self, values: Array, gliding: NDArray[np.bool_]) -> Iterator[tuple[Array, int]]:
         """Yield (scores (s, m), stretch) block by block, unweighted."""
@@ -279,14 +290,23 @@ def lifted(
     solution: Solution, layout: Sequence[tuple[Row, NDArray[np.intp]]], stock: Stock, nuisances: Sequence[int]
 ) -> tuple[Array, Array]:
     """Return the solution over all columns (p + 2n,), and what turns raw scores into whitened ones, (s, r)."""
-    first = stock.parameters
-    columns = np.concatenate([np.arange(first), first + np.array(nuisances, dtype=np.intp)]).astype(np.intp)
-    values = np.zeros(first + 2 * stock.joints)
+    columns = _numbers(stock, nuisances)
+    values = np.zeros(stock.parameters + 2 * stock.joints)
     values[columns] = solution.values
     inverse = np.zeros((len(values), len(solution.basis)))
     inverse[columns[solution.basis]] = solution.inverse
     parts = [solution.weights.get(row, 0.0) ** 2 * inverse[index] for row, index in layout]
     return values, np.concatenate(parts)
+
+
+def live_columns(solution: Solution, stock: Stock, nuisances: Sequence[int]) -> NDArray[np.intp]:
+    """Return the numbers of a solution's columns that are not zero, among all p + 2n."""
+    return _numbers(stock, nuisances)[solution.live]
+
+
+def _numbers(stock: Stock, nuisances: Sequence[int]) -> NDArray[np.intp]:
+    first = stock.parameters
+    return np.concatenate([np.arange(first), first + np.array(nuisances, dtype=np.intp)]).astype(np.intp)
 
 
 def spread_of(solution: Solution, meat: Array, instants: int, bandwidth: float) -> Array:

@@ -20,7 +20,10 @@ NARROWEST = 8.0
 
 
 class Persistence:
-    """Sums that tell how long each of r scores remembers: first-order autocorrelation and what it leaves."""
+    """Sums that tell how long each of r scores remembers: first-order autocorrelation and what it leaves.
+
+    Scores count alike, whatever their units.
+    """
 
     def __init__(self, width: int) -> None:
         self.instants = 0
@@ -49,7 +52,8 @@ class Persistence:
             return NARROWEST
         before, after = self._power - self._last**2, self._power - self._first**2
         rho = np.clip(self._cross / np.where(before > 0, before, 1.0), -0.97, 0.97)
-        innovation = np.maximum(after - 2 * rho * self._cross + rho**2 * before, 0.0) / (self.instants - 1)
+        innovation = np.maximum(after - 2 * rho * self._cross + rho**2 * before, 0.0)
+        innovation /= np.where(self._power > 0, self._power, 1.0)
         with np.errstate(divide="ignore", invalid="ignore"):
             top = np.nansum(4 * rho**2 * innovation**2 / (1 - rho) ** 8)
             bottom = np.nansum(innovation**2 / (1 - rho) ** 4)

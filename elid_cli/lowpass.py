@@ -16,11 +16,13 @@ Array = NDArray[np.float64]
 
 _KAISER = 4.0
 """Side lobes near -45 dB with a half-length of one period of the cut-off."""
+REACH, _WINDOW = 8, 17.0
+"""Interpolation between thinned samples: reach to each side, and the Kaiser window's parameter (-160 dB)."""
 
 
 @dataclass(frozen=True)
 class LowPass:
-    """Symmetric taps (odd length, unit gain at 0 Hz) applied at every `step`-th sample."""
+    """Taps (odd length; symmetric and of unit gain at 0 Hz, but for derivatives) applied at every `step`-th sample."""
 
     taps: Array
     step: int
@@ -36,6 +38,24 @@ class LowPass:
         """Return the sample indices that outputs are centred on, `margin` samples clear of both ends."""
         first = self.half + margin
         return np.arange(first, samples - first, self.step, dtype=np.intp)
+
+    def thinned(self, every: int) -> LowPass:
+        """Return the filter for rows of which every `every`-th sample is there (a divisor of `step`).
+
+        It is this filter on what windowed-sinc interpolation between those samples gives; rows that hold nothing near
+        the rate of those samples come out the same (`thinning` tells how nearly).
+        """
+        reach = -(-self.half // every) + REACH
+        offset = (np.arange(-self.half, self.half + 1)[:, None] - every * np.arange(-reach, reach + 1)) / every
+        window = np.i0(_WINDOW * np.sqrt(np.maximum(1.0 - (offset / REACH) ** 2, 0.0))) * (np.abs(offset) <= REACH)
+        between = np.sinc(offset) * window
+        between /= between.sum(axis=1, keepdims=True)
+        return LowPass(self.taps @ between, self.step // every, self.cutoff)
+
+    def differentiated(self, dt: float) -> LowPass:
+        """Return the filter that gives this filter's outputs of the rows' central differences over time."""
+        wide = np.pad(self.taps, 2)
+        return LowPass((wide[:-2] - wide[2:]) / (2.0 * dt), self.step, self.cutoff)
 
     def apply(self, rows: Array, margin: int = 0) -> Array:
         """Return filtered rows at `outputs(N, margin)`: (…, N) to (…, len(outputs))."""

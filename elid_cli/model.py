@@ -31,6 +31,7 @@ from elid_cli.terms.rotor import Rotor
 from elid_cli.terms.spring import Spring
 from elid_cli.terms.viscous import Viscous
 from elid_cli.trace import Graph, Node, Program, Scalar, compile_program
+from elid_cli.turning import sine_and_cosine
 
 Array = NDArray[np.float64]
 Kind = Literal["sum", "motor", "link", "load", "drive", "spring"]
@@ -135,7 +136,7 @@ class Model:
         """
         plan = plan or self.estimation
         out = np.empty((plan.program.outputs, motion.samples))
-        plan.program.run(inputs_of(motion), out)
+        plan.program.run(inputs_of(motion, plan.program), out)
         return {item.row: out[item.slots] for item in plan.rows}
 
     def dense(self, motion: Motion, plan: Plan | None = None) -> Array:
@@ -212,18 +213,38 @@ def _symbols(graph: Graph, robot: Robot) -> tuple[list[JointState], list[MotorSt
     return states, motors
 
 
-def inputs_of(motion: Motion) -> Array:
-    """Return the traced program's inputs, shape (9 n, N)."""
+def direction_inputs(joints: int) -> list[int]:
+    """Return the numbers of the traced program's inputs that jump: each motor's direction."""
+    return [_INPUTS * k + 7 for k in range(joints)]
+
+
+def inputs_of(motion: Motion, program: Program | None = None, out: Array | None = None) -> Array:
+    """Return the traced program's inputs, shape (9 n, N).
+
+    Parameters
+    ----------
+    motion
+        States at N instants.
+    program
+        Only what this program uses is filled in, the rest left as it is.
+    out
+        Written to where given, (9 n, N).
+    """
     n = motion.q.shape[1]
-    rows = np.empty((n, _INPUTS, motion.samples))
-    q = rows[:, 2]
-    q[:] = motion.q.T  # samples side by side first: functions of strided samples take half as long again
-    np.sin(q, out=rows[:, 0])
-    np.cos(q, out=rows[:, 1])
-    rows[:, 3] = motion.dq.T
-    rows[:, 4] = motion.ddq.T
-    rows[:, 5] = motion.dtheta.T
-    rows[:, 6] = motion.ddtheta.T
-    np.sign(rows[:, 5], out=rows[:, 7])
-    np.subtract(q, motion.theta.T, out=rows[:, 8])
-    return rows.reshape(n * _INPUTS, motion.samples)
+    rows = np.empty((n * _INPUTS, motion.samples)) if out is None else out
+    used = set(range(n * _INPUTS)) if program is None else program.used
+    given = {3: motion.dq, 4: motion.ddq, 5: motion.dtheta, 6: motion.ddtheta}
+    for k in range(n):
+        row = dict(enumerate(rows[k * _INPUTS : (k + 1) * _INPUTS]))
+        wanted = {slot for slot in row if k * _INPUTS + slot in used}
+        if wanted & {0, 1, 2, 8}:
+            row[2][:] = motion.q[:, k]  # samples side by side first: functions of strided samples take longer
+        if wanted & {0, 1}:
+            sine_and_cosine(row[2], row[0], row[1])
+        for slot in wanted & given.keys():
+            row[slot][:] = given[slot][:, k]
+        if 7 in wanted:
+            np.sign(motion.dtheta[:, k], out=row[7])
+        if 8 in wanted:
+            np.subtract(row[2], motion.theta[:, k], out=row[8])
+    return rows

@@ -34,6 +34,10 @@ class Motion:
         """Return positions of links and motors over some samples, (2, n, m)."""
         return np.stack([self.q[part].T, self.theta[part].T])
 
+    def speeds(self, part: slice) -> Array:
+        """Return velocities of motors over some samples, (n, m)."""
+        return self.dtheta[part].T
+
     def __getitem__(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Motion:
         return Motion(
             self.t[index],

@@ -6,23 +6,19 @@ remains is a few thousand equations per row group.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.mapped import let_go
-from elid_cli.model import SENSOR_KINDS, Model, Plan, Row, RowPlan, inputs_of
-from elid_cli.motion import Motion
-from elid_cli.recording import Segment
+from elid_cli.blocks import observed_blocks
+from elid_cli.model import SENSOR_KINDS, Model, Plan, Row, RowPlan
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
 
 Array = NDArray[np.float64]
 
-_CHUNK = 8160
-"""Samples whose full-rate regressor is held at a time, two blocks of the traced program."""
 REVERSAL_SHARE = 0.02
 """A filtered sample is masked when more than this share of its filter window lies in a reversal."""
 
@@ -116,60 +112,6 @@ class Observation:
         return replace(self, groups=tuple(replace(g, use=g.use & chosen) for g in self.groups))
 
 
-@dataclass(frozen=True)
-class Block:
-    """Filtered rows of instants `first` to `last` of a log, all of one segment (`stretch`)."""
-
-    first: int
-    last: int
-    stretch: int
-    columns: Array
-    """Outputs of the plan's program, (outputs, last - first)."""
-    tau: Array
-    tau_rate: Array
-    reversal: Array
-    """Share of each instant's filter window in which a motor reverses or sticks, (n, last - first)."""
-    channels: Array
-    """Filtered deflections (theta - q), their rates, link velocities and accelerations, (4 n, last - first)."""
-    tau_link: Array
-    """Filtered readings of the joint torque sensors, (n, last - first); (0, last - first) where the plan has none."""
-
-
-def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Block]:
-    """Compute, filter and decimate the rows of a log block by block, in the order of its instants."""
-    place, n, width = 0, model.robot.n, plan.program.outputs
-    # memory that is touched for the first time is slower than the arithmetic: one array serves all blocks
-    sensors = n if signals.tau_link is not None and any(r.row.kind in SENSOR_KINDS for r in plan.rows) else 0
-    room = np.empty((width + 6 * n + sensors, _longest(signals)))
-    for number, segment in enumerate(signals.segments):
-        count = len(signals.filter.outputs(len(segment), signals.margin))
-        for begin, end, (first, last) in _chunks(signals, len(segment), count):
-            part = slice(segment.start + begin, segment.start + end)
-            motion = signals.motion[part]
-            rows = room[:, : motion.samples]
-            plan.program.run(inputs_of(motion), rows[:width])
-            rows[width : width + n] = signals.tau[part].T
-            rows[width + n : width + 2 * n] = _slope(signals, segment, part)
-            _channels(motion, rows[width + 2 * n : width + 6 * n])
-            if sensors and signals.tau_link is not None:
-                rows[width + 6 * n :] = signals.tau_link[part].T
-            slow = np.abs(motion.dtheta.T) < signals.min_velocity[:, None]
-            filtered = signals.filter.apply(rows)
-            yield Block(
-                place + first,
-                place + last,
-                number,
-                filtered[:width],
-                filtered[width : width + n],
-                filtered[width + n : width + 2 * n],
-                _share(slow, signals),
-                filtered[width + 2 * n : width + 6 * n],
-                filtered[width + 6 * n :],
-            )
-            let_go(signals.tau)
-        place += count
-
-
 def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: bool = True) -> Observation:
     """Compute, filter and decimate all rows of a log.
 
@@ -227,60 +169,6 @@ def _equations(item: RowPlan, columns: Array, tau: Array, read: Array, use: NDAr
         target = tau[joint] - read[joint]
         return Equations(item.row, item.columns, columns, target, use[joint] & np.isfinite(target))
     return Equations(item.row, item.columns, columns, tau[joint], use[joint])
-
-
-def _channels(motion: Motion, out: Array) -> None:
-    """Write deflections, their rates, link velocities and accelerations, (4 n, samples)."""
-    n = motion.q.shape[1]
-    np.subtract(motion.theta.T, motion.q.T, out=out[:n])
-    np.subtract(motion.dtheta.T, motion.dq.T, out=out[n : 2 * n])
-    out[2 * n : 3 * n] = motion.dq.T
-    out[3 * n :] = motion.ddq.T
-
-
-def _slope(signals: Signals, segment: Segment, part: slice) -> Array:
-    """Return the torques' time derivative over a part of a segment, (n, samples), by central differences."""
-    wide = slice(max(part.start - 1, segment.start), min(part.stop + 1, segment.stop))
-    slope: Array = np.gradient(signals.tau[wide].T, signals.dt, axis=1)
-    return slope[:, part.start - wide.start :][:, : part.stop - part.start]
-
-
-def _outputs_per_chunk(signals: Signals) -> int:
-    """Return how many outputs a chunk has: at least so many that the filter's overlap stays a small part of it."""
-    window = 2 * signals.filter.half + 1
-    return max(1, (max(_CHUNK, 8 * window) - window) // signals.filter.step + 1)
-
-
-def _longest(signals: Signals) -> int:
-    """Return the samples of the longest chunk."""
-    chunk = (_outputs_per_chunk(signals) - 1) * signals.filter.step + 2 * signals.filter.half + 1
-    return min(chunk, max((len(s) for s in signals.segments), default=0))
-
-
-def _chunks(signals: Signals, length: int, count: int) -> list[tuple[int, int, tuple[int, int]]]:
-    """Return (begin, end, (first, last)): sample ranges whose filtered outputs are numbers first…last-1.
-
-    Ranges overlap by the filter's length, so that the outputs are those of the whole.
-    """
-    if count == 0:
-        return []
-    step, half = signals.filter.step, signals.filter.half
-    origin = half + signals.margin
-    each = _outputs_per_chunk(signals)
-    chunks = []
-    for first in range(0, count, each):
-        last = min(first + each, count)
-        begin = origin + first * step - half
-        end = min(origin + (last - 1) * step + half + 1, length)
-        chunks.append((begin, end, (first, last)))
-    return chunks
-
-
-def _share(slow: NDArray[np.bool_], signals: Signals) -> Array:
-    """Return the weight of slow samples in each output's filter window, (n, outputs)."""
-    weights = np.abs(signals.filter.taps)
-    window = replace(signals.filter, taps=weights / weights.sum())
-    return window.apply(slow.astype(float))
 
 
 def extra_columns(signals: Signals, rows: Mapping[Row, Array]) -> dict[Row, Array]:

@@ -8,6 +8,7 @@ the same optimum as a Rauch-Tung-Striebel smoother with that prior).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -62,10 +63,25 @@ def basis(u: Array, derivative: int = 0) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _interval_weights(stride: int, derivatives: int, width: float) -> Array:
-    """Return the weights of an interval's samples for the value and its derivatives, (derivatives * stride, 6)."""
-    local = np.arange(stride) / stride
-    return np.concatenate([basis(local, d) / width**d for d in range(derivatives)])
+def _pattern(stride: int, step: int, phase: int, orders: tuple[int, ...], width: float) -> tuple[int, int, Array]:
+    """Return what every `step`-th sample, from sample `phase` on, is made of, as far as it does not repeat.
+
+    Returns
+    -------
+    tuple
+        Knot intervals after which it repeats, p; instants in them, c; their weights by derivative (`orders`) and
+        instant, (p + 5, len(orders) * c).
+
+    """
+    repeat = math.lcm(stride, step)
+    intervals, count = repeat // stride, repeat // step
+    instants = phase + step * np.arange(count)
+    weights = np.zeros((len(orders), count, intervals + DEGREE))
+    for row, order in enumerate(orders):
+        here = basis(instants % stride / stride, order) / width**order
+        for k in range(_ORDER):
+            weights[row, np.arange(count), instants // stride + k] = here[:, k]
+    return intervals, count, np.ascontiguousarray(weights.reshape(len(orders) * count, -1).T)
 
 
 @dataclass(frozen=True)
@@ -103,23 +119,36 @@ class Spline:
         moved: Array = parts.sum(axis=0)
         return moved
 
+    def between(self, start: int, stop: int, derivatives: int = 3, step: int = 1, first: int = 0) -> Array:
+        """Return values and derivatives at samples start, start + step… before stop.
 
-    def between(self, start: int, stop: int, derivatives: int = 3) -> Array:
-        """Return values and derivatives at samples start…stop-1, (derivatives, channels, stop - start)."""
-        width = self.stride * self.dt
-        intervals = self.coefficients.shape[1] - DEGREE
-        first = min(start // self.stride, intervals - 1)
-        last = min(max(-(-stop // self.stride), first + 1), intervals)
-        weights = _interval_weights(self.stride, derivatives, width)
-        windows = np.lib.stride_tricks.sliding_window_view(self.coefficients[:, first : last + DEGREE], _ORDER, axis=1)
-        channels = len(self.coefficients)
-        pieces = np.matmul(windows, weights.T).reshape(channels, last - first, derivatives, self.stride)
-        body = np.moveaxis(pieces, 2, 0).reshape(derivatives, channels, -1)
-        if stop > intervals * self.stride:
-            end = np.stack([windows[:, -1] @ basis(np.ones(1), d).T / width**d for d in range(derivatives)])
-            body = np.concatenate([body, end], axis=2)
-        asked: Array = body[:, :, start - first * self.stride : stop - first * self.stride]
-        return asked
+        Parameters
+        ----------
+        start, stop, step
+            Samples.
+        derivatives, first
+            Derivatives `first` to ``derivatives - 1`` are returned.
+
+        Returns
+        -------
+        Array
+            (derivatives - first, channels, instants).
+
+        """
+        orders = tuple(range(first, derivatives))
+        phase = start % step
+        intervals, count, weights = _pattern(self.stride, step, phase, orders, self.stride * self.dt)
+        begin, end = start // step, -((phase - stop) // step)  # numbers of the instants from `phase` on
+        number, last = begin // count, max(-(-end // count), begin // count + 1)
+        channels, size = self.coefficients.shape
+        wanted = slice(number * intervals, last * intervals + DEGREE)
+        coefficients = self.coefficients[:, wanted]
+        if wanted.stop > size:  # the last sample closes the last interval: what lies beyond has no weight there
+            coefficients = np.pad(coefficients, ((0, 0), (0, wanted.stop - size)))
+        windows = np.lib.stride_tricks.sliding_window_view(coefficients, intervals + DEGREE, axis=1)[:, ::intervals]
+        pieces = np.matmul(windows, weights).reshape(channels, last - number, len(orders), count)
+        body: Array = np.moveaxis(pieces, 2, 0).reshape(len(orders), channels, -1)
+        return body[:, :, begin - number * count : end - number * count]
 
 
 @dataclass(frozen=True)

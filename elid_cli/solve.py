@@ -44,6 +44,11 @@ class Solution:
     """Smallest kept pivot over the largest dropped one."""
     weights: Mapping[Row, float]
 
+    @property
+    def live(self) -> NDArray[np.intp]:
+        """Columns that are not zero, in the basis or dependent on it, in ascending order."""
+        return np.sort(np.concatenate([self.basis, self.others[self.dependence.any(axis=0)]]))
+
     def estimable(self, transform: Array) -> NDArray[np.bool_]:
         """Return which rows of `transform` (b, p + e) the data determine, (b,)."""
         gap = transform[:, self.others] - transform[:, self.basis] @ self.dependence

@@ -72,48 +72,77 @@ class SplineMotion(Motion):
         return SplineMotion(self.t, self._joints, self.pieces, rest)
 
     def __getitem__(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Motion:
-        if not isinstance(index, slice) or index.step not in (None, 1):
+        if not isinstance(index, slice) or (index.step or 1) < 1:
             return super().__getitem__(index)
-        start, stop, _ = index.indices(self.samples)
-        link, motor = self.evaluated(start, stop)
-        return Motion(self.t[start:stop], *(a.T for a in link), *(a.T for a in motor))
+        start, stop, step = index.indices(self.samples)
+        link, motor = self.evaluated(start, stop, step=step)
+        return Motion(self.t[index], *(a.T for a in link), *(a.T for a in motor))
 
     def positions(self, part: slice) -> Array:
         """Return positions of links and motors over some samples, (2, n, m)."""
         start, stop, _ = part.indices(self.samples)
         return self.evaluated(start, stop, 1)[:, 0]
 
-    def evaluated(self, start: int, stop: int, derivatives: int = 3) -> Array:
-        """Return samples start…stop-1: (link or motor, derivative, joint, sample)."""
-        out = np.empty((2, derivatives, self._joints, max(stop - start, 0)))
+    def speeds(self, part: slice) -> Array:
+        """Return velocities of motors over some samples, (n, m)."""
+        start, stop, _ = part.indices(self.samples)
+        speeds: Array = self.evaluated(start, stop, 2, first=1, sides=("motor",))[0, 0]
+        return speeds
+
+    def evaluated(
+        self,
+        start: int,
+        stop: int,
+        derivatives: int = 3,
+        *,
+        first: int = 0,
+        step: int = 1,
+        sides: tuple[Literal["link", "motor"], ...] = ("link", "motor"),
+    ) -> Array:
+        """Return samples start, start + step… before stop: (side, derivative, joint, instant).
+
+        Derivatives are those from `first` to ``derivatives - 1``.
+        """
+        out = np.empty((len(sides), derivatives - first, self._joints, max(-(-(stop - start) // step), 0)))
         covered = 0
+        found: list[tuple[int, Piece, slice, Array]] = []
         for piece in self.pieces:
-            first, last = max(start, piece.segment.start), min(stop, piece.segment.stop)
-            if first < last:
-                covered += (last - first) * len(piece.joints)
-        if covered < 2 * self._joints * (stop - start):
+            if piece.side not in sides:
+                continue
+            begin, end = piece.segment.start, min(stop, piece.segment.stop)
+            begin = start if begin <= start else begin + (start - begin) % step
+            if begin < end:
+                values = piece.spline.between(
+                    begin - piece.segment.start, end - piece.segment.start, derivatives, step, first
+                )
+                place = (begin - start) // step
+                found.append((sides.index(piece.side), piece, slice(place, place + values.shape[2]), values))
+                covered += values.shape[2] * len(piece.joints)
+        if covered < len(sides) * self._joints * out.shape[3]:
             out.fill(np.nan)
-        for piece in self.pieces:
-            first, last = max(start, piece.segment.start), min(stop, piece.segment.stop)
-            if first < last:
-                values = piece.spline.between(first - piece.segment.start, last - piece.segment.start, derivatives)
-                side = out[0 if piece.side == "link" else 1, :, :, first - start : last - start]
-                if len(piece.joints) == self._joints:
-                    side[:] = values
-                else:
-                    side[:, piece.joints] = values
-        held = np.isfinite(self.rest)
-        for side, joint in zip(*np.nonzero(held), strict=True):
-            out[side, 0, joint] = self.rest[side, joint]
-            out[side, 1:, joint] = 0.0
+        for side, piece, here, values in found:
+            target = out[side, :, :, here]
+            if len(piece.joints) == self._joints:
+                target[:] = values
+            else:
+                target[:, piece.joints] = values
+        self._put_at_rest(out, sides, first)
         return out
+
+    def _put_at_rest(self, out: Array, sides: tuple[Literal["link", "motor"], ...], first: int) -> None:
+        for number, side in enumerate(sides):
+            rest = self.rest[0 if side == "link" else 1]
+            for joint in np.flatnonzero(np.isfinite(rest)).tolist():
+                out[number, :, joint] = 0.0
+                if first == 0:
+                    out[number, 0, joint] = rest[joint]
 
     def _whole(self, side: int, derivative: int) -> Array:
         out = np.full((self.samples, self._joints), np.nan)
         for segment in self.segments:
             for start in range(segment.start, segment.stop, STRETCH):
                 stop = min(start + STRETCH, segment.stop)
-                out[start:stop] = self.evaluated(start, stop, derivative + 1)[side, derivative].T
+                out[start:stop] = self.evaluated(start, stop, derivative + 1, first=derivative)[side, 0].T
         return out
 
     @cached_property

@@ -167,6 +167,12 @@ class Program:
                 bound[target][:] = bound[source]  # type: ignore[index]
 
     @cached_property
+    def used(self) -> frozenset[int]:
+        """Inputs that the program reads."""
+        operands = {operand for _, a, b, _ in self.instructions for operand in (a, b) if isinstance(operand, int)}
+        return frozenset(slot for slot in operands | {source for _, source in self.copies} if slot < self.inputs)
+
+    @cached_property
     def _blockwise(self) -> Callable[[list[object]], None]:
         """The instructions as one Python function of the slots' rows: a loop over them would cost a third more."""
         scope: dict[str, object] = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "neg": np.negative}
@@ -186,6 +192,17 @@ class Program:
             lines.append(f" {_NAMES[code]}({operands}, {names[target]})")
         exec("\n".join(lines), scope)  # the text holds nothing but slots and constants
         return cast(Callable[[list[object]], None], scope["traced"])
+
+    def copied(self, inputs: Sequence[int]) -> list[tuple[int, int]] | None:
+        """Return (output, position in `inputs`) of every output that is one of these inputs.
+
+        None where the program does anything else with them.
+        """
+        asked = {slot: position for position, slot in enumerate(inputs)}
+        if any(operand in asked for _, a, b, _ in self.instructions for operand in (a, b) if isinstance(operand, int)):
+            return None
+        first = self.inputs + self.registers
+        return [(target - first, asked[source]) for target, source in self.copies if source in asked]
 
     def scalar(self) -> Callable[[Sequence[float]], list[float]]:
         """Return the same function for one sample: a list of inputs to a list of outputs (plain Python floats)."""

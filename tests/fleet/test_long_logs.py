@@ -41,10 +41,10 @@ def log():  # type: ignore[no-untyped-def]
 def test_blocks_of_any_length_give_the_equations_of_the_whole(log, chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
     robot, recording, signals = log
     model = Model(robot)
-    monkeypatch.setattr("elid_cli.observation._CHUNK", 10**9)
+    monkeypatch.setattr("elid_cli.blocks.CHUNK", 10**9)
     whole = observe(model, signals)
     direct = identify(robot, signals)
-    monkeypatch.setattr("elid_cli.observation._outputs_per_chunk", lambda signals: chunk // signals.filter.step)
+    monkeypatch.setattr("elid_cli.blocks._outputs_per_chunk", lambda signals, every: chunk // signals.filter.step)
     blocks = observe(model, signals)
     for a, b in zip(whole.groups, blocks.groups, strict=True):
         size = np.abs(a.columns).max(axis=1, keepdims=True) + 1e-300
