@@ -34,6 +34,13 @@ class FlatDecoder:
                 shapes.setdefault(repr(shape), shape)
         return list(shapes.values())
 
+    def texts(self, messages: Messages, index: int) -> tuple[dict[str, list[str]], dict[str, float]]:
+        """Return the strings and the single numbers of one message, by path."""
+        flat = self._flat(messages, index) or {}
+        shape = shape_of(flat)
+        strings = {path: list(values) for path, values in shape.strings.items()}
+        return strings, {path: flat[path][0] for path, width in shape.widths.items() if width == 1}
+
     def decode(self, messages: Messages, chosen: NDArray[np.intp], table: Table) -> None:
         """Append the messages `chosen` (indices) to a table."""
         rows, stamps = table.extend(messages.log_times[chosen])

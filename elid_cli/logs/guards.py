@@ -236,7 +236,8 @@ def _scale(pair: _Pair, ratio: float, stiffness: float, plan: Plan) -> Iterator[
         yield f"{pair.name}: tau looks like mN·m, {why}; {_paste(plan, 'tau', 'unit: mN.m')}"
     else:
         key = f"unit: A, scale: {{{pair.name}: {1 / ratio:.4g}}}"
-        yield f"{pair.name}: tau looks like a current or another unit (or the positions are in one), {why}; {_paste(plan, 'tau', key)}"
+        what = "a current or another unit (or the positions are in one)"
+        yield f"{pair.name}: tau looks like {what}, {why}; {_paste(plan, 'tau', key)}"
 
 
 def _swapped_torques(deflection: Array, tau: Array, pairs: list[_Pair], robot: Robot) -> Iterator[str]:

@@ -60,6 +60,19 @@ class CdrDecoder:
         self.decode(messages, chosen, table)
         return [plan.shape for plan in self._layouts]
 
+    def texts(self, messages: Messages, index: int) -> tuple[dict[str, list[str]], dict[str, float]]:
+        """Return the strings and the single numbers of one message, by path."""
+        start = int(messages.offsets[index])
+        data = messages.data[start : start + int(messages.lengths[index])]
+        try:
+            layout = learn(data, self._type, self._definitions)
+        except CdrError:
+            return {}, {}
+        single = {path: blocks[0] for path, blocks in layout.numbers.items() if layout.width(path) == 1}
+        return layout.strings, {
+            path: float(np.frombuffer(data, block.dtype, 1, block.offset)[0]) for path, block in single.items()
+        }
+
     def decode(self, messages: Messages, chosen: NDArray[np.intp], table: Table) -> None:
         """Append the messages `chosen` (indices) to a table."""
         rows, stamps = table.extend(messages.log_times[chosen])

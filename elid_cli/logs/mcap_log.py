@@ -12,6 +12,7 @@ from elid_cli.logs.flat_decode import FlatDecoder, flat_json
 from elid_cli.logs.mcap_container import MAGIC, Container, Messages, Readable, summary, walk
 from elid_cli.logs.mcap_decode import CdrDecoder, Table
 from elid_cli.logs.mcap_write import write_mcap
+from elid_cli.logs.named_values import NameTable, values_topic
 from elid_cli.logs.protobuf import flattener
 from elid_cli.logs.raw import Channel, LogFormat, Pick, Stream
 from elid_cli.logs.ros_schema import definitions_of, short_name
@@ -27,6 +28,8 @@ CANONICAL = {
     "tau": {"from": "/motor_states", "field": "effort"},
 }
 BARE = {signal: spec | {"from": spec["from"].lstrip("/")} for signal, spec in CANONICAL.items()}
+NAMED = ("sensor_msgs/JointState", "control_msgs/DynamicJointState", "std_msgs/Float64MultiArray")
+"""The types that are read without their schema, as errors list them."""
 EMPTY_CHUNKS = 4
 """Chunks without a channel not seen before, after which discovery stops where a summary says what to expect."""
 
@@ -34,12 +37,14 @@ EMPTY_CHUNKS = 4
 class McapLog:
     """One MCAP file, or several that continue each other (the splits of a rosbag2 folder)."""
 
-    def __init__(self, name: str, sources: Sequence[Source]) -> None:
+    def __init__(self, name: str, sources: Sequence[Source], missing: Sequence[str] = ()) -> None:
         self._name = name
         self._sources = sources
-        self.losses: list[str] = []
+        self._missing = list(missing)
+        self.losses: list[str] = list(missing)
         self.notes: list[str] = []
         self._decoders: dict[tuple[str, str, str, bytes], CdrDecoder | FlatDecoder | None] = {}
+        self._names: dict[str, NameTable] = {}
         self.undecoded: dict[str, str] = {}
         """Topics that cannot be decoded -> why."""
         self.channels: Sequence[Channel] = self._discover()
@@ -50,7 +55,48 @@ class McapLog:
         return [CANONICAL, BARE]
 
     def load(self, picks: Sequence[Pick]) -> list[Stream]:
-        """Decode the wanted topics in one pass."""
+        """Decode the wanted topics in one pass (two where names and values are topics of their own)."""
+        paired = {pick.source for pick in picks} & set(self._names)
+        if not paired:
+            return self._loaded(picks)
+        for _ in self._walk_names():  # names that change later on
+            pass
+        fields = {topic: [c.field for c in self.channels if c.source == topic] for topic in paired}
+        asked = [
+            self._names[pick.source].asked(pick, fields[pick.source]) if pick.source in paired else [pick]
+            for pick in picks
+        ]
+        loaded = iter(self._loaded([one for several in asked for one in several]))
+        streams = []
+        for pick, several in zip(picks, asked, strict=True):
+            parts = [next(loaded) for _ in several]
+            table = self._names.get(pick.source)
+            streams.append(parts[0] if table is None else table.chosen(pick, parts, self._name))
+        return streams
+
+    def _walk_names(self) -> Iterator[None]:
+        self.losses[:] = self._missing
+        for container, messages in self._walk():
+            self._take_names(container, messages)
+            yield
+
+    def _take_names(self, container: Container, messages: Messages) -> None:
+        """Take up the messages of names whose values are another topic."""
+        topics = {identifier: channel.topic for identifier, channel in container.channels.items()}
+        for identifier, topic in topics.items():
+            sibling = values_topic(topic, topics.values())
+            if not sibling:
+                continue
+            table = self._names.setdefault(sibling, NameTable(sibling))
+            decoder = self._decoder(container.channels[identifier], container)
+            if decoder is None:
+                continue
+            for index in np.flatnonzero(messages.channels == identifier).tolist():
+                logged = int(messages.log_times[index])
+                texts, scalars = decoder.texts(messages, index)
+                table.take_up(texts, scalars, logged)
+
+    def _loaded(self, picks: Sequence[Pick]) -> list[Stream]:
         wanted: dict[str, list[tuple[str, tuple[int | str, ...]]]] = {}
         for pick in picks:
             wanted.setdefault(pick.source, []).append((pick.field, pick.columns))
@@ -59,7 +105,7 @@ class McapLog:
         known = {channel.source: channel.rows or 0 for channel in self.channels}
         most = sum(source.size for source in self._sources)  # a summary may lie; a message takes more than a byte
         tables = {topic: Table(fields, min(known.get(topic, 0), most)) for topic, fields in wanted.items()}
-        self.losses.clear()
+        self.losses[:] = self._missing
         for container, messages in self._walk():
             for identifier in np.unique(messages.channels):
                 channel = container.channels.get(int(identifier))
@@ -95,6 +141,7 @@ class McapLog:
         barren = 0
         for container, messages in self._walk():
             before = len(seen)
+            self._take_names(container, messages)
             for identifier in np.unique(messages.channels):
                 channel = container.channels.get(int(identifier))
                 if channel is None:
@@ -113,11 +160,16 @@ class McapLog:
                         rows = counts.get(channel.topic)
                         found[key] = Channel(channel.topic, path, width, labels, rows, kind, open_ended=True)
             barren = 0 if len(seen) > before else barren + 1
-            if expected is not None and (expected <= seen or barren >= EMPTY_CHUNKS):
+            nameless = expected is not None and any(values_topic(topic, expected) for topic in expected - seen)
+            if expected is not None and (expected <= seen or (barren >= EMPTY_CHUNKS and not nameless)):
                 break
         for topic, reason in self.undecoded.items():
             found.setdefault((topic, ""), Channel(topic, "", 0, (), counts.get(topic), reason))
-        return tuple(found.values())
+        channels = list(found.values())
+        self._names = {topic: table for topic, table in self._names.items() if table.orders}
+        for table in self._names.values():
+            channels = table.named(channels)
+        return tuple(channels)
 
     def _summary(self) -> tuple[set[str] | None, dict[str, int]]:
         """Return the topics and message counts of the summary where the file has a sound one, else None."""
@@ -139,6 +191,9 @@ class McapLog:
     def _walk(self) -> Iterator[tuple[Container, Messages]]:
         for source in self._sources:
             container = Container()
+            if not source.head.startswith((MAGIC, ZSTD_MAGIC)):
+                self.losses.append(f"{source.name} is {'no MCAP file' if source.head else 'empty'}, left out")
+                continue
             with _bytes(source) as (stream, size):
                 for messages in walk(stream, size, container):
                     yield container, messages
@@ -167,7 +222,10 @@ def make_decoder(encoding: str, name: str, language: str, schema: bytes) -> tupl
         definitions = definitions_of(name, text)
         if definitions is not None:
             return CdrDecoder(short_name(name), definitions), ""
-        return None, f"{known}: no ros2msg definition (schema {language or 'empty'!r})"
+        return None, (
+            f"{known}: its schema is {language or 'empty'}, expected ros2msg text or one of the types known by name, "
+            f"{', '.join(NAMED)}"
+        )
     if encoding == "protobuf":
         flatten = flattener(name, schema)
         if flatten is not None:

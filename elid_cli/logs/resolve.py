@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from elid_cli.errors import nearest
 from elid_cli.logs.mapping import POSITIONS, SIGNALS, TORQUES, VELOCITIES, SignalMap, SignalMaps, TimeMap
 from elid_cli.logs.raw import Channel, Pick
 from elid_cli.robot import Robot
 
+PATTERNS = ("{joint}", "{i}", "{i0}")
+"""What stands for a joint's name, its number from 1 and its number from 0."""
 LISTED = 12
 """Fields and names that a reason lists."""
 ABSENT = "the log has no "
@@ -95,7 +97,7 @@ def place(
     spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Robot, time: TimeMap | None
 ) -> Placement | str:
     """Return where a signal is, or the reason why its mapping does not fit the log."""
-    if isinstance(spec.source, tuple) or "{joint}" in spec.source or "{i}" in spec.source:
+    if isinstance(spec.source, tuple) or any(mark in spec.source + spec.field for mark in PATTERNS):
         return _place_each(spec, by_source, robot, time)
     channel = _find(spec, spec.source, by_source)
     if isinstance(channel, str):
@@ -117,7 +119,8 @@ def _place_each(
     for j, (joint, source) in enumerate(zip(robot.joint_names, sources_of(spec, robot), strict=True)):
         if source is None:
             continue
-        channel = _find(spec, source, by_source)
+        own = replace(spec, field=_filled(spec, spec.field, j, joint)) if spec.field else spec
+        channel = _find(own, source, by_source)
         if isinstance(channel, str):
             reason = reason or channel
             continue
@@ -134,6 +137,7 @@ def _place_each(
     if not picks:
         return reason or "no column is named"
     pattern = spec.source if isinstance(spec.source, str) else ", ".join(str(place) for place in spec.source)
+    pattern += f".{spec.field}" if spec.field else ""
     return Placement(spec, tuple(picks), tuple(joints), pattern)
 
 
@@ -149,12 +153,14 @@ def sources_of(spec: SignalMap, robot: Robot) -> list[str | None]:
     """Return the column, dataset or topic of every joint that a pattern or list of places stands for."""
     if isinstance(spec.source, tuple):
         return list(spec.source)
-    sources: list[str | None] = []
-    for i, joint in enumerate(robot.joint_names, start=1):
-        name = _log_name(spec, joint)
-        number = name if isinstance(name, int) else i
-        sources.append(spec.source.replace("{joint}", str(name)).replace("{i}", str(number)))
-    return sources
+    return [_filled(spec, spec.source, j, joint) for j, joint in enumerate(robot.joint_names)]
+
+
+def _filled(spec: SignalMap, pattern: str, j: int, joint: str) -> str:
+    """Return a pattern with the name and number of one joint."""
+    name = _log_name(spec, joint)
+    number = name if isinstance(name, int) else j + 1
+    return pattern.replace("{joint}", str(name)).replace("{i}", str(number)).replace("{i0}", str(number - 1))
 
 
 def _log_name(spec: SignalMap, joint: str) -> str | int:
@@ -183,8 +189,9 @@ def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel
             return fields[DEFAULT_FIELDS[spec.signal]]
         if len(found) == 1:
             return found[0]
-        if "data" in fields:  # std_msgs arrays
-            return fields["data"]
+        for plain in ("data", "values"):  # arrays of std_msgs, and those whose names are a topic of their own
+            if plain in fields:
+                return fields[plain]
     wanted = field or DEFAULT_FIELDS[spec.signal]
     named = [name for name in fields if name and not name.endswith("sec")]
     held = f"only {', '.join(named[:LISTED])}" if named else f"it cannot be decoded: {found[0].kind}"

@@ -12,12 +12,13 @@ from elid_cli.logs.mcap_log import McapLog
 from elid_cli.logs.raw import LogFormat, RawLog
 from elid_cli.logs.source import Source
 
+MOST_NAMED = 5
 LARGEST_METADATA = 10 << 20
 
 
 def _open(source: Source) -> Sequence[RawLog]:
     assert source.path is not None
-    files = _splits(source.path)
+    files, missing = _splits(source.path)
     for file in files:
         known = kind_of(file.head)
         if known is not None and "MCAP" not in known[0]:
@@ -29,16 +30,34 @@ def _open(source: Source) -> Sequence[RawLog]:
             detail=f"it holds {held}",
             hint="name the log itself, or the folder that `ros2 bag record -s mcap` made",
         )
-    return [McapLog(source.name, files)]
+    return [McapLog(source.name, files, missing)]
 
 
-def _splits(folder: Path) -> list[Source]:
-    """Return the bag's files in recording order: as metadata.yaml lists them, else by number."""
+def _splits(folder: Path) -> tuple[list[Source], list[str]]:
+    """Return the bag's files in recording order, as metadata.yaml lists them, else by number; and what is missing."""
     present = {p.name: p for p in folder.iterdir() if p.is_file() and p.name != "metadata.yaml"}
     listed = _listed(folder / "metadata.yaml")
     names = [name for name in (Path(entry).name for entry in listed) if name in present]
     rest = [name for name in present if name not in names and re.search(r"\.(mcap(\.zstd)?|db3)$", name)]
-    return [Source(str(present[name]), present[name]) for name in [*names, *sorted(rest, key=_numbered)]]
+    files = [Source(str(present[name]), present[name]) for name in [*names, *sorted(rest, key=_numbered)]]
+    gone = [name for name in (Path(entry).name for entry in listed) if name not in present]
+    lost = [f"{name} is listed in metadata.yaml and missing" for name in gone]
+    return files, lost[:MOST_NAMED] or [f"{name} is missing between its neighbours" for name in _skipped(names + rest)]
+
+
+def _skipped(names: Sequence[str]) -> list[str]:
+    """Return the names that a numbered series leaves out."""
+    series: dict[tuple[str, str], set[int]] = {}
+    for name in names:
+        match = re.fullmatch(r"(.*?)(\d{1,6})(\.\D*)", name)
+        if match:
+            series.setdefault((match[1], match[3]), set()).add(int(match[2]))
+    return [
+        f"{before}{number}{after}"
+        for (before, after), numbers in series.items()
+        for number in range(min(numbers), max(numbers))
+        if number not in numbers and max(numbers) - min(numbers) < 10 * len(numbers)
+    ][:MOST_NAMED]
 
 
 def _numbered(name: str) -> list[int | str]:
