@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from elid_cli.base import BaseParameters, find_base
 from elid_cli.consistency import consistency, prior
 from elid_cli.errors import DataError, UsageError, did_you_mean
+from elid_cli.forecast import RATE as FORECAST_RATE
+from elid_cli.forecast import forecast
 from elid_cli.information import Evaluation, Information, States, Weights, residuals_of
 from elid_cli.model import Model
 from elid_cli.reference import ReferenceOptions, Spline, SplineReference, limits_of, random_reference, range_of
@@ -68,6 +70,8 @@ class ExciteOptions:
     """Standard parameters that the log must show above all."""
     residual: float = 0.02
     """Expected residual of each torque, as a share of its rms, after filtering."""
+    measured: tuple[tuple[float, float], ...] | None = None
+    """Residual rms of every joint's sum and motor row in the last log, N·m: expected instead of a share."""
     starts: int = 8
     """Random motions of which the best is improved."""
     rounds: int = 40
@@ -85,6 +89,10 @@ class Excitation:
     evaluation: Evaluation
     random: Evaluation
     """Median random motion (by its condition number) of the same length."""
+    std_error: Array
+    """Standard deviations of the base parameters that estimation will give, (b,); infinite where it sees nothing."""
+    random_std_error: Array
+    """Those after the random motion, (b,)."""
     used: dict[str, Array]
     """Share of each limit that the trajectory uses, (n,); NaN where the robot file has no limit."""
     options: ExciteOptions
@@ -95,7 +103,7 @@ class Excitation:
         reference = np.abs(self.base.values(self.robot.reference()))
         known = np.isfinite(reference) & (reference > 1e-12 * np.nanmax(reference))
         relative = np.full(len(reference), np.nan)
-        relative[known] = self.evaluation.std_error[known] / reference[known]
+        relative[known] = self.std_error[known] / reference[known]
         return relative
 
     @property
@@ -148,7 +156,7 @@ def excite(
     starts = [_start(robot, options, seed) for seed in range(options.seed, options.seed + max(options.starts, 1))]
     first = starts[0].evaluate(grid)
     unit = Information(model, base, parameters, np.ones((2, robot.n)), 1.0, first)
-    residual = residuals_of(unit.torques(first), options.residual, robot.elastic)
+    residual = _residuals(unit.torques(first), options, robot)
     information = Information(
         model, base, parameters, residual, options.duration * BANDWIDTH / len(grid), first
     )
@@ -159,10 +167,26 @@ def excite(
     search = _Search(information, bounds, grid, weights, starts[best])
     trajectory = search.run(options.rounds, progress)
     trajectory, used = _within(trajectory, information, bounds)
+    median = order[len(order) // 2]
+    noise = residual if options.measured else np.stack([residual[0], residual[0]])
+    mine, other = (forecast(information, base, _played(s, options), noise) for s in (trajectory, starts[median]))
     return Excitation(
-        robot, base, trajectory, information.evaluate(trajectory.evaluate(grid)), judged[order[len(order) // 2]],
-        used, options,
+        robot, base, trajectory, information.evaluate(trajectory.evaluate(grid)), judged[median], mine, other, used,
+        options,
     )  # fmt: skip
+
+
+def _residuals(torque: Array, options: ExciteOptions, robot: Robot) -> Array:
+    """Return the expected residual rms of sum and motor rows, (2, n)."""
+    if options.measured is None:
+        return residuals_of(torque, options.residual, robot.elastic)
+    rms = np.sqrt(np.mean(torque**2, axis=0))
+    known = np.array(options.measured, dtype=float).T
+    return np.where(known > 0, known, options.residual * np.maximum(rms, 0.01 * rms.max()))
+
+
+def _played(motion: SplineReference, options: ExciteOptions) -> States:
+    return motion.evaluate(np.arange(round(options.duration * FORECAST_RATE) + 1) / FORECAST_RATE)
 
 
 def bounds_of(robot: Robot) -> Bounds:

@@ -113,6 +113,12 @@ class Information:
                             hint="a joint's limits leave it no room, or the trajectory is too short")
         return np.asarray(live[order[: self.base.count]], dtype=np.intp)
 
+    def loads(self, states: States) -> tuple[Array, Array]:
+        """Return the torques through the transmissions and of the motors, each (N, n)."""
+        rows = self._rows(states)
+        load = (rows.link @ self.parameters).T
+        return load, load + (rows.motor @ self.parameters).T
+
     def torques(self, states: States) -> Array:
         """Return the motor torques of a motion, (N, n)."""
         rows = self._rows(states)

@@ -32,7 +32,7 @@ def excitation_report(found: Excitation, robot_argument: str, file: str, rate: f
         ("written", f"{file}, {number_text(rate)} Hz: t, q, dq, ddq of every joint"),
         ("condition", f"{number_text(e.condition, 3)}; of random splines as long {number_text(r.condition, 3)}"),
         ("standard errors", f"{number_text(found.gain, 3)} times smaller than after random splines (geometric mean)"),
-        ("assumed", f"residuals of {number_text(100 * found.options.residual, 2)} % of each torque after filtering"),
+        ("assumed", _assumed(found)),
         *_guessed(found),
         *((("aimed at", ", ".join(found.options.aims)),) if found.options.aims else ()),
     )
@@ -46,6 +46,12 @@ def excitation_report(found: Excitation, robot_argument: str, file: str, rate: f
              "next"),
     ]  # fmt: skip
     return Report("excite", _payload(found, file, rate), tuple(sections))
+
+
+def _assumed(found: Excitation) -> str:
+    if found.options.measured is None:
+        return f"residuals of {number_text(100 * found.options.residual, 2)} % of each torque after filtering"
+    return "residuals as in the last log"
 
 
 def _guessed(found: Excitation) -> tuple[tuple[str, Cell], ...]:
@@ -83,8 +89,8 @@ def _errors(found: Excitation) -> Table:
         if aimed and not aimed & set(found.base.terms[k]):
             continue
         rows.append((
-            name, Quantity(float(found.evaluation.std_error[k]), digits=2), percent(float(relative[k]), 2),
-            Quantity(float(found.random.std_error[k]), digits=2), found.base.units[k],
+            name, Quantity(float(found.std_error[k]), digits=2), percent(float(relative[k]), 2),
+            Quantity(float(found.random_std_error[k]), digits=2), found.base.units[k],
         ))  # fmt: skip
     return Table("std_error", columns, tuple(rows), title="what a log of it will show", shown=SHOWN)
 
@@ -112,7 +118,7 @@ def _payload(found: Excitation, file: str, rate: float) -> dict[str, Any]:
         },
         "base_parameters": [
             {"name": name, "terms": dict(found.base.terms[k]), "unit": found.base.units[k],
-             "std_error": found.evaluation.std_error[k], "relative_std_error": relative[k]}
+             "std_error": found.std_error[k], "relative_std_error": relative[k]}
             for k, name in enumerate(found.base.names)
         ],
     }  # fmt: skip

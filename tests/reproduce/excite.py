@@ -2,7 +2,8 @@
 
     python tests/reproduce/excite.py [ROBOT] [SECONDS]
 
-Prints condition numbers and predicted standard errors over 20 random motions and for the trajectory of `elid excite`.
+Prints condition numbers and predicted standard errors over 20 random motions and for the trajectory of `elid excite`,
+and what identification then makes of a simulated log of it, whose torques are as noisy as was assumed.
 """
 
 from __future__ import annotations
@@ -13,11 +14,20 @@ import numpy as np
 
 from elid_cli.base import find_base
 from elid_cli.consistency import consistency, prior
-from elid_cli.excitation import BANDWIDTH, INSTANTS, ExciteOptions, excite
+from elid_cli.estimate import identify
+from elid_cli.excitation import BANDWIDTH, INSTANTS, Excitation, ExciteOptions, excite
 from elid_cli.information import Information, residuals_of
 from elid_cli.model import Model
 from elid_cli.reference import random_reference
+from elid_cli.robot import Robot
 from elid_cli.robot_file import read_robot
+from elid_cli.signals import prepare
+from elid_cli.simulation import SensorOptions, SimulationOptions, simulate
+
+RATE = 500.0
+"""Samples per second of the simulated log."""
+PASSED = 16.8
+"""Of those, samples per second that the low-pass leaves independent (twice the bandwidth of its noise)."""
 
 
 def main(name: str, duration: float) -> None:
@@ -42,6 +52,24 @@ def main(name: str, duration: float) -> None:
           f"than the median, {conditions[0] / mine.condition:.2f} times than the best")
     print(f"  standard errors     {gains[0]:.2f} to {gains[-1]:.2f} times smaller (geometric mean over "
           f"{base.count} base parameters)")
+
+
+    _kept(robot, found)
+
+
+def _kept(robot: Robot, found: Excitation) -> None:
+    """Print how the predicted standard errors compare with those of identification and with the true errors."""
+    noise = found.options.residual * np.sqrt(RATE / PASSED)
+    sensors = SensorOptions(torque_noise_relative=float(noise), position_noise=1e-6)
+    options = SimulationOptions(duration=found.trajectory.duration, rate=RATE, reference=found.trajectory,
+                                sensors=sensors)  # fmt: skip
+    got = identify(robot, prepare(simulate(robot, options), robot))
+    ratio = got.std_error / found.std_error
+    ratio = ratio[np.isfinite(ratio)]
+    true = (got.estimate - got.reference) / got.std_error
+    print(f"  a simulated log     standard errors found over those predicted: median {np.median(ratio):.2f}, "
+          f"10 to 90 % of the parameters {np.quantile(ratio, 0.1):.2f} to {np.quantile(ratio, 0.9):.2f}; "
+          f"true errors {np.sqrt(np.nanmean(true**2)):.2f} of them (rms)")
 
 
 if __name__ == "__main__":

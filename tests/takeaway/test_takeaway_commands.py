@@ -90,3 +90,24 @@ def test_identify_writes_a_page_and_a_folder_of_figures(
     assert {"torque_joint1", "residual_joint2", "springs", "parameters", "classification", "coverage"} <= names
     assert all(f'id="f-{name}"' in text for name in names)
     assert not [path for path in tmp_path.iterdir() if path.suffix == ".part" or path.name.startswith(".")]
+
+
+def test_excite_after_a_log_aims_at_what_it_could_not_show(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result, other = tmp_path / "result.json", tmp_path / "other.json"
+    assert main(["identify", str(log), "--robot", "planar2", "--json", "--report", str(result)]) == 0
+    saved = json.loads(capsys.readouterr().out)
+    saved["this_log"]["cy2"], saved["this_log"]["Jm1"] = "weak", "not excited"
+    result.write_text(json.dumps(saved), "utf-8")
+    line = ["excite", "--robot", "planar2", "-o", str(tmp_path / "next.csv"), "--duration", "6", "--json", "--after"]
+    assert main([*line, str(result)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found["aims"]) >= {"cy2", "Jm1"}
+    assert (tmp_path / "next.csv").exists()
+    saved["joints"] = ["a", "b"]
+    other.write_text(json.dumps(saved), "utf-8")
+    assert main([*line, str(other)]) == 2
+    assert "joints a, b" in capsys.readouterr().err
+    assert main([*line, str(log)]) == 0
+    assert json.loads(capsys.readouterr().out)["joints"] == ["joint1", "joint2"]
