@@ -33,8 +33,6 @@ from elid_cli.validation import Validation, validate
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
-UNEXPLAINED = 1.3
-"""Residual over floor above which what is left counts as unexplained structure."""
 _NEVER_SEARCHED = ("lookup",)
 _SIDES = {"load": "link", "drive": "motor"}
 """What lies in a row of a joint with a torque sensor."""
@@ -401,13 +399,11 @@ def _nuisances(state: State) -> tuple[Nuisance, ...]:
     return tuple(found)
 
 
-def _unexplained(
-    state: State, rows: Sequence[RowState], remaining: Sequence[Candidate]
-) -> tuple[Unexplained, ...]:
+def _unexplained(state: State, rows: Sequence[RowState], remaining: Sequence[Candidate]) -> tuple[Unexplained, ...]:
     names = state.log.model.robot.joint_names
     found = []
     for item in rows:
-        if item.ratio <= UNEXPLAINED:
+        if not item.high:
             continue
         joint = names.index(item.joint)
         organised = organise(state, Row(item.rows, joint))
@@ -416,7 +412,7 @@ def _unexplained(
             (
                 c.effect.name,
                 None if c.effect.whole_robot else names[c.effect.joint],
-                1.0 - float(np.exp(-2.0 * c.gain.likelihood / max(c.gain.count, 1))),
+                1.0 - float(np.exp(-2.0 * c.gain.whole * len(state.projected.places) / max(c.gain.count, 1))),
             )
             for c in remaining
             if c.effect.joint == joint or c.effect.whole_robot
@@ -428,8 +424,8 @@ def _unexplained(
 
 def _quiet(rows: Sequence[RowState], joint: str) -> bool:
     """Whether the motor row of a joint is at its floor (so that a high sum row means the link side)."""
-    motor = [r.ratio for r in rows if r.joint == joint and r.rows == "motor"]
-    return bool(motor) and motor[0] <= UNEXPLAINED
+    motor = [r.high for r in rows if r.joint == joint and r.rows == "motor"]
+    return bool(motor) and not motor[0]
 
 
 def moved(before: State, after: State) -> tuple[Moved, ...]:

@@ -25,7 +25,9 @@ class Gain:
     """What adding columns would gain."""
 
     likelihood: float
-    """Gain in log-likelihood."""
+    """Gain in log-likelihood, only instants counted that what is left over leaves independent."""
+    whole: float
+    """The same with every instant counted: what candidates for one residual are compared by."""
     coefficients: Array
     """Fitted coefficients of the columns, (d,)."""
     width: int
@@ -118,14 +120,16 @@ class Projected:
         solved, rank = _least_squares(unit.T @ unit, unit.T @ self.residual)
         coefficients[live] = solved / after[live]
         rest = self.residual - unit @ solved
-        likelihood = 0.0
+        likelihood = whole = 0.0
         for channel in self.channels:
             old, new = self.residual[channel], rest[channel]
             powers = float(old @ old), float(new @ new)
             if powers[0] > 0 and powers[1] > 0:
-                likelihood += 0.5 * len(old) * np.log(powers[0] / powers[1]) * independent_share(new)
+                gained = 0.5 * len(old) * float(np.log(powers[0] / powers[1]))
+                whole += gained
+                likelihood += gained * independent_share(new)
         folds, energy = self._cross_validated(unit)
-        return Gain(likelihood, coefficients, rank, folds, energy, self.count)
+        return Gain(likelihood, whole, coefficients, rank, folds, energy, self.count)
 
     def _cross_validated(self, unit: Array) -> tuple[Array, Array]:
         width = unit.shape[1]
@@ -216,8 +220,7 @@ def project(
         for k in range(r):
             start = first + k * len(instant)
             stretches += [
-                Stretch(channels + k, f, slice(start + int(edges[f]), start + int(edges[f + 1])))
-                for f in range(folds)
+                Stretch(channels + k, f, slice(start + int(edges[f]), start + int(edges[f + 1]))) for f in range(folds)
             ]
         first += len(index)
         channels += r
@@ -227,9 +230,7 @@ def project(
     basis, triangle = np.linalg.qr(columns)
     basis = basis[:, np.abs(np.diag(triangle)) > 1e-9]
     target = target - basis @ (basis.T @ target)
-    return Projected(
-        tuple(adapted), tuple(kept), tuple(places), basis, target, tuple(stretches), folds, instants
-    )
+    return Projected(tuple(adapted), tuple(kept), tuple(places), basis, target, tuple(stretches), folds, instants)
 
 
 def _dense(row: Row, observation: Observation, extras: Sequence[Extra], solution: Solution) -> Array:

@@ -23,6 +23,8 @@ NET_UNSEEN = 40.0
 """Net gain of an effect that acts in one fold only, so that no other fold can judge it."""
 REFINED = 8
 """Best groups whose shapes are refined."""
+FORMS = 3
+"""Most forms of an effect (exponents, partners) whose shapes are refined."""
 REFITTED = 12
 """Best groups whose values are taken from a full fit where the stiffness matters."""
 
@@ -40,11 +42,31 @@ class Candidate:
     plausible: bool
     shapes: int
     """Shapes that were tried."""
+    forms: tuple[tuple[float, ...], ...] = ()
+    """The best shape of every form: of every combination of the shapes that are a choice (an exponent, a partner)."""
 
     @property
     def key(self) -> tuple[str, int]:
         """Effect name and joint."""
         return self.effect.name, self.effect.joint
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """What the forms of one effect are ordered by."""
+        return self.plausible, self.gain.whole - self.price
+
+    @property
+    def price(self) -> float:
+        """What its parameters and the search cost."""
+        return self.gain.likelihood - self.net
+
+    def merit(self, share: float) -> float:
+        """Net gain with `share` of the instants counted: candidates for one residual are compared at the same share.
+
+        What a candidate leaves over tells how many instants are independent. If that is noise whose colour the sensors
+        do not explain, the best candidate is the one that shows it, and must not be punished for it.
+        """
+        return self.gain.whole * share - self.price
 
     @property
     def folds_won(self) -> int:
@@ -134,16 +156,19 @@ def _periodic(kind: type[Effect]) -> bool:
 
 
 def _best_shape(state: State, kind: type[Effect], joint: int, groups: int) -> Candidate | None:
-    best: Candidate | None = None
     shapes = kind.grid(state.scene, joint)
+    best: dict[tuple[float, ...], Candidate] = {}
     for shape in shapes:
-        candidate = score(state, kind(joint, shape), len(shapes), groups)
+        candidate = score(state, kind(joint, shape), kind.looks(state.scene, joint), groups)
         if candidate is None:
             continue
-        better = best is None or (candidate.plausible, candidate.net) > (best.plausible, best.net)
-        if better:
-            best = candidate
-    return best
+        form = tuple(value for k, value in enumerate(shape) if _whole(kind, k))
+        if form not in best or candidate.rank > best[form].rank:
+            best[form] = candidate
+    if not best:
+        return None
+    order = sorted(best.values(), key=lambda c: c.rank, reverse=True)
+    return replace(order[0], forms=tuple(c.effect.shape for c in order[:FORMS]))
 
 
 def score(state: State, effect: Effect, shapes: int, groups: int) -> Candidate | None:
@@ -160,6 +185,14 @@ def score(state: State, effect: Effect, shapes: int, groups: int) -> Candidate |
 
 
 def refine(state: State, candidate: Candidate, groups: int) -> Candidate:
+    """Return the candidate with its positive shapes refined, in the form that then is best."""
+    kind, joint = type(candidate.effect), candidate.effect.joint
+    starts = [score(state, kind(joint, shape), candidate.shapes, groups) for shape in candidate.forms[1:]]
+    found = [_refined(state, c, groups) for c in (candidate, *starts) if c is not None]
+    return max(found, key=lambda c: c.rank)
+
+
+def _refined(state: State, candidate: Candidate, groups: int) -> Candidate:
     """Return the candidate with its positive shapes refined by a bounded search around the grid's best."""
     from scipy.optimize import minimize, minimize_scalar
 
@@ -182,7 +215,7 @@ def refine(state: State, candidate: Candidate, groups: int) -> Candidate:
             return 0.0
         if trial is None:
             return 0.0
-        if (trial.plausible, trial.net) > (best.plausible, best.net):
+        if trial.rank > best.rank:
             best = trial
         return -trial.net
 

@@ -38,6 +38,8 @@ NEAR = 10.0
 """Effects whose net gain is this near to the best cannot be told apart from it …"""
 NEAR_SHARE = 0.01
 """… or whose gain differs by this part: then the form of the curve decides, which a log can only hint at."""
+TWIN_SHARE = 0.7
+"""Part of the best gain from which a declared twin is named as possible, too."""
 KEPT = 0.03
 """Part of the left-out error that an effect must take away to be kept whatever its likelihood."""
 PASSED = 0.6
@@ -132,11 +134,22 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     able = [c for c in candidates if c.supported and c.net > threshold and _within(state, c)]
     if not able:
         return None
-    margin = max(NEAR, NEAR_SHARE * able[0].net)
-    near = [c for c in able if c.net > able[0].net - margin]
+    most = max(able, key=lambda c: c.gain.whole)
+    share = most.gain.likelihood / most.gain.whole if most.gain.whole > 0 else 1.0
+    able.sort(key=lambda c: -c.merit(share))
+    highest = able[0].merit(share)
+    near = [c for c in able if c.merit(share) > highest - max(NEAR, NEAR_SHARE * highest)]
     # among equals the one with the fewest parameters: the others hold it as a special case, or fit its noise
-    best = min(near, key=lambda c: (c.size, c.gain.width, -c.net))
-    return Step(best, tuple(c for c in near if c is not best))
+    best = min(near, key=lambda c: (c.size, c.gain.width, -c.merit(share)))
+    twins = [c for c in able if c not in near and _twins(best, c) and c.merit(share) > TWIN_SHARE * highest]
+    return Step(best, tuple(c for c in (*near, *twins) if c is not best))
+
+
+def _twins(one: Candidate, other: Candidate) -> bool:
+    """Whether two candidates are declared to imitate each other at this place."""
+    kinds = type(one.effect), type(other.effect)
+    named = kinds[1].name in kinds[0].twins or kinds[0].name in kinds[1].twins
+    return named and (one.effect.joint == other.effect.joint or any(kind.whole_robot for kind in kinds))
 
 
 def _within(state: State, candidate: Candidate) -> bool:
@@ -252,6 +265,9 @@ def touched(old: State, new: State, own: Iterable[Row]) -> list[Row]:
     joints that share the bodies with it.
     """
     rows = [row for row in own if row in old.triangles.rows]
+    before, after = old.ratios(), new.ratios()
+    # a row that holds noise only, with and without the effect, has nothing to say about it
+    rows = [r for r in rows if max(before[r], after[r]) >= FLOOR_RATIO] or rows
     return rows + [r for r in old.triangles.rows if r not in rows and new.rms(r) < (1 - ELSEWHERE) * old.rms(r)]
 
 

@@ -142,9 +142,7 @@ class State:
     def projected(self) -> Projected:
         """Whitened problem in which further effects are scored, training stretches only."""
         training = self.log.training
-        return project(
-            training, self.extras, self.solution, whiteners(training, self.floor), self.log.fold, FOLDS
-        )
+        return project(training, self.extras, self.solution, whiteners(training, self.floor), self.log.fold, FOLDS)
 
     @cached_property
     def covariance(self) -> Array:

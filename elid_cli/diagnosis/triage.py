@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 HIGH = 1.3
 """Residual over floor above which a row counts as high."""
+MATTERS = 5e-4
+"""Residual beyond the floor, as a part of the torque, below which smoothing's own errors are seen, and no physics."""
 _BINS = 24
 
 
@@ -29,6 +31,12 @@ class RowState:
     """rms over the rms of the torque."""
     ratio: float
     """rms over the noise floor."""
+
+    @property
+    def high(self) -> bool:
+        """Whether more is left than noise: above the floor by a part of it and by a part of the torque that matters."""
+        beyond = self.share * float(np.sqrt(max(1.0 - 1.0 / max(self.ratio, 1.0) ** 2, 0.0)))
+        return self.ratio > HIGH and beyond > MATTERS
 
 
 @dataclass(frozen=True)
@@ -59,7 +67,7 @@ def judged_rows(state: State) -> tuple[Row, ...]:
 
 def words(rows: tuple[RowState, ...]) -> tuple[str, ...]:
     """Return one sentence per joint whose residual is above the floor (METHODS: row triage)."""
-    ratio = {(r.joint, r.rows): r.ratio for r in rows}
+    ratio = {(r.joint, r.rows): r.ratio if r.high else min(r.ratio, HIGH) for r in rows}
     joints = list(dict.fromkeys(r.joint for r in rows))
     sentences = []
     high_sum = [j for j in joints if max(ratio.get((j, "sum"), 0), ratio.get((j, "load"), 0)) > HIGH]

@@ -8,7 +8,7 @@ from typing import Any
 
 from elid_cli.diagnosis import Diagnosis, FoundEffect, Unexplained
 from elid_cli.diagnosis.contributions import Contribution
-from elid_cli.diagnosis.triage import HIGH, Organised, RowState
+from elid_cli.diagnosis.triage import Organised, RowState
 from elid_cli.identification import Identification, JointError
 from elid_cli.recording import Recording
 from elid_cli.report import (
@@ -190,7 +190,7 @@ def _residual(found: Diagnosis) -> Table:
     )
     rows: list[tuple[Cell, ...]] = []
     for row in sorted(found.rows_before, key=lambda r: found.robot.joint_names.index(r.joint)):
-        high = row.ratio > HIGH
+        high = row.high
         rows.append(
             (
                 row.joint,

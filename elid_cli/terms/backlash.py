@@ -34,7 +34,7 @@ class Backlash(Effect):
         ),
     )
     shapes = (Parameter("gap", "rad", "half the play: deflection from the middle to a flank", low=1e-7),)
-    twins = ()
+    twins = ("encoder_offset",)
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:

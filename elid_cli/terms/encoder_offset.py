@@ -26,7 +26,7 @@ class EncoderOffset(Effect):
     place = "encoder"
     elastic_only = True
     amplitudes = (Parameter("offset", "rad", "what the motor encoder reads too much, the link's taken as true"),)
-    twins = ()
+    twins = ("backlash",)
     simulated = "log"
 
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:

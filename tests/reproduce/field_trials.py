@@ -26,6 +26,11 @@ from tests.reproduce.inverse_logs import FOREIGN, KNOWN, WHOLE, Laws, laws_of, l
 from tests.reproduce.trials import said, verdict
 
 SAME = {"stribeck_gauss": "stribeck"}
+TOLD = {
+    "stribeck": {"amplitude": 0.1, "velocity": 0.1, "exponent": 1.0},
+    "stribeck_gauss": {"amplitude": 0.1, "velocity": 0.1, "exponent": 2.0},
+}
+"""What a fit that is told the effect must be told of its form, too."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,9 @@ def one(trial: Trial) -> tuple[Trial, str, str, float, float, float]:
     )
     names = made.robot.joint_names
     specs = [
-        EffectSpec(SAME.get(e, e), None if e in WHOLE else names[k], {}) for e, k in trial.effects if e not in FOREIGN
+        EffectSpec(SAME.get(e, e), None if e in WHOLE else names[k], TOLD.get(e, {}))
+        for e, k in trial.effects
+        if e not in FOREIGN
     ]
     prepared = prepare(log, made.robot, options_for(trial.rate))
     start = time.perf_counter()
