@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elid_cli.diagnosis import Diagnosis, DiagnoseOptions, diagnose
+from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
 from elid_cli.estimate import identify
 from elid_cli.robot import EffectSpec
@@ -37,8 +37,8 @@ def found_in(arm: int, effect: str, joint: int, *only: str) -> tuple[Made, Signa
 
 
 def test_a_tilted_base_is_found_exactly_and_left_nothing_but_noise() -> None:
-    """A tilt shows parameters that level ground hides; the model itself is turned, so that its product is no residual."""
-    made, signals, found = found_in(1, "gravity_direction", 0, "gravity_direction", "link_spring", "payload")
+    """A tilt shows parameters that level ground hides; the model itself is turned, so it is no residual."""
+    _, signals, found = found_in(1, "gravity_direction", 0, "gravity_direction", "link_spring", "payload")
     assert [e.effect for e in found.effects] == ["gravity_direction"]
     values = found.effects[0].parameters
     assert values["roll"] == pytest.approx(-0.025, abs=1e-4)
