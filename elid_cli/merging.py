@@ -35,6 +35,8 @@ from elid_cli.stiffness import stiffness_in_noise
 
 Array = NDArray[np.float64]
 
+UNREAD = "the joint torque sensors (tau_link) are used where one log is identified by itself, and not in reduced logs"
+
 
 def identify_reduced(robot: Robot, logs: Sequence[ReducedLog]) -> tuple[Identification, tuple[ByLog, ...]]:
     """Estimate the base parameters of a robot from reduced logs, and tell how well each log is predicted.
@@ -69,6 +71,8 @@ def identify_reduced(robot: Robot, logs: Sequence[ReducedLog]) -> tuple[Identifi
         found, lambda joint: merged_stiffness([s for log in alike if (s := log.links[joint])]), base.classes
     )
     found = unlinked_named(found, whole)
+    if any("tau_link" in log.recording.sources for log in logs):
+        found = replace(found, notes=(*found.notes, UNREAD))
     return found, _by_log(model, logs, fit)
 
 
