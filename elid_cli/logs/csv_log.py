@@ -22,16 +22,25 @@ LARGEST = 4 << 30
 """Bytes of text after decompression that are still read."""
 TIME_NAMES = ("t", "time", "t_s", "time_s", "Time", "timestamp", "stamp", "__time", "Timestamp", "time [s]", "t [s]")
 """Columns that may hold the time, in the order in which they are preferred; ``t`` is canonical."""
-PATTERNS = ("{signal}.{{joint}}", "{signal}_{{joint}}", "{signal}_{{i}}", "{signal}{{i}}")
+PATTERNS = ("{signal}.{{joint}}", "{signal}_{{joint}}", "{signal}_{{i}}", "{signal}{{i}}", "{signal}({{i}})")
 """Column names tried in turn: canonical, MATLAB's writetable (no dots), numbered."""
-PLOTJUGGLER = {
-    "q": "/joint_states/{joint}/position",
-    "dq": "/joint_states/{joint}/velocity",
-    "tau_link": "/joint_states/{joint}/effort",
-    "theta": "/motor_states/{joint}/position",
-    "dtheta": "/motor_states/{joint}/velocity",
-    "tau": "/motor_states/{joint}/effort",
+FIELDS = {
+    "q": ("/joint_states", "position"),
+    "dq": ("/joint_states", "velocity"),
+    "tau_link": ("/joint_states", "effort"),
+    "theta": ("/motor_states", "position"),
+    "dtheta": ("/motor_states", "velocity"),
+    "tau": ("/motor_states", "effort"),
 }
+"""Topic and field of each signal in a log of joint states."""
+PLOTJUGGLER = ("{}/{{joint}}/{}", "{}/{}.{{joint}}", "{}/{}/{{joint}}", "{}/{}[{{i0}}]", "{}/{}.{{i0}}", "{}/{}/{{i0}}")
+"""How PlotJuggler and others write a field of a topic as columns."""
+MOST_COLUMNS = 20_000
+TIGHTEST = 50
+"""Bytes of text per byte of gzip that are believed of a log …"""
+SMALL = 128 << 20
+"""… of more than this many bytes."""
+CUT = "the gzip data end early: the log is cut"
 SIGNAL_NAMES = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
 
 
@@ -40,11 +49,15 @@ class CsvLog:
 
     def __init__(self, source: Source) -> None:
         self._name = source.name
-        self._text = decode(unpack(source.read(), source.name), source.name)
+        data, whole = unpack(source.read(), source.name)
+        self._text = decode(data, source.name)
         self._dialect: Dialect = sniff(self._text, source.name)
         names = self._dialect.names
+        if len(names) > MOST_COLUMNS:
+            raise LogError(f"{source.name}: {len(names)} columns", detail=f"at most {MOST_COLUMNS} are read")
         self.channels: Sequence[Channel] = tuple(Channel(name, kind="column") for name in dict.fromkeys(names) if name)
-        self.losses: list[str] = []
+        self.units = {name: unit for name, unit in zip(names, self._dialect.units, strict=False) if unit}
+        self.losses: list[str] = [] if whole else [CUT]
         self.notes: list[str] = []
         if not self._dialect.named:
             self.notes.append("no header row: columns are named column1, column2, …")
@@ -55,7 +68,7 @@ class CsvLog:
         """Canonical column names, then the spellings of programs that cannot write them."""
         time = {"t": {"from": self._time}} if self._time else {}
         patterns = [{s: {"from": p.format(signal=s)} for s in SIGNAL_NAMES} for p in PATTERNS]
-        return [time | patterns[0], *patterns[1:], {s: {"from": place} for s, place in PLOTJUGGLER.items()}]
+        return [time | patterns[0], *patterns[1:], *_topics()]
 
     def load(self, picks: Sequence[Pick]) -> list[Stream]:
         """Parse the picked columns and their times."""
@@ -69,27 +82,39 @@ class CsvLog:
             if name not in self._dialect.names:
                 raise LogError(f"{self._name}: no column {name!r}", hint=did_you_mean(name, self._dialect.names))
         table, said = parse_columns(self._text, self._dialect, wanted, self._name)
-        self.losses.extend(said)
+        self.losses.extend(text for text in said if text not in self.losses)
         columns = {name: table[:, k] for k, name in enumerate(wanted)}
         return [Stream(columns[pick.source][:, None], {"t": columns[pick.time]} if pick.time else {}) for pick in picks]
 
 
-def unpack(data: bytes, name: str) -> bytes:
-    """Return the bytes, decompressed where they are gzip; a cut gzip file gives what is whole."""
+def _topics() -> list[dict[str, dict[str, str]]]:
+    return [{s: {"from": p.format(*where)} for s, where in FIELDS.items()} for p in PLOTJUGGLER]
+
+
+def unpack(data: bytes, name: str) -> tuple[bytes, bool]:
+    """Return the bytes, decompressed where they are gzip, and whether they are whole: a cut file gives what is left."""
     if not data.startswith(b"\x1f\x8b"):
-        return data
+        return data, True
+    most = min(LARGEST, max(SMALL, TIGHTEST * len(data)))
+    whole = True
     out = bytearray()
     rest = data
     while rest.startswith(b"\x1f\x8b"):
         inflate = zlib.decompressobj(wbits=31)
         try:
-            out += inflate.decompress(rest, LARGEST - len(out))
+            out += inflate.decompress(rest, most - len(out))
         except zlib.error as error:
-            raise LogError(f"{name}: damaged gzip data", detail=str(error).lower()) from error
-        if inflate.unconsumed_tail or len(out) >= LARGEST:
-            raise LogError(f"{name}: more than {LARGEST >> 30} GiB of text after decompression")
+            hint = "copy or record it again; gzip -t tells whether a copy is whole"
+            raise LogError(f"{name}: damaged gzip data", detail=str(error).lower(), hint=hint) from error
+        if inflate.unconsumed_tail or len(out) >= most:
+            raise LogError(
+                f"{name}: more than {most >> 20} MiB of text in {len(data)} bytes of gzip",
+                detail="refused before taking more memory",
+                hint="if it is a log, unpack it first: gunzip",
+            )
+        whole = inflate.eof
         rest = inflate.unused_data
-    return bytes(out)
+    return bytes(out), whole
 
 
 def decode(data: bytes, name: str) -> str:

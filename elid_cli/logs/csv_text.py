@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,8 @@ class Dialect:
     """Offset of the first data line in the text."""
     first_line: int
     """Its line number, from 1."""
+    units: tuple[str, ...] = ()
+    """Unit of each column, where the header or a row below it tells; empty where not."""
 
 
 def sniff(text: str, name: str) -> Dialect:
@@ -53,6 +56,8 @@ def sniff(text: str, name: str) -> Dialect:
     if not content:
         raise LogError(f"{name}: no data", hint="a CSV log has one header row and one row per sample")
     separator = _separator([line[2] for line in content])
+    if separator == "," and _spaced([line[2] for line in content]):
+        separator = " "
     decimal_comma = (
         separator in ";\t "
         and any(re.search(r"\d,\d", line[2]) for line in content)
@@ -67,9 +72,11 @@ def sniff(text: str, name: str) -> Dialect:
             hint="a CSV log has one header row and one row per sample",
         )
     start = numeric[0]
-    header = _header(rows[:start], len(rows[start][2]))
-    names = header if header is not None else tuple(f"column{k + 1}" for k in range(len(rows[start][2])))
-    return Dialect(separator, decimal_comma, names, header is not None, rows[start][0], rows[start][1])
+    width = len(rows[start][2])
+    header, below = _header(rows[:start], width)
+    names, units = _without_units(header) if header is not None else (tuple(f"column{k + 1}" for k in range(width)), ())
+    units = tuple(own or under for own, under in itertools.zip_longest(units, below, fillvalue=""))
+    return Dialect(separator, decimal_comma, names, header is not None, rows[start][0], rows[start][1], units)
 
 
 def split(line: str, separator: str) -> list[str]:
@@ -130,7 +137,7 @@ def _tolerant(body: str, dialect: Dialect, columns: Sequence[int], name: str) ->
         stripped = line.strip()
         if not stripped or stripped.startswith(COMMENTS):
             continue
-        cells = split(line.rstrip("\r\n"), dialect.separator)
+        cells = split(stripped.split(" #")[0] if " #" in stripped else line.rstrip("\r\n"), dialect.separator)
         if len(cells) == width + 1 and cells[-1] == "":
             cells.pop()  # a separator at the end of every row
         if len(cells) != width:
@@ -158,7 +165,18 @@ def _cell(cell: str) -> float | None:
     try:
         return float(cell)
     except ValueError:
+        return _moment(cell)
+
+
+def _moment(cell: str) -> float | None:
+    """Return a date and time as ISO 8601 in s since 1970 (UTC where it names no zone), None where it is none."""
+    if not re.match(r"\d{4}-\d\d-\d\d[T ]\d\d:", cell):
         return None
+    try:
+        moment = datetime.fromisoformat(cell)
+    except ValueError:
+        return None
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
 def _lines(text: str) -> Iterator[tuple[int, int, str]]:
@@ -190,11 +208,29 @@ def _is_numeric(cells: Iterable[str], decimal_comma: bool) -> bool:
     return numbers > 0 and texts <= numbers
 
 
-def _header(rows: Sequence[tuple[int, int, list[str]]], width: int) -> tuple[str, ...] | None:
-    """Return the names: the first text row of the data's width (a second one is units)."""
+def _header(rows: Sequence[tuple[int, int, list[str]]], width: int) -> tuple[tuple[str, ...] | None, tuple[str, ...]]:
+    """Return the names and what stands below them: the first text rows of the data's width (a second one is units)."""
+    found = []
     for _, _, cells in rows:
         if len(cells) == width + 1 and cells[-1] == "":
             cells = cells[:-1]
         if len(cells) in (width, width - 1) and any(cells):
-            return tuple([*cells, *[""] * (width - len(cells))])
-    return None
+            found.append(tuple([*cells, *[""] * (width - len(cells))]))
+    return (found[0] if found else None), (found[1] if len(found) > 1 else ())
+
+
+def _without_units(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return ``q.joint1 [deg]`` as ``q.joint1`` and ``deg``; names that would become alike stay as they are."""
+    matches = [re.fullmatch(r"(.*\S)\s*[\[(]\s*([^\[\]()]*[A-Za-zµ°%][^\[\]()]*)[\])]", name) for name in names]
+    short = tuple(match[1] if match else name for name, match in zip(names, matches, strict=True))
+    if len(set(short)) < len(set(names)):
+        return names, ("",) * len(names)
+    return short, tuple(match[2].strip() if match else "" for match in matches)
+
+
+def _spaced(lines: Sequence[str]) -> bool:
+    """Whether lines are numbers with decimal commas between white space, which look separated by commas."""
+    rows = [line.split() for line in lines[1:] or lines]
+    width = len(rows[-1])
+    number = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
+    return width > 1 and all(len(row) == width and all(map(number.fullmatch, row)) for row in rows[-20:])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,11 @@ from elid_cli.robot import Robot
 
 Array = NDArray[np.float64]
 
+LENGTHS, RATES, EFFORTS = {"rad", "m", "radian", "radians"}, {"rad/s", "m/s"}, {"nm", "n"}
+SI = {"q": LENGTHS, "theta": LENGTHS, "dq": RATES, "dtheta": RATES, "tau": EFFORTS, "tau_link": EFFORTS}
+"""Units, as `_plain` writes them, that need no mapping."""
+KNOWN_UNITS = {"deg": "deg", "°": "deg", "degree": "deg", "degrees": "deg", "rev": "rev", "turn": "rev", "mm": "mm"}
+KNOWN_UNITS |= {"a": "A", "ma": "mA", "mnm": "mN.m", "knm": "kN.m", "deg/s": "deg/s", "rpm": "rpm", "%": '"%"'}
 SAMPLES = 50_000
 """Samples that are looked at (evenly taken)."""
 ALIKE = 0.98
@@ -89,6 +94,21 @@ def _amperes(plan: Plan) -> Iterator[str]:
             f"tau is read from {placement.places} as it is, and that is a current by its name; "
             f"{_paste(plan, 'tau', 'unit: A, scale: TORQUE_CONSTANT, side: motor')}"
         )
+
+
+def written_units(units: Mapping[str, str], plan: Plan) -> Iterator[str]:
+    """Name signals whose columns are written to be in another unit than they are taken to be in."""
+    for signal, placement in plan.placements.items():
+        usual = SI.get(signal)
+        found = [units[pick.source] for pick in placement.picks if pick.source in units]
+        if usual and found and not placement.spec.unit and _plain(found[0]) not in usual:
+            known = KNOWN_UNITS.get(_plain(found[0]))
+            paste = f"; {_paste(plan, signal, f'unit: {known}')}" if known else ""
+            yield f"{signal} is written to be in {found[0]!r} and taken as it is{paste}"
+
+
+def _plain(unit: str) -> str:
+    return re.sub(r"[\s*·.]", "", unit.lower())
 
 
 def _thinned(values: Array, step: int) -> Array:

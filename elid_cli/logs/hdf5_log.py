@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.errors import LogError
+from elid_cli.logs.hdf5_contents import contents
 from elid_cli.logs.raw import Channel, LogFormat, Pick, Stream
 from elid_cli.logs.source import Source
 from elid_cli.mapped import mapped_dataset
@@ -22,9 +23,10 @@ MAGIC = b"\x89HDF\r\n\x1a\n"
 SIGNAL_NAMES = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
 TIME_NAMES = ("t", "time", "timestamp", "stamp")
 EPISODE = re.compile(r"(episode|demo|traj|trajectory|run|trial)[_-]?\d+$", re.IGNORECASE)
-MOST_DATASETS = 20_000
 LARGEST = 16 << 30
 """Bytes of one dataset in memory."""
+LARGE, TIGHT = 1 << 30, 20
+"""Bytes from which a dataset is believed only if the file has a twentieth of them: measurements pack no tighter."""
 DENSEST = 1100
 """Bytes in memory per byte in the file; deflate cannot pack numbers tighter."""
 
@@ -39,6 +41,7 @@ class Hdf5Log:
         datasets: Mapping[str, Any],
         labels: tuple[str, ...],
         path: Path | None = None,
+        refused: Mapping[str, str] | None = None,
     ) -> None:
         self.name = name
         self._path = path
@@ -48,7 +51,8 @@ class Hdf5Log:
         self._rows = _length(datasets[self._time]) if self._time else None
         self.losses: list[str] = []
         self.notes: list[str] = []
-        self.channels: Sequence[Channel] = tuple(self._channel(path, labels) for path in datasets)
+        unread = [Channel(path, width=0, kind=kind) for path, kind in (refused or {}).items()]
+        self.channels: Sequence[Channel] = (*(self._channel(path, labels) for path in datasets), *unread)
 
     @property
     def canonical(self) -> Sequence[Mapping[str, Any]]:
@@ -56,8 +60,9 @@ class Hdf5Log:
         time = {"t": {"from": self._time}} if self._time else {}
         whole = {signal: {"from": f"/{signal}"} for signal in SIGNAL_NAMES}
         each = {signal: {"from": f"/{signal}/{{joint}}"} for signal in SIGNAL_NAMES}
+        numbered = {signal: {"from": f"/{signal}/{{i}}"} for signal in SIGNAL_NAMES}
         dotted = {signal: {"from": f"/{signal}.{{joint}}"} for signal in SIGNAL_NAMES}
-        return [time | whole, each, dotted]
+        return [time | whole, each, numbered, dotted]
 
     def load(self, picks: Sequence[Pick]) -> list[Stream]:
         """Read every picked dataset once, whole: reading columns of row chunks one by one is far slower."""
@@ -68,6 +73,12 @@ class Hdf5Log:
             time = pick.time
             if time and time not in times:
                 times[time] = self._read(time).reshape(-1)
+            samples = self._shape(self._datasets[pick.source])[0]
+            if time and times[time].size != samples:  # before memory is taken for them
+                raise LogError(
+                    f"{self.name}: {pick.source} has {samples} samples, {time} has {times[time].size}",
+                    hint=f"name its own stamps in a mapping: {{from: {pick.source}, time: /path/to/stamps}}",
+                )
             if pick.source not in whole:
                 whole[pick.source] = self._read(pick.source)
             values = whole[pick.source]
@@ -77,11 +88,6 @@ class Hdf5Log:
             columns = [labels.index(column) if isinstance(column, str) else column for column in pick.columns]
             if columns != list(range(values.shape[1])):
                 values = values[:, columns]
-            if time and times[time].size != values.shape[0]:
-                raise LogError(
-                    f"{self.name}: {pick.source} has {values.shape[0]} samples, {time} has {times[time].size}",
-                    hint=f"name its own stamps in a mapping: {{from: {pick.source}, time: /path/to/stamps}}",
-                )
             streams.append(Stream(values, {"t": times[time]} if time else {}))
         return streams
 
@@ -130,7 +136,8 @@ def refuse_bomb(dataset: Any, where: str) -> None:
     stored = dataset.id.get_storage_size()
     if dataset.external or dataset.is_virtual:
         raise LogError(f"{where}: its data are in another file", hint="copy them into one file (h5repack)")
-    if size > LARGEST or size > DENSEST * stored + (1 << 20):
+    dense = size > LARGE and size > TIGHT * stored
+    if size > LARGEST or dense or size > DENSEST * stored + (1 << 20):
         raise LogError(
             f"{where}: declares {size:.3g} bytes of data but the file holds {stored}",
             detail="refused before reading it",
@@ -144,7 +151,7 @@ def _open(source: Source) -> Sequence[Hdf5Log]:
     stream = source.stream() if source.data is not None else None
     try:
         file = h5py.File(stream if stream is not None else str(source.path), "r")
-        datasets = dict(_datasets(file))
+        datasets, refused = contents(file)
         labels = _names(file.attrs.get("joint_names"))
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         raise LogError(
@@ -152,6 +159,10 @@ def _open(source: Source) -> Sequence[Hdf5Log]:
             detail=_reason(error),
             hint="close the recorder before copying the file; h5clear -s mends files that were not closed",
         ) from error
+    if not any(f"/{name}" in datasets for name in TIME_NAMES):
+        for path in (f"/{name}" for name in TIME_NAMES if f"/{name}" in refused):
+            hint = f"store {path} as an array of numbers, in s"
+            raise LogError(f"{source.name}: {path} is {refused[path]}", hint=hint)
     episodes: dict[str, dict[str, Any]] = {}
     for path, dataset in datasets.items():
         prefix, name = path.rsplit("/", 1)
@@ -169,30 +180,7 @@ def _open(source: Source) -> Sequence[Hdf5Log]:
             )
             for prefix in ordered
         ]
-    return [Hdf5Log(source.name, stream, datasets, labels, source.path)]
-
-
-def _datasets(group: Any, prefix: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """Yield (path, dataset) of numbers; only hard links, so that nothing outside the file is opened."""
-    import h5py
-
-    if depth > 20:
-        return
-    for count, key in enumerate(group):
-        if count > MOST_DATASETS:
-            raise ValueError(f"more than {MOST_DATASETS} entries in one group")
-        if not isinstance(group.get(key, getlink=True), h5py.HardLink) or key.startswith("#"):
-            continue
-        item = group[key]
-        if isinstance(item, h5py.Group):
-            yield from _datasets(item, f"{prefix}/{key}", depth + 1)
-        elif (
-            isinstance(item, h5py.Dataset)
-            and item.dtype.kind in "fiub"
-            and item.shape
-            and "MATLAB_empty" not in item.attrs
-        ):
-            yield f"{prefix}/{key}", item
+    return [Hdf5Log(source.name, stream, datasets, labels, source.path, refused)]
 
 
 def _names(value: Any) -> tuple[str, ...]:

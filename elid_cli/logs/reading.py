@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from elid_cli.errors import LogError
 from elid_cli.logs.checks import Checked, check
 from elid_cli.logs.clocks import in_seconds
-from elid_cli.logs.guards import suspicions
+from elid_cli.logs.guards import suspicions, written_units
 from elid_cli.logs.mapping import parse_mapping
 from elid_cli.logs.raw import RawLog, Stream
 from elid_cli.logs.registry import recognise
@@ -147,6 +147,7 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     for signal, placement in plan.placements.items():
         _add(signals, signal, placement)
     checked = check(signals, aligned.t.size, robot, plan, raw, name, strict=options.strict)
+    checked.warnings.extend(written_units(getattr(raw, "units", {}), plan))
     checked.warnings.extend(suspicions(checked, aligned, robot, plan))
     let_go(*signals.values())
     return _Part(aligned, checked, plan, index, [*raw.losses, *plan.unfit, *aligned.repairs], notes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -170,7 +171,7 @@ def _log_name(spec: SignalMap, joint: str) -> str | int:
 def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel]]) -> Channel | str:
     """Return the channel that `source` and the mapping's field name, or why there is none."""
     field = spec.field
-    found = by_source.get(source)
+    found = by_source.get(source) or by_source.get(re.sub(r"\s*[\[(][^\[\]()]*[A-Za-zµ°%][^\[\]()]*[\])]$", "", source))
     if found is None and not field:  # the short form /topic.field
         for cut in (i for i, letter in enumerate(source) if letter == "."):
             if source[:cut] in by_source:
@@ -179,6 +180,8 @@ def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel
     if found is None:
         near = nearest(source, by_source)
         return f"{ABSENT}{source!r}" + (f" (nearest: {near!r})" if near else "")
+    if len(found) == 1 and not found[0].width:
+        return f"{found[0].source} cannot be read: {found[0].kind}"
     fields = {channel.field: channel for channel in found}
     if field:
         near = _field_like(field, fields)
