@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters, find_base
+from elid_cli.consistency import consistency
 from elid_cli.identification import Identification
 from elid_cli.model import Model
 from elid_cli.robot import EffectSpec, Robot
@@ -52,6 +53,39 @@ def identified_robot(found: Identification) -> Robot:
     replaced = {(spec.effect, spec.joint) for spec in new}
     kept = [spec for spec in found.robot.effects if (spec.effect, spec.joint) not in replaced]
     return refined_robot(found.robot, standard, (*kept, *new))
+
+
+def remarks(found: Identification, *, physical: bool = False) -> tuple[str, ...]:
+    """Return what a reader of a written robot must know of its values, one sentence or more each.
+
+    `physical`: they are those of a robot that could be built.
+    """
+    base = found.base
+    lines = []
+    if physical:
+        lines.append("Identified by elid as a robot that could be built (--physical).")
+    else:
+        text = (
+            "Identified by elid. A log shows base parameters, sums of those below; of a sum's members, and of what no "
+            "motion shows, the values are one choice of many that predict the same torques, near those of the file "
+            "before."
+        )
+        if not _could_be_built(found):
+            text += " As single values they are not those of real bodies; elid identify --physical gives such."
+        lines.append(text)
+    for name, verdict in zip(base.names, found.verdict, strict=True):
+        if verdict == "refused":
+            why = found.reasons.get(name, "this log does not show it")
+            kept = "not from this log" if physical else "no estimate, only what the prediction needs"
+            lines.append(f"{name} is refused: {why}. Its value is {kept}.")
+    return tuple(lines)
+
+
+def _could_be_built(found: Identification) -> bool:
+    """Return whether the written values are those of real bodies."""
+    values = np.nan_to_num(identified_robot(found).reference())
+    cones = consistency(found.robot, values)
+    return cones.slack(values / cones.scales.sizes) >= 0
 
 
 def refined_robot(robot: Robot, standard: Array, effects: Sequence[EffectSpec]) -> Robot:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from elid_cli.atomic import write_text
@@ -76,15 +77,17 @@ def robot_from_text(text: str, name: str) -> Robot:
     return robot_of_yaml(text, name)
 
 
-def write_robot(robot: Robot, path: str | Path) -> None:
+def write_robot(robot: Robot, path: str | Path, remarks: Sequence[str] = ()) -> None:
     """Write a robot description as YAML that reads back to exactly the same robot, whole or not at all.
+
+    `remarks` stand above it as comments.
 
     Raises
     ------
     UsageError
         The file cannot be written.
     """
-    write_text(path, text_of(robot))
+    write_text(path, text_of(robot, remarks))
 
 
 def _bare(source: str | Path) -> bool:

@@ -5,17 +5,21 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Mapping, Sequence
 
 from elid_cli.robot import JOINT_PARAMETERS, Joint, Limits, Robot
 from elid_cli.yaml_values import emit, quoted
 
+COMMENT = 110
+"""Characters of a line of comment."""
 _ANGLES = {"pi/2": math.pi / 2, "-pi/2": -math.pi / 2, "pi": math.pi, "-pi": -math.pi}
 
 
-def text_of(robot: Robot) -> str:
-    """Return the YAML description of a robot: deterministic, every number exact."""
-    lines = [f"name: {quoted(robot.name)}"]
+def text_of(robot: Robot, remarks: Sequence[str] = ()) -> str:
+    """Return the YAML description of a robot: deterministic, every number exact; `remarks` as comments above it."""
+    lines = [f"# {line}" for remark in remarks for line in textwrap.wrap(remark, COMMENT, subsequent_indent="  ")]
+    lines.append(f"name: {quoted(robot.name)}")
     if robot.description:
         lines.append(f"description: {quoted(robot.description)}")
     lines += [f"gravity: {_list(robot.gravity)}", f"dh: {robot.dh}", "joints:"]

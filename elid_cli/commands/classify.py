@@ -47,7 +47,7 @@ def classify(
 
         machine = read_robot(robot)
         base = find_base(Model(machine))
-        check_names(gates, base.classes)
+        check_names(gates, machine)
         recording = found = None
         if logs:
             asked = Asked(logs, machine, reading, conditioning, Fit(), spread, output, advance)

@@ -10,7 +10,7 @@ from elid_cli.commands.options import FIT, GATES, Conditioning, Gates, Output, R
 from elid_cli.commands.values import completing, effects
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from elid_cli.diagnosis import Diagnosis
     from elid_cli.identification import JointError
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
                 help="Add a smooth curve where structure remains that no named effect explains.")
 @options.gathered("gates", Gates, options.max_error)
 @options.option(GATES, "--fail-on-effect", is_flag=True, help="Fail when the model lacks an effect.")
+@options.option(GATES, "--fail-on-unexplained", is_flag=True,
+                help="Fail when the model leaves structure that no effect explains.")
 @options.write_robot
 @options.output
 def diagnose(
@@ -44,6 +46,7 @@ def diagnose(
     lookup: bool,
     gates: Gates,
     fail_on_effect: bool,
+    fail_on_unexplained: bool,
     write_robot: str | None,
     output: Output,
 ) -> None:
@@ -66,6 +69,7 @@ def diagnose(
         from elid_cli.diagnosis import diagnose as search
         from elid_cli.diagnosis.contributions import contributions
         from elid_cli.diagnosis.identified import identified
+        from elid_cli.refined import remarks
         from elid_cli.reports.diagnosis import Check, Told, diagnosis_report
         from elid_cli.robot_file import read_robot
         from elid_cli.validation import validate
@@ -103,18 +107,18 @@ def diagnose(
 
             report = with_figures(report, diagnosis_figures(found, told.after, told.contributions, signals))
     if write_robot is not None:
-        write_described(found.refined, write_robot)
+        write_described(found.refined, write_robot, remarks(told.after))
     emit(report, output)
-    _check(told, gates, fail_on_effect)
+    _check(told, gates, [*(_lacks(found) if fail_on_effect else ()), *(_leaves(found) if fail_on_unexplained else ())])
 
 
-def _check(told: Told, gates: Gates, fail_on_effect: bool) -> None:
-    """Raise `LimitError` where the model after is worse than allowed on any log, or the model before lacks effects."""
+def _check(told: Told, gates: Gates, broken: Sequence[str]) -> None:
+    """Raise `LimitError` where a limit is broken, or the model after is worse than allowed on any log."""
     from elid_cli.commands.emit import LimitError
     from elid_cli.commands.gates import check_gates
 
-    if fail_on_effect and told.found.effects:
-        raise LimitError("; ".join(_lacks(told.found)))
+    if broken:
+        raise LimitError("; ".join(broken))
     check_gates(gates, told.found.after)
     for check in told.checks:
         check_gates(gates, _in(check.recording.files[0], check.after))
@@ -122,6 +126,10 @@ def _check(told: Told, gates: Gates, fail_on_effect: bool) -> None:
 
 def _lacks(found: Diagnosis) -> list[str]:
     return [f"{e.joint or found.robot.name}: the model lacks {e.effect}" for e in found.effects]
+
+
+def _leaves(found: Diagnosis) -> list[str]:
+    return [f"{u.joint}: {u.rows} row left unexplained" for u in found.unexplained]
 
 
 def _in(file: str, error: Mapping[str, JointError]) -> dict[str, JointError]:

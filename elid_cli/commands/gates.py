@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from elid_cli.commands.emit import LimitError
@@ -11,11 +11,19 @@ from elid_cli.errors import UsageError, did_you_mean
 
 if TYPE_CHECKING:
     from elid_cli.identification import JointError
+    from elid_cli.robot import Robot
 
 
-def check_names(gates: Gates, names: Collection[str]) -> None:
+def check_names(gates: Gates, robot: Robot) -> None:
     """Refuse, before any work on the log, a required parameter that the robot does not have (UsageError)."""
+    names = robot.parameter_names()
+    rigid = {f"K{k}": joint.name for k, joint in enumerate(robot.joints, start=1) if not joint.elastic}
     for name in gates.require_independent:
+        if name in rigid:
+            raise UsageError(
+                f"--require-independent: no parameter {name!r}: {rigid[name]} of {robot.name!r} is declared rigid",
+                hint=f"set 'transmission: elastic' of {rigid[name]} in the robot file if its transmission bends",
+            )
         if name not in names:
             raise UsageError(f"--require-independent: no parameter {name!r}", hint=did_you_mean(name, names))
 

@@ -57,12 +57,12 @@ def identify(
     if write_robot is not None:
         check_writable(Path(write_robot))
     with progress(output, "reading") as advance:
-        from elid_cli.refined import identified_robot
+        from elid_cli.refined import identified_robot, remarks
         from elid_cli.reports.identification import identification_report
         from elid_cli.robot_file import read_robot
 
         machine = read_robot(robot)
-        check_names(gates, machine.parameter_names())
+        check_names(gates, machine)
         asked = Asked(logs, machine, reading, conditioning, fit, spread, output, advance)
         found, recording, apart, signals = from_triangles(asked) if merges(logs, machine, fit) else from_samples(asked)
         refined = identified_robot(found)
@@ -81,6 +81,6 @@ def identify(
             report = with_physical(report, built, found.base)
             refined = replace(refined, joints=built.refined_robot().joints)
     if write_robot is not None:
-        write_described(refined, write_robot)
+        write_described(refined, write_robot, remarks(found, physical=physical))
     emit(report, output)
     check_gates(gates, found.error, found.this_log)

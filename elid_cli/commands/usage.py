@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import click
 
 from elid_cli.errors import UsageError, did_you_mean, nearest
@@ -18,7 +20,7 @@ def usage_error(problem: click.ClickException) -> UsageError:
         return _missing(problem, where, context)
     if isinstance(problem, click.BadParameter):
         option = _name(problem.param) or "value"
-        return UsageError(f"{where}: {option}: {_plain(problem.message)}")
+        return UsageError(f"{where}: {option}: {_plain(problem.message)}", hint=_hint_for_choice(problem))
     return UsageError(f"{where}: {_plain(problem.format_message())}", hint=_help(where))
 
 
@@ -37,6 +39,16 @@ def _hint_for_option(option: str, context: click.Context | None) -> str:
     known = [name for param in context.command.params for name in (*param.opts, *param.secondary_opts)]
     long = [name for name in known if name.startswith("--")]
     return did_you_mean(option, long) if nearest(option, long) else _help(context.command_path)
+
+
+def _hint_for_choice(problem: click.BadParameter) -> str:
+    """Return the nearest choice to what was typed, which click quotes first."""
+    kind = problem.param.type if problem.param is not None else None
+    typed = re.match(r"'(.*?)' is not one of", problem.message)
+    if not isinstance(kind, click.Choice) or typed is None:
+        return ""
+    choices = [str(choice) for choice in kind.choices]
+    return did_you_mean(typed.group(1), choices) if nearest(typed.group(1), choices) else ""
 
 
 def _name(param: click.Parameter | None) -> str:

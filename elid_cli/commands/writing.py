@@ -6,13 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from elid_cli.robot import Robot
 
 
-def write_described(robot: Robot, path: str) -> None:
+def write_described(robot: Robot, path: str, remarks: Sequence[str] = ()) -> None:
     """Write a robot as URDF (``.urdf``), as MJCF (``.xml``, ``.mjcf``), or else as elid's own YAML.
 
-    Effects are part of the YAML only; MJCF names them in a comment.
+    Effects and remarks (as comments) are part of the YAML only; MJCF names effects in a comment.
 
     Raises
     ------
@@ -33,4 +35,4 @@ def write_described(robot: Robot, path: str) -> None:
     else:
         from elid_cli.robot_file import write_robot
 
-        write_robot(robot, path)
+        write_robot(robot, path, remarks)

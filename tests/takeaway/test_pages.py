@@ -1,0 +1,125 @@
+"""A diagnosis and a validation as people take them away: page, figures, Markdown, gates, what a written file says."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from elid_cli.commands import main
+from elid_cli.robot_file import read_robot
+
+LOG = str(Path(__file__).parents[2] / "sample_logs" / "planar2_stribeck.h5")
+
+
+@pytest.fixture(scope="module")
+def taken(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with everything that one diagnosis can leave behind."""
+    folder = tmp_path_factory.mktemp("taken away")
+    line = ["diagnose", LOG, "--robot", "planar2", "--quiet", "--fail-on-effect"]
+    line += [part for name in ("page.html", "comment.md", "result.json") for part in ("--report", str(folder / name))]
+    line += ["--plot", str(folder / "figures"), "--plot-format", "svg", "--write-robot", str(folder / "refined.yaml")]
+    assert main(line) == 1, "the log lacks an effect, and a limit says so after everything is written"
+    return folder
+
+
+def test_the_page_of_a_diagnosis_opens_with_what_it_found(taken: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (taken / "page.html").read_text("utf-8")
+    summary = text[text.index('class="summary"') : text.index("</section>")]
+    for word in ("stribeck", "joint1", "joint2", "Missing from the model", "Error on the held-out stretches", "N·m"):
+        assert word in summary
+    assert text.index('class="summary"') < text.index("<figure")
+    assert not re.search(r'(src|href)="(?!data:|#)', text), "nothing is fetched"
+    assert "sha256" in text[text.index("<footer>") :]
+    assert "numpy" in text[text.index("<footer>") :]
+    for key in ("effect1", "torque_joint1", "residual_joint2", "springs", "parameters", "classification", "coverage"):
+        assert f'id="f-{key}"' in text
+
+
+def test_every_figure_of_the_page_is_a_file_too(taken: Path) -> None:
+    text = (taken / "page.html").read_text("utf-8")
+    files = sorted((taken / "figures").iterdir())
+    assert {file.suffix for file in files} == {".svg"}
+    assert {file.stem for file in files} == set(re.findall(r'<figure id="f-([^"]+)"', text))
+    assert all(b"</svg>" in file.read_bytes() for file in files)
+
+
+def test_the_comment_says_what_the_json_says(taken: Path) -> None:
+    result = json.loads((taken / "result.json").read_text("utf-8"))
+    comment = (taken / "comment.md").read_text("utf-8")
+    assert comment.startswith("## planar2")
+    assert result["effects"]
+    for effect in result["effects"]:
+        assert f"| {effect['effect']} | {effect['joint']} |" in comment
+    assert comment.count("\n| --- |") >= 2, "tables that GitHub draws"
+
+
+def test_a_written_file_says_what_its_values_are(taken: Path) -> None:
+    text = (taken / "refined.yaml").read_text("utf-8")
+    assert text.startswith("# Identified by elid.")
+    assert "--physical" in text
+    assert [effect.effect for effect in read_robot(taken / "refined.yaml").effects].count("stribeck") == 2
+
+
+def test_a_validation_writes_a_page_and_png_figures(
+    taken: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, figures = tmp_path / "judged.html", tmp_path / "figures"
+    line = ["validate", LOG, "--robot", str(taken / "refined.yaml"), "--held-out", "--max-error", "1%"]
+    assert main([*line, "--report", str(page), "--plot", str(figures), "--markdown"]) == 0
+    assert capsys.readouterr().out.startswith("## planar2")
+    text = page.read_text("utf-8")
+    assert '<figure id="f-torque_joint1">' in text
+    assert "stribeck" in text
+    assert {file.suffix for file in figures.iterdir()} == {".png"}
+
+
+def test_what_no_effect_explains_can_fail_a_job(capsys: pytest.CaptureFixture[str]) -> None:
+    """Only backlash is tried on friction that lacks something else: the rest stays unexplained."""
+    line = ["diagnose", LOG, "--robot", "planar2", "--only", "backlash", "--quiet"]
+    assert main(line) == 0
+    assert "not explained" in capsys.readouterr().out
+    assert main([*line, "--fail-on-unexplained"]) == 1
+    assert "unexplained" in capsys.readouterr().err
+
+
+def test_a_refused_stiffness_is_not_written_as_if_it_were_known(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    puma = str(Path(__file__).parents[2] / "sample_logs" / "puma560.h5")
+    written = tmp_path / "mine.yaml"
+    assert main(["identify", puma, "--robot", "puma560", "--json", "--write-robot", str(written)]) == 0
+    result = json.loads(capsys.readouterr().out)
+    refused = {p["name"] for p in result["base_parameters"] if p["verdict"] == "refused"}
+    text = " ".join(line.removeprefix("#").strip() for line in written.read_text("utf-8").splitlines())
+    assert refused
+    assert all(f"{name} is refused" in text for name in refused)
+
+
+def test_a_stiffness_of_a_rigid_joint_cannot_be_required(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["classify", "--robot", "kr300", "--require-independent", "K5"]) == 2
+    said = capsys.readouterr().err
+    assert "declared rigid" in said
+    assert "transmission: elastic" in said
+
+
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        (["identify", LOG, "--robot", "planar2", "--estimator", "papper"], "paper"),
+        (["identify", LOG, "--robot", "planar2", "--plot-format", "pgn"], "png"),
+        (["completion", "bsh"], "bash"),
+        (["exite", "--robot", "planar2"], "excite"),
+        (["identify", LOG, "--robot", "planar3"], "planar2"),
+        (["diagnose", LOG, "--robot", "planar2", "--only", "backlas"], "backlash"),
+        (["excite", "--robot", "planar2", "-o", "x.csv", "--for", "Jm3"], "Jm"),
+        (["identify", LOG, "--robot", "planar2", "--map", "thta=/x"], "theta"),
+    ],
+)
+def test_a_typo_is_answered_by_what_was_meant(
+    line: list[str], meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(line) == 2
+    assert f"did you mean '{meant}" in capsys.readouterr().err
