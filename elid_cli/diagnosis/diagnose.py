@@ -267,7 +267,7 @@ def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequenc
         before=_floored(validations[0].error, before),
         after=_floored(validations[1].error, after),
         effects=(*seen, *effects),
-        also_possible=_rivals(robot, found.steps, effects),
+        also_possible=_rivals(after, declared, found.steps, effects),
         nuisances=_nuisances(after),
         unexplained=unexplained,
         rows_before=rows_before,
@@ -365,10 +365,16 @@ def _errors(state: State, number: int) -> dict[str, float]:
     return {name: float(s) for name, s in zip(names, spread, strict=True) if s > 0}
 
 
-def _rivals(robot: Robot, steps: Sequence[Step], effects: Sequence[FoundEffect]) -> tuple[Rival, ...]:
+def _rivals(state: State, declared: int, steps: Sequence[Step], effects: Sequence[FoundEffect]) -> tuple[Rival, ...]:
+    robot = state.log.model.robot
     named = {(e.effect, e.joint) for e in effects}
     rivals: dict[tuple[str, str | None], Rival] = {}
-    for step, effect in zip(steps, effects, strict=True):
+    for number, (step, effect) in enumerate(zip(steps, effects, strict=True), start=declared):
+        own = state.effects[number]
+        for twin in type(own).same_here(state.scene, own.joint):
+            if (twin, effect.joint) not in named:
+                record = effect_classes()[twin].record
+                rivals[twin, effect.joint] = Rival(twin, effect.joint, effect.effect, effect.gain, {}, record)
         for candidate in step.rivals:
             joint = None if candidate.effect.whole_robot else robot.joint_names[candidate.effect.joint]
             key = (candidate.effect.name, joint)

@@ -143,22 +143,23 @@ def sensible(effect: Effect, scene: Scene, values: Mapping[str, float]) -> bool:
 
 
 def _groups(state: State, library: Mapping[str, type[Effect]]) -> Iterator[tuple[type[Effect], int]]:
-    present = {(e.name, e.joint) for e in state.effects}
-    for name, kind in library.items():
+    for kind in library.values():
         for joint in range(state.log.model.robot.n):
-            repeatable = bool(kind.shapes) and kind.place in ("motor", "spring", "link") and _periodic(kind)
-            if kind.applies(state.log.model.robot, joint) and ((name, joint) not in present or repeatable):
+            if kind.applies(state.log.model.robot, joint):
                 yield kind, joint
 
 
 def _periodic(kind: type[Effect]) -> bool:
-    return kind.shapes[0].name in ("harmonic", "periods", "order", "frequency")
+    return kind.shapes[0].name in ("order", "frequency")
 
 
 def _best_shape(state: State, kind: type[Effect], joint: int, groups: int) -> Candidate | None:
     shapes = kind.grid(state.scene, joint)
+    present = [e.shape for e in state.effects if (e.name, e.joint) == (kind.name, joint)]
     best: dict[tuple[float, ...], Candidate] = {}
     for shape in shapes:
+        if not kind.distinct(state.scene, joint, shape, present):
+            continue
         candidate = score(state, kind(joint, shape), kind.looks(state.scene, joint), groups)
         if candidate is None:
             continue

@@ -178,6 +178,16 @@ class Effect(ABC):
         return [()]
 
     @classmethod
+    def same_here(cls, scene: Scene, joint: int) -> tuple[str, ...]:
+        """Return the twins that this log shows no difference from at all, whatever their size."""
+        return ()
+
+    @classmethod
+    def distinct(cls, scene: Scene, joint: int, shape: Sequence[float], present: Sequence[Sequence[float]]) -> bool:
+        """Return whether the effect can stand at a joint in this shape, too, beside those with shapes `present`."""
+        return not present
+
+    @classmethod
     def looks(cls, scene: Scene, joint: int) -> int:
         """Return how many shapes the grid was chosen from: the look-elsewhere factor of a search."""
         return max(1, len(cls.grid(scene, joint)))

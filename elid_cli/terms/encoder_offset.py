@@ -12,6 +12,9 @@ from elid_cli.terms.rows import spring_rows
 
 Array = NDArray[np.float64]
 
+ONE_SIDED = 0.9
+"""Mean sign of the load from which it counts as always on one side."""
+
 
 class EncoderOffset(Effect):
     """A constant in the deflection that is no deflection."""
@@ -42,6 +45,12 @@ class EncoderOffset(Effect):
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
         """Whether the offset is a small angle (of a sliding joint: a small distance), by K a positive one."""
         return abs(values["offset"]) < 0.3 and not scene.stiffness[joint] <= 0
+
+    @classmethod
+    def same_here(cls, scene: Scene, joint: int) -> tuple[str, ...]:
+        """Return backlash where the load hardly ever changes sides: the gap is then crossed once for all."""
+        load = scene.load[:, joint]
+        return ("backlash",) if abs(float(np.mean(np.sign(load)))) > ONE_SIDED else ()
 
     def columns(self, scene: Scene) -> Columns:
         """Return the constant in both rows of the transmission."""

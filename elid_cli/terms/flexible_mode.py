@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -51,6 +52,11 @@ class FlexibleMode(OscillatorEffect):
             return []
         spread = np.geomspace(low, high, max(2, round(math.log(high / low) / math.log(SPACING)))).tolist()
         return [(f, 0.02) for f in sorted({*spread, *lines(scene, joint, low, high)})]
+
+    @classmethod
+    def distinct(cls, scene: Scene, joint: int, shape: Sequence[float], present: Sequence[Sequence[float]]) -> bool:
+        """Whether the frequency is another one."""
+        return all(abs(math.log(shape[0] / other[0])) > 2 * math.log(SPACING) for other in present)
 
     @property
     def pole(self) -> complex:

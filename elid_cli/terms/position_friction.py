@@ -22,6 +22,7 @@ class PositionFriction(Harmonic):
     shapes = (ORDER,)
     twins = ()
     highest = 30
+    periods = 0.5  # it flips with the direction of motion, which no other bend does
 
     def columns(self, scene: Scene) -> Columns:
         """Return the sine and the cosine column in the motor row."""

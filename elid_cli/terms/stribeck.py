@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,11 @@ class Stribeck(Effect):
         fading = fading or [0.02 * top, 0.05 * top, 0.12 * top, 0.3 * top]  # slow or sliding joints
         rising = [v for v in fading if v <= 0.2 * top]
         return [*((v, e) for e in (1.0, 2.0) for v in fading), *((v, -1.0) for v in rising)]
+
+    @classmethod
+    def distinct(cls, scene: Scene, joint: int, shape: Sequence[float], present: Sequence[Sequence[float]]) -> bool:
+        """Whether the curve has another form: one that fades and one that vanishes at standstill make eq. (43)."""
+        return all((shape[1] < 0) != (other[1] < 0) for other in present)
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:

@@ -338,11 +338,10 @@ def laws_of(effect: str, made: Made, k: int) -> Laws:
         case "transmission_damping":
 
             def damped(w: World, torque: Array) -> Array:
-                from scipy.signal import lfilter
-
-                damping, dt = 2e-3 * K, float(w.t[1] - w.t[0])
-                c = 2 * damping / dt
-                e: Array = lfilter([1.0, 1.0], [K + c, K - c], torque, zi=[(torque[0] - (K - c) * torque[0] / K)])[0]
+                # e + T e' = torque / K, by repeated substitution: the motion is slow against T = 2 ms
+                e = torque / K
+                for _ in range(3):
+                    e = torque / K - 2e-3 * _derivatives(w.t, e)[0]
                 return e
 
             laws.spring[k] = damped
