@@ -26,7 +26,7 @@ from elid_cli.spline_motion import SplineMotion
 Array = NDArray[np.float64]
 
 CHUNK = 8160
-"""Instants whose columns are held at a time before the filter, two blocks of the traced program."""
+"""Instants whose columns are held at a time before the filter, a block of the traced program."""
 PER_KNOT = 12
 """Least number of instants per knot interval at which columns are computed."""
 

@@ -20,6 +20,8 @@ from elid_cli.trace import Scalar
 Vector = tuple[Scalar, Scalar, Scalar]
 Array = NDArray[np.float64]
 ZERO: Vector = (0.0, 0.0, 0.0)
+_EXACT = 1e-14
+"""Distance of a placement's number from 0 or ±1 below which it is that."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,17 @@ def dot(a: Vector, b: Vector) -> Scalar:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
+def acceleration_field(omega: Vector, alpha: Vector) -> tuple[Vector, Vector, Vector]:
+    """Return the rows of [alpha]x + [omega]x²: acceleration of a point per offset from the origin."""
+    xx, yy, zz = omega[0] * omega[0], omega[1] * omega[1], omega[2] * omega[2]
+    xy, xz, yz = omega[0] * omega[1], omega[0] * omega[2], omega[1] * omega[2]
+    return (
+        (-(yy + zz), xy - alpha[2], xz + alpha[1]),
+        (xy + alpha[2], -(xx + zz), yz - alpha[0]),
+        (xz - alpha[1], yz + alpha[0], -(xx + yy)),
+    )
+
+
 def chain(robot: Robot, states: Sequence[JointState], *, gravity: bool = True) -> list[Body]:
     """Return the motion of bodies 0 (the base) to n.
 
@@ -81,30 +94,45 @@ def chain(robot: Robot, states: Sequence[JointState], *, gravity: bool = True) -
     bodies = [Body(ZERO, ZERO, (-g[0], -g[1], -g[2]), ())]
     for joint, state, (before, after) in zip(robot.joints, states, robot.placements(), strict=True):
         if joint.revolute:
-            state, before = _with_offset(state, before)
+            state, before, after = _with_offset(state, before, after)
         body = _fixed(bodies[-1], before)
         body = _turn(body, state) if joint.revolute else _slide(body, state)
-        bodies.append(_fixed(body, after))
+        bodies.append(_fixed(body, after, arriving=True))
     return bodies
 
 
-def _with_offset(state: JointState, before: Array) -> tuple[JointState, Array]:
-    """Return the joint's state and the placement before it, a constant turn about its own axis taken into its angle.
+def _with_offset(state: JointState, before: Array, after: Array) -> tuple[JointState, Array, Array]:
+    """Return the joint's state and the placements around it, constant turns about its own axis taken into its angle.
 
     Two sines then turn once, instead of every vector that passes the joint.
     """
     turn = before[:3, :3]
-    if np.array_equal(turn, np.eye(3)) or turn[2, 2] != 1.0:
-        return state, before
-    s, c = float(turn[1, 0]), float(turn[0, 0])
-    placed = np.eye(4)
-    placed[:3, 3] = before[:3, 3]
-    turned = JointState(state.sin * c + state.cos * s, state.cos * c - state.sin * s, state.q, state.dq, state.ddq)
-    return turned, placed
+    if turn[2, 2] == 1.0 and not np.array_equal(turn, np.eye(3)):
+        state = _turned(state, float(turn[1, 0]), float(turn[0, 0]))
+        placed = np.eye(4)
+        placed[:3, 3] = before[:3, 3]
+        before = placed
+    size = float(np.hypot(after[0, 0], after[1, 0]))
+    if after[1, 0] != 0.0 and size > _EXACT:
+        s, c = float(after[1, 0]) / size, float(after[0, 0]) / size
+        state = _turned(state, s, c)
+        after = np.array([[c, s, 0, 0], [-s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]) @ after
+        for exact in (0.0, 1.0, -1.0):  # rounding must not cost a multiplication
+            after[np.abs(after - exact) < _EXACT] = exact
+    return state, before, after
 
 
-def _fixed(body: Body, transform: Array) -> Body:
-    """Move to a frame at a constant placement on the same body."""
+def _turned(state: JointState, s: float, c: float) -> JointState:
+    """Return the state at an angle larger by that of sine `s` and cosine `c`."""
+    return JointState(state.sin * c + state.cos * s, state.cos * c - state.sin * s, state.q, state.dq, state.ddq)
+
+
+def _fixed(body: Body, transform: Array, *, arriving: bool = False) -> Body:
+    """Move to a frame at a constant placement on the same body.
+
+    The acceleration between the origins is told by the field in the frame of a body's parameters, whose elements are
+    needed there anyway: the frame `arriving` at, or the one left.
+    """
     p: Vector = (float(transform[0, 3]), float(transform[1, 3]), float(transform[2, 3]))
     turn = transform[:3, :3]
     moved = any(p)
@@ -116,12 +144,19 @@ def _fixed(body: Body, transform: Array) -> Body:
         x, y, z = (sum((v[k] * float(turn[k, c]) for k in range(3)), 0.0) for c in range(3))
         return (x, y, z)
 
-    acceleration = body.acceleration
-    if moved:
-        acceleration = add(acceleration, cross(body.alpha, p))
-        acceleration = add(acceleration, cross(body.omega, cross(body.omega, p)))
+    omega, alpha, acceleration = into(body.omega), into(body.alpha), body.acceleration
+    if moved and not arriving:
+        acceleration = add(acceleration, _times(acceleration_field(body.omega, body.alpha), p))
+    acceleration = into(acceleration)
+    if moved and arriving:
+        x, y, z = (0.0 if abs(c) < _EXACT else c for c in (turn.T @ np.array(p)).tolist())
+        acceleration = add(acceleration, _times(acceleration_field(omega, alpha), (x, y, z)))
     twists = tuple((into(add(v, cross(w, p)) if moved else v), into(w)) for v, w in body.twists)
-    return Body(into(body.omega), into(body.alpha), into(acceleration), twists)
+    return Body(omega, alpha, acceleration, twists)
+
+
+def _times(rows: tuple[Vector, Vector, Vector], v: Vector) -> Vector:
+    return (dot(rows[0], v), dot(rows[1], v), dot(rows[2], v))
 
 
 def _turn(body: Body, state: JointState) -> Body:

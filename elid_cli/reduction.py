@@ -7,7 +7,7 @@ variances, adding or dropping a column, leaving a fold out, merging logs. Solvin
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,20 @@ class Triangles:
         chosen = self.of(row, folds)
         count = sum(t.count for t in chosen)
         return float(np.sqrt(sum(t.power for t in chosen) / count)) if count else float("nan")
+
+    def joined(self, folds: Sequence[int] | None = None) -> Triangles:
+        """Return the triangles of some folds or all as one fold: what is solved again and again is then smaller."""
+        groups: dict[Row, list[Triangle]] = {}
+        for triangle in self.items:
+            if folds is None or triangle.fold in folds:
+                groups.setdefault(triangle.row, []).append(triangle)
+        items = []
+        for parts in groups.values():
+            first = parts[0]
+            factor = first.factor if len(parts) == 1 else factor_of(np.concatenate([part.factor for part in parts]))
+            count, power = sum(part.count for part in parts), sum(part.power for part in parts)
+            items.append(replace(first, fold=0, factor=factor, count=count, power=power))
+        return replace(self, items=tuple(items), folds=1)
 
     def stacked(self, weights: Mapping[Row, float], folds: Sequence[int] | None = None) -> Array:
         """Return the weighted triangles as one system, (rows, p + e + 1), reduced to a triangle."""

@@ -268,11 +268,13 @@ def _channels(recording: Recording, robot: Robot) -> tuple[Array, Array]:
     """Return link and motor positions, (N, n); a rigid joint has one position, its motor's where both exist."""
     link, motor = recording.q, recording.theta
     shared = [k for k, joint in enumerate(robot.joints) if not joint.elastic or not np.isfinite(link[:, k]).any()]
+    moved = [bool(np.isfinite(column).any()) for column in motor.T] if shared else []
+    if len(shared) == robot.n and all(moved):
+        return motor, motor
     if shared:
         link, motor = link.copy(), motor.copy()
     for k in shared:
-        source = motor if np.isfinite(motor[:, k]).any() else link
-        link[:, k] = motor[:, k] = source[:, k]
+        link[:, k] = motor[:, k] = (motor if moved[k] else link)[:, k]
     return link, motor
 
 
@@ -337,20 +339,28 @@ def _choose(
         return np.full(n, candidates[0], dtype=np.intp)
     sides = 1 if _alike(channels) and not rates else 2
     scores = np.zeros((len(candidates), sides * n))
-    for segment in excerpts(segments, dt):
-        span = slice(segment.start, segment.stop)
-        part = np.ascontiguousarray(np.concatenate([channel[span] for channel in channels[:sides]], axis=1).T)
+    for length, spans in _of_equal_length(excerpts(segments, dt), together=not rates):
+        part = np.concatenate([channel[span].T for span in spans for channel in channels[:sides]])
         noise = np.array([white_noise(channel) for channel in part]) if rates else np.zeros(0)
         for row, stride in enumerate(candidates):
-            if len(segment) <= (_WIDEST - 1) * stride:
+            if length <= (_WIDEST - 1) * stride:
                 scores[row] = np.inf
             elif rates:
-                scores[row] += _fused_score(part, [(r, r.values[:, span]) for r in rates], noise, stride, dt)
+                scores[row] += _fused_score(part, [(r, r.values[:, spans[0]]) for r in rates], noise, stride, dt)
             else:
-                scores[row] += fit_spline(part, stride, dt).aicc
+                scores[row] += fit_spline(part, stride, dt).aicc.reshape(len(spans), -1).sum(axis=0)
     best = np.argmin(scores, axis=0)
     finest = np.minimum(best[:n], best[-n:])
     return np.array([candidates[k] for k in finest], dtype=np.intp)
+
+
+def _of_equal_length(segments: Sequence[Segment], *, together: bool) -> Iterator[tuple[int, list[slice]]]:
+    """Yield lengths and the stretches of each, which one call may fit `together`, or one stretch at a time."""
+    groups: dict[int, list[slice]] = {}
+    for number, segment in enumerate(segments):
+        groups.setdefault(len(segment) if together else -number, []).append(slice(segment.start, segment.stop))
+    for spans in groups.values():
+        yield spans[0].stop - spans[0].start, spans
 
 
 def _alike(channels: tuple[Array, Array]) -> bool:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import Any
 
@@ -207,9 +207,12 @@ def fit_spline(
         Rows of `values` to fit, default all.
     """
     channels = np.arange(len(values)) if channels is None else channels
+    complete = np.isfinite(values.sum(axis=1)[channels]) if not rates else np.zeros(len(channels), dtype=bool)
+    if complete.any() and not complete.all():
+        return _merged(complete, *(fit_spline(values, stride, dt, (), channels[c]) for c in (complete, ~complete)))
+    whole = bool(complete.all())
     samples = values.shape[1]
     intervals = max(1, -(-(samples - 1) // stride))
-    whole = not rates and bool(np.isfinite(values.sum(axis=1)[channels]).all())
     band = np.zeros((1 if whole else len(channels), _ORDER, intervals + DEGREE))
     right = np.zeros((len(channels), intervals + DEGREE))
     observed: list[tuple[int, Array, Array]] = [(0, values, np.ones(len(channels))), *rates]
@@ -228,6 +231,15 @@ def fit_spline(
             squares += np.nansum(rest**2, axis=1)
             counted += np.count_nonzero(np.isfinite(rest), axis=1)
     return Fit(spline, squares, counted, min(intervals + DEGREE, samples))
+
+
+def _merged(first: NDArray[np.bool_], one: Fit, other: Fit) -> Fit:
+    """Return the fits of the channels that are `first` and of the others as one."""
+    coefficients = np.empty((len(first), one.spline.coefficients.shape[1]))
+    squares, counted = np.empty(len(first)), np.empty(len(first), dtype=np.intp)
+    for where, fit in ((first, one), (~first, other)):
+        coefficients[where], squares[where], counted[where] = fit.spline.coefficients, fit.squares, fit.counted
+    return Fit(replace(one.spline, coefficients=coefficients), squares, counted, one.freedom)
 
 
 def _stretches(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +39,16 @@ class Solution:
     """others = basis @ dependence, (r, len(others)); what the log shows, exact dependencies included."""
     inverse: Array
     """Inverse of the weighted triangle of the basis, (r, r): covariance = inverse @ inverse.T for unit weights."""
-    condition: float
-    """Condition number of the scaled basis."""
+    corner: Array
+    """Triangle of the scaled basis, (r, r)."""
     margin: float
     """Smallest kept pivot over the largest dropped one."""
     weights: Mapping[Row, float]
+
+    @cached_property
+    def condition(self) -> float:
+        """Condition number of the scaled basis."""
+        return float(np.linalg.cond(self.corner))
 
     @property
     def live(self) -> NDArray[np.intp]:
@@ -120,7 +126,7 @@ def solve(
         np.concatenate([dropped, dead]).astype(np.intp),
         dependence,
         inverse,
-        float(np.linalg.cond(corner)),
+        corner,
         margin,
         dict(weights),
     )
@@ -132,16 +138,17 @@ def reweighted(triangles: Triangles, rank: int | None = None, folds: Sequence[in
     Only rows with a measured right-hand side may be weighted so: a homogeneous row group would drive its own weight
     to infinity and every parameter to zero.
     """
+    whole = triangles.joined(folds)
     weights = {}
-    for row in triangles.rows:
-        scale = triangles.torque_rms(row, folds)
+    for row in whole.rows:
+        scale = whole.torque_rms(row)
         if np.isfinite(scale) and scale > 0:
             weights[row] = 1.0 / scale
-    solution = solve(triangles, weights, folds, rank)
+    solution = solve(whole, weights, None, rank)
     for _ in range(WEIGHT_ITERATIONS):
-        weights = weights_of(triangles, solution.values, weights, folds)
-        solution = solve(triangles, weights, folds, rank, solution.basis)
-    return solve(triangles, weights, folds, rank)
+        weights = weights_of(whole, solution.values, weights)
+        solution = solve(whole, weights, None, rank, solution.basis)
+    return solve(whole, weights, None, rank)
 
 
 def weights_of(

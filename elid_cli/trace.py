@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-BLOCK = 4080
+BLOCK = 8160
 """Samples per block: long enough that NumPy's calls cost little, short enough that live rows stay in the cache."""
 
 _ADD, _SUB, _MUL, _NEG = range(4)
@@ -96,9 +96,17 @@ class Node:
         if other.index == self.index:
             return 0.0
         inner = other._negated()
-        return self + inner if inner is not None else self.graph.record(_SUB, self, other)
+        if inner is not None:
+            return self + inner
+        inner = self._negated()
+        if inner is not None:  # a sign outside is taken up by what follows, most often
+            return -(inner + other)
+        return self.graph.record(_SUB, self, other)
 
     def __rsub__(self, other: float) -> Scalar:
+        inner = self._negated()
+        if inner is not None:
+            return inner + other
         return -self if other == 0 else self.graph.record(_SUB, float(other), self)
 
     def __mul__(self, other: Scalar) -> Scalar:
@@ -117,7 +125,11 @@ class Node:
             return self
         if other == -1:
             return -self
-        return self.graph.record(_MUL, self, float(other))
+        inner = self._negated()
+        if inner is not None:
+            return -(inner * other)
+        # of a factor and its negative one product is made, whose sign what follows takes up
+        return -(self * -other) if other < 0 else self.graph.record(_MUL, self, float(other))
 
     __rmul__ = __mul__
 

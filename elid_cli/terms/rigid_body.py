@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from elid_cli.kinematics import Vector, cross, dot
+from elid_cli.kinematics import Vector, acceleration_field, cross, dot
 from elid_cli.robot import Robot
 from elid_cli.terms.base_term import ChainMotion, Entry
 
@@ -26,7 +26,7 @@ class RigidBody:
         for i in range(1, robot.n + 1):
             body = motion.bodies[i]
             a, omega, alpha = body.acceleration, body.omega, body.alpha
-            field = _acceleration_field(omega, alpha)
+            field = acceleration_field(omega, alpha)
             moments = _moments(omega, alpha)
             for j, (v, w) in enumerate(body.twists):
                 yield Entry("link", j, f"m{i}", dot(v, a))
@@ -36,17 +36,6 @@ class RigidBody:
                     yield Entry("link", j, f"c{column}{i}", value)
                 for kind, moment in zip(_INERTIA, moments, strict=True):
                     yield Entry("link", j, f"{kind}{i}", dot(w, moment))
-
-
-def _acceleration_field(omega: Vector, alpha: Vector) -> tuple[Vector, Vector, Vector]:
-    """Return the rows of [alpha]x + [omega]x²: acceleration of a point per offset from the origin."""
-    xx, yy, zz = omega[0] * omega[0], omega[1] * omega[1], omega[2] * omega[2]
-    xy, xz, yz = omega[0] * omega[1], omega[0] * omega[2], omega[1] * omega[2]
-    return (
-        (-(yy + zz), xy - alpha[2], xz + alpha[1]),
-        (xy + alpha[2], -(xx + zz), yz - alpha[0]),
-        (xz - alpha[1], yz + alpha[0], -(xx + yy)),
-    )
 
 
 def _moments(omega: Vector, alpha: Vector) -> tuple[Vector, ...]:

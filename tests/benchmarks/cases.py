@@ -62,7 +62,7 @@ def rigid_regressor(which: str) -> dict[str, float]:
     def blocks() -> None:
         for start in range(0, SAMPLES, trace.BLOCK):
             part = motion[start : start + trace.BLOCK]
-            program.run(inputs_of(part), out[:, : part.samples])
+            program.run(inputs_of(part, program), out[:, : part.samples])
 
     def writing() -> None:
         for _ in range(0, SAMPLES, trace.BLOCK):
@@ -81,7 +81,7 @@ def elastic_reduction(which: str) -> dict[str, float]:
     """
     import made
 
-    from elid_cli import trace
+    from elid_cli.blocks import CHUNK
     from elid_cli.lowpass import low_pass
     from elid_cli.model import Model, inputs_of
     from elid_cli.motion import random_motion
@@ -90,7 +90,7 @@ def elastic_reduction(which: str) -> dict[str, float]:
     robot = getattr(made, which)()
     plan = Model(robot).estimation
     motion = random_motion(robot.n, np.ones(robot.n, dtype=bool), SAMPLES)
-    out = np.empty((plan.program.outputs, 2 * trace.BLOCK))
+    out = np.empty((plan.program.outputs, CHUNK))
     filter_ = low_pass(10.0, 1e-3, 20)
 
     def reduced(decimated: bool) -> None:
@@ -98,7 +98,7 @@ def elastic_reduction(which: str) -> dict[str, float]:
         for start in range(0, SAMPLES, out.shape[1]):
             part = motion[start : start + out.shape[1]]
             rows = out[:, : part.samples]
-            plan.program.run(inputs_of(part), rows)
+            plan.program.run(inputs_of(part, plan.program), rows)
             rows = filter_.apply(rows) if decimated else rows
             for item in plan.rows:
                 factors[item.row] = factor_of(np.concatenate([factors[item.row], rows[item.slots].T]))
