@@ -1,6 +1,7 @@
 """Section 6 of the paper with elid: Tables 1-6 and Figures 3-7.
 
-Run: python -m tests.reproduce.paper [--quick] [--plot DIR].
+Run: python -m tests.reproduce.paper [--quick] [--only PART …] [--motions 1-4] [--levels none 80 …] [--plot DIR].
+`tests/reproduce/paper.txt` is what it printed.
 """
 
 from __future__ import annotations
@@ -11,28 +12,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli.base import find_base
-from elid_cli.estimate import EstimateOptions, Identification, identify
+from elid_cli.estimate import EstimateOptions, identify
 from elid_cli.model import Model
-from elid_cli.paper import RateNoise, identify_paper
-from elid_cli.recording import Recording
-from elid_cli.reference import ReferenceOptions
-from elid_cli.robot import EffectSpec, Robot
+from elid_cli.paper import identify_paper
+from elid_cli.robot import Robot
 from elid_cli.robot_file import read_robot
-from elid_cli.signals import SignalOptions, prepare
+from elid_cli.signals import prepare
 from elid_cli.simulation import ControlOptions, Simulation, SimulationOptions, run
+from tests.reproduce.paper_figures import figures
+from tests.reproduce.paper_logs import by_elid, by_paper, log_of, motion_of, with_friction
 
-Array = NDArray[np.float64]
-
-FRICTION = np.array(
-    [[0.1434, 0.3302, 0.2499, 0.0537, 0.2991, 16.624], [0.1391, 0.3576, 0.2451, 0.1073, 0.3389, 10.097]]
-)
-"""Eq. (44): f1...f6 of joints 1 and 2."""
-COUNTS = 1.25e6
 LEVELS: tuple[float | None, ...] = (None, 200, 100, 80, 70, 60, 40, 20)
-STATES = ("q", "dq", "ddq", "theta", "dtheta", "ddtheta")
 PRINTED = (
     -30.8352,
     6.5670,
@@ -50,67 +42,8 @@ PRINTED = (
     1799.79,
 )
 """Table 1's estimates, in standard order."""
+PARTS = ("table1", "table2", "puma")
 TABLE_2 = {20: "3.84e+3", 70: "44.5", 80: "4.73", 100: "0.157", 200: "0.111", None: "0.103"}
-
-
-def with_friction(robot: Robot, *, known: bool) -> Robot:
-    """Return the robot with the Stribeck terms of eq. (43): their values, or only that they exist."""
-    specs = []
-    for joint, f in zip(robot.joint_names, FRICTION, strict=True):
-        for amplitude, velocity, exponent in ((-f[2], f[3], 1.0), (-f[4], 1.0 / f[5], -1.0)):
-            given = {"amplitude": amplitude, "velocity": velocity} if known else {"velocity": 0.1}
-            specs.append(EffectSpec("stribeck", joint, {**given, "exponent": exponent}))
-    return replace(robot, effects=tuple(specs))
-
-
-def motion_of(robot: Robot, seed: int, duration: float = 8.9) -> Simulation:
-    """Simulate a B-spline motion under PD control at 1 kHz, exact positions."""
-    options = SimulationOptions(
-        duration=duration,
-        seed=seed,
-        reference=ReferenceOptions(amplitude=0.75, interval=1.1),
-        control=ControlOptions(continuous=True),
-    )
-    return run(robot, options)
-
-
-def quantised(values: Array) -> Array:
-    step = 2 * np.pi / COUNTS
-    return np.round(values / step) * step
-
-
-def noise_of(values: Array, level: float | None) -> Array:
-    return np.zeros(values.shape[1]) if level is None else values.std(axis=0) * 10 ** (-level / 20)
-
-
-def log_of(
-    simulation: Simulation, level: float | None, seed: int, *, rates: bool
-) -> tuple[Recording, tuple[Array, Array] | None]:
-    """Return a noisy log; with `rates`, noise is on q, q' and q'' separately, as the paper words it."""
-    generator = np.random.default_rng(seed)
-    noisy = {}
-    for name in STATES:
-        exact = getattr(simulation.motion, name)
-        noisy[name] = exact + noise_of(exact, level) * generator.standard_normal(exact.shape)
-    recording = replace(simulation.recording, q=quantised(noisy["q"]), theta=quantised(noisy["theta"]))
-    if not rates:
-        return replace(recording, dq=None, dtheta=None), None
-    return replace(recording, dq=noisy["dq"], dtheta=noisy["dtheta"]), (noisy["ddq"], noisy["ddtheta"])
-
-
-def by_paper(robot: Robot, simulation: Simulation, level: float | None, seed: int, *, rates: bool) -> Identification:
-    recording, _ = log_of(simulation, None if rates else level, seed, rates=False)
-    spread = {name: noise_of(getattr(simulation.motion, name), level) for name in STATES}
-    noise = RateNoise(spread, seed) if rates else None
-    return identify_paper(robot, prepare(recording, robot), EstimateOptions(estimator="paper"), noise)
-
-
-def by_elid(
-    robot: Robot, simulation: Simulation, level: float | None, seed: int, *, rates: bool, accurate: bool = False
-) -> Identification:
-    recording, accelerations = log_of(simulation, level, seed, rates=rates)
-    signals = prepare(recording, robot, SignalOptions(), accelerations)
-    return identify(robot, signals, EstimateOptions(accurate=accurate, guards=False))
 
 
 def median(errors: Sequence[float]) -> str:
@@ -144,7 +77,11 @@ def table_1(robot: Robot, simulation: Simulation) -> None:
 
 
 def table_2(
-    robot: Robot, motions: Sequence[Simulation], plain: Sequence[Simulation], levels: Sequence[float | None]
+    robot: Robot,
+    motions: Sequence[Simulation],
+    plain: Sequence[Simulation],
+    seeds: Sequence[int],
+    levels: Sequence[float | None],
 ) -> None:
     stribeck = with_friction(robot, known=False)
     print("\nTable 2: normalised mean error, median over", len(motions), "motions")
@@ -167,7 +104,7 @@ def table_2(
     print("SN dB   " + " ".join(f"{n:>14}" for n in names))
     for level in levels:
         cells: dict[str, list[float]] = {n: [] for n in names[1:]}
-        for seed, (m, p) in enumerate(zip(motions, plain, strict=True)):
+        for seed, m, p in zip(seeds, motions, plain, strict=True):
             cells["paper q"].append(by_paper(robot, m, level, seed, rates=False).normalised_mean_error())
             cells["paper all"].append(by_paper(robot, m, level, seed, rates=True).normalised_mean_error())
             cells["default q"].append(by_elid(robot, m, level, seed, rates=False).normalised_mean_error())
@@ -185,12 +122,16 @@ def table_2(
         print(f"{'none' if level is None else f'{level:g}':7} {TABLE_2.get(level, '-'):>14} {text}", flush=True)
 
 
-def puma_tables(duration: float) -> None:
+def puma_motion() -> tuple[Robot, Simulation]:
+    """Return the PUMA 560 as the paper has it, K = 2000 everywhere and gravity along -y0, and 20 s of its motion."""
     robot = read_robot("puma560")
     joints = tuple(replace(j, parameters={**j.parameters, "K": 2000.0}) for j in robot.joints)
-    robot = replace(robot, joints=joints)
-    across = replace(robot, gravity=(0.0, -9.81, 0.0))
-    standing = replace(robot, gravity=(0.0, 0.0, -9.81))
+    across = replace(robot, joints=joints, gravity=(0.0, -9.81, 0.0))
+    return across, run(across, SimulationOptions(duration=20.0, seed=1, control=ControlOptions(continuous=True)))
+
+
+def puma_tables(across: Robot, simulation: Simulation) -> None:
+    standing = replace(across, gravity=(0.0, 0.0, -9.81))
     a, b = find_base(Model(across)), find_base(Model(standing))
     print(
         f"\nPUMA 560, K = 2000 N·m/rad: {a.count} base parameters with the paper's gravity (-y0), "
@@ -202,7 +143,6 @@ def puma_tables(duration: float) -> None:
         f"{84 - supported} are in combinations only or do not show at all, "
         "so their printed values are one of infinitely many solutions."
     )
-    simulation = run(across, SimulationOptions(duration=duration, seed=1, control=ControlOptions(continuous=True)))
     recording, _ = log_of(simulation, None, 1, rates=False)
     found = identify(across, prepare(recording, across), EstimateOptions(guards=False))
     old = identify_paper(across, prepare(recording, across), EstimateOptions(estimator="paper"))
@@ -219,60 +159,42 @@ def puma_tables(duration: float) -> None:
     )
 
 
-def figures(folder: Path, simulation: Simulation, quick: bool) -> None:
-    import matplotlib
+def numbers(text: str) -> list[int]:
+    """Return the numbers of a range such as 5-8, or of one number."""
+    first, _, last = text.partition("-")
+    return list(range(int(first), int(last or first) + 1))
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
 
-    folder.mkdir(parents=True, exist_ok=True)
-
-    def save(name: str, x: Array, lines: Sequence[tuple[str, Array]], x_label: str, y_label: str) -> None:
-        figure, axes = pyplot.subplots(figsize=(7, 4))
-        for label, y in lines:
-            axes.plot(x, y, label=label)
-        axes.set_xlabel(x_label)
-        axes.set_ylabel(y_label)
-        axes.legend()
-        figure.tight_layout()
-        figure.savefig(folder / name)
-        pyplot.close(figure)
-
-    v = np.linspace(-1.5, 1.5, 601)
-    a, s, f = np.abs(v) + 1e-9, np.sign(v), FRICTION[0]
-    complete = f[0] * v + f[1] * s - f[2] * s * np.exp(-a / f[3]) - f[4] * s * np.exp(-1 / (f[5] * a))
-    save("figure3.png", v, [("eq. (43)", complete), ("Coulomb", f[1] * s)], "velocity [rad/s]", "friction [N·m]")
-
-    def motion_figures(numbers: tuple[int, int], what: Simulation) -> None:
-        m, n = what.motion, what.tau.shape[1]
-        save(
-            f"figure{numbers[0]}a.png", m.t, [(f"u{k + 1}", what.tau[:, k]) for k in range(n)], "t [s]", "torque [N·m]"
-        )
-        save(f"figure{numbers[0]}b.png", m.t, [(f"q{k + 1}", m.q[:, k]) for k in range(n)], "t [s]", "position [rad]")
-        gap = np.degrees(m.q - m.theta)
-        lines = [(f"q{k + 1} - theta{k + 1}", gap[:, k]) for k in range(2)]
-        save(f"figure{numbers[1]}.png", m.t, lines, "t [s]", "deflection [deg]")
-
-    motion_figures((4, 5), simulation)
-    if not quick:
-        motion_figures((6, 7), run(read_robot("puma560"), SimulationOptions(duration=8.9, seed=1)))
+def level(text: str) -> float | None:
+    """Return a noise level in dB; `none` for no noise."""
+    return None if text == "none" else float(text)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one motion, three noise levels, no PUMA")
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART", help=", ".join(PARTS))
+    parser.add_argument(
+        "--motions", type=numbers, default=[1, 2, 3, 4], metavar="A-B", help="seeds of Table 2's motions"
+    )
+    parser.add_argument("--levels", type=level, nargs="+", default=list(LEVELS), metavar="DB", help="Table 2's SN, dB")
     parser.add_argument("--plot", type=Path, metavar="DIR", help="write figures 3-7 there")
     chosen = parser.parse_args()
+    parts, seeds, levels = chosen.only, chosen.motions, chosen.levels
+    if chosen.quick:
+        parts, seeds, levels = [part for part in parts if part != "puma"], seeds[:1], [None, 80.0, 40.0]
     robot = read_robot("planar2")
-    count = 1 if chosen.quick else 4
-    motions = [motion_of(with_friction(robot, known=True), seed) for seed in range(1, count + 1)]
-    plain = [motion_of(robot, seed) for seed in range(1, count + 1)]
-    table_1(robot, motions[0])
-    table_2(robot, motions, plain, (None, 80, 40) if chosen.quick else LEVELS)
-    if not chosen.quick:
-        puma_tables(20.0)
+    rough = with_friction(robot, known=True)
+    if "table1" in parts:
+        table_1(robot, motion_of(rough, seeds[0]))
+    if "table2" in parts:
+        print("\nmotions", *seeds)
+        table_2(robot, [motion_of(rough, s) for s in seeds], [motion_of(robot, s) for s in seeds], seeds, levels)
+    puma = puma_motion() if "puma" in parts else None
+    if puma is not None:
+        puma_tables(*puma)
     if chosen.plot is not None:
-        figures(chosen.plot, motions[0], chosen.quick)
+        figures(chosen.plot, motion_of(rough, seeds[0]), None if puma is None else puma[1])
 
 
 if __name__ == "__main__":

@@ -1,0 +1,163 @@
+"""The linear systems of a collocation problem: banded in the trajectory, with a dense border for the parameters.
+
+Coefficients are ordered knot by knot, so that the normal matrix is banded (half-bandwidth 6 x channels) with a dense
+border for p and z; a banded Cholesky factor and a Schur complement solve it in linear time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.collocation import ORDER, Further, Iterate, Problem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """The quadratic that is left of the cost when the trajectory is eliminated: c + 2 g'x + x'Q x, x about `now`."""
+
+    matrix: Array
+    """Q, (p + z + further, p + z + further)."""
+    gradient: Array
+    """g, (p + z + further,)."""
+    solved: list[Array]
+    """Per piece: what moves of x, and the gradient (last column), move the coefficients by, negated."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A Gauss-Newton step and the covariance at its start."""
+
+    p: Array
+    z: Array
+    coefficients: list[Array]
+    covariance: Array
+
+
+def reduced(problem: Problem, now: Iterate, prior: tuple[Array, Array], further: Further | None = None) -> Reduced:
+    """Eliminate the trajectory.
+
+    Parameters
+    ----------
+    problem, now
+        The problem and where it is linearised.
+    prior
+        (matrix, gradient) of what is known of (p, z) beforehand, with zeros for further columns.
+    further
+        Columns of terms that are not in the model.
+    """
+    from scipy.linalg import cho_solve_banded, cholesky_banded
+
+    matrix, gradient = prior[0].copy(), prior[1].copy()
+    size = len(gradient)
+    solutions = []
+    for number in range(len(problem.pieces)):
+        band, load, border, corner, edge = _normal(problem, number, now, size, further)
+        factor = cholesky_banded(band, lower=True, check_finite=False)
+        solved = cho_solve_banded((factor, True), np.column_stack([border, load]), check_finite=False)
+        matrix += corner - border.T @ solved[:, :size]
+        gradient += edge - border.T @ solved[:, size]
+        solutions.append(solved)
+    return Reduced(matrix, gradient, solutions)
+
+
+def step(problem: Problem, now: Iterate, prior: tuple[Array, Array], *, scores: bool = False) -> Step:
+    """Return the Gauss-Newton step at `now`; with `scores`, with the covariance of (p, z) that residuals show."""
+    left = reduced(problem, now, prior)
+    size = len(left.gradient)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(left.matrix), 1e-300))
+    inverse = np.linalg.pinv(left.matrix * scale[:, None] * scale[None], rcond=1e-13, hermitian=True)
+    inverse = inverse * scale[:, None] * scale[None]
+    move = -inverse @ left.gradient
+    trajectory = [
+        -(solved[:, size] + solved[:, :size] @ move).reshape(now.coefficients[k].shape)
+        for k, solved in enumerate(left.solved)
+    ]
+    covariance = inverse
+    if scores:
+        covariance = _sandwich(problem, now, [solved[:, :size] for solved in left.solved], inverse)
+    return Step(move[: len(now.p)], move[len(now.p) :], trajectory, covariance)
+
+
+def _normal(
+    problem: Problem, number: int, now: Iterate, size: int, further: Further | None
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return (band, gradient, border, corner, corner's gradient) of one piece."""
+    piece, coefficients = problem.pieces[number], now.coefficients[number]
+    knots, channels = coefficients.shape
+    blocks = np.zeros((ORDER * channels, ORDER * channels, piece.intervals))
+    loads = np.zeros((ORDER * channels, piece.intervals))
+    border = np.zeros((knots * channels, size))
+    corner, edge = np.zeros((size, size)), np.zeros(size)
+    for part in problem.parts(piece):
+        G, P, r = problem.linearised(number, now, part, further)
+        blocks[:, :, part] = np.einsum("jab->abj", np.matmul(G.transpose(0, 2, 1), G))
+        loads[:, part] = np.einsum("jra,jr->aj", G, r, optimize=True)
+        cross = np.matmul(G.transpose(0, 2, 1), P).reshape(-1, ORDER, channels, size)
+        for k in range(ORDER):
+            place = (part.start + k) * channels
+            border[place : place + cross.shape[0] * channels] += cross[:, k].reshape(-1, size)
+        flat = P.reshape(-1, size)
+        corner += flat.T @ flat
+        edge += flat.T @ r.reshape(-1)
+    misfit = problem.misfit(piece, coefficients) * piece.weight
+    inner = np.einsum("cjs,sl,sm->lmcj", piece.weight**2, problem.samples, problem.samples, optimize=True)
+    pulls = np.einsum("cjs,sl->lcj", misfit, problem.samples, optimize=True)
+    index = np.arange(channels)
+    for k in range(ORDER):
+        loads[k * channels + index] -= pulls[k]
+        for m in range(ORDER):
+            blocks[k * channels + index, m * channels + index] += inner[k, m]
+    return (*_banded(blocks, loads, knots, channels), border, corner, edge)
+
+
+def _banded(blocks: Array, loads: Array, knots: int, channels: int) -> tuple[Array, Array]:
+    """Add interval blocks (6 C, 6 C, J) into lower band storage (6 C, knots * C), and loads into a vector."""
+    intervals = blocks.shape[2]
+    band = np.zeros((ORDER * channels, knots, channels))
+    gradient = np.zeros((knots, channels))
+    for k in range(ORDER):
+        for a in range(channels):
+            row = k * channels + a
+            gradient[k : k + intervals, a] += loads[row]
+            for m in range(k + 1):
+                for b in range(channels):
+                    offset = (k - m) * channels + a - b
+                    if offset >= 0:
+                        band[offset, m : m + intervals, b] += blocks[row, m * channels + b]
+    flat = band.reshape(ORDER * channels, knots * channels)
+    flat[0] += 1e-12 * flat[0].max()
+    return flat, gradient.reshape(-1)
+
+
+def _sandwich(problem: Problem, now: Iterate, solved: Sequence[Array], inverse: Array) -> Array:
+    """Return the covariance of (p, z) from the long-run covariance of their scores, interval by interval."""
+    from elid_cli.covariance import long_run
+
+    parts, stretch = [], []
+    for number, piece in enumerate(problem.pieces):
+        channels = now.coefficients[number].shape[1]
+        influence = solved[number].reshape(-1, channels, solved[number].shape[1])
+        windows = np.lib.stride_tricks.sliding_window_view(influence, ORDER, axis=0)
+        scores = np.zeros((piece.intervals, solved[number].shape[1]))
+        for part in problem.parts(piece):
+            G, P, r = problem.linearised(number, now, part)
+            local = windows[part].transpose(0, 3, 1, 2).reshape(len(G), -1, P.shape[2])
+            scores[part] += np.einsum("jra,jr->ja", P - np.matmul(G, local), r, optimize=True)
+        misfit = problem.misfit(piece, now.coefficients[number]) * piece.weight
+        pulls = np.einsum("cjs,sl->jcl", misfit, problem.samples, optimize=True)
+        scores += np.einsum("jcl,jcal->ja", pulls, windows, optimize=True)
+        parts.append(scores)
+        stretch.append(np.full(piece.intervals, number))
+    scale = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    scale[scale == 0] = 1.0
+    whole = np.concatenate(parts) * scale
+    half = inverse / scale[None]
+    meat = long_run(whole, np.concatenate(stretch).astype(np.intp))
+    covariance: Array = half @ meat @ half.T
+    return covariance

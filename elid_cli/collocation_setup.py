@@ -1,0 +1,204 @@
+"""A fit turned into a collocation problem: knots, samples, right-hand sides, noise and what is known beforehand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.collocation import Equations, Iterate, Piece, Problem, Setting
+from elid_cli.collocation_rows import Layout, RobotEquations, free_shapes
+from elid_cli.effects import FittedEffects, amplitude_prior, declared_effects
+from elid_cli.fitting import Fit
+from elid_cli.nuisance import DELAY
+from elid_cli.recording import Segment
+from elid_cli.smoothing import fit_spline
+
+Array = NDArray[np.float64]
+
+KNOT_SHARE, KNOTS = 0.06, (0.005, 0.02)
+"""Knot spacing as a share of the finest that the default fit chose, and its range, s.
+
+The equations of motion hold the trajectory, so noise asks for no coarser knots; but a spline that cannot follow the
+jump of friction where a motor reverses bends the friction curve.
+"""
+MODEL_ERROR = 2e-5
+"""Standard deviation of the equations' own error, as a share of the rms torque of the joint."""
+NOISE_SHARE = 4e-4
+"""The same as a share of the spring's torque noise: a trajectory known so badly cannot obey the equations closer."""
+SHAPE_SPREAD = 0.7
+"""Prior standard deviation of a shape's logarithm about what the robot file gives."""
+LOOSER = 3.0
+"""Amplitudes of effects are held this many times more loosely than in the default fit, whose noise is larger."""
+_POINTS = 15
+_SHORTEST = 12
+"""Knot intervals that a segment needs."""
+
+
+class Setup:
+    """A fit turned into a collocation problem."""
+
+    def __init__(self, fit: Fit) -> None:
+        self.fit = fit
+        signals, robot = fit.signals, fit.model.robot
+        channels = [("q", k) for k in range(robot.n) if not signals.still[k]]
+        channels += [("theta", k) for k in range(robot.n) if robot.joints[k].elastic and not signals.still[k]]
+        self.channels = tuple(channels)
+        self.rows = tuple(item.row for item in fit.model.equations.rows)
+        self.p_columns = fit.solution.basis
+        self.setting = self._setting()
+        self._delay = self._delays()
+        self.equations = RobotEquations(Layout(fit, self.channels, self.rows, self.p_columns, self.setting))
+        self.pieces = [p for s in signals.segments if (p := self._piece(s)) is not None]
+        self.effects = _given(fit)
+        self.z_start = free_shapes(self.effects)
+        self.start = Iterate(
+            [p.start for p in self.pieces], fit.solution.values[self.p_columns].copy(), free_shapes(fit.effects)
+        )
+        rows = self.equations
+        self.problem = Problem(
+            self.setting, self.pieces, Equations(rows.residual, rows.columns, rows.trust), self.first_rho()
+        )
+
+    def _setting(self) -> Setting:
+        signals = self.fit.signals
+        known = signals.knots[np.isfinite(signals.knots) & ~signals.still]
+        wanted = float(np.clip(KNOT_SHARE * known.min() if len(known) else KNOTS[1], *KNOTS))
+        stride = max(4, round(wanted / signals.dt))
+        points = max(d for d in range(1, min(_POINTS, stride) + 1) if stride % d == 0)
+        if points < 5:  # a prime stride: take the next even one
+            stride += 1
+            points = max(d for d in range(1, min(_POINTS, stride) + 1) if stride % d == 0)
+        motion = signals.motion
+        scale = np.array(
+            [
+                [max(float(np.nanstd(getattr(motion, "d" * d + side)[:, k])), 1e-9) for side, k in self.channels]
+                for d in range(3)
+            ]
+        )
+        return Setting(signals.dt, stride, points, scale)
+
+    def _intervals(self, segment: Segment) -> int:
+        return len(segment) // self.setting.stride
+
+    def _delays(self) -> Array:
+        delays = np.zeros(self.fit.model.robot.n)
+        for k, extra in enumerate(self.fit.nuisances):
+            if extra.name == DELAY:
+                delays[next(iter(extra.rows)).joint] = self.fit.solution.values[self.fit.model.parameters + k]
+        return delays
+
+    def _piece(self, segment: Segment) -> Piece | None:
+        intervals = self._intervals(segment)
+        if intervals < _SHORTEST:
+            return None
+        signals, recording, stride = self.fit.signals, self.fit.signals.recording, self.setting.stride
+        assert recording is not None
+        part = slice(segment.start, segment.start + intervals * stride)
+        measured = np.empty((len(self.channels), intervals * stride))
+        weight = np.zeros_like(measured)
+        smooth = np.empty_like(measured)
+        for c, (side, k) in enumerate(self.channels):
+            raw = (recording.q if side == "q" else recording.theta)[part, k]
+            noise = (signals.noise.q if side == "q" else signals.noise.theta)[k]
+            if not self.fit.model.robot.joints[k].elastic and not np.isfinite(raw).any():
+                raw, noise = recording.theta[part, k], signals.noise.theta[k]
+            measured[c] = raw
+            smooth[c] = getattr(signals.motion, side)[part, k]
+            sigma = max(float(noise), 1e-9 * float(np.nanstd(smooth[c])) + 1e-15)
+            weight[c] = np.where(np.isfinite(raw), 1.0 / sigma, 0.0)
+        start = fit_spline(smooth, stride, signals.dt).spline.coefficients[:, : intervals + 5].T
+        torque, mask = self._right_side(part)
+        shape = (len(self.channels), intervals, stride)
+        return Piece(
+            measured.reshape(shape),
+            weight.reshape(shape),
+            torque.reshape(len(self.rows), intervals, self.setting.points),
+            mask.reshape(len(self.rows), intervals, self.setting.points),
+            np.ascontiguousarray(start),
+        )
+
+    def _right_side(self, part: slice) -> tuple[Array, Array]:
+        """Return torque averaged over the samples around each point, and the rows' weights there."""
+        signals = self.fit.signals
+        every = self.setting.stride // self.setting.points
+        torque, mask = [], []
+        for row in self.rows:
+            raw = signals.tau[part, row.joint]
+            known = np.isfinite(raw)
+            t = np.arange(len(raw)) * signals.dt
+            acting = np.interp(t - self._delay[row.joint], t[known], raw[known]) if known.any() else np.zeros(len(raw))
+            mean = acting.reshape(-1, every).mean(axis=1)
+            count = known.reshape(-1, every).all(axis=1).astype(float)
+            if row.kind == "link":
+                torque.append(np.zeros_like(mean))
+                mask.append(np.ones_like(mean))
+                continue
+            torque.append(mean)
+            mask.append(count)
+        return np.array(torque), np.array(mask)
+
+    def first_rho(self) -> Array:
+        """Return the noise of every row that is assumed at first, N·m (N), (rows,)."""
+        signals = self.fit.signals
+        every = self.setting.stride // self.setting.points
+        rho = []
+        for row in self.rows:
+            torque = signals.tau[:, row.joint]
+            size = float(np.sqrt(np.nanmean(torque**2))) if np.isfinite(torque).any() else 1.0
+            noise = 0.0 if row.kind == "link" else float(np.nan_to_num(signals.noise.tau[row.joint]))
+            rho.append(
+                np.hypot(max(MODEL_ERROR * size, NOISE_SHARE * self._spring_noise(row.joint)), noise / np.sqrt(every))
+            )
+        floor: Array = np.maximum(np.array(rho), 1e-9)
+        return floor
+
+    def _spring_noise(self, joint: int) -> float:
+        """Return the torque that one sample's encoder noise makes in the spring, N·m (N)."""
+        model, noise = self.fit.model, self.fit.signals.noise
+        if not model.robot.joints[joint].elastic:
+            return 0.0
+        stiffness = abs(float(self.fit.solution.values[model.index[f"K{joint + 1}"]]))
+        return stiffness * float(np.hypot(np.nan_to_num(noise.q[joint]), np.nan_to_num(noise.theta[joint])))
+
+    def prior(self, now: Iterate) -> tuple[float, Array, Array]:
+        """Return (cost, matrix, gradient) of the priors on amplitudes and shapes."""
+        size = len(now.p) + len(now.z)
+        matrix, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
+        if self.effects is None:
+            return cost, matrix, gradient
+        k = len(now.p) + np.arange(len(now.z))
+        matrix[k, k] = 1.0 / SHAPE_SPREAD**2
+        gradient[k] = (now.z - self.z_start) / SHAPE_SPREAD**2
+        cost += float(np.sum((now.z - self.z_start) ** 2)) / SHAPE_SPREAD**2
+        rows = amplitude_prior(self.effects.effects, self.first_amplitude, self.fit.triangles.width)
+        if rows is not None:
+            here = rows[:, self.p_columns]
+            miss = here @ now.p - rows[:, -1]
+            matrix[: len(now.p), : len(now.p)] += here.T @ here
+            gradient[: len(now.p)] += here.T @ miss
+            cost += float(miss @ miss)
+        return cost, matrix, gradient
+
+    @property
+    def first_amplitude(self) -> int:
+        """Column of the first effect's first amplitude."""
+        return self.fit.model.parameters + sum(extra.width for extra in self.fit.nuisances)
+
+    def common_cost(self, now: Iterate) -> float:
+        """Return the cost of unknowns with the noise and the weights that were assumed at first, to compare by."""
+        held = self.problem.rho
+        self.problem.rho = self.first_rho()
+        self.problem.trust(self.start)
+        cost = self.problem.cost(now) + self.prior(now)[0]
+        self.problem.rho = held
+        return cost
+
+
+def _given(fit: Fit) -> FittedEffects | None:
+    """Return the effects as the robot file gives them, their amplitudes held loosely."""
+    if fit.effects is None:
+        return None
+    declared = declared_effects(fit.model.robot, fit.effects.scene)
+    return replace(fit.effects, effects=tuple(replace(e, spread=LOOSER * e.spread) for e in declared))
