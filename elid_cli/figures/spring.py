@@ -73,10 +73,12 @@ def _panel(axes: Axes, spring: Mapping[str, Any], line: Any) -> None:
         kept = cloud(x[chosen], transmitted[chosen])
         axes.plot(x[chosen][kept], transmitted[chosen][kept], marker, color=color, markersize=2.4,
                   markeredgewidth=0.5 if marker == "x" else 0, alpha=0.45, label=name, rasterized=True)  # fmt: skip
-    for chosen, dash in ((rising, "-"), (~rising, "--")):
-        centre, mean, *_ = bands(x[chosen & used], modelled[chosen & used])
-        axes.plot(centre, mean, color=INK, linestyle=dash, linewidth=1.2, label="model, by direction"
-                  if dash == "-" else None)  # fmt: skip
+    if len(x) <= PATH:
+        axes.plot(x, np.where(used, modelled, np.nan), color=INK, linewidth=0.8, label="model")
+    else:
+        for chosen, dash in ((rising, "-"), (~rising, "--")):
+            centre, mean, *_ = bands(x[chosen & used], modelled[chosen & used])
+            axes.plot(centre, mean, color=INK, linestyle=dash, linewidth=1.2, label="model" if dash == "-" else None)
     shown = transmitted[used & np.isfinite(transmitted)]
     if shown.size:
         low, high = float(shown.min()), float(shown.max())

@@ -63,7 +63,7 @@ def main(logs: int) -> None:
             motions = [(r, log) for r, log in motions if r.name != name] + [(robot, simulate(robot, options))]
         log = noisy(next(log for r, log in motions if r.name == name), k)
         physical = make_physical(identify(robot, prepare(log, robot)))
-        least = least_eigenvalue(physical, POSES if k < 2 else 100)
+        least = least_eigenvalue(physical, POSES)
         feasible += physical.margin > 0 and least > 0
         impossible += bool(physical.impossible)
         losses.append(physical.loss)
@@ -72,7 +72,7 @@ def main(logs: int) -> None:
             f"{k:3d} {name}  held-out error {100 * physical.loss:+.3f} % (worst joint {100 * worst[-1]:+.2f} %)  "
             f"chi2 {physical.chi2_before:.4f} -> {physical.chi2_after:.4f}  "
             f"impossible before: {len(physical.impossible)}  "
-            f"least eigenvalue of the scaled mass matrix {least:.1e} ({POSES if k < 2 else 100} poses)",
+            f"least eigenvalue of the scaled mass matrix {least:.1e} ({POSES} poses)",
             flush=True,
         )
     print(f"{feasible} of {logs} feasible; {impossible} had impossible base estimates before")
