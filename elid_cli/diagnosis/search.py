@@ -50,6 +50,8 @@ STEPS = 14
 """Most candidates that are fitted in full …"""
 REFUSALS = 8
 """… and most that may turn out not to be worth their parameters."""
+POSSIBLE = 4
+"""Supported candidates that are fitted where the present model has impossible parameters."""
 PAIR = ("encoder_skew", "encoder_offset")
 """Faults of the position channels that are tried together, before any physics."""
 PAIR_GAIN = 0.1
@@ -142,7 +144,21 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     # among equals the one with the fewest parameters: the others hold it as a special case, or fit its noise
     best = min(near, key=lambda c: (c.size, c.gain.width, -c.merit(share)))
     twins = [c for c in able if c not in near and _twins(best, c) and c.merit(share) > TWIN_SHARE * highest]
-    return Step(best, tuple(c for c in (*near, *twins) if c is not best))
+    step = Step(best, tuple(c for c in (*near, *twins) if c is not best))
+    return _possible(state, step, able) if state.impossible else step
+
+
+def _possible(state: State, step: Step, able: Sequence[Candidate]) -> Step:
+    """Return the step, or where parameters are impossible the supported candidate that makes most of them possible.
+
+    A curve that imitates a friction may follow a torque better and leave a stiffness below 0; the friction mends it.
+    """
+    tried = [step.candidate, *(c for c in able[:POSSIBLE] if c is not step.candidate)]
+    fits = [fit(state.log, (*state.effects, c.effect), state.scene) for c in tried]
+    best = tried[min(range(len(tried)), key=lambda k: len(fits[k].impossible))]  # the first of equals
+    if best is step.candidate:
+        return step
+    return Step(best, tuple(c for c in (step.candidate, *step.rivals) if c is not best))
 
 
 def _twins(one: Candidate, other: Candidate) -> bool:
