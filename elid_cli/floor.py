@@ -59,8 +59,9 @@ def noise_floor(
     generator = np.random.default_rng(seed)
     series: dict[Row, list[Array]] = {group.row: [] for group in observation.groups}
     sensed = any(group.row.kind in SENSOR_KINDS for group in observation.groups)
-    for _ in range(replicates):
-        noisy = observe(model, replace(signals, motion=perturbed(signals, generator)), mask=False)
+    for number in range(replicates):
+        aside = 1 if number % 2 == 0 else -1
+        noisy = observe(model, replace(signals, motion=perturbed(signals, generator, aside)), mask=False)
         torque = signals.decimate(_torque_noise(signals, generator).T)
         read = signals.decimate(_reading_noise(signals, generator).T) if sensed else np.zeros_like(torque)
         for group, other in zip(observation.groups, noisy.groups, strict=True):
@@ -78,25 +79,41 @@ def noise_floor(
     return Floor(rms, stacked)
 
 
-def perturbed(signals: Signals, generator: np.random.Generator) -> Motion:
-    """Return the motion with white sensor noise of the estimated size, smoothed as the signals were."""
+def perturbed(signals: Signals, generator: np.random.Generator, aside: int = 0) -> Motion:
+    """Return the motion with white sensor noise of the estimated size, smoothed as the signals were.
+
+    Parameters
+    ----------
+    signals
+        The log's signals.
+    generator
+        Source of the noise.
+    aside
+        By how many samples the knots lie wider than the signals' own. Other knots cannot follow the motion exactly, as
+        the signals' own could not follow the true one: what the splines cut off becomes part of the noise.
+    """
     motion = signals.motion
     arrays = [a.copy() for a in (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)]
     same = np.array_equal(motion.q, motion.theta, equal_nan=True)
     for k in range(signals.n):
         if signals.still[k]:
             continue
-        stride = max(2, round(float(signals.knots[k]) / signals.dt)) if np.isfinite(signals.knots[k]) else 20
+        own = max(2, round(float(signals.knots[k]) / signals.dt)) if np.isfinite(signals.knots[k]) else 20
+        stride = max(2, own + aside)
         rigid = same or np.array_equal(motion.q[:, k], motion.theta[:, k])
         for segment in signals.segments:
             part = slice(segment.start, segment.stop)
             link = generator.standard_normal(len(segment)) * np.nan_to_num(signals.noise.q[k])
             motor = generator.standard_normal(len(segment)) * np.nan_to_num(signals.noise.theta[k])
+            smooth = (motion.q[part, k], motion.theta[part, k])
+            if stride != own:
+                link, motor = link + smooth[0], motor + smooth[1]
             fit = fit_spline(np.array([motor if rigid else link, motor]), stride, signals.dt)
             for derivative in range(3):
                 change = fit.spline.evaluate(derivative)
-                arrays[derivative][part, k] += change[0]
-                arrays[3 + derivative][part, k] += change[1]
+                for place, values in ((derivative, change[0]), (3 + derivative, change[1])):
+                    kept = 0.0 if stride != own else arrays[place][part, k]
+                    arrays[place][part, k] = values + kept
     return Motion(motion.t, *arrays)
 
 

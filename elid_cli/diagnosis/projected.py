@@ -16,8 +16,10 @@ from elid_cli.solve import Solution
 
 Array = NDArray[np.float64]
 
-_LAGS = 25
-"""Lags over which the whitened residual's remaining correlation is summed."""
+LAGS = 50
+"""Lags over which the remaining correlation of the scores is summed."""
+LEAST_SHARE = 0.02
+"""Least share of equations that count as independent."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,9 @@ class Gain:
     energy: Array
     """Share of the columns' squares per fold, (folds,): where the effect acts at all."""
     count: int
+    """Whitened equations."""
+    share: float
+    """Share of them that counts as independent."""
 
     @property
     def acting(self) -> NDArray[np.bool_]:
@@ -120,16 +125,34 @@ class Projected:
         solved, rank = _least_squares(unit.T @ unit, unit.T @ self.residual)
         coefficients[live] = solved / after[live]
         rest = self.residual - unit @ solved
-        likelihood = whole = 0.0
+        whole = 0.0
         for channel in self.channels:
             old, new = self.residual[channel], rest[channel]
             powers = float(old @ old), float(new @ new)
             if powers[0] > 0 and powers[1] > 0:
                 gained = 0.5 * len(old) * float(np.log(powers[0] / powers[1]))
                 whole += gained
-                likelihood += gained * independent_share(new)
+        share = self._independent_share(unit, rest)
+        likelihood = whole * share
         folds, energy = self._cross_validated(unit)
-        return Gain(likelihood, whole, coefficients, rank, folds, energy, self.count)
+        return Gain(likelihood, whole, coefficients, rank, folds, energy, self.count, share)
+
+    def _independent_share(self, unit: Array, rest: Array) -> float:
+        """Return the share of equations that count as independent for orthonormal columns (K, d).
+
+        It is the ratio of what the scores unit * rest would scatter, were they independent, to what they scatter with
+        their neighbours: noise whose colour the sensors do not explain counts only as far as it lies in the columns'
+        own band. Taken from the residual after the columns: the right ones leave noise and keep their weight.
+        """
+        scores = unit * rest[:, None]
+        alone, together = np.einsum("kd,kd->d", scores, scores), np.zeros(unit.shape[1])
+        for channel in self.channels:
+            part = scores[channel]
+            for lag in range(1, min(LAGS, len(part) - 1) + 1):
+                weight = 1.0 - lag / (LAGS + 1.0)
+                together += 2.0 * weight * np.einsum("kd,kd->d", part[lag:], part[:-lag])
+        total = float(alone.sum())
+        return float(np.clip(total / (total + float(together.sum())), LEAST_SHARE, 1.0)) if total > 0 else 1.0
 
     def _cross_validated(self, unit: Array) -> tuple[Array, Array]:
         width = unit.shape[1]
@@ -152,25 +175,6 @@ def _least_squares(gram: Array, load: Array) -> tuple[Array, int]:
     live = values > 1e-10 * max(float(values[-1]), 1e-300)
     solution: Array = vectors[:, live] @ ((vectors[:, live].T @ load) / values[live])
     return solution, int(live.sum())
-
-
-def independent_share(rest: Array) -> float:
-    """Return the share of a channel's instants that count as independent, from the correlation that is left.
-
-    Taken from the residual *after* the candidate: the right candidate leaves white noise and keeps its full weight,
-    while noise of a colour that the sensors do not explain deflates every candidate alike.
-    """
-    n = len(rest)
-    power = float(rest @ rest)
-    if n < 4 * _LAGS or power <= 0:
-        return 1.0
-    total = 0.0
-    for lag in range(1, _LAGS + 1):
-        rho = float(rest[lag:] @ rest[:-lag]) / power
-        if rho < 2.0 / np.sqrt(n):
-            break
-        total += rho
-    return 1.0 / (1.0 + 2.0 * total)
 
 
 def project(

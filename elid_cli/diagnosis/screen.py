@@ -173,13 +173,17 @@ def _best_shape(state: State, kind: type[Effect], joint: int, groups: int) -> Ca
 
 
 def score(state: State, effect: Effect, shapes: int, groups: int) -> Candidate | None:
-    """Return what an effect with a given shape gains, or None where the model explains it already."""
+    """Return what an effect with a given shape gains, or None where the model explains it already.
+
+    What one joint has the others are likely to have: such a candidate pays for the choice of the joint only.
+    """
     columns = extra_of(effect, state.scene, state.log.signals)
     gain = state.projected.gain(columns.rows)
     if gain is None:
         return None
     free = gain.width + len(effect.shape)
-    price = 0.5 * free * np.log(max(gain.count, 2)) + np.log(max(shapes, 1)) + np.log(groups)
+    places = state.log.model.robot.n if any(e.name == effect.name for e in state.effects) else groups
+    price = 0.5 * free * np.log(max(gain.count * gain.share, 2)) + np.log(max(shapes, 1)) + np.log(min(places, groups))
     values = effect.named(state.scene, gain.coefficients)
     net = gain.likelihood - float(price)
     return Candidate(effect, columns, gain, net, values, sensible(effect, state.scene, values), shapes)

@@ -34,6 +34,8 @@ SMALLEST_VARIANCE = 0.015
 """Least relative drop of some row's whitened variance, where the rms does not show it."""
 SMALLEST_TORQUE = 3e-4
 """Least torque of an effect, as a part of the row's torque."""
+SMALLEST_FRICTION = 0.03
+"""The same for friction, as a part of the joint's friction: a robot may carry a hundred times what it loses."""
 NEAR = 10.0
 """Effects whose net gain is this near to the best cannot be told apart from it …"""
 NEAR_SHARE = 0.01
@@ -263,15 +265,15 @@ def _worthwhile(old: State, new: State, candidate: Candidate) -> bool:
     rows = touched(old, new, candidate.columns.rows)
     if judged and predicted_better(old, new, rows) is None:
         return False
-    if any(_improves(old, new, row) for row in rows):
+    if any(_improves(old, new, row, candidate.effect) for row in rows):
         return True
     gained = candidate.gain.likelihood / max(candidate.gain.count, 1)
     torque = [
-        float(np.sqrt(np.mean((candidate.gain.coefficients @ values) ** 2))) / old.triangles.torque_rms(row)
+        float(np.sqrt(np.mean((candidate.gain.coefficients @ values) ** 2))) / _least_torque(old, row, candidate.effect)
         for row, values in candidate.columns.rows.items()
         if row in old.triangles.rows
     ]
-    return gained > 0.5 * SMALLEST_VARIANCE and max(torque, default=0.0) > SMALLEST_TORQUE
+    return gained > 0.5 * SMALLEST_VARIANCE and max(torque, default=0.0) > 1.0
 
 
 def touched(old: State, new: State, own: Iterable[Row]) -> list[Row]:
@@ -287,13 +289,25 @@ def touched(old: State, new: State, own: Iterable[Row]) -> list[Row]:
     return rows + [r for r in old.triangles.rows if r not in rows and new.rms(r) < (1 - ELSEWHERE) * old.rms(r)]
 
 
-def _improves(old: State, new: State, row: Row) -> bool:
-    """Whether a row group's residual falls by a part of itself and of the torque that matters."""
+def _improves(old: State, new: State, row: Row, effect: Effect | None = None) -> bool:
+    """Whether a row group's residual falls by a part of itself and of the torque (of the friction) that matters."""
     if row not in old.triangles.rows:
         return False
     before, after = old.rms(row), new.rms(row)
     gone = np.sqrt(max(before**2 - after**2, 0.0))
-    return after < (1 - SMALLEST_DROP) * before and bool(gone > SMALLEST_TORQUE * old.triangles.torque_rms(row))
+    return after < (1 - SMALLEST_DROP) * before and bool(gone > _least_torque(old, row, effect))
+
+
+def _least_torque(state: State, row: Row, effect: Effect | None) -> float:
+    """Return the torque below which an effect does not matter: of the row's, for friction of the joint's friction."""
+    least = SMALLEST_TORQUE * state.triangles.torque_rms(row)
+    if effect is None or effect.place != "motor":
+        return least
+    model, joint = state.log.model, effect.joint
+    coulomb, viscous = (float(state.standard[model.index[f"{kind}{joint + 1}"]]) for kind in ("fs", "fv"))
+    speed = state.scene.motion.dtheta[:, joint]
+    friction = float(np.sqrt(np.mean((coulomb * np.sign(speed) + viscous * speed) ** 2)))
+    return min(least, SMALLEST_FRICTION * friction) if friction > 0 else least
 
 
 def _pruned(state: State, steps: list[Step], declared: int) -> tuple[State, list[Step]]:

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 SPACING = 1.12
 """Ratio of neighbouring frequencies: a search from the nearest one still climbs the right peak."""
+LOWEST = 2.5
+"""Hz; below it a mode lies among the frequencies of the motion, where it imitates anything."""
 STANDING = 0.02
 """Share of the top speed below which a joint counts as standing at a segment's start."""
 
@@ -47,7 +49,7 @@ class FlexibleMode(OscillatorEffect):
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
         """Return frequencies spread over what the log resolves, and the strongest lines of the unexplained torque."""
         length = scene.samples * scene.dt
-        low, high = max(1.0, 4.0 / length if length > 0 else 1.0), min(40.0, 0.2 / scene.dt)
+        low, high = max(LOWEST, 4.0 / length if length > 0 else LOWEST), min(40.0, 0.2 / scene.dt)
         if high <= low:
             return []
         spread = np.geomspace(low, high, max(2, round(math.log(high / low) / math.log(SPACING)))).tolist()

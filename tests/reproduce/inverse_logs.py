@@ -427,10 +427,12 @@ def _late(t: Array, x: Array, k: int, by: float) -> None:
 
 def _mode(t: Array, acceleration: Array, inertia: float, frequency: float, damping: float) -> Array:
     """Return the torque that an oscillator of given inertia on the link adds, less what a rigid one would take."""
-    from scipy.signal import cont2discrete, lfilter
+    from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
     w = 2 * np.pi * frequency
     system = cont2discrete(([-1.0, 0.0, 0.0], [1.0, 2 * damping * w, w * w]), float(t[1] - t[0]), method="bilinear")
-    relative = lfilter(system[0].ravel(), system[1], acceleration)
+    numerator, denominator = system[0].ravel(), system[1]
+    # it has swung out before the log begins
+    relative, _ = lfilter(numerator, denominator, acceleration, zi=lfilter_zi(numerator, denominator) * acceleration[0])
     result: Array = inertia * relative
     return result
