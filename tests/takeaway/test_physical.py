@@ -18,7 +18,7 @@ from elid_cli.recording import Recording
 from elid_cli.robot import LINK_PARAMETERS, Array, Robot
 from elid_cli.robot_file import read_robot
 from elid_cli.signals import prepare
-from elid_cli.simulation import SimulationOptions, simulate
+from elid_cli.simulation import SensorOptions, SimulationOptions, simulate
 
 POSES = 200
 
@@ -153,3 +153,15 @@ def least_eigenvalue(physical: PhysicalParameters, poses: int) -> float:
         size = np.sqrt(np.diag(matrix))
         least = min(least, float(np.linalg.eigvalsh(matrix / np.outer(size, size))[0]))
     return least
+
+
+def test_no_joint_gives_up_two_percent_where_stiffnesses_drown_in_encoder_noise() -> None:
+    """The worst of fifty logs of `tests/reproduce/physical.py`: encoders of 1e-4 rad, wrist springs refused."""
+    robot = read_robot("puma560")
+    sensors = SensorOptions(position_noise=1e-4, torque_noise_relative=0.005)
+    log = simulate(robot, SimulationOptions(duration=12.0, rate=250.0, seed=21, sensors=sensors))
+    found = identify(robot, prepare(log, robot))
+    assert "refused" in found.verdict
+    physical = make_physical(found)
+    assert max(physical.rises.values()) < 0.02
+    assert physical.margin > 0
