@@ -155,3 +155,23 @@ def test_intervals_hold_the_truth(pole: float) -> None:
         scores.append((result.estimate - result.reference) / result.std_error)
     inside = np.mean(np.abs(np.array(scores)) < 1.96)
     assert 0.88 < inside < 0.995
+
+
+def test_swapped_motor_positions_are_named() -> None:
+    log = noisy(4)
+    warnings = found(replace(log, theta=log.theta[:, ::-1].copy())).warnings
+    assert any("motor positions of joint1 and joint2 look swapped" in line for line in warnings)
+
+
+def test_links_and_motors_exchanged_are_named() -> None:
+    log = noisy(4)
+    q, theta = log.q.copy(), log.theta.copy()
+    q[:, 0], theta[:, 0] = log.theta[:, 0], log.q[:, 0]
+    assert any("q and theta of joint1 look swapped" in line for line in found(replace(log, q=q, theta=theta)).warnings)
+
+
+def test_a_turned_motor_position_is_named() -> None:
+    log = noisy(4)
+    theta = log.theta.copy()
+    theta[:, 1] *= -1
+    assert any("theta of joint2 moves against q" in line for line in found(replace(log, theta=theta)).warnings)
