@@ -140,9 +140,15 @@ def _active(robot: Robot, spec: EffectSpec, scene: Scene) -> ActiveEffect:
         coefficients, shape = kind.coefficients(scene, joint, spec.parameters)
     except KeyError as problem:
         names = [parameter.name for parameter in (*kind.amplitudes, *kind.shapes)]
+        unknown = [name for name in spec.parameters if name not in names]
+        if unknown:
+            raise RobotError(
+                f"{where}: no parameter {unknown[0]!r}", detail=f"it has {', '.join(names)}",
+                hint=did_you_mean(unknown[0], names),
+            ) from None  # fmt: skip
         given = ", ".join(spec.parameters) or "none"
         raise RobotError(
-            f"{where}: no parameter {problem.args[0]!r}", detail=f"given: {given}", hint=f"it has {', '.join(names)}"
+            f"{where}: needs {problem.args[0]!r}", detail=f"given: {given}", hint=f"it has {', '.join(names)}"
         ) from None
     effect = kind(joint, shape)
     coefficients = np.asarray(coefficients, dtype=float)
