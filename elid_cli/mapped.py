@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import mmap
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 
 LEAST = 64 << 20
 """Bytes from which an array is mapped rather than read."""
+ROWS = 1 << 17
+"""Rows looked at before they are let go."""
 
 
 def mapped_dataset(dataset: Any, path: Path | None) -> Array | None:
@@ -45,6 +48,31 @@ def let_go(*arrays: NDArray[Any] | None) -> None:
         if owner is not None:
             with contextlib.suppress(OSError, ValueError):
                 owner.madvise(mmap.MADV_DONTNEED)
+
+
+def passed(array: Array, rows: int = ROWS) -> Iterator[Array]:
+    """Yield an array's rows in blocks, and let go of each when the next is asked for."""
+    for start in range(0, len(array), rows):
+        yield array[start : start + rows]
+        let_go(array)
+
+
+def extremes(array: Array) -> tuple[Array, Array]:
+    """Return the smallest and the largest number of every column; NaN where it has none."""
+    low, high = (np.full(array.shape[1], np.nan) for _ in range(2))
+    for block in passed(array):
+        low, high = np.fmin(low, along(np.fmin, block)), np.fmax(high, along(np.fmax, block))
+    return low, high
+
+
+def along(operation: np.ufunc, rows: Array) -> Array:
+    """Return an operation reduced over rows (N, k), (k,): over many short rows at once, which NumPy does faster."""
+    width, together = rows.shape[1], 64
+    whole = len(rows) // together * together
+    if not rows.flags.c_contiguous or not whole:
+        return np.asarray(operation.reduce(rows, axis=0))
+    folded = operation.reduce(rows[:whole].reshape(-1, together * width), axis=0).reshape(together, width)
+    return np.asarray(operation.reduce(np.concatenate([folded, rows[whole:]]), axis=0))
 
 
 def writable(array: Array) -> Array:

@@ -13,7 +13,7 @@ from elid_cli.errors import LogError, nearest
 from elid_cli.logs.raw import RawLog
 from elid_cli.logs.resolve import Placement, Plan
 from elid_cli.logs.stuck import drop_stuck
-from elid_cli.mapped import let_go, writable
+from elid_cli.mapped import passed, writable
 from elid_cli.robot import Robot
 
 Array = NDArray[np.float64]
@@ -96,8 +96,11 @@ def _drop_zeros(filled: dict[str, Array], joints: Sequence[str]) -> list[str]:
         values = filled.get(signal)
         if values is None:
             continue
-        zero: NDArray[np.bool_] = np.asarray(~values.any(axis=0))
-        let_go(values)
+        zero: NDArray[np.bool_] = np.ones(values.shape[1], dtype=bool)
+        for block in passed(values):
+            zero &= ~block.any(axis=0)
+            if not zero.any():
+                break
         if zero.any():
             values = filled[signal] = writable(values)
             values[:, zero] = np.nan

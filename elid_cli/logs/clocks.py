@@ -119,7 +119,7 @@ def _from_origin(
     unique: Mapping[int, NDArray[Any]], factor: float | None, notes: list[str], name: str
 ) -> dict[int, Array]:
     """Subtract the earliest stamp while the numbers are exact, then scale to s."""
-    finite = [stamps[np.isfinite(stamps)] for stamps in unique.values()]
+    finite = [s if (known := np.isfinite(s)).all() else s[known] for s in unique.values()]
     finite = [stamps for stamps in finite if stamps.size]
     if not finite:
         raise LogError(

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.mapped import extremes, let_go
+
 Array = NDArray[np.float64]
 
 JUDGED = ("q", "theta", "tau")
@@ -24,14 +26,15 @@ def without_glitches(signal: str, joints: Sequence[str], values: Array, repairs:
     """Return the values, shape (N, k), with broken samples as NaN; the array itself where there are none."""
     if signal not in JUDGED or values.shape[0] < 2 * LONGEST:
         return values
-    glance = values[:: max(1, values.shape[0] // LOOKED_AT)]
+    glance = values[:: max(1, values.shape[0] // LOOKED_AT)].copy()
+    let_go(values)
     held = np.isfinite(glance)
     if not held.any(axis=0).all():
         return values
     usual: Array = np.percentile(glance, [1, 99], axis=0) if held.all() else np.nanpercentile(glance, [1, 99], axis=0)
     low, high = usual[0], usual[1]
     reach = BEYOND * (high - low) + AT_LEAST
-    least, most = np.fmin.reduce(values, axis=0), np.fmax.reduce(values, axis=0)
+    least, most = extremes(values)
     suspects = np.flatnonzero((least < low - reach) | (most > high + reach))
     mended = values
     for k in suspects.tolist():

@@ -18,7 +18,7 @@ from elid_cli.logs.checks import Checked
 from elid_cli.logs.repair import Aligned
 from elid_cli.logs.resolve import Plan
 from elid_cli.logs.stuck import frozen, limited
-from elid_cli.mapped import let_go
+from elid_cli.mapped import along, let_go
 from elid_cli.robot import Robot
 
 Array = NDArray[np.float64]
@@ -320,8 +320,9 @@ def _largest_steps(values: Array) -> Array:
     """Return the largest |step| of every column, block by block."""
     largest = np.zeros(values.shape[1])
     for start in range(0, values.shape[0] - 1, SAMPLES):
-        largest = np.maximum(largest, np.abs(np.diff(values[start : start + SAMPLES + 1], axis=0)).max(axis=0))
-    let_go(values)
+        steps = np.diff(values[start : start + SAMPLES + 1], axis=0)
+        largest = np.maximum(largest, along(np.maximum, np.abs(steps, out=steps)))
+        let_go(values)
     return largest
 
 

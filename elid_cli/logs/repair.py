@@ -14,7 +14,7 @@ from elid_cli.logs.glitches import without_glitches
 from elid_cli.logs.grid import Grid, grid_of, identical, onto, regularised
 from elid_cli.logs.holes import fill
 from elid_cli.logs.timeline import Timeline, build
-from elid_cli.mapped import let_go, writable
+from elid_cli.mapped import let_go, passed, writable
 
 Array = NDArray[np.float64]
 
@@ -127,7 +127,7 @@ def _unbroken(stream: Sampled, joints: Sequence[str], repairs: list[str]) -> Sam
 
 def _sound(values: Array) -> bool:
     """Whether all values are numbers of a believable size (NaN spread through min and max)."""
-    return values.size > 0 and bool(values.min() > -LARGEST and values.max() < LARGEST)
+    return values.size > 0 and all(bool(b.min() > -LARGEST and b.max() < LARGEST) for b in passed(values))
 
 
 def _numbers(values: Array) -> NDArray[np.bool_]:
@@ -218,12 +218,13 @@ def _assemble(
     n = len(joints)
     signals: dict[str, Array] = {}
     apart: dict[str, float] = {}
+    even = {id(line): identical(line, grid) for line in {id(track.line): track.line for track in tracks}.values()}
     for track in tracks:
         if track.line.dt > SLOWEST and grid.dt < SLOWEST and track.signal != "temperature":
             who = " ".join(joints[j] for j in track.joints)
             repairs.append(f"{track.signal} of {who} comes at {1 / track.line.dt:.3g} Hz, too slow: not used")
             continue
-        if track.joints == tuple(range(n)) and track.signal not in signals and identical(track.line, grid):
+        if track.joints == tuple(range(n)) and track.signal not in signals and even[id(track.line)]:
             signals[track.signal] = track.values
             continue
         target = signals.setdefault(track.signal, np.full((grid.samples, n), np.nan))

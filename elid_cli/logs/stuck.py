@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.mapped import let_go
 from elid_cli.robot import Robot
 
 Array = NDArray[np.float64]
@@ -52,7 +53,8 @@ def drop_stuck(filled: Mapping[str, Array], robot: Robot, drop: Mapping[str, NDA
 
 def _ranges(values: Array) -> Array:
     """Return max - min of every column, NaN where it has none; exact only where it is zero or nearly so."""
-    glance = values[:: max(1, values.shape[0] // GLANCE)]
+    glance = values[:: max(1, values.shape[0] // GLANCE)].copy()
+    let_go(values)
     span = np.asarray(glance.max(axis=0) - glance.min(axis=0))
     for j in np.flatnonzero(span == 0):
         span[j] = values[:, j].max() - values[:, j].min()
@@ -69,6 +71,7 @@ def frozen(q: Array, theta: Array, dt: float, robot: Robot) -> Iterator[str]:
             if np.isnan(own[0]):
                 continue
             found = [run for run in _held(own, length) if _jumps(own, run)]
+            let_go(own)
             if found:
                 start, stop = max(found, key=lambda run: run[1] - run[0])
                 more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
@@ -110,7 +113,8 @@ def _jumps(own: Array, run: tuple[int, int]) -> bool:
 
 def limited(tau: Array, robot: Robot) -> Iterator[str]:
     """Name joints whose torque sits at its own largest value for long."""
-    values = tau[:: max(1, tau.shape[0] // SEEN)]
+    values = tau[:: max(1, tau.shape[0] // SEEN)].copy()
+    let_go(tau)
     for j, name in enumerate(robot.joint_names):
         column = values[:, j]
         if np.isnan(column[0]):
