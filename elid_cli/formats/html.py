@@ -17,7 +17,7 @@ from elid_cli.report import Cell, Column, Figure, KeyValues, Mark, Quantity, Rep
 SUFFIXES = (".html", ".htm")
 LONG = 14
 """Rows of a table beyond which it is folded."""
-RESULTS = ("effects", "effects_meaning", "also_possible", "before_after", "error", "physical")
+RESULTS = ("facts", "effects", "effects_meaning", "also_possible", "before_after", "error", "physical")
 """Tables and facts that belong to the summary."""
 _LARGEST = 600_000
 """Bytes of an SVG above which a figure goes into the page as PNG."""
