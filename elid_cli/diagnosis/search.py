@@ -52,7 +52,9 @@ STEPS = 14
 """Most candidates that are fitted in full …"""
 REFUSALS = 8
 """… and most that may turn out not to be worth their parameters."""
-POSSIBLE = 4
+EVEN = 0.5
+"""Difference in log-likelihood that says nothing."""
+POSSIBLE = 6
 """Supported candidates that are fitted where the present model has impossible parameters."""
 PAIR = ("encoder_skew", "encoder_offset")
 """Faults of the position channels that are tried together, before any physics."""
@@ -144,20 +146,30 @@ def _choose(state: State, candidates: Sequence[Candidate]) -> Step | None:
     highest = able[0].merit(share)
     near = [c for c in able if c.merit(share) > highest - max(NEAR, NEAR_SHARE * highest)]
     # among equals the one with the fewest parameters: the others hold it as a special case, or fit its noise
-    best = min(near, key=lambda c: (c.size, c.gain.width, -c.merit(share)))
+    fewest = min((c.size, c.gain.width) for c in near)
+    simplest = [c for c in near if (c.size, c.gain.width) == fewest]
+    # of twins that differ by less than chance a joint's own effect goes before the whole robot's
+    top = max(c.merit(share) for c in simplest)
+    best = min(simplest, key=lambda c: (c.merit(share) <= top - EVEN, c.effect.whole_robot, -c.merit(share)))
     twins = [c for c in able if c not in near and _twins(best, c) and c.merit(share) > TWIN_SHARE * highest]
     step = Step(best, tuple(c for c in (*near, *twins) if c is not best))
-    return _possible(state, step, able) if state.impossible else step
+    return _possible(state, step, candidates) if state.impossible else step
 
 
-def _possible(state: State, step: Step, able: Sequence[Candidate]) -> Step:
+def _possible(state: State, step: Step, candidates: Sequence[Candidate]) -> Step:
     """Return the step, or where parameters are impossible the supported candidate that makes most of them possible.
 
     A curve that imitates a friction may follow a torque better and leave a stiffness below 0; the friction mends it.
+    With such parameters the screening weighs rows wrongly: what the candidates are worth is told by fits.
     """
+    able = sorted((c for c in candidates if c.supported and c.net > 0), key=lambda c: -c.gain.whole)
     tried = [step.candidate, *(c for c in able[:POSSIBLE] if c is not step.candidate)]
-    fits = [fit(state.log, (*state.effects, c.effect), state.scene) for c in tried]
-    best = tried[min(range(len(tried)), key=lambda k: len(fits[k].impossible))]  # the first of equals
+    worth = []
+    for candidate in tried:
+        grown = fit(state.log, (*state.effects, candidate.effect), state.scene)
+        better = predicted_better(state, grown, touched(state, grown, candidate.columns.rows))
+        worth.append((-len(grown.impossible), better or 0.0))
+    best = tried[max(range(len(tried)), key=worth.__getitem__)]
     if best is step.candidate:
         return step
     return Step(best, tuple(c for c in (step.candidate, *step.rivals) if c is not best))
@@ -323,8 +335,15 @@ def _pruned(state: State, steps: list[Step], declared: int) -> tuple[State, list
         if losses[worst] > NET:
             break
         state = refreshed(without(state, declared + worst))
-        steps = [s for i, s in enumerate(steps) if i != worst]
+        gone = steps[worst].candidate
+        steps = [_beside(s, gone) for i, s in enumerate(steps) if i != worst]
     return state, steps
+
+
+def _beside(step: Step, gone: Candidate) -> Step:
+    """Return a step with an effect that was dropped for it as a rival, where the two imitate each other."""
+    known = gone.key in [c.key for c in step.rivals]
+    return step if known or not _twins(step.candidate, gone) else replace(step, rivals=(*step.rivals, gone))
 
 
 def _polished(state: State, declared: int) -> State:
