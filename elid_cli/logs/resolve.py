@@ -77,7 +77,7 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
             spec = layer.signals.get(signal)
             if spec is None:
                 continue
-            found = place(spec, by_source, robot, time)
+            found = place(spec, by_source, robot, time, near=signal not in reasons)
             if isinstance(found, Placement):
                 placements[signal] = found
                 break
@@ -95,12 +95,17 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
 
 
 def place(
-    spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Robot, time: TimeMap | None
+    spec: SignalMap,
+    by_source: Mapping[str, Sequence[Channel]],
+    robot: Robot,
+    time: TimeMap | None,
+    *,
+    near: bool = True,
 ) -> Placement | str:
-    """Return where a signal is, or the reason why its mapping does not fit the log."""
+    """Return where a signal is, or why its mapping does not fit the log; `near`: with the nearest name, which costs."""
     if isinstance(spec.source, tuple) or any(mark in spec.source + spec.field for mark in PATTERNS):
-        return _place_each(spec, by_source, robot, time)
-    channel = _find(spec, spec.source, by_source)
+        return _place_each(spec, by_source, robot, time, near=near)
+    channel = _find(spec, spec.source, by_source, near=near)
     if isinstance(channel, str):
         return channel
     chosen = _columns(spec, channel, robot)
@@ -112,7 +117,7 @@ def place(
 
 
 def _place_each(
-    spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Robot, time: TimeMap | None
+    spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Robot, time: TimeMap | None, *, near: bool
 ) -> Placement | str:
     picks: list[Pick] = []
     joints: list[tuple[int, ...]] = []
@@ -121,7 +126,7 @@ def _place_each(
         if source is None:
             continue
         own = replace(spec, field=_filled(spec, spec.field, j, joint)) if spec.field else spec
-        channel = _find(own, source, by_source)
+        channel = _find(own, source, by_source, near=near and not reason)
         if isinstance(channel, str):
             reason = reason or channel
             continue
@@ -168,7 +173,9 @@ def _log_name(spec: SignalMap, joint: str) -> str | int:
     return spec.joints.get(joint, joint) if spec.joints else joint
 
 
-def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel]]) -> Channel | str:
+def _find(
+    spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel]], *, near: bool
+) -> Channel | str:
     """Return the channel that `source` and the mapping's field name, or why there is none."""
     field = spec.field
     found = by_source.get(source) or by_source.get(re.sub(r"\s*[\[(][^\[\]()]*[A-Za-zµ°%][^\[\]()]*[\])]$", "", source))
@@ -178,15 +185,15 @@ def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel
                 found, field = by_source[source[:cut]], source[cut + 1 :]
                 break
     if found is None:
-        near = nearest(source, by_source)
-        return f"{ABSENT}{source!r}" + (f" (nearest: {near!r})" if near else "")
+        like = nearest(source, by_source) if near else None
+        return f"{ABSENT}{source!r}" + (f" (nearest: {like!r})" if like else "")
     if len(found) == 1 and not found[0].width:
         return f"{found[0].source} cannot be read: {found[0].kind}"
     fields = {channel.field: channel for channel in found}
     if field:
-        near = _field_like(field, fields)
-        if near is not None:
-            return fields[near]
+        same = _field_like(field, fields)
+        if same is not None:
+            return fields[same]
     else:
         if DEFAULT_FIELDS[spec.signal] in fields:
             return fields[DEFAULT_FIELDS[spec.signal]]
@@ -198,8 +205,8 @@ def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel
     wanted = field or DEFAULT_FIELDS[spec.signal]
     named = [name for name in fields if name and not name.endswith("sec")]
     held = f"only {', '.join(named[:LISTED])}" if named else f"it cannot be decoded: {found[0].kind}"
-    near = nearest(wanted, named)
-    return f"{found[0].source} has no field {wanted!r}, {held}" + (f" (nearest: {near!r})" if near else "")
+    like = nearest(wanted, named) if near else None
+    return f"{found[0].source} has no field {wanted!r}, {held}" + (f" (nearest: {like!r})" if like else "")
 
 
 def _field_like(field: str, fields: Iterable[str]) -> str | None:
