@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elid_cli.base import find_base
 from elid_cli.diagnosis.encoders import Skew
 from elid_cli.diagnosis.screen import Candidate, sensible
-from elid_cli.diagnosis.search import Found, Step, search, touched
+from elid_cli.diagnosis.search import Found, Step, beside, search, touched
 from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.stretches import folds, spans
 from elid_cli.diagnosis.triage import Organised, RowState, judged_rows, organise, rows_of, words
@@ -207,7 +207,8 @@ def _supported(found: Found, declared: int) -> Found:
                 continue
             if not possible or held_out_gain(state, declared + k) < step.candidate.effect.least_gain:
                 state = refreshed(without(state, declared + k))
-                steps.pop(k)
+                gone = steps.pop(k).candidate
+                steps = [beside(left, gone) for left in steps]
                 changed = True
                 break
     return replace(found, after=state, steps=tuple(steps))

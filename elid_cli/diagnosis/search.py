@@ -336,11 +336,11 @@ def _pruned(state: State, steps: list[Step], declared: int) -> tuple[State, list
             break
         state = refreshed(without(state, declared + worst))
         gone = steps[worst].candidate
-        steps = [_beside(s, gone) for i, s in enumerate(steps) if i != worst]
+        steps = [beside(s, gone) for i, s in enumerate(steps) if i != worst]
     return state, steps
 
 
-def _beside(step: Step, gone: Candidate) -> Step:
+def beside(step: Step, gone: Candidate) -> Step:
     """Return a step with an effect that was dropped for it as a rival, where the two imitate each other."""
     known = gone.key in [c.key for c in step.rivals]
     return step if known or not _twins(step.candidate, gone) else replace(step, rivals=(*step.rivals, gone))
