@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from quarters import survivals
 
 from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
@@ -109,3 +110,11 @@ def test_quanser_stiction_is_named():
     assert ("stribeck", "joint1") in {(e.effect, e.joint) for e in found.effects} | {
         (r.effect, r.joint) for r in found.also_possible
     }
+
+
+@pytest.mark.parametrize("name", sorted(FILES))
+def test_every_effect_that_is_named_helps_on_quarters_left_out_in_turn(name, request):
+    found = request.getfixturevalue("kuka") if name == "kr300" else diagnosed(name)
+    shown = survivals(found)
+    assert {(s.effect, s.joint) for s in shown} == {(e.effect, e.joint) for e in found.effects}
+    assert [s for s in shown if not s.survives] == []
