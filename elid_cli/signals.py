@@ -37,11 +37,19 @@ RATE_PER_CUTOFF = 5.0
 KNOTS = (0.008, 0.4)
 """Range of knot spacings tried, s."""
 _PER_DECADE = 8
+HELD = 2e-3
+"""rad; a joint that stays within this but for a jolt does not move …"""
+JOLT = 0.1
+"""… of at most this (rad), as when the brakes open."""
+GLANCE = 5000
+"""Samples of a stretch that tell it."""
 STILL = 3.0
 """A joint whose range of motion is below this many standard deviations of its noise does not move."""
 SLOW, SLOW_KEPT = (0.05, 0.05), (0.01, 0.005)
 """Largest speed that counts as reversing, rad/s (m/s), and its largest part of the top speed."""
 MINIMUM_SAMPLES = 40
+INSTANTS = 14
+"""Independent instants, two per period of the cut-off, that a log needs: as many as a joint has parameters."""
 _WIDEST = 13
 """Length that a stretch needs to be judged by, in the widest knot spacings."""
 EXCERPTS, JUDGED = 8, 48_000
@@ -197,6 +205,13 @@ def prepare(
             detail=f"a low-pass of {cutoff:g} Hz at {1 / dt:g} Hz needs at least {minimum}",
             hint="record longer, or raise --cutoff",
         )
+    lasting, needed = sum(len(s) for s in segments) * dt, INSTANTS / (2 * min(cutoff, DEFAULT_CUTOFF))
+    if lasting < needed:
+        raise LogError(
+            f"{', '.join(recording.files) or 'log'}: {lasting:.3g} s of motion are too few",
+            detail=f"below {min(cutoff, DEFAULT_CUTOFF):g} Hz a joint's {INSTANTS} parameters need {needed:.3g} s",
+            hint="record longer",
+        )
     link, motor = _channels(recording, robot)
     if options.smoothing == "butterworth":
         smooth = _butterworth(recording.t, link, motor, segments, dt, options)
@@ -207,7 +222,7 @@ def prepare(
     if still.any():  # stretches of a long log are enough to see that a joint moves, not that it does not
         low, high, mean = _ranges(smooth.motion, segments)
         still = _still(low, high, smooth.noise)
-    still |= _constant(link, segments) | _constant(motor, segments)
+    still |= _constant(link, segments) | _constant(motor, segments) | _held(link, motor, robot, segments)
     sensed, doubts = sensors_of(recording, excerpts(segments, dt))
     read = _torque_noise(recording.tau_link, segments, dt) if sensed.any() and recording.tau_link is not None else None
     motion = _at_rest(smooth.motion, still, mean)
@@ -223,7 +238,8 @@ def prepare(
     widest = float(np.nanmax(knots)) if np.isfinite(knots).any() else 0.0
     top = _top_speed(motion, segments, dt)
     most, share = SLOW_KEPT if options.slow_motion else SLOW
-    lowest = np.minimum(most, share * top)
+    # what static friction holds back in a joint that does not move is not known: none of its motor rows counts
+    lowest = np.where(still, most, np.minimum(most, share * top))
     if options.min_velocity is not None:
         lowest = np.full(robot.n, options.min_velocity)
     return Signals(
@@ -494,6 +510,19 @@ def _constant(raw: Array, segments: Sequence[Segment]) -> NDArray[np.bool_]:
             break
     constant &= np.isfinite(first)
     return constant
+
+
+def _held(link: Array, motor: Array, robot: Robot, segments: Sequence[Segment]) -> NDArray[np.bool_]:
+    """Return which revolute joints are held in place, (n,): they tremble in their friction, which no model here has."""
+    rows = np.concatenate([np.arange(s.start, s.stop, max(1, len(s) // GLANCE)) for s in segments])
+    held = np.array([joint.revolute for joint in robot.joints])
+    for side in (link, motor):
+        values = side[rows]
+        known = np.isfinite(values).any(axis=0)
+        filled = np.where(np.isfinite(values), values, np.where(known, np.nan, 0.0))
+        low, inner, outer, high = np.nanpercentile(filled, [0, 2, 98, 100], axis=0)
+        held &= (outer - inner < HELD) & (high - low < JOLT)
+    return held
 
 
 def _at_rest(motion: Motion, still: NDArray[np.bool_], mean: Array) -> Motion:

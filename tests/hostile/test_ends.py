@@ -53,7 +53,7 @@ def whole(folder: Path, *, old: bool) -> None:
 def test_control_c_at_any_time_leaves_whole_files(log: Path, tmp_path: Path, old: bool) -> None:
     generator = random.Random(5 + old)
     codes = []
-    for k in range(8):
+    for k in range(6):
         folder = tmp_path / str(k)
         folder.mkdir()
         if old:
