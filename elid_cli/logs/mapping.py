@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.robot import Robot
+from elid_cli.text_file import read_text
 
 Array = NDArray[np.float64]
 
@@ -132,15 +133,11 @@ def _read_map_file(name: str) -> dict[str, Any]:
     import yaml
 
     try:
-        text = Path(name).read_text("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else "not UTF-8 text"
-        raise UsageError(
-            f"{name}: mapping cannot be read",
-            detail=reason.lower(),
-            hint="--map map.yaml, or --map tau=/arm/motors.current",
-        ) from error
-    if len(text) > 1_000_000 or text.count("*") > 1000:
+        text = read_text(Path(name), UsageError, suffixes=(".yaml", ".yml"))
+    except UsageError as error:
+        error.hint = error.hint or "--map map.yaml, or --map tau=/arm/motors.current"
+        raise
+    if text.count("*") > 1000:
         raise UsageError(f"{name}: too large for a mapping")
     try:
         raw = yaml.safe_load(text)
