@@ -77,6 +77,7 @@ def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Bloc
     each = _outputs_per_chunk(signals, every)
     # memory that is touched for the first time is slower than the arithmetic: one array serves all blocks
     room = np.empty((width + 4 * model.robot.n, (each - 1) * smooth.step + 2 * smooth.half + 1))
+    inputs = np.empty((plan.program.inputs, room.shape[1]))
     for number, segment in enumerate(signals.segments):
         count = len(filter_.outputs(len(segment), signals.margin))
         for first in range(0, count, each):
@@ -86,7 +87,7 @@ def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Bloc
             reach = smooth.half * every
             motion = signals.motion[centres[0] - reach : centres[1] + reach + 1 : every]
             rows = room[:, : motion.samples]
-            plan.program.run(inputs_of(motion, plan.program), rows[:width])
+            plan.program.run(inputs_of(motion, plan.program, inputs[:, : motion.samples]), rows[:width])
             _channels(motion, rows[width:])
             filtered = smooth.apply(rows)
             speeds = signals.motion.speeds(part) if every > 1 else motion.dtheta.T

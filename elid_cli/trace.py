@@ -157,7 +157,7 @@ class Program:
     def run(self, rows: Array, out: Array) -> None:
         """Evaluate on samples: `rows` (inputs, N), `out` (outputs, N), both C-contiguous in samples.
 
-        Memory beyond the arguments is one block of registers.
+        Memory beyond the arguments is one block of registers, which is kept for the next call.
         """
         samples = rows.shape[1]
         for position, value in self.constants:
@@ -165,7 +165,7 @@ class Program:
         block = min(BLOCK, max(samples, 1))
         # a register row starts on its own cache lines, an odd number of them after the last: rows a power of two apart
         # would fall on the same lines of a set-associative cache
-        registers = np.empty((self.registers, block + 8))
+        registers = self._rooms.pop() if self._rooms else np.empty((self.registers, BLOCK + 8))
         bound: list[object] = [None] * (self.inputs + self.registers + self.outputs)
         bound[self.inputs : self.inputs + self.registers] = [row[:block] for row in registers]
         for start in range(0, samples, block):
@@ -177,6 +177,12 @@ class Program:
             self._blockwise(bound)
             for target, source in self.copies:
                 bound[target][:] = bound[source]  # type: ignore[index]
+        self._rooms.append(registers)
+
+    @cached_property
+    def _rooms(self) -> list[Array]:
+        """Registers of calls that have ended: memory touched for the first time costs as much as the arithmetic."""
+        return []
 
     @cached_property
     def used(self) -> frozenset[int]:
