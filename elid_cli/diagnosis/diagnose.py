@@ -317,7 +317,7 @@ def _found(state: State, number: int, step: Step) -> FoundEffect:
         parameters=state.named(number),
         std_error=_errors(state, number),
         gain=held_out_gain(state, number),
-        net=step.candidate.net,
+        net=step.net,
         folds=tuple(bool(g > 0) for g in step.candidate.gain.folds),
         local=effect.local,
         summary=effect.summary,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,24 +25,47 @@ LEAST_SHARE = 0.02
 
 @dataclass(frozen=True)
 class Gain:
-    """What adding columns would gain."""
+    """What adding columns would gain; what only the better candidates are asked for is computed when asked."""
 
-    likelihood: float
-    """Gain in log-likelihood, only instants counted that what is left over leaves independent."""
     whole: float
-    """The same with every instant counted: what candidates for one residual are compared by."""
+    """Gain in log-likelihood with every instant counted: what candidates for one residual are compared by."""
     coefficients: Array
     """Fitted coefficients of the columns, (d,)."""
     width: int
     """Columns that were not already explained."""
-    folds: Array
-    """Reduction of the squared whitened residual per fold, predicted from the other folds, (folds,)."""
-    energy: Array
-    """Share of the columns' squares per fold, (folds,): where the effect acts at all."""
     count: int
     """Whitened equations."""
-    share: float
-    """Share of them that counts as independent."""
+    judged: Callable[[], tuple[float, Array, Array]] = field(repr=False)
+    """Computes share, folds and energy."""
+
+    @cached_property
+    def _judgement(self) -> tuple[float, Array, Array]:
+        return self.judged()
+
+    def settled(self) -> Gain:
+        """Return the same with everything computed, so that the columns need not be kept."""
+        known = self._judgement
+        return replace(self, judged=lambda: known)
+
+    @property
+    def share(self) -> float:
+        """Share of the equations that counts as independent."""
+        return self._judgement[0]
+
+    @property
+    def likelihood(self) -> float:
+        """Gain in log-likelihood, only instants counted that what is left over leaves independent."""
+        return self.whole * self.share
+
+    @property
+    def folds(self) -> Array:
+        """Reduction of the squared whitened residual per fold, predicted from the other folds, (folds,)."""
+        return self._judgement[1]
+
+    @property
+    def energy(self) -> Array:
+        """Share of the columns' squares per fold, (folds,): where the effect acts at all."""
+        return self._judgement[2]
 
     @property
     def acting(self) -> NDArray[np.bool_]:
@@ -83,7 +107,7 @@ class Projected:
         """Number of whitened equations that count, K."""
         return len(self.residual)
 
-    @property
+    @cached_property
     def channels(self) -> list[slice]:
         """Return where each channel stands in the stack."""
         found: dict[int, slice] = {}
@@ -112,10 +136,13 @@ class Projected:
         columns = self.whiten(rows)
         if columns is None:
             return None
+        shared = np.zeros((self.basis.shape[1], columns.shape[1]))
+        for place in self.touched(rows):
+            shared += self.basis[place].T @ columns[place]
         before = np.linalg.norm(columns, axis=0)
         if not np.isfinite(before).all() or not (before > 0).any():
             return None
-        columns -= self.basis @ (self.basis.T @ columns)
+        columns -= self.basis @ shared
         after = np.linalg.norm(columns, axis=0)
         live = after > 1e-4 * before
         if not live.any():
@@ -132,10 +159,16 @@ class Projected:
             if powers[0] > 0 and powers[1] > 0:
                 gained = 0.5 * len(old) * float(np.log(powers[0] / powers[1]))
                 whole += gained
-        share = self._independent_share(unit, rest)
-        likelihood = whole * share
-        folds, energy = self._cross_validated(unit)
-        return Gain(likelihood, whole, coefficients, rank, folds, energy, self.count, share)
+
+        def judged() -> tuple[float, Array, Array]:
+            return (self._independent_share(unit, rest), *self._cross_validated(unit))
+
+        return Gain(whole, coefficients, rank, self.count, judged)
+
+    def touched(self, rows: Mapping[Row, Array]) -> list[slice]:
+        """Return the places of the joints that some rows belong to."""
+        joints = zip(self.whiteners, self.places, strict=True)
+        return [place for whitener, place in joints if any(row in rows for row in whitener.rows)]
 
     def _independent_share(self, unit: Array, rest: Array) -> float:
         """Return the share of equations that count as independent for orthonormal columns (K, d).
@@ -145,14 +178,12 @@ class Projected:
         own band. Taken from the residual after the columns: the right ones leave noise and keep their weight.
         """
         scores = unit * rest[:, None]
-        alone, together = np.einsum("kd,kd->d", scores, scores), np.zeros(unit.shape[1])
+        alone, together = float(np.sum(scores**2)), 0.0
         for channel in self.channels:
-            part = scores[channel]
-            for lag in range(1, min(LAGS, len(part) - 1) + 1):
-                weight = 1.0 - lag / (LAGS + 1.0)
-                together += 2.0 * weight * np.einsum("kd,kd->d", part[lag:], part[:-lag])
-        total = float(alone.sum())
-        return float(np.clip(total / (total + float(together.sum())), LEAST_SHARE, 1.0)) if total > 0 else 1.0
+            # Bartlett's weights are what sums over moving windows make of a series
+            total = np.cumsum(np.pad(scores[channel], ((LAGS + 2, LAGS + 1), (0, 0))), axis=0)
+            together += float(np.sum((total[LAGS + 1 :] - total[: -LAGS - 1]) ** 2)) / (LAGS + 1)
+        return float(np.clip(alone / together, LEAST_SHARE, 1.0)) if together > 0 else 1.0
 
     def _cross_validated(self, unit: Array) -> tuple[Array, Array]:
         width = unit.shape[1]

@@ -36,8 +36,8 @@ class Candidate:
     effect: Effect
     columns: Extra
     gain: Gain
-    net: float
-    """Gain in log-likelihood minus the price of its parameters and of the search."""
+    choice: float
+    """Price of the search: the logarithm of how many shapes and places were looked at."""
     values: Mapping[str, float]
     plausible: bool
     shapes: int
@@ -53,12 +53,25 @@ class Candidate:
     @property
     def rank(self) -> tuple[bool, float]:
         """What the forms of one effect are ordered by."""
-        return self.plausible, self.gain.whole - self.price
+        return self.plausible, self.gain.whole - self._price(self.gain.count)
 
     @property
     def price(self) -> float:
         """What its parameters and the search cost."""
-        return self.gain.likelihood - self.net
+        return self._price(self.gain.count * self.gain.share)
+
+    def _price(self, equations: float) -> float:
+        free = self.gain.width + len(self.effect.shape)
+        return 0.5 * free * float(np.log(max(equations, 2.0))) + self.choice
+
+    @property
+    def net(self) -> float:
+        """Gain in log-likelihood minus the price of its parameters and of the search."""
+        return self.gain.likelihood - self.price
+
+    def settled(self) -> Candidate:
+        """Return the same with everything computed that its columns are needed for."""
+        return replace(self, gain=self.gain.settled())
 
     def merit(self, share: float) -> float:
         """Net gain with `share` of the instants counted: candidates for one residual are compared at the same share.
@@ -169,7 +182,7 @@ def _best_shape(state: State, kind: type[Effect], joint: int, groups: int) -> Ca
     if not best:
         return None
     order = sorted(best.values(), key=lambda c: c.rank, reverse=True)
-    return replace(order[0], forms=tuple(c.effect.shape for c in order[:FORMS]))
+    return replace(order[0].settled(), forms=tuple(c.effect.shape for c in order[:FORMS]))
 
 
 def score(state: State, effect: Effect, shapes: int, groups: int) -> Candidate | None:
@@ -181,12 +194,10 @@ def score(state: State, effect: Effect, shapes: int, groups: int) -> Candidate |
     gain = state.projected.gain(columns.rows)
     if gain is None:
         return None
-    free = gain.width + len(effect.shape)
     places = state.log.model.robot.n if any(e.name == effect.name for e in state.effects) else groups
-    price = 0.5 * free * np.log(max(gain.count * gain.share, 2)) + np.log(max(shapes, 1)) + np.log(min(places, groups))
+    choice = float(np.log(max(shapes, 1)) + np.log(min(places, groups)))
     values = effect.named(state.scene, gain.coefficients)
-    net = gain.likelihood - float(price)
-    return Candidate(effect, columns, gain, net, values, sensible(effect, state.scene, values), shapes)
+    return Candidate(effect, columns, gain, choice, values, sensible(effect, state.scene, values), shapes)
 
 
 def refine(state: State, candidate: Candidate, groups: int) -> Candidate:
@@ -194,7 +205,7 @@ def refine(state: State, candidate: Candidate, groups: int) -> Candidate:
     kind, joint = type(candidate.effect), candidate.effect.joint
     starts = [score(state, kind(joint, shape), candidate.shapes, groups) for shape in candidate.forms[1:]]
     found = [_refined(state, c, groups) for c in (candidate, *starts) if c is not None]
-    return max(found, key=lambda c: c.rank)
+    return max(found, key=lambda c: c.rank).settled()
 
 
 def _refined(state: State, candidate: Candidate, groups: int) -> Candidate:
@@ -222,7 +233,7 @@ def _refined(state: State, candidate: Candidate, groups: int) -> Candidate:
             return 0.0
         if trial.rank > best.rank:
             best = trial
-        return -trial.net
+        return -trial.rank[1]
 
     if int(free.sum()) == 1:
         minimize_scalar(lambda z: cost(np.array([z])), bounds=(-span, span), method="bounded", options={"maxiter": 14})

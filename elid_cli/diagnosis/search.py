@@ -68,6 +68,13 @@ class Step:
 
     candidate: Candidate
     rivals: tuple[Candidate, ...]
+    together: float | None = None
+    """Net gain of effects that were accepted together; None: the candidate's own."""
+
+    @property
+    def net(self) -> float:
+        """Net gain in log-likelihood."""
+        return self.candidate.net if self.together is None else self.together
 
 
 @dataclass(frozen=True)
@@ -246,8 +253,8 @@ def _pair(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[Stat
         return None
     if any((predicted_better(single, grown, rows) or 0.0) < PAIR_GAIN for single in singles):
         return None
-    share = 0.5 * state.projected.count / len(state.projected.places) * float(np.log(1.0 / max(1.0 - gain, 1e-6)))
-    return grown, [Step(replace(c, net=share), ()) for c in scored]
+    net = 0.5 * state.projected.count / len(state.projected.places) * float(np.log(1.0 / max(1.0 - gain, 1e-6)))
+    return grown, [Step(c, (), net) for c in scored]
 
 
 def predicted_better(old: State, new: State, rows: Sequence[Row]) -> float | None:

@@ -12,6 +12,8 @@ from elid_cli.terms.rows import spring_rows
 
 Array = NDArray[np.float64]
 
+LARGEST = 3.5
+"""rad (m); an encoder zeroed wherever it was may be off by half a turn."""
 ONE_SIDED = 0.9
 """Mean sign of the load from which it counts as always on one side."""
 
@@ -43,8 +45,8 @@ class EncoderOffset(Effect):
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
-        """Whether the offset is a small angle (of a sliding joint: a small distance), by K a positive one."""
-        return abs(values["offset"]) < 0.3 and not scene.stiffness[joint] <= 0
+        """Whether the offset is less than about half a turn, by a positive K."""
+        return abs(values["offset"]) < LARGEST and not scene.stiffness[joint] <= 0
 
     @classmethod
     def same_here(cls, scene: Scene, joint: int) -> tuple[str, ...]:
