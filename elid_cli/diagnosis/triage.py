@@ -17,6 +17,9 @@ HIGH = 1.3
 """Residual over floor above which a row counts as high."""
 MATTERS = 5e-4
 """Residual beyond the floor, as a part of the torque, below which smoothing's own errors are seen, and no physics."""
+STANDSTILL = 0.05
+"""Part of the top speed below which a motor counts as near standstill."""
+REVERSALS = "reversals"
 _BINS = 24
 
 
@@ -31,10 +34,14 @@ class RowState:
     """rms over the rms of the torque."""
     ratio: float
     """rms over the noise floor."""
+    away: float = np.inf
+    """The same away from the motor's reversals: what is left there only is the motor's sticking, in no model exact."""
 
     @property
     def high(self) -> bool:
         """Whether more is left than noise: above the floor by a part of it and by a part of the torque that matters."""
+        if self.away <= HIGH:
+            return False
         beyond = self.share * float(np.sqrt(max(1.0 - 1.0 / max(self.ratio, 1.0) ** 2, 0.0)))
         return self.ratio > HIGH and beyond > MATTERS
 
@@ -53,7 +60,12 @@ def rows_of(state: State) -> tuple[RowState, ...]:
     names = state.log.model.robot.joint_names
     return tuple(
         RowState(
-            names[row.joint], row.kind, state.rms(row), state.rms(row) / state.triangles.torque_rms(row), ratios[row]
+            names[row.joint],
+            row.kind,
+            state.rms(row),
+            state.rms(row) / state.triangles.torque_rms(row),
+            ratios[row],
+            _away(state, row),
         )
         for row in judged_rows(state)
     )
@@ -124,7 +136,33 @@ def organise(state: State, row: Row) -> list[Organised]:
         for name, values in variables(state, row.joint).items()
     ]
     found.append(_line(residual, total, state.log.signals.rate))
+    found.append(_reversals(state, row.joint, residual, use))
     return sorted((o for o in found if o.share > 0), key=lambda o: -o.share)
+
+
+def _away(state: State, row: Row) -> float:
+    """Return residual over floor at the training instants at which the motor is not near standstill."""
+    group = state.log.training.group(row)
+    fast = group.use & ~_standing(state, row.joint, group.use)
+    if not fast.any():
+        return np.inf
+    rms = float(np.sqrt(np.mean(_residual(state, row)[fast] ** 2)))
+    floor = float(np.sqrt(np.mean(state.floor.series[row][:, fast] ** 2)))
+    return rms / max(floor, 2e-4 * state.triangles.torque_rms(row))
+
+
+def _standing(state: State, joint: int, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the instants at which a motor is near standstill, (M,)."""
+    speed = np.abs(state.log.signals.motion.dtheta[state.log.signals.outputs, joint])
+    slow: NDArray[np.bool_] = speed < STANDSTILL * float(np.quantile(speed[use], 0.98))
+    return slow
+
+
+def _reversals(state: State, joint: int, residual: Array, use: NDArray[np.bool_]) -> Organised:
+    """Return the part of the variance near standstill of the motor, beyond what as many other instants would hold."""
+    slow = _standing(state, joint, use)[use]
+    part, share = float(np.mean(slow)), float(np.sum(residual[slow] ** 2) / max(np.sum(residual**2), 1e-300))
+    return Organised(REVERSALS, (share - part) / (1.0 - part) if part < 0.5 else 0.0)
 
 
 def variables(state: State, joint: int) -> dict[str, Array]:

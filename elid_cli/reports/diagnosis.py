@@ -334,7 +334,8 @@ def _meaning(told: Told) -> list[Section]:
     sections: list[Section] = []
     if found.sufficient:
         limit = number_text(AT_FLOOR)
-        text = f"The model is sufficient: every row is within {limit} of its noise floor, and no effect improves it."
+        sticks = ", away from reversals" if any(r.ratio > AT_FLOOR and r.away <= AT_FLOOR for r in found.rows_after) else ""
+        text = f"The model is sufficient: every row is within {limit} of its noise floor{sticks}, and no effect improves it."
         keep = ("--write-robot", f"{found.robot.name}-identified.yaml")
         line = command("identify", told.recording, told.robot_argument, *keep)
         return [Text("meaning", text), Text("next", line, "next")]

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from elid_cli.terms.lookup import ROWS, VARIABLES
 
 _VARIABLES = {
+    "reversals": "reversals of its motor (sticking)",
     "theta": "motor angle",
     "dtheta": "motor speed",
     "ddtheta": "motor acceleration",
