@@ -37,8 +37,10 @@ _KNOWN = ("files", "sha256", "repairs", "notes", "warnings")
 
 
 def is_triangle_file(path: str | Path) -> bool:
-    """Return whether a file is one that `write_triangles` wrote, by its content."""
+    """Return whether a file is one that `write_triangles` wrote, by its content; a pipe or device is never opened."""
     try:
+        if not Path(path).is_file():
+            return False
         with Path(path).open("rb") as stream:
             if stream.read(4) != _MAGIC:
                 return False
