@@ -334,8 +334,9 @@ def _meaning(told: Told) -> list[Section]:
     sections: list[Section] = []
     if found.sufficient:
         limit = number_text(AT_FLOOR)
-        sticks = ", away from reversals" if any(r.ratio > AT_FLOOR and r.away <= AT_FLOOR for r in found.rows_after) else ""
-        text = f"The model is sufficient: every row is within {limit} of its noise floor{sticks}, and no effect improves it."
+        sticking = any(r.ratio > AT_FLOOR >= r.away for r in found.rows_after)
+        where = " away from reversals" if sticking else ""
+        text = f"The model is sufficient: every row is within {limit} of its noise floor{where}; no effect improves it."
         keep = ("--write-robot", f"{found.robot.name}-identified.yaml")
         line = command("identify", told.recording, told.robot_argument, *keep)
         return [Text("meaning", text), Text("next", line, "next")]
