@@ -130,27 +130,23 @@ def read_map_options(options: Sequence[str]) -> dict[str, Any]:
 
 
 def _read_map_file(name: str) -> dict[str, Any]:
-    import yaml
+    from elid_cli.yaml_values import parse_yaml
 
     try:
         text = read_text(Path(name), UsageError, suffixes=(".yaml", ".yml"))
     except UsageError as error:
         error.hint = error.hint or "--map map.yaml, or --map tau=/arm/motors.current"
         raise
-    if text.count("*") > 1000:
-        raise UsageError(f"{name}: too large for a mapping")
     try:
-        raw = yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        mark = getattr(error, "problem_mark", None)
-        place = f"{name}:{mark.line + 1}" if mark is not None else name
-        problem = getattr(error, "problem", None) or "cannot be parsed"
-        raise UsageError(f"{place}: not valid YAML", detail=str(problem), hint='quote patterns: "q.{joint}"') from error
+        raw = parse_yaml(text, name, UsageError).plain()
+    except UsageError as error:
+        error.hint = error.hint or 'quote patterns: "q.{joint}"'
+        raise
     if isinstance(raw, Mapping) and set(raw) == {"log"}:
         raw = raw["log"]
     if not isinstance(raw, Mapping):
         raise UsageError(f"{name}: holds no mapping", hint="q: {from: /arm/joint_states, field: position}")
-    return {str(key): value for key, value in raw.items()}
+    return dict(raw)
 
 
 def _entry(name: Any, spec: Any, where: str) -> Mapping[str, Any]:
@@ -251,7 +247,8 @@ def _per_joint(value: Any, robot: Robot, where: str) -> tuple[float, ...] | floa
         value = [value.get(joint, neutral) for joint in robot.joint_names]
     if isinstance(value, list):
         if len(value) != robot.n:
-            raise UsageError(f"{where}: {len(value)} numbers for {robot.n} joints", hint="one number, or one per joint")
+            what = f"{where}: {len(value)} numbers for {robot.n} joint{'s' if robot.n > 1 else ''}"
+            raise UsageError(what, hint="one number, or one per joint of --robot")
         return tuple(_number(item, where) for item in value)
     return _number(value, where)
 

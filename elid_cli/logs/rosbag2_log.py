@@ -5,12 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from elid_cli.errors import LogError
 from elid_cli.logs.foreign_log import kind_of, refuse
 from elid_cli.logs.mcap_log import McapLog
 from elid_cli.logs.raw import LogFormat, RawLog
 from elid_cli.logs.source import Source
+
+if TYPE_CHECKING:
+    import yaml
 
 MOST_NAMED = 5
 LARGEST_METADATA = 10 << 20
@@ -37,7 +41,7 @@ def _splits(folder: Path) -> tuple[list[Source], list[str]]:
     """Return the bag's files in recording order, as metadata.yaml lists them, else by number; and what is missing."""
     present = {p.name: p for p in folder.iterdir() if p.is_file() and p.name != "metadata.yaml"}
     listed = _listed(folder / "metadata.yaml")
-    names = [name for name in (Path(entry).name for entry in listed) if name in present]
+    names = list(dict.fromkeys(name for name in (Path(entry).name for entry in listed) if name in present))
     rest = [name for name in present if name not in names and re.search(r"\.(mcap(\.zstd)?|db3)$", name)]
     files = [Source(str(present[name]), present[name]) for name in [*names, *sorted(rest, key=_numbered)]]
     gone = [name for name in (Path(entry).name for entry in listed) if name not in present]
@@ -65,17 +69,27 @@ def _numbered(name: str) -> list[int | str]:
 
 
 def _listed(metadata: Path) -> list[str]:
-    """Return the files that metadata.yaml names; nothing where it is missing or damaged."""
+    """Return the files that metadata.yaml names, each once; nothing where it is missing, no file, or damaged."""
     import yaml
 
     try:
-        if metadata.stat().st_size > LARGEST_METADATA:
+        if not metadata.is_file() or metadata.stat().st_size > LARGEST_METADATA:
             return []
-        content = yaml.safe_load(metadata.read_text("utf-8"))
-        paths = content["rosbag2_bagfile_information"]["relative_file_paths"]
-        return [str(path) for path in paths]
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, RecursionError):
+        # composed, never constructed: aliases and merges stay references, dates and numbers stay texts
+        top = yaml.compose(metadata.read_text("utf-8"), Loader=yaml.SafeLoader)
+    except (OSError, ValueError, yaml.YAMLError, RecursionError):
         return []
+    paths = _child(_child(top, "rosbag2_bagfile_information"), "relative_file_paths")
+    listed = paths.value if isinstance(paths, yaml.SequenceNode) else []
+    return list(dict.fromkeys(entry.value for entry in listed if isinstance(entry, yaml.ScalarNode)))
+
+
+def _child(node: yaml.Node | None, key: str) -> yaml.Node | None:
+    """Return the value of a mapping's key, None where there is none."""
+    import yaml
+
+    pairs = node.value if isinstance(node, yaml.MappingNode) else []
+    return next((value for name, value in pairs if name.value == key), None)
 
 
 FORMAT = LogFormat(

@@ -162,10 +162,33 @@ def test_rosbag2_folders_are_read_in_time_order(tmp_path: Path) -> None:
     assert used(bag, tolerance=1e-9).err == ""
     metadata(bag, *names[3:], *names[:3])
     used(bag, tolerance=1e-9)
-    for hostile in ("!!python/object/apply:os.system ['touch pwned']", "a: &a [*a]", "[", "\x00", "- 1"):
-        (bag / "metadata.yaml").write_text(hostile)
-        used(bag, tolerance=1e-9)
+    metadata(bag, *names, *names)
+    assert used(bag, tolerance=1e-9).json["log"]["samples"] == base().samples
+
+
+LIST = "rosbag2_bagfile_information:\n  relative_file_paths:"
+LAUGHS = "a0: &a0 {x: 1}\n" + "".join(
+    f"a{k}: &a{k}\n  <<: [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12)
+)
+METADATA = {
+    "tag": "!!python/object/apply:os.system ['touch pwned']", "cycle": "a: &a [*a]", "open": "[", "binary": "\x00",
+    "list": "- 1", "bomb": f"{LAUGHS}{LIST} [*a11, *a11]\n", "date": f"{LIST} []\nat: 2020-99-99\n",
+    "number": f"{LIST} []\nat: 0x_\n", "text": f"{LIST} run\n", "deep": "[" * 5000,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", METADATA)
+def test_metadata_that_is_damaged_or_hostile_is_no_matter(tmp_path: Path, fault: str) -> None:
+    bag = split(tmp_path / "bag", 2)
+    (bag / "metadata.yaml").write_text(METADATA[fault])
+    assert used(bag, tolerance=1e-9).err == ""
     assert not Path("pwned").exists()
+
+
+def test_metadata_that_is_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    bag = split(tmp_path / "bag", 2)
+    os.mkfifo(bag / "metadata.yaml")
+    used(bag, tolerance=1e-9)
 
 
 @pytest.mark.parametrize("fault", ["gone", "gone and listed", "empty", "garbage", "fifo", "loop", "dangling"])

@@ -16,8 +16,12 @@ SHIPPED = (Path(__file__).parents[2] / "robots" / "planar2.yaml").read_text()
 LAUGHS = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12)
 )
+MERGES = "a0: &a0 {x: 1}\n" + "".join(
+    f"a{k}: &a{k}\n  <<: [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12)
+)
 FAULTS: dict[str, tuple[str, str]] = {
     "billion laughs": (LAUGHS + SHIPPED, "through aliases"),
+    "billion merges": (MERGES + SHIPPED, "through aliases"),
     "many aliases": ("a: &a 1\nb: [" + "*a," * 2000 + "]\n", "aliases"),
     "cyclic anchor": ("name: &a [*a]\n", "contains itself"),
     "cyclic merge": ("joints: &a\n  <<: *a\n", "contains itself"),
@@ -54,7 +58,9 @@ def test_descriptions_that_do_harm_are_refused_at_once(tmp_path: Path, log: Path
     assert not Path("pwned").exists()
 
 
-@pytest.mark.parametrize("name", ["billion laughs", "cyclic anchor", "python tag", "deep nesting", "megabyte string"])
+@pytest.mark.parametrize(
+    "name", ["billion laughs", "billion merges", "cyclic anchor", "python tag", "deep nesting", "megabyte string"]
+)
 def test_mappings_that_do_harm_are_refused_at_once(tmp_path: Path, log: Path, name: str) -> None:
     path = tmp_path / "map.yaml"
     path.write_text(FAULTS[name][0])

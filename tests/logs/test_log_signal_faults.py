@@ -219,14 +219,14 @@ def test_map_options_read_files_and_short_forms(tmp_path: Path) -> None:
     file.write_text("q: {from: /a, field: position}\nlog_time: {}\n")
     assert read_map_options([str(file), "tau=/arm/motors.current"])["tau"] == {"from": "/arm/motors.current"}
     file.write_text("q: {from: /a\n  field: [}\n")
-    with pytest.raises(UsageError, match=r"map.yaml:2: not valid YAML"):
+    with pytest.raises(UsageError, match=r"map.yaml:2: expected"):
         read_map_options([str(file)])
     with pytest.raises(UsageError, match="no such file"):
         read_map_options([str(tmp_path / "no.yaml")])
     with pytest.raises(UsageError, match="unknown signal 'torque'"):
         read_map_options(["torque=/x"])
     file.write_text("a: &a [x]\nb: &b [*a,*a,*a,*a,*a,*a,*a,*a,*a]\n" + "c: [*b,*b]\n" * 600)
-    with pytest.raises(UsageError, match="too large"):
+    with pytest.raises(UsageError, match="aliases"):
         read_map_options([str(file)])
 
 
