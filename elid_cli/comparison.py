@@ -71,6 +71,11 @@ class Comparison:
     unshared: tuple[str, ...]
     """Base parameters that only one of them has."""
 
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Base parameters that both have and one of them gives no estimate of: nobody knows whether they moved."""
+        return tuple(change.name for change in self.changes if math.isnan(change.deviations))
+
     def moved(self, sigmas: float) -> tuple[Change, ...]:
         """Return the parameters that moved by more than `sigmas` standard deviations."""
         return tuple(change for change in self.changes if abs(change.deviations) > sigmas)
@@ -107,7 +112,7 @@ def compare(results: Sequence[Saved]) -> tuple[Comparison, ...]:
     Raises
     ------
     UsageError
-        Fewer than two results, or two without a common base parameter.
+        Fewer than two results, or two without a base parameter that both estimate.
     """
     if len(results) < 2:
         raise UsageError("compare: one result given, at least two are needed", hint="elid compare A.json B.json")
@@ -126,7 +131,11 @@ def _compare(first: Saved, other: Saved) -> Comparison:
         Change(name, first.parameters[name].unit, first.parameters[name], other.parameters[name]) for name in shared
     )
     every = (*first.parameters, *other.parameters)
-    return Comparison(first, other, changes, tuple(dict.fromkeys(name for name in every if name not in shared)))
+    found = Comparison(first, other, changes, tuple(dict.fromkeys(name for name in every if name not in shared)))
+    if len(found.refused) == len(changes):
+        what = f"{other.file}: no base parameter that it and {first.file} both estimate"
+        raise UsageError(what, detail=f"refused in one of them: {', '.join(found.refused[:6])}")
+    return found
 
 
 def _parameters(entries: Any, where: str) -> dict[str, Estimate]:

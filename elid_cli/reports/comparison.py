@@ -35,11 +35,14 @@ def _moved(comparison: Comparison, number: int, sigmas: float) -> list[Section]:
     against = f"result {number} against result 1"
     if comparison.unshared:
         against += f", {len(comparison.unshared)} base parameters not in both"
+    if comparison.refused:
+        against += f", {len(comparison.refused)} refused in one of them"
     threshold = number_text(sigmas, 3)
+    count = len(comparison.changes) - len(comparison.refused)
     if not moved:
-        line = f"{against}: none of {len(comparison.changes)} base parameters moved by more than {threshold} sd"
+        line = f"{against}: none of {count} base parameters moved by more than {threshold} sd"
         return [Text(f"unmoved{number}", line)]
-    title = f"{against}: {len(moved)} of {len(comparison.changes)} base parameters moved by more than {threshold} sd"
+    title = f"{against}: {len(moved)} of {count} base parameters moved by more than {threshold} sd"
     columns = (
         Column("name", "base parameter"),
         Column("before", "result 1", align="right"),
@@ -87,6 +90,7 @@ def _payload(comparison: Comparison, sigmas: float) -> dict[str, Any]:
         "after": comparison.other.file,
         "moved": [change.name for change in comparison.moved(sigmas)],
         "unshared": list(comparison.unshared),
+        "refused": list(comparison.refused),
         "changes": [
             {
                 "name": change.name,

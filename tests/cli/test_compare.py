@@ -28,6 +28,7 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "worn.json").write_text(json.dumps(result(K1=2500.0, fv2=1.0)))
     (tmp_path / "other.json").write_text(json.dumps(result() | {"base_parameters": [
         {"name": "Jm9", "estimate": 1.0, "std_error": 0.1}]}))  # fmt: skip
+    (tmp_path / "refused.json").write_text(json.dumps(result(**dict.fromkeys(("K1", "m1 - 4*Izz1", "fv1")), fs2=1.0)))
     (tmp_path / "text.json").write_text("{\n oops")
     (tmp_path / "info.json").write_text('{"schema": "elid/1", "command": "info"}')
     (tmp_path / "foreign.json").write_text("[1, 2]")
@@ -38,7 +39,8 @@ def test_what_moved_is_named(elid, folder: Path) -> None:
     done = elid("compare", "a.json", "same.json", "worn.json", "--fail-on-change", cwd=folder)
     assert done.returncode == 1
     assert done.stderr == "error: worn.json: 1 parameter moved\n"
-    assert "result 2 against result 1: none of 4 base parameters moved" in done.stdout
+    against = "result 2 against result 1, 1 refused in one of them"
+    assert f"{against}: none of 3 base parameters moved" in " ".join(done.stdout.split())  # a terminal wraps it
     row = next(line.split() for line in done.stdout.splitlines() if line.startswith("  K1"))
     assert row == ["K1", "3000", "2500", "-17", "%", "-13", "N·m"]  # 500/hypot(30, 25) = 12.8
 
@@ -49,6 +51,7 @@ def test_the_json_says_the_same(elid, folder: Path) -> None:
     (comparison,) = json.loads(done.stdout)["comparisons"]
     assert comparison["moved"] == ["K1"]
     assert comparison["unshared"] == ["fv2"]
+    assert comparison["refused"] == ["fs2"]
     changes = {c["name"]: c["deviations"] for c in comparison["changes"]}
     assert changes["K1"] == pytest.approx(-500 / (30**2 + 25**2) ** 0.5)
     assert changes["fs2"] is None
@@ -63,6 +66,7 @@ def test_the_json_says_the_same(elid, folder: Path) -> None:
         (["a.json", "foreign.json"], "foreign.json: not a result of elid"),
         (["a.json", "info.json"], "info.json: holds no base parameters"),
         (["a.json", "other.json"], "other.json: shares no base parameter with a.json"),
+        (["a.json", "refused.json"], "refused.json: no base parameter that it and a.json both estimate"),
         (["a.json", "wrn.json"], "wrn.json: no such file\n  hint: did you mean 'worn.json'?"),
     ],
 )
