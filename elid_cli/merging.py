@@ -24,7 +24,7 @@ from elid_cli.model import Model, Row
 from elid_cli.motion import Motion
 from elid_cli.nuisance import DELAY, OFFSET
 from elid_cli.observation import Observation
-from elid_cli.recording import Recording, Segment
+from elid_cli.recording import Recording, Segment, repeated
 from elid_cli.reduced_log import ReducedLog, SignalFacts
 from elid_cli.reduction import Extra
 from elid_cli.robot import Robot
@@ -122,6 +122,9 @@ def joined_recording(logs: Sequence[ReducedLog]) -> Recording:
         prefix = f"{part.files[0]}: " if len(part.files) == 1 else ""
         for kind, sentences in said.items():
             sentences += [prefix + sentence for sentence in getattr(part, kind)]
+    names = tuple(file for part in parts for file in part.files)
+    digests = tuple(digest for part in parts for digest in part.sha256)
+    said["warnings"] += repeated(names, digests)
     empty = np.broadcast_to(np.nan, (samples, parts[0].n))
     return Recording(
         joints=parts[0].joints,
@@ -131,8 +134,8 @@ def joined_recording(logs: Sequence[ReducedLog]) -> Recording:
         theta=empty,
         tau=empty,
         segments=tuple(segments),
-        files=tuple(file for part in parts for file in part.files),
-        sha256=tuple(digest for part in parts for digest in part.sha256),
+        files=names,
+        sha256=digests,
         repairs=tuple(said["repairs"]),
         notes=tuple(said["notes"]),
         warnings=tuple(said["warnings"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -80,3 +81,16 @@ class Recording:
     def duration(self) -> float:
         """Recorded time without the gaps between segments, s."""
         return float(sum((len(s) - 1) * self.dt for s in self.segments))
+
+
+def repeated(files: Sequence[str], sha256: Sequence[str]) -> list[str]:
+    """Return one sentence per file that holds the same bytes as one before it."""
+    first: dict[str, str] = {}
+    said = []
+    for file, digest in zip(files, sha256, strict=False):
+        if digest in first:
+            said.append(
+                f"{file}: the same bytes as {first[digest]}: a log counted twice makes standard errors too small"
+            )
+        first.setdefault(digest, file)
+    return said

@@ -44,6 +44,7 @@ def reduced_logs(
     """Return the logs reduced, those of triangle files as they are; what was repaired goes to stderr."""
     from elid_cli.fleet import Job, reduce_jobs
     from elid_cli.logs import read_map_options
+    from elid_cli.recording import repeated
     from elid_cli.robot_text import text_of
     from elid_cli.triangle_file import is_triangle_file, read_triangles
 
@@ -65,6 +66,8 @@ def reduced_logs(
             prefix = f"{log_.recording.files[0]}: " if len(found) > 1 else ""
             told = getattr(log_.recording, word)
             note((prefix + line for line in told), output, "repaired" if word == "repairs" else "warning")
+    every = [log.recording for log in found]
+    note(repeated([f for r in every for f in r.files], [d for r in every for d in r.sha256]), output, "warning")
     return found
 
 

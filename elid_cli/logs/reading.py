@@ -21,7 +21,7 @@ from elid_cli.logs.repair import Aligned, Sampled, align
 from elid_cli.logs.resolve import Layer, Placement, Plan, resolve
 from elid_cli.logs.source import Source, open_source
 from elid_cli.mapped import let_go
-from elid_cli.recording import Recording, Segment
+from elid_cli.recording import Recording, Segment, repeated
 from elid_cli.robot import Robot
 
 Array = NDArray[np.float64]
@@ -236,6 +236,7 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         samples += t.size
     whole = {s: values[0] if len(values) == 1 else np.concatenate(values) for s, values in blocks.items()}
     places = parts[0].plan.placements
+    files, sha256 = tuple(source.name for source in sources), tuple(source.sha256 for source in sources)
     return Recording(
         joints=robot.joint_names,
         dt=dt,
@@ -248,11 +249,11 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         tau_link=whole.get("tau_link"),
         temperature=whole.get("temperature"),
         segments=tuple(segments),
-        files=tuple(source.name for source in sources),
-        sha256=tuple(source.sha256 for source in sources),
+        files=files,
+        sha256=sha256,
         repairs=tuple(dict.fromkeys(repairs)),
         notes=tuple(dict.fromkeys(notes)),
-        warnings=tuple(dict.fromkeys(warnings)),
+        warnings=tuple(dict.fromkeys([*warnings, *repeated(files, sha256)])),
         sources={signal: placement.places for signal, placement in places.items()},
     )
 
