@@ -38,6 +38,8 @@ def last_of(found: Identification) -> LastLog:
 def is_result(path: str | Path) -> bool:
     """Return whether a file looks like a result saved with ``--json``; a log never begins with a brace."""
     try:
+        if not Path(path).is_file():  # a pipe would be waited for
+            return False
         with Path(path).open("rb") as stream:
             return stream.read(64).lstrip().startswith(b"{")
     except OSError:

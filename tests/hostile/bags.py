@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import struct
-import sys
 from collections.abc import Callable, Iterator
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from hostile import JOINTS, base
+from mcap_made import HEADER, STAMP, Bag, joint_state
 
 from elid_cli.recording import Recording
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "logs"))
-from mcap_made import HEADER, STAMP, Bag, joint_state
 
 EPOCH = 1_700_000_000 * 10**9
 ARRAYS = f"{HEADER}float64[] position\nfloat64[] velocity\nfloat64[] effort\nfloat64[] link\n{STAMP}"

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import gzip
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hostile import JOINTS, SIGNALS, base, elid, refused, used
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "logs"))
 from faults import Table
+from hostile import JOINTS, SIGNALS, base, elid, refused, used
 
 NAMES = ("t", *(f"{signal}.{joint}" for signal in SIGNALS for joint in JOINTS))
 

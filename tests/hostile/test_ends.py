@@ -53,7 +53,7 @@ def whole(folder: Path, *, old: bool) -> None:
 def test_control_c_at_any_time_leaves_whole_files(log: Path, tmp_path: Path, old: bool) -> None:
     generator = random.Random(5 + old)
     codes = []
-    for k in range(6):
+    for k in range(4):
         folder = tmp_path / str(k)
         folder.mkdir()
         if old:
@@ -146,12 +146,12 @@ def test_what_cannot_be_written_is_one_message(log: Path, tmp_path: Path, option
 
 def test_two_runs_give_the_same_bytes(log: Path, tmp_path: Path) -> None:
     made = []
-    for k in range(2):
-        files = [tmp_path / f"found{k}.yaml", tmp_path / f"report{k}.html"]
-        outs = [elid(verb, log, "--robot", ROBOT, "--json", "--write-robot", files[0], "--report", files[1]).out
-                for verb in ("identify", "diagnose")]  # fmt: skip
-        made.append([*(out.replace(f"found{k}", "found") for out in outs), files[0].read_text()])
-    assert made[0] == made[1]
+    for _ in range(2):
+        for verb in ("identify", "diagnose"):
+            file = tmp_path / f"{verb}.yaml"
+            done = elid(verb, log, "--robot", ROBOT, "--json", "--write-robot", file)
+            made.append((done.code, done.out, file.read_bytes()))
+    assert made[:2] == made[2:]
     other = subprocess.run(
         [*COMMAND, "identify", str(log), "--robot", ROBOT, "--json"], capture_output=True, timeout=120, check=False,
         env={**ENVIRONMENT, "PYTHONHASHSEED": "1", "LC_ALL": "C"},

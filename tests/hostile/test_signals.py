@@ -181,3 +181,12 @@ def test_swapped_channels_are_noticed(tmp_path: Path) -> None:
 def test_the_good_log_raises_no_suspicion(tmp_path: Path) -> None:
     done = elid("identify", saved(tmp_path, table().text()), "--robot", ROBOT)
     assert (done.code, done.err) == (0, "")
+
+
+def test_a_log_named_twice_is_said(tmp_path: Path) -> None:
+    one, two = saved(tmp_path, table().text()), saved(tmp_path, table().text(), "copy.csv")
+    for verb in ("identify", "validate"):
+        done = elid(verb, one, two, "--robot", ROBOT, "--json")
+        assert done.code == 0, done.err
+        assert f"copy.csv: the same bytes as {one}" in " ".join(done.json["log"]["warnings"])
+        assert done.err.count("the same bytes") == 1
