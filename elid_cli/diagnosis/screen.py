@@ -25,6 +25,8 @@ REFINED = 8
 """Best groups whose shapes are refined."""
 FORMS = 3
 """Most forms of an effect (exponents, partners) whose shapes are refined."""
+NEXT = 1.25
+"""Factor between a shape and the next one that is looked at beyond what is plausible."""
 REFITTED = 12
 """Best groups whose values are taken from a full fit where the stiffness matters."""
 
@@ -205,7 +207,26 @@ def refine(state: State, candidate: Candidate, groups: int) -> Candidate:
     kind, joint = type(candidate.effect), candidate.effect.joint
     starts = [score(state, kind(joint, shape), candidate.shapes, groups) for shape in candidate.forms[1:]]
     found = [_refined(state, c, groups) for c in (candidate, *starts) if c is not None]
-    return max(found, key=lambda c: c.rank).settled()
+    best = max(found, key=lambda c: c.rank)
+    return replace(best, plausible=best.plausible and not _beyond(state, best, groups)).settled()
+
+
+def _beyond(state: State, candidate: Candidate, groups: int) -> bool:
+    """Whether a shape that is not plausible would fit better still: then the best plausible one is only its shadow."""
+    kind, joint = type(candidate.effect), candidate.effect.joint
+    for k, value in enumerate(candidate.effect.shape):
+        if value <= 0 or _whole(kind, k):
+            continue
+        for factor in (1.0 / NEXT, NEXT):
+            shape = list(candidate.effect.shape)
+            shape[k] = value * factor
+            try:
+                trial = score(state, kind(joint, tuple(shape)), candidate.shapes, groups)
+            except (ValueError, FloatingPointError):
+                continue
+            if trial is not None and not trial.plausible and trial.gain.whole > candidate.gain.whole:
+                return True
+    return False
 
 
 def _refined(state: State, candidate: Candidate, groups: int) -> Candidate:
