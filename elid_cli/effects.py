@@ -47,7 +47,7 @@ def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:
     Raises
     ------
     RobotError
-        An effect or joint that does not exist, or an effect that cannot exist at this joint.
+        An effect, joint or parameter that does not exist, or an effect that cannot exist at this joint.
     """
     library = effect_classes()
     where = f"{robot.name}: effect {spec.effect}"
@@ -61,6 +61,11 @@ def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:
     joint = 0 if spec.joint is None or kind.whole_robot else robot.joint_names.index(spec.joint)
     if not kind.applies(robot, joint):
         raise RobotError(f"{where}: does not apply to {robot.joints[joint].name}")
+    names = kind.parameter_names()
+    for name in spec.parameters:
+        if name not in names:
+            detail = f"it has {', '.join(names)}"
+            raise RobotError(f"{where}: no parameter {name!r}", detail=detail, hint=did_you_mean(name, names))
     return kind, joint
 
 

@@ -152,6 +152,8 @@ def read_effects(value: Value, joints: Sequence[Joint]) -> tuple[EffectSpec, ...
     """Return the declared effects (an empty value: none)."""
     if value.node.value == "":
         return ()
+    from elid_cli.terms import effect_classes
+
     names = [joint.name for joint in joints]
     effects = []
     for number, item in enumerate(value.items(), start=1):
@@ -163,13 +165,16 @@ def read_effects(value: Value, joints: Sequence[Joint]) -> tuple[EffectSpec, ...
         joint = keys["joint"].text() if "joint" in keys else None
         if joint is not None and joint not in names:
             raise keys["joint"].error(f"no joint {joint!r}", hint=did_you_mean(joint, names))
-        parameters = {}
+        parameters: dict[str, float] = {}
         if "parameters" in keys:
             place = f"{name} of {joint}" if joint else name
-            parameters = {
-                key.text(): entry.within(f"{place}: {key.text()}").number()
-                for key, entry in keys["parameters"].entries()
-            }
+            known = effect_classes()[name].parameter_names()
+            for key, entry in keys["parameters"].entries():
+                if key.text() not in known:
+                    what = f"unknown parameter {key.text()!r}"
+                    detail = f"{name} has {', '.join(known)}"
+                    raise key.within(place).error(what, detail=detail, hint=did_you_mean(key.text(), known))
+                parameters[key.text()] = entry.within(f"{place}: {key.text()}").number()
         effects.append(EffectSpec(name, joint, parameters))
     return tuple(effects)
 

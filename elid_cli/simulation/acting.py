@@ -136,16 +136,16 @@ def _active(robot: Robot, spec: EffectSpec, scene: Scene) -> ActiveEffect:
     joint = 0 if spec.joint is None or kind.whole_robot else robot.joint_names.index(spec.joint)
     if not kind.applies(robot, joint):
         raise RobotError(f"{where}: does not apply to {robot.joints[joint].name}, whose transmission is rigid")
+    names = kind.parameter_names()
+    unknown = [name for name in spec.parameters if name not in names]
+    if unknown:
+        raise RobotError(
+            f"{where}: no parameter {unknown[0]!r}", detail=f"it has {', '.join(names)}",
+            hint=did_you_mean(unknown[0], names),
+        )  # fmt: skip
     try:
         coefficients, shape = kind.coefficients(scene, joint, spec.parameters)
     except KeyError as problem:
-        names = [parameter.name for parameter in (*kind.amplitudes, *kind.shapes)]
-        unknown = [name for name in spec.parameters if name not in names]
-        if unknown:
-            raise RobotError(
-                f"{where}: no parameter {unknown[0]!r}", detail=f"it has {', '.join(names)}",
-                hint=did_you_mean(unknown[0], names),
-            ) from None  # fmt: skip
         given = ", ".join(spec.parameters) or "none"
         raise RobotError(
             f"{where}: needs {problem.args[0]!r}", detail=f"given: {given}", hint=f"it has {', '.join(names)}"

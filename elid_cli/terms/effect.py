@@ -217,6 +217,11 @@ class Effect(ABC):
         return values
 
     @classmethod
+    def parameter_names(cls) -> tuple[str, ...]:
+        """Return the names that a file may give, amplitudes before shapes."""
+        return tuple(parameter.name for parameter in (*cls.amplitudes, *cls.shapes))
+
+    @classmethod
     def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
         """Invert `named`: return (linear coefficients (d,), shape) from named parameters.
 

@@ -8,6 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from elid_cli.effects import resolve
+from elid_cli.errors import RobotError
 from elid_cli.estimate import EstimateOptions, Identification, identify
 from elid_cli.recording import Recording
 from elid_cli.reference import ReferenceOptions
@@ -78,6 +80,14 @@ def test_the_collocation_falls_back_and_says_so() -> None:
     result = found(noisy(3, level=20), accurate=True)
     assert result.estimator == "default"
     assert any("default estimate stands" in note for note in result.notes)
+
+
+def test_a_mistyped_parameter_of_a_declared_effect_is_refused() -> None:
+    """Built in Python, past the robot file's own check: it would have been taken as not given, silently."""
+    mistyped = replace(PLANAR, effects=(EffectSpec("stribeck", "joint2", {"amplitud": 1.0, "velocity": 0.2}),))
+    with pytest.raises(RobotError, match="no parameter 'amplitud'") as refused:
+        resolve(mistyped, mistyped.effects[0])
+    assert refused.value.hint == "did you mean 'amplitude'?"
 
 
 def test_declared_stribeck_friction_is_fitted() -> None:

@@ -90,6 +90,8 @@ def test_every_key_is_read():
         ("name: slide", "name: shoulder", ["arm.yaml:14:", "second joint of this name"]),
         ("{m: 21,", "{m1: 21,", ["arm.yaml:13:", "shoulder: parameters", "'m1'", "did you mean 'm'"]),
         ("effect: stribeck", "effect: stribek", ["arm.yaml:24:", "did you mean 'stribeck'"]),
+        ("amplitude: -0.25", "amplitud: -0.25", ["arm.yaml:24:", "of slide", "'amplitud'", "mean 'amplitude'"]),
+        ("velocity: 0.1}", "velocity: 0.1, width: 3}", ["arm.yaml:24:", "'width'", "amplitude, velocity, exponent"]),
         ("joint: slide", "joint: slid", ["arm.yaml:24:", "no joint 'slid'", "did you mean 'slide'"]),
         ("amplitude: -0.25", "amplitude: inf", ["arm.yaml:24:", "stribeck of slide: amplitude", "not finite"]),
         ("[-pi, pi]", "[pi, -pi]", ["limits: position"]),
@@ -239,7 +241,12 @@ def robots(draw) -> Robot:
             )
         )
     where = st.none() | st.sampled_from([joint.name for joint in joints])
-    effects = st.builds(EffectSpec, st.just("stribeck"), where, st.dictionaries(names, finite, max_size=2))
+    effects = st.builds(
+        EffectSpec,
+        st.just("stribeck"),
+        where,
+        st.dictionaries(st.sampled_from(["amplitude", "velocity", "exponent"]), finite),
+    )
     return Robot(
         name=draw(names),
         joints=tuple(joints),

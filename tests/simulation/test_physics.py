@@ -167,7 +167,7 @@ def test_effects_need_a_joint_and_their_parameters() -> None:
     from elid_cli.errors import RobotError
 
     robot = replace(PLANAR, effects=(EffectSpec("stribeck", "joint2", {"amplitude": 1.0}),))
-    with pytest.raises(RobotError, match="no parameter 'velocity'"):
+    with pytest.raises(RobotError, match="needs 'velocity'"):
         run(robot, SimulationOptions(duration=0.01))
     robot = replace(PLANAR, effects=(EffectSpec("stribeck", "joint9", {"amplitude": 1.0, "velocity": 0.1}),))
     with pytest.raises(RobotError, match="no joint named 'joint9'"):
