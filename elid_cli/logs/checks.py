@@ -13,6 +13,7 @@ from elid_cli.errors import LogError, nearest
 from elid_cli.logs.raw import RawLog
 from elid_cli.logs.resolve import Placement, Plan
 from elid_cli.logs.stuck import drop_stuck
+from elid_cli.logs.suggest import suggestion
 from elid_cli.mapped import passed, writable
 from elid_cli.robot import Robot
 
@@ -133,7 +134,7 @@ class _Fault:
     def refuse(self, signal: str, joint: str, what: str) -> None:
         """Raise the LogError of one missing signal."""
         who = f" for {joint}" if joint else ""
-        raise LogError(f"{self.name}: {what}{who}", detail=self._detail(signal, joint), hint=self._hint(signal))
+        raise LogError(f"{self.name}: {what}{who}", detail=self._detail(signal, joint), hint=self._hint(signal, joint))
 
     def _detail(self, signal: str, joint: str) -> str:
         placement = self.plan.placements.get(signal)
@@ -170,15 +171,28 @@ class _Fault:
         more = f" and {len(named) - LISTED} more" if len(named) > LISTED else ""
         return f"the log holds {', '.join(named[:LISTED])}{more}" if named else "the log holds no channels"
 
-    def _hint(self, signal: str) -> str:
-        free = [
-            channel.address
-            for channel in self.raw.channels
-            if channel.width in (1, self.robot.n) and not _about(channel.field)
-        ]
-        likely = (address for word in _WORDS[signal] for address in free if word in address.lower())
-        example = next(likely, _EXAMPLES[signal])
-        return f"elid info {self.name}, or map it: --map {signal}={example}"
+    def _hint(self, signal: str, joint: str) -> str:
+        """Return what to paste: the nearest name where a place lacks the joint, else the channel that fits best."""
+        before = f"elid info {self.name}, or map it: "
+        placement = self.plan.placements.get(signal)
+        labels = self._labels(placement) if placement is not None else []
+        close = nearest(joint, labels) if joint and joint not in labels else None
+        if placement is not None and close:
+            spec = placement.spec
+            # a pattern fills in what is not named here; of a topic, only the joints that are named are read
+            own = () if "{joint}" in placement.places else self.robot.joint_names
+            names = {**{name: name for name in own if name in labels}, **(spec.joints or {}), joint: close}
+            pairs = ", ".join(f"{key}: {value}" for key, value in names.items())
+            field = f", field: {spec.field}" if spec.field and isinstance(spec.source, str) else ""
+            source = spec.source if isinstance(spec.source, str) else placement.places
+            return f'{before}{signal}: {{from: "{source}"{field}, joints: {{{pairs}}}}}'
+        taken = {pick.source for pick in placement.picks} if placement is not None else set()
+        free = [c for c in self.raw.channels if c.width and c.source not in taken and not _about(c.field)]
+        fitting = suggestion(free, self.robot.joint_names, (signal,))
+        held = [label for channel in free for label in channel.labels]
+        if fitting and held and not any(nearest(name, held) for name in self.robot.joint_names):
+            before = f"is this a log of {self.robot.name!r}? if so, map it: "
+        return before + (fitting or f"--map {signal}={_EXAMPLES[signal]}")
 
 
 def _about(field: str) -> bool:
@@ -186,9 +200,4 @@ def _about(field: str) -> bool:
     return field.endswith(("sec", "secs")) or field.startswith("layout.")
 
 
-_WORDS = {
-    "tau": ("tau", "torque", "effort", "current"),
-    "theta": ("motor", "theta", "position"),
-    "q": ("link", "joint", "q", "position"),
-}
 _EXAMPLES = {"tau": "/arm/motors.current", "theta": "/arm/motors.position", "q": "/arm/joint_states.position"}

@@ -18,10 +18,13 @@ WORDS: Mapping[str, tuple[str, ...]] = {
 """Words that name a signal, the surest first."""
 OTHER_SIDE = {"tau": ("cmd", "ref", "desired", "link"), "theta": ("ref", "cmd", "vel", "dtheta", "rad_s")}
 OTHER_SIDE["q"] = ("ref", "cmd", "vel", "dq", "rad_s", "motor", "tau", "effort", "current")
+POSITIONAL = {"position", "positions", "pos", "q", "theta", "angle", "angles", "rad", "deg", "counts", "ticks"}
+"""Words, some of them units, of which a message's field has one where it may be a position."""
+MILLIAMPERE = r"(_ma(_|$)|milliamp)"
 UNITS = (
     (r"(deg|grad)", "deg"),
     (r"(counts|ticks)", "counts:4096"),
-    (r"(current|_a$|amp)", "A"),
+    (rf"(current|_a$|amp|{MILLIAMPERE})", "A"),
     (r"mnm", "mN.m"),
 )
 
@@ -68,7 +71,7 @@ def _score(signal: str, source: str, field: str) -> int:
         return 0
     if field and signal != "t" and signal in DEFAULT_FIELDS:
         wanted = DEFAULT_FIELDS[signal]
-        if wanted == "position" and field not in ("position", "q", "theta", "pos"):
+        if wanted == "position" and not POSITIONAL & set(re.split(r"[^a-z]+", field.lower())):
             return 0
     if signal == "t" and ("{i}" in source or "{joint}" in source):
         return 0
@@ -100,7 +103,7 @@ def _spec(signal: str, channel: Channel, joints: Sequence[str]) -> str:
         if unit:
             parts.append(f"unit: {unit}")
         if unit == "A":
-            parts.append("scale: 1.0")
+            parts.append("scale: 0.001" if re.search(MILLIAMPERE, text) else "scale: 1.0")
         if "motor" in text and signal == "tau" and unit != "A":
             parts.append("side: motor")
     return "{" + ", ".join(parts) + "}"

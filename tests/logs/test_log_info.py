@@ -12,6 +12,8 @@ from made_logs import JOINTS, ROBOT, like, read, recording, same, written
 from mcap_made import Bag, canonical, joint_state
 
 from elid_cli.logs import inspect_log
+from elid_cli.logs.raw import Channel
+from elid_cli.logs.suggest import suggestion
 
 BASE = recording(800)
 
@@ -92,6 +94,15 @@ def test_info_does_not_need_a_robot_for_numbered_columns(tmp_path: Path) -> None
     assert mapping["theta"] == {"from": "theta{i}_rad"}
     assert mapping["tau"]["from"] == "current{i}_A"
     assert mapping["tau"]["unit"] == "A"
+
+
+def test_fields_of_a_custom_message_are_guessed_with_their_units() -> None:
+    fields = ("motor_deg", "link_rad", "current_ma", "motor_temperature", "motor_velocity")
+    channels = [Channel("/arm/state", field, 3) for field in fields]
+    mapping = yaml.safe_load(suggestion(channels, JOINTS, ("q", "theta", "tau")))
+    assert mapping["q"] == {"from": "/arm/state", "field": "link_rad"}
+    assert mapping["theta"] == {"from": "/arm/state", "field": "motor_deg", "unit": "deg"}
+    assert mapping["tau"] == {"from": "/arm/state", "field": "current_ma", "unit": "A", "scale": 0.001}
 
 
 def test_damaged_files_say_what_was_lost(tmp_path: Path) -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from faults import table
 from made_logs import GEARS, JOINTS, ROBOT, like, read, recording, same, written
 from mcap_made import canonical
@@ -33,8 +36,24 @@ def test_no_torque_at_all_is_refused(tmp_path: Path, absent: str, suffix: str) -
     tau = NAN if absent != "zero" else np.zeros_like(BASE.tau)
     error = refused(written(tmp_path, f"log{suffix}", like(BASE, tau=tau)))
     assert "no torque" in error.message
-    assert "--map tau=" in error.hint
+    assert "map it: --map tau=" in error.hint
     assert "tau" in error.detail
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".mcap"])
+def test_the_hint_of_a_missing_joint_is_a_mapping_of_the_nearest_name_that_works(tmp_path: Path, suffix: str) -> None:
+    """Not of the log's first column, which is another joint's; for every signal in turn, until the log can be read."""
+    path = written(tmp_path, f"log{suffix}", BASE)
+    robot = replace(ROBOT, joints=(*ROBOT.joints[:2], replace(ROBOT.joints[2], name="wrists")))
+    mapping: dict[str, Any] = {}
+    for _ in range(3):
+        with pytest.raises(LogError) as caught:
+            read_recording([path], robot, mapping=mapping, strict=True)
+        mapping.update(yaml.safe_load(caught.value.hint.partition("map it: ")[2]))
+    assert set(mapping) == {"theta", "q", "tau"}
+    assert all(spec["joints"]["wrists"] == "wrist" for spec in mapping.values())
+    found = read_recording([path], robot, mapping=mapping, strict=True)
+    np.testing.assert_allclose(found.theta[:, 2], BASE.theta[:, 2], atol=1e-9)
 
 
 def test_a_missing_joint_lists_the_names_seen_and_the_nearest(tmp_path: Path) -> None:
