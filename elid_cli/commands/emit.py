@@ -17,7 +17,7 @@ from elid_cli import formats
 from elid_cli.commands.color import is_terminal, wants_color
 from elid_cli.commands.options import Output
 from elid_cli.errors import ElidError
-from elid_cli.report import Report
+from elid_cli.report import Report, Section, Text
 
 SYMBOLS = "·±²→…σ"
 """Characters that a stream must know to be spared the ASCII spelling."""
@@ -38,7 +38,7 @@ def pictures_wanted(output: Output) -> bool:
 
 def emit(report: Report, output: Output) -> None:
     """Write the report to the files asked for, then to stdout."""
-    report = replace(report, invocation=invocation())
+    report = _carried(replace(report, invocation=invocation()))
     for name in output.report:
         formats.write_report(report, Path(name))
     if output.plot is not None:
@@ -70,6 +70,25 @@ def invocation() -> str:
     context = click.get_current_context(silent=True)
     arguments = context.find_root().obj if context is not None else None
     return shlex.join(["elid", *(arguments or ())])
+
+
+def _carried(report: Report) -> Report:
+    """Return the report with the options without which its next commands could not read the same log."""
+    context = click.get_current_context(silent=True)
+    given = context.params if context is not None else {}
+    options = [word for place in given.get("maps") or () for word in ("--map", place)]
+    if given.get("time") not in (None, "auto"):
+        options += ["--time", given["time"]]
+    if not options:
+        return report
+
+    def told(section: Section) -> Section:
+        if not isinstance(section, Text) or section.role != "next" or "--map" in section.text:
+            return section
+        same = set(given.get("logs") or ()) & set(shlex.split(section.text))
+        return replace(section, text=f"{section.text} {shlex.join(options)}") if same else section
+
+    return replace(report, sections=tuple(told(section) for section in report.sections))
 
 
 def note(lines: Iterable[str], output: Output, word: str = "note") -> None:

@@ -77,4 +77,4 @@ def check_effects(names: Sequence[str]) -> None:
         if name == "lookup":
             raise UsageError("lookup is a curve, not an effect to search for", hint="use --lookup")
         if name not in effect_classes():
-            raise UsageError(f"no effect {name!r}", hint=did_you_mean(name, effect_classes()))
+            raise UsageError(f"--only: no effect {name!r}", hint=did_you_mean(name, effect_classes()))

@@ -14,7 +14,7 @@ import click
 
 from elid_cli.commands.color import CHOICES
 from elid_cli.commands.group import Option
-from elid_cli.commands.values import File, Number, Share, completing, robots
+from elid_cli.commands.values import File, Number, ShareOfOne, completing, robots
 
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -147,7 +147,7 @@ class Gates:
 
 
 max_error = option(
-    GATES, "--max-error", type=Share(least=0), metavar="SHARE",
+    GATES, "--max-error", type=ShareOfOne(least=0), metavar="SHARE",
     help="Largest held-out torque error of any joint, as a share of its torque: 0.05 or 5%.",
 )  # fmt: skip
 require_independent = option(

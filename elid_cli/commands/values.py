@@ -48,6 +48,17 @@ class Share(Number):
         return float(text[:-1]) / 100 if text.endswith("%") else float(text)
 
 
+class ShareOfOne(Share):
+    """A share that is meant to be at most 1: ``5`` is refused, since whoever writes it means ``5%``."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the share as a fraction; more than 1 only where it is written as a percentage."""
+        share = super().convert(value, param, ctx)
+        if share > 1 and not str(value).endswith("%"):
+            self.fail(f"{value} is {100 * share:g} %; write {value}% or {share / 100:g}", param, ctx)
+        return share
+
+
 class File(click.Path):
     """A path as typed, completed by the shell; what is wrong with it is said by whoever opens it."""
 

@@ -225,12 +225,18 @@ def fit(heads: list[str], rows: list[list[str]], right: list[bool], width: int) 
 def fit_spanning(heads: list[str], rows: list[list[str]], width: int) -> list[int] | None:
     """Return widths with all columns but the first at their natural width, and the first at what is left.
 
-    Cells that the first column cannot hold do not widen it; None where not even its head fits.
+    Where that is too little, the other heads fold. Cells that the first column cannot hold do not widen it; None where
+    not even its head fits.
     """
-    others = [max(map(_columns, column)) for column in list(zip(heads, *rows, strict=True))[1:]]
-    room = width - sum(others) - GAP * len(others)
     least = _longest_word(heads[0])
-    if room < least:
+    columns = list(zip(*rows, strict=True))[1:] or [() for _ in heads[1:]]
+    cells = [max(map(_columns, column), default=0) for column in columns]
+    for wide in (_columns, _longest_word):
+        others = [max(wide(head), most) for head, most in zip(heads[1:], cells, strict=True)]
+        room = width - sum(others) - GAP * len(others)
+        if room >= least:
+            break
+    else:
         return None
     first = [w for w in map(_columns, (heads[0], *(row[0] for row in rows))) if w <= room]
     return [max([least, *first]), *others]

@@ -192,3 +192,12 @@ def test_a_spanning_cell_takes_a_line_of_its_own() -> None:
     assert numbers.split() == ["K1", "0", "1", "2", "3"]
     assert lines[3] == "  m1 - 4*Izz1 + 4*Izz2 - 8*Izz3 + 16*Izz4"
     assert lines[4] == numbers.replace("K1", "  ")
+
+
+def test_a_spanning_table_folds_its_heads_before_it_falls_apart_into_records() -> None:
+    columns = (Column("name", "base parameter", span=True), *(Column(k, f"{k * 4} (%)", align="right") for k in "abcd"))
+    report = Report("x", {}, (Table("t", columns, (("m1 - 4*Izz1 + 4*Izz2", *("0.00011985",) * 2, 3, 4),)),))
+    text = formats.render(report, "terminal", formats.Style(width=55))
+    assert "base parameter:" not in text
+    assert text.splitlines()[-1].split() == ["0.00011985", "0.00011985", "3", "4"]
+    assert max(map(len, text.splitlines())) <= 55

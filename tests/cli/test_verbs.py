@@ -8,6 +8,7 @@ import json
 import os
 import pty
 import re
+import shlex
 import signal
 import struct
 import subprocess
@@ -117,6 +118,31 @@ def test_a_written_robot_predicts_as_well(elid, place: Path, tmp_path: Path) -> 
     assert judged["rms"] == pytest.approx(error["rms"], rel=0.1)
     again = answer(elid("identify", str(place / LOG), "--robot", found, "--json", "--cutoff", "10"))["error"][JOINT]
     assert again["rms"] == pytest.approx(error["rms"], rel=1e-6)
+
+
+@pytest.mark.parametrize("verb", ["info", "validate", "classify"])
+def test_the_next_command_reads_the_log_as_this_one_did(elid, place: Path, verb: str) -> None:
+    """With its --map: the line is there to be pasted, and without the mapping it could not find a signal."""
+    lines = (place / LOG).read_text("utf-8").splitlines()
+    other = place / "other names.csv"
+    other.write_text("\n".join([lines[0].replace("tau.", "effort of "), *lines[1:]]) + "\n", "utf-8")
+    try:
+        done = elid(verb, other.name, "--robot", ROBOT, "--map", f"tau=effort of {JOINT}", cwd=place)
+        assert done.returncode == 0, done.stderr
+        following = next(line for line in done.stdout.splitlines() if line.startswith("Next: elid "))
+        pasted = shlex.split(following.removeprefix("Next: elid "))
+        assert pasted[-2:] == ["--map", f"tau=effort of {JOINT}"]
+        assert pasted[1] == other.name
+        assert elid("validate", *pasted[1:], cwd=place).returncode == 0
+    finally:
+        other.unlink()
+
+
+def test_a_limit_of_5_is_not_taken_as_500_percent(elid, place: Path) -> None:
+    done = on(place, elid, "validate", "--max-error", "5")
+    assert done.returncode == 2
+    assert "5 is 500 %; write 5% or 0.05" in done.stderr
+    assert on(place, elid, "validate", "--max-error", "150%").returncode == 0
 
 
 @pytest.mark.parametrize(
