@@ -20,7 +20,7 @@ Progress = Callable[[str, float], None]
 FOLDS_LOST = 1
 """Folds in which an effect may fail to help, of those in which it acts."""
 NET_UNSEEN = 40.0
-"""Net gain of an effect that acts in one fold only, so that no other fold can judge it."""
+"""Net gain of an effect that acts in a part of the log, which noise of a colour of its own imitates most easily."""
 REFINED = 8
 """Best groups whose shapes are refined."""
 FORMS = 3
@@ -91,9 +91,10 @@ class Candidate:
     @property
     def supported(self) -> bool:
         """Whether data that did not fit it support it."""
-        if self.effect.local and int(self.gain.acting.sum()) < 2:
-            return self.plausible and self.net > NET_UNSEEN
-        return self.plausible and validated(self.gain)
+        if self.effect.local and self.net <= NET_UNSEEN:
+            return False
+        alone = self.effect.local and int(self.gain.acting.sum()) < 2
+        return self.plausible and (alone or validated(self.gain))
 
     @property
     def size(self) -> int:
