@@ -115,7 +115,7 @@ def test_a_few_samples_are_refused(tmp_path: Path, samples: int, words: str) -> 
     refused(saved(tmp_path, table().take(np.arange(samples)).text()), words, "20")
 
 
-@pytest.mark.parametrize("samples", [20, 50, 60, 100, 150, 174])
+@pytest.mark.parametrize("samples", [20, 60, 174])
 def test_a_short_log_is_refused_by_every_command(tmp_path: Path, samples: int) -> None:
     log = saved(tmp_path, table().take(np.arange(samples)).text())
     for verb in ("identify", "diagnose"):
@@ -125,7 +125,7 @@ def test_a_short_log_is_refused_by_every_command(tmp_path: Path, samples: int) -
         one_message(done, "too few")
 
 
-@pytest.mark.parametrize("samples", [176, 200, 300, 500])
+@pytest.mark.parametrize("samples", [176, 300])
 def test_a_log_just_long_enough_ends_well(tmp_path: Path, samples: int) -> None:
     log = saved(tmp_path, table().take(np.arange(samples)).text())
     for verb in ("identify", "diagnose", "validate"):
