@@ -213,7 +213,7 @@ def test_the_usual_size_is_plausible(name: str, planar_scene: Scene) -> None:
         ("contact", {"torque": 1e5, "time": 0.5, "width": 0.2}),
         ("contact", {"torque": 5.0, "time": 50.0, "width": 0.2}),
         ("contact", {"torque": 5.0, "time": 0.5, "width": 3.0}),
-        ("encoder_offset", {"offset": 1.0}),
+        ("encoder_offset", {"offset": 5.0}),
         ("encoder_skew", {"skew": 0.5}),
         ("gravity_direction", {"roll": 1.2, "pitch": 0.0}),
         ("torque_gain", {"gain": -1.0}),
