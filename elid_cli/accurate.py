@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,10 @@ MOVED = 10.0
 """Standard errors of the default estimate that no parameter may move by."""
 LOWEST_SIGNAL = 30.0
 """Signal-to-noise ratio of the positions, dB, below which the iteration is not started."""
+UNBENT = 84.0
+"""Signal-to-noise ratio of the positions, dB, from which on the covariance at the end holds."""
+AGREE = 4.0
+"""Combined standard errors between default and accurate estimate beyond which the larger error stands."""
 ROUNDS = 1
 """Times that other valleys of the effects' shapes are looked for."""
 
@@ -39,6 +43,8 @@ class Accurate:
     effects: FittedEffects | None
     steps: int
     knots: float
+    widened: float = 1.0
+    """Factor by which standard errors were widened beyond the covariance at the end."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +65,33 @@ def collocate(fit: Fit) -> Accurate | Refusal:
     setup = Setup(fit)
     if not setup.pieces:
         return Refusal("no segment is long enough")
-    return judged(setup, _best(setup))
+    answer = judged(setup, _best(setup))
+    if isinstance(answer, Refusal):
+        return answer
+    factor = max(widening(ratio), _disagreement(fit, answer))
+    return replace(answer, covariance=factor**2 * answer.covariance, widened=factor)
+
+
+def widening(ratio: float) -> float:
+    """Return the factor on standard errors at a signal-to-noise ratio of the positions, dB.
+
+    The jumps of friction at reversals, which a spline cannot follow, bend the parameters the more the less the
+    positions weigh, and the covariance does not see it. Measured on eight logs of the paper's robot: errors of 2.8
+    standard errors at 60 dB, 1.9 at 70 dB and 1.25 at 80 dB, rms.
+    """
+    return float(max(1.0, 10.0 ** ((UNBENT - ratio) / 50.0)))
+
+
+def _disagreement(fit: Fit, answer: Accurate) -> float:
+    """Return the factor on standard errors that lets the answer agree with the default estimate within their errors."""
+    used = fit.transform[:, fit.solution.basis]
+    known = fit.solution.estimable(fit.transform)
+    default, accurate = (
+        np.sqrt(np.maximum(np.diag(used @ c @ used.T), 0.0))[known] for c in (fit.covariance, answer.covariance)
+    )
+    moved = np.abs(fit.transform @ (answer.values - fit.solution.values))[known]
+    apart = (moved > AGREE * np.hypot(default, accurate)) & (accurate > 0)
+    return float(np.max(default[apart] / accurate[apart], initial=1.0))
 
 
 def _best(setup: Setup) -> Outcome:

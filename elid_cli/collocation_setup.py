@@ -17,7 +17,7 @@ from elid_cli.smoothing import fit_spline
 
 Array = NDArray[np.float64]
 
-KNOT_SHARE, KNOTS = 0.06, (0.005, 0.02)
+KNOT_SHARE, KNOTS = 0.06, (0.005, 0.005)
 """Knot spacing as a share of the finest that the default fit chose, and its range, s.
 
 The equations of motion hold the trajectory, so noise asks for no coarser knots; but a spline that cannot follow the

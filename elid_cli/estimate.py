@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import find_base
-from elid_cli.fitting import Fit, fit_log, masked_as_needed
+from elid_cli.fitting import Fit, fit_log, freedom, masked_as_needed
 from elid_cli.guards import physics_warnings
 from elid_cli.heldout import held_out, joint_errors, with_floor
 from elid_cli.identification import (
@@ -141,6 +141,8 @@ def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused
     solution = replace(fit.solution, values=answer.values)
     better = replace(fit, solution=solution, covariance=answer.covariance, effects=answer.effects)
     note = f"--accurate: spline collocation, {answer.steps} steps, knots every {answer.knots * 1e3:.0f} ms"
+    if answer.widened > 1.0:
+        note += f", standard errors widened by {answer.widened:.2g}"
     result = assemble(better, options, refused, before=fit)
     worst, label = _worsening(found, result)
     if worst > WORSE:
@@ -177,7 +179,8 @@ def assemble(
     spread = transform[:, solution.basis] @ fit.covariance @ transform[:, solution.basis].T
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
     scale = torque_scale(base, fit.triangles)
-    verdict, reasons = judge(base, estimate, deviation, scale, known, robot, fit.signals, refused or {})
+    left = freedom(fit.observation, fit.signals, len(solution.basis))
+    verdict, reasons = judge(base, estimate, deviation, scale, known, robot, fit.signals, refused or {}, left)
     unsaid = np.array([v == "refused" for v in verdict])
     nuisances, delays = _nuisances(fit)
     warnings = [*suspicious(base, estimate, deviation, known), *fit.signals.doubts]

@@ -36,6 +36,8 @@ Array = NDArray[np.float64]
 
 STICKING = 2.5
 """Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""
+MANY = 40.0
+"""Independent instants beyond which Student's t is the normal distribution."""
 EFFECT_ROUNDS = 2
 """Rounds of fitting shapes and everything else in turn."""
 
@@ -93,16 +95,35 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
             break
         nuisances = significant(observation, solution, nuisances, signals, effects.extras if effects else ())
     covariance = _covariance(base, observation, signals, nuisances, effects, triangles, solution)
+    covariance *= (
+        _few(freedom(observation, signals, len(solution.basis)), len(solution.basis) / len(triangles.rows)) ** 2
+    )
     return Fit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
 
 
-def reshaped(fit: Fit, effects: FittedEffects, options: EstimateOptions) -> Fit:
-    """Return the fit with effects in other shapes, their columns and everything linear fitted anew."""
-    extras = tuple(extra_of(item.effect, effects.scene, fit.signals) for item in effects.effects)
-    effects = replace(effects, extras=extras)
-    triangles = _reduced(fit.observation, fit.nuisances, effects, folds_of(fit.observation, options.folds))
-    solution = reweighted(triangles, fit.base.count + triangles.extras)
-    return replace(fit, effects=effects, triangles=triangles, solution=solution)
+def freedom(observation: Observation, signals: Signals, fitted: int) -> float:
+    """Return the degrees of freedom that a short log leaves, at least 1; inf for a log that is not short.
+
+    A channel below the cut-off f has 2 f independent values per second; each row of the fit has its share of the
+    `fitted` parameters. The joint with the fewest usable instants decides.
+    """
+    share = min(1.0, 2 * signals.filter.cutoff / observation.rate)
+    counts = [group.count for group in observation.groups if group.count]
+    if not counts or share * observation.instants > MANY:
+        return float("inf")
+    return max(share * min(counts) - fitted / len(counts), 1.0)
+
+
+def _few(degrees: float, fitted: float) -> float:
+    """Return the factor on standard errors with so many degrees of freedom left of a row by `fitted` parameters.
+
+    Student's t is wider than the normal distribution, and a fit takes its parameters' share of the residual away.
+    """
+    from scipy.special import stdtrit
+
+    if not np.isfinite(degrees):
+        return 1.0
+    return float(stdtrit(degrees, 0.975)) / 1.96 * float(np.sqrt(1 + fitted / degrees))
 
 
 def _reading_columns(

@@ -28,6 +28,8 @@ GOOD = 0.8
 """The same for a stiffness that counts as supported."""
 WEAK = 0.3
 """Relative standard deviation above which a stiffness is weak."""
+REFUSED = 1.0
+"""Relative standard deviation above which a stiffness says nothing."""
 CLEAR = 0.7
 """Part of the deflection's variance that must follow the torque for a stiffness to be read off one regression."""
 APART = 0.25
@@ -167,14 +169,28 @@ def with_both_regressions(found: Identification, way: Callable[[int], TwoWays | 
         if ways is None or ways.share >= CLEAR:
             continue
         estimate[k], deviation[k] = ways.middle, max(ways.spread, deviation[k])
-        if deviation[k] > WEAK * estimate[k]:
+        known = deviation[k] <= REFUSED * estimate[k]  # false for NaN too
+        if not known:
+            verdict[k], this_log[name] = "refused", "not excited"
+        elif deviation[k] > WEAK * estimate[k]:
             verdict[k], this_log[name] = "weak", "weak"
         reasons[name] = (
             f"only {ways.share:.0%} of the deflection follows the torque: between {ways.direct:.3g} (torque on "
             f"deflection) and {ways.inverse:.3g} (deflection on torque)"
         )
+        if not known:
+            spread = f"standard deviation {deviation[k]:.2g} against a value of {estimate[k]:.2g}"
+            reasons[name] = f"{spread}: {reasons[name]}"
+            estimate[k] = deviation[k] = np.nan
+    unsaid = np.isnan(estimate)
     return replace(
-        found, estimate=estimate, std_error=deviation, verdict=tuple(verdict), this_log=this_log, reasons=reasons
+        found,
+        estimate=estimate,
+        std_error=deviation,
+        verdict=tuple(verdict),
+        this_log=this_log,
+        reasons=reasons,
+        covariance=np.where(unsaid[:, None] | unsaid[None], np.nan, found.covariance),
     )
 
 

@@ -20,6 +20,8 @@ WEAK = 0.3
 """Relative standard deviation above which a parameter is only weakly excited."""
 REFUSED = 1.0
 """Relative standard deviation above which a value says nothing."""
+LEAST_FREEDOM = 3.0
+"""Independent instants beyond the parameters of a row, below which a standard error is hardly known itself."""
 TORQUE_SHARE = 0.01
 """A parameter matters on the scale at which it makes this share of a row's torque."""
 
@@ -50,6 +52,7 @@ def judge(
     robot: Robot,
     signals: Signals,
     refused: Mapping[str, str],
+    freedom: float = np.inf,
 ) -> tuple[tuple[Verdict, ...], dict[str, str]]:
     """Return the verdict on every base parameter and the reasons, by the leading parameter's name.
 
@@ -65,6 +68,8 @@ def judge(
         The robot and what moved.
     refused
         Leading parameters that other tests refuse, with the reason.
+    freedom
+        Degrees of freedom that a short log leaves (`fitting.freedom`).
     """
     verdicts: list[Verdict] = []
     reasons: dict[str, str] = {}
@@ -86,6 +91,9 @@ def judge(
         elif deviation[k] > WEAK * size:
             verdicts.append("weak")
             reasons[name] = f"known to {deviation[k] / size:.0%} only: {why(members, robot, signals)}"
+        elif freedom < LEAST_FREEDOM:
+            verdicts.append("weak")
+            reasons[name] = f"the log is so short that its standard error is itself uncertain ({freedom:.1f} to spare)"
         else:
             verdicts.append("supported")
     return tuple(verdicts), reasons
