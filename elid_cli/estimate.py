@@ -139,11 +139,13 @@ def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused
         note = f"--accurate: the default estimate stands: {answer.reason}"
         return replace(found, notes=(*found.notes, note))
     solution = replace(fit.solution, values=answer.values)
-    better = replace(fit, solution=solution, covariance=answer.covariance, effects=answer.effects)
+    # held-out stretches are judged with the columns of the shapes that were found
+    own = fit if answer.effects is None else reshaped(fit, answer.effects, options)
+    better = replace(own, solution=solution, covariance=answer.covariance)
     note = f"--accurate: spline collocation, {answer.steps} steps, knots every {answer.knots * 1e3:.0f} ms"
     if answer.widened > 1.0:
         note += f", standard errors widened by {answer.widened:.2g}"
-    result = assemble(better, options, refused, before=fit)
+    result = assemble(better, options, refused, before=own)
     worst, label = _worsening(found, result)
     if worst > WORSE:
         note = (

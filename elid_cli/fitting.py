@@ -101,6 +101,15 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
     return Fit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
 
 
+def reshaped(fit: Fit, effects: FittedEffects, options: EstimateOptions) -> Fit:
+    """Return the fit with effects in other shapes, their columns and everything linear fitted anew."""
+    extras = tuple(extra_of(item.effect, effects.scene, fit.signals) for item in effects.effects)
+    effects = replace(effects, extras=extras)
+    triangles = _reduced(fit.observation, fit.nuisances, effects, folds_of(fit.observation, options.folds))
+    solution = reweighted(triangles, fit.base.count + triangles.extras)
+    return replace(fit, effects=effects, triangles=triangles, solution=solution)
+
+
 def freedom(observation: Observation, signals: Signals, fitted: int) -> float:
     """Return the degrees of freedom that a short log leaves, at least 1; inf for a log that is not short.
 
