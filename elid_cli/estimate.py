@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import find_base
-from elid_cli.fitting import Fit, fit_log, freedom, masked_as_needed
+from elid_cli.fitting import Fit, fit_log, freedom, masked_as_needed, reshaped
 from elid_cli.guards import physics_warnings
 from elid_cli.heldout import held_out, joint_errors, with_floor
 from elid_cli.identification import (
