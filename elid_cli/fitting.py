@@ -116,6 +116,8 @@ def freedom(observation: Observation, signals: Signals, fitted: int) -> float:
     A channel below the cut-off f has 2 f independent values per second; each row of the fit has its share of the
     `fitted` parameters. The joint with the fewest usable instants decides.
     """
+    if not observation.rate > 0:  # equations that were reduced elsewhere
+        return float("inf")
     share = min(1.0, 2 * signals.filter.cutoff / observation.rate)
     counts = [group.count for group in observation.groups if group.count]
     if not counts or share * observation.instants > MANY:
@@ -128,10 +130,10 @@ def _few(degrees: float, fitted: float) -> float:
 
     Student's t is wider than the normal distribution, and a fit takes its parameters' share of the residual away.
     """
-    from scipy.special import stdtrit
-
     if not np.isfinite(degrees):
         return 1.0
+    from scipy.special import stdtrit
+
     return float(stdtrit(degrees, 0.975)) / 1.96 * float(np.sqrt(1 + fitted / degrees))
 
 
