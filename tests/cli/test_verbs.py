@@ -292,7 +292,7 @@ def test_robots_complete(elid) -> None:
 
 
 def test_several_logs_show_which_fits_worse(elid, place: Path, tmp_path: Path) -> None:
-    for name, inertia in [("a.csv", 0.6), ("b.csv", 0.6), ("worn.csv", 0.65)]:
+    for name, inertia in [("a.csv", 0.6), ("b.csv", 0.6001), ("worn.csv", 0.65)]:
         (tmp_path / name).write_text(spindle_log(inertia=inertia))
     logs = ("a.csv", "b.csv", "worn.csv")
     done = elid("identify", *logs, "--robot", str(place / ROBOT), cwd=tmp_path)
