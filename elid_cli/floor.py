@@ -108,13 +108,32 @@ def perturbed(signals: Signals, generator: np.random.Generator, aside: int = 0) 
             smooth = (motion.q[part, k], motion.theta[part, k])
             if stride != own:
                 link, motor = link + smooth[0], motor + smooth[1]
-            fit = fit_spline(np.array([motor if rigid else link, motor]), stride, signals.dt)
+            rates = _rates(signals, k, part, generator, smooth=stride != own)
+            fit = fit_spline(np.array([motor if rigid else link, motor]), stride, signals.dt, rates)
             for derivative in range(3):
                 change = fit.spline.evaluate(derivative)
                 for place, values in ((derivative, change[0]), (3 + derivative, change[1])):
                     kept = 0.0 if stride != own else arrays[place][part, k]
                     arrays[place][part, k] = values + kept
     return Motion(motion.t, *arrays)
+
+
+def _rates(
+    signals: Signals, joint: int, part: slice, generator: np.random.Generator, *, smooth: bool
+) -> list[tuple[int, Array, Array]]:
+    """Return the measured derivatives that joined a joint's splines, link and motor, with white noise of their size."""
+    motion = signals.motion
+    exact = {1: (motion.dq, motion.dtheta), 2: (motion.ddq, motion.ddtheta)}
+    drawn = []
+    for derivative, ratios in signals.rates:
+        ratio = ratios[[joint, signals.n + joint]]
+        spread = np.nan_to_num([signals.noise.q[joint], signals.noise.theta[joint]]) / np.where(
+            ratio > 0, ratio, np.inf
+        )
+        noise = spread[:, None] * generator.standard_normal((2, part.stop - part.start))
+        base = np.array([side[part, joint] for side in exact[derivative]]) if smooth else 0.0
+        drawn.append((derivative, np.where(ratio[:, None] > 0, base + noise, np.nan), ratio))
+    return drawn
 
 
 def _torque_noise(signals: Signals, generator: np.random.Generator) -> Array:

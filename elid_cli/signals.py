@@ -116,6 +116,9 @@ class Signals:
     still: NDArray[np.bool_]
     """Joints that do not move in this log, (n,)."""
     velocity_used: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    rates: tuple[tuple[int, Array], ...] = ()
+    """Measured derivatives that joined the splines: which, and the standard deviation of the position's noise over that
+    of its noise, links then motors (2n,); 0: not used."""
     notes: tuple[str, ...] = ()
     sensed: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """Joints whose torque sensor is used, (n,); empty: none."""
@@ -261,7 +264,10 @@ def prepare(
         margin=round(2 * widest / dt),
         min_velocity=lowest,
         still=still,
-        velocity_used=smooth.velocity_used,
+        velocity_used=np.any([ratio > 0 for _, ratio in smooth.rates], axis=0)
+        if smooth.rates
+        else np.zeros(2 * robot.n, dtype=bool),
+        rates=smooth.rates,
         notes=smooth.notes,
         sensed=sensed,
         doubts=doubts,
@@ -276,7 +282,7 @@ class _Smooth:
     motion: Motion
     noise: tuple[Array, Array]
     knots: Array
-    velocity_used: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    rates: tuple[tuple[int, Array], ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -332,7 +338,7 @@ def _splined(
                     squares[row, joints] += fit.rms**2 * len(segment)
                     counts[row, joints] += len(segment)
     noise = np.sqrt(squares / counts)
-    used = np.any([r.ratio > 0 for r in rates], axis=0) if rates else np.zeros(2 * n, dtype=bool)
+    used = tuple((r.derivative, r.ratio) for r in rates)
     return _Smooth(
         SplineMotion(recording.t, n, pieces), (noise[0], noise[1]), np.asarray(strides * dt, dtype=float), used, notes
     )
