@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import find_base
+from elid_cli.cutoff import fit_best
 from elid_cli.fitting import Fit, fit_log, freedom, masked_as_needed, reshaped
 from elid_cli.guards import physics_warnings
 from elid_cli.heldout import held_out, joint_errors, with_floor
@@ -88,7 +89,7 @@ def _levelled_fit(robot: Robot, signals: Signals, options: EstimateOptions) -> t
     tilt = declared_tilt(robot)
     level = levelled(robot)
     model = Model(level)
-    fit = fit_log(model, find_base(model), signals, options)
+    fit = fit_best(model, find_base(model), signals, options)
     for _ in range(_LEVELLING):
         declared = zip(fit.effects.effects if fit.effects else (), fit.amplitudes(), strict=True)
         more = next((values for item, values in declared if item.spec.effect == TILT), np.zeros(2))

@@ -126,6 +126,8 @@ class Signals:
     """Why the torque sensors of other joints are not used, a sentence each."""
     recording: Recording | None = None
     """What the signals were made from: estimators that model the raw samples start there."""
+    cutoff_free: bool = False
+    """Whether the user left the cut-off of the filter to the data."""
 
     @property
     def n(self) -> int:
@@ -272,6 +274,7 @@ def prepare(
         sensed=sensed,
         doubts=doubts,
         recording=recording,
+        cutoff_free=options.cutoff is None,
     )
 
 

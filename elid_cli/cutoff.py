@@ -1,0 +1,78 @@
+"""The cut-off of the parallel filter, chosen by what the data say of the errors that each leaves.
+
+Noise of the positions enters with their second derivative, so it grows steeply with frequency, while what a motion
+tells of the parameters lies at the frequencies of the motion. Row weights cannot tell the two apart; a lower cut-off
+can. Rows and right-hand side are filtered alike, so any cut-off gives a consistent answer as far as the filtered
+regressor is free of noise, and a lower one is freer of it. The one whose standard errors, which know of the
+residual's colour, are least on average is taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli.base import BaseParameters
+from elid_cli.errors import DataError
+from elid_cli.fitting import Fit, fit_log
+from elid_cli.identification import EstimateOptions
+from elid_cli.model import Model
+from elid_cli.signals import DEFAULT_CUTOFF, Signals, excerpts
+
+LOWER = (7.0, 5.0, 3.5)
+"""Cut-offs tried besides the usual one, Hz."""
+WORTH = 0.1
+"""Fall of the standard errors' mean logarithm from which a lower cut-off is taken: below it the usual one stands."""
+ENOUGH = 3.0
+"""Independent instants per joint and base parameter of one joint that a cut-off must leave."""
+
+
+def fit_best(model: Model, base: BaseParameters, signals: Signals, options: EstimateOptions) -> Fit:
+    """Fit a log at the usual cut-off, or at the lower one that leaves clearly smaller standard errors.
+
+    A cut-off that the user gave stands, and so does that for declared effects, whose shapes lie in faster changes.
+    """
+    if not signals.cutoff_free or model.robot.effects:
+        return fit_log(model, base, signals, options)
+    shown = replace(signals, segments=excerpts(signals.segments, signals.dt))
+    whole = len(shown.segments) == len(signals.segments) and shown.duration == signals.duration
+    usual = fit_log(model, base, shown, options)
+    best, least = usual, -WORTH
+    for cutoff in LOWER:
+        other = _tried(model, base, shown, options, cutoff)
+        if other is None:
+            break
+        gain = _compared(other, usual)
+        if gain < least:
+            best, least = other, gain
+    if whole:
+        return best
+    return fit_log(model, base, signals.refiltered(best.signals.filter.cutoff), options)
+
+
+def _tried(model: Model, base: BaseParameters, signals: Signals, options: EstimateOptions, cutoff: float) -> Fit | None:
+    """Return the fit at a cut-off, or None where too little is left to judge it by."""
+    signals = signals.refiltered(cutoff)
+    instants = 2.0 * cutoff * len(signals.outputs) / signals.rate
+    if cutoff >= DEFAULT_CUTOFF or instants * model.robot.n < ENOUGH * base.count:
+        return None
+    try:
+        return fit_log(model, base, signals, options)
+    except DataError:
+        return None
+
+
+def _compared(one: Fit, other: Fit) -> float:
+    """Return the mean logarithm of the ratio of standard errors over what both determine; inf if one lacks some."""
+    known, also = (fit.solution.estimable(fit.transform) for fit in (one, other))
+    if (also & ~known).any() or not known.any():
+        return float("inf")
+    mine, its = (_deviations(fit)[also] for fit in (one, other))
+    good = (mine > 0) & (its > 0)
+    return float(np.mean(np.log(mine[good] / its[good]))) if good.any() else float("inf")
+
+
+def _deviations(fit: Fit) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    used = fit.transform[:, fit.solution.basis]
+    return np.sqrt(np.maximum(np.diag(used @ fit.covariance @ used.T), 0.0))
