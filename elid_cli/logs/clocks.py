@@ -19,6 +19,8 @@ LONGEST = 1e10
 """s; stamps further than this from the others are broken ones."""
 UNRULY = 0.05
 """Share of backward steps above which a clock is not taken as increasing."""
+BLOCK = 1 << 15
+"""Stamps looked at at a time."""
 EPOCHS = ((1e17, 1e-9, "ns"), (1e14, 1e-6, "µs"), (1e11, 1e-3, "ms"))
 """A time this large can only be counted from 1970 in this unit (1e9 s is 2001)."""
 
@@ -55,8 +57,9 @@ def in_seconds(
         return [np.arange(stream.values.shape[0]) / rate for stream in streams]
     unique: dict[int, NDArray[Any]] = {}
     for stream in streams:
-        stamps = stream.clocks[clock]
-        unique.setdefault(id(stamps), _mended(stream.clocks, clock))
+        key = id(stream.clocks[clock])
+        if key not in unique:
+            unique[key] = _mended(stream.clocks, clock)
     seconds = _from_origin(unique, factor, notes, name)
     return [seconds[id(stream.clocks[clock])] for stream in streams]
 
@@ -88,10 +91,14 @@ def _unusable(stamps: NDArray[np.int64]) -> str:
         return ""
     if np.count_nonzero(stamps) < 0.5 * stamps.size:
         return "are zero"
-    steps = np.diff(stamps)
-    if not steps.any():
+    moving, backwards = False, 0
+    for start in range(0, stamps.size - 1, BLOCK):
+        steps = np.diff(stamps[start : start + BLOCK + 1])
+        moving = moving or bool(steps.any())
+        backwards += int(np.count_nonzero(steps < 0))
+    if not moving:
         return "never advance"
-    if np.count_nonzero(steps < 0) > UNRULY * steps.size:
+    if backwards > UNRULY * (stamps.size - 1):
         return "run backwards"
     return ""
 
@@ -101,9 +108,9 @@ def _mended(clocks: Mapping[str, NDArray[Any]], clock: str) -> NDArray[Any]:
     stamps = clocks[clock]
     if clock != "header stamp":
         return stamps
-    zero = stamps == 0
-    if not zero.any():
+    if np.count_nonzero(stamps) == stamps.size:
         return stamps
+    zero = stamps == 0
     logged = clocks["log time"]
     known = stamps[~zero]
     span = int(known.max() - known.min()) + 10**9
@@ -119,28 +126,56 @@ def _from_origin(
     unique: Mapping[int, NDArray[Any]], factor: float | None, notes: list[str], name: str
 ) -> dict[int, Array]:
     """Subtract the earliest stamp while the numbers are exact, then scale to s."""
-    finite = [s if (known := np.isfinite(s)).all() else s[known] for s in unique.values()]
-    finite = [stamps for stamps in finite if stamps.size]
-    if not finite:
+    ends = {key: found for key, stamps in unique.items() if (found := _extremes(stamps)) is not None}
+    if not ends:
         raise LogError(
             f"{name}: its time holds no numbers",
             hint="name another clock (--map t=stamp), or give the rate: --rate 1000",
         )
     whole = all(stamps.dtype.kind == "i" for stamps in unique.values())
-    middles = [float(np.median(stamps)) for stamps in finite]
     if whole:
         factor = 1e-9
     elif factor is None:
-        factor = _epoch_unit(max(abs(middle) for middle in middles), notes)
-    believed = [stamps[np.abs(stamps - middles[0]) < LONGEST / factor] for stamps in finite]
-    origin = min((stamps.min() for stamps in believed if stamps.size), default=middles[0])
-    seconds = {}
-    for key, stamps in unique.items():
+        factor = _epoch_unit(max(abs(_middle(unique[key])) for key in ends), notes)
+    first, last = min(low for low, _ in ends.values()), max(high for _, high in ends.values())
+    if not (last - first) * factor < LONGEST:  # broken stamps among them: those near the middle tell the origin
+        first = _believed_origin([unique[key] for key in ends], factor)
+    return {key: _scaled(stamps, first, factor) for key, stamps in unique.items()}
+
+
+def _extremes(stamps: NDArray[Any]) -> tuple[Any, Any] | None:
+    """Return the smallest and the largest number, exactly; None where there is none."""
+    if not stamps.size:
+        return None
+    low, high = stamps.min().item(), stamps.max().item()
+    if np.isfinite(low) and np.isfinite(high):
+        return low, high
+    known = stamps[np.isfinite(stamps)]
+    return (known.min().item(), known.max().item()) if known.size else None
+
+
+def _middle(stamps: NDArray[Any]) -> float:
+    return float(np.median(stamps[np.isfinite(stamps)]))
+
+
+def _believed_origin(clocks: Sequence[NDArray[Any]], factor: float) -> Any:
+    """Return the earliest stamp that is not far from the middle of the first clock."""
+    middle = _middle(clocks[0])
+    believed = [stamps[np.abs(stamps - middle) < LONGEST / factor] for stamps in clocks]
+    return min((stamps.min() for stamps in believed if stamps.size), default=middle)
+
+
+def _scaled(stamps: NDArray[Any], origin: Any, factor: float) -> Array:
+    """Return stamps in s from an origin, NaN where they are broken; a block at a time, to touch no further memory."""
+    t = np.empty(stamps.size)
+    for start in range(0, stamps.size, BLOCK):
+        here = t[start : start + BLOCK]
         with np.errstate(over="ignore"):
-            t = (stamps - origin) * factor
-        t[~(np.abs(t) < 2 * LONGEST)] = np.nan
-        seconds[key] = t
-    return seconds
+            np.multiply(stamps[start : start + BLOCK] - origin, factor, out=here)
+        broken = ~(np.abs(here) < 2 * LONGEST)
+        if broken.any():
+            here[broken] = np.nan
+    return t
 
 
 def _epoch_unit(largest: float, notes: list[str]) -> float:

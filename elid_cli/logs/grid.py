@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.logs.interpolate import interpolate
-from elid_cli.logs.timeline import SNAP, Timeline
+from elid_cli.logs.timeline import BLOCK, SNAP, Timeline
 
 Array = NDArray[np.float64]
 
@@ -51,9 +51,10 @@ class Grid:
 
     def times(self) -> Array:
         """Return the time of every sample, s, shape (N,)."""
-        return np.concatenate(
-            [start + self.dt * np.arange(n) for start, n in zip(self.starts, self.counts, strict=True)]
-        )
+        t = np.empty(self.samples)
+        for (first, stop), start in zip(self.bounds(), self.starts, strict=True):
+            _fill_evenly(t[first:stop], start, self.dt)
+        return t
 
 
 def regularised(line: Timeline, values: Array, label: str) -> Timeline:
@@ -69,6 +70,8 @@ def regularised(line: Timeline, values: Array, label: str) -> Timeline:
         if stop - start < 3:
             continue
         piece = line.t[start:stop]
+        if _evened(piece, line.dt, t[start:stop]):
+            continue
         slots, phase, jitter = _slots(piece, line.dt)
         even = phase + slots * line.dt
         ascending = bool((np.diff(slots) > 0).all())
@@ -90,6 +93,30 @@ def regularised(line: Timeline, values: Array, label: str) -> Timeline:
         how = "the motion is smoother when taken as evenly spaced" if evened else "interpolated onto even spacing"
         said = (*said, f"{label}: stamps jitter by {worst * 1e3:.3g} ms rms about {1 / line.dt:.6g} Hz: {how}")
     return replace(line, t=t, repairs=said)
+
+
+def _evened(t: Array, dt: float, out: Array) -> bool:
+    """Write stamps that lie on an even grid, one to every slot, moved onto it; return whether they do.
+
+    It is what `_slots` leads to in that case, with little memory touched.
+    """
+    low, high, total = np.inf, -np.inf, 0.0
+    for start in range(0, t.size, BLOCK):
+        part = t[start : start + BLOCK]
+        apart = part - (t[0] + dt * np.arange(start, start + part.size))
+        low, high, total = min(low, float(apart.min())), max(high, float(apart.max())), total + float(apart.sum())
+    mean = total / t.size
+    if not max(high - mean, mean - low, high, -low) <= SNAP * dt:
+        return False
+    _fill_evenly(out, t[0] + mean, dt)
+    return True
+
+
+def _fill_evenly(out: Array, start: float, dt: float) -> None:
+    for first in range(0, out.size, BLOCK):
+        part = out[first : first + BLOCK]
+        np.multiply(dt, np.arange(first, first + part.size), out=part)
+        part += start
 
 
 def _slots(t: Array, dt: float) -> tuple[Array, float, float]:
@@ -136,7 +163,7 @@ def identical(line: Timeline, grid: Grid) -> bool:
         line.rows is None
         and len(grid.counts) == 1
         and grid.counts[0] == line.t.size
-        and _on_grid(line.t, grid.starts[0], grid.dt) is not None
+        and _fills(line.t, grid.starts[0], grid.dt)
     )
 
 
@@ -169,6 +196,15 @@ def onto(grid: Grid, line: Timeline, values: Array) -> tuple[Array, bool]:
                 interpolated = True
                 _interpolate(target, start, grid.dt, t, values[rows], line.dt)
     return result, interpolated
+
+
+def _fills(t: Array, start: float, dt: float) -> bool:
+    """Whether stamps are the first slots of a grid, one after the other (`_on_grid`)."""
+    worst, total = 0.0, 0.0
+    for first in range(0, t.size, BLOCK):
+        apart = (t[first : first + BLOCK] - start) / dt - np.arange(first, min(first + BLOCK, t.size))
+        worst, total = max(worst, float(np.abs(apart).max())), total + float(apart.sum())
+    return worst <= SNAP and abs(total / t.size) <= OFFSET
 
 
 def _on_grid(t: Array, start: float, dt: float) -> NDArray[np.intp] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -141,6 +141,9 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     notes = [*raw.notes, *plan.notes]
     factor = plan.time.factor if plan.time is not None else None
     seconds = in_seconds(streams, source=options.time_source, factor=factor, rate=options.rate, name=name, notes=notes)
+    streams = [
+        replace(stream, clocks={}) for stream in streams
+    ]  # their stamps take as much memory as a joint's signals
     aligned = align(_converted(plan, streams, seconds, robot), robot.joint_names, name)
     _believable(aligned.dt, name, plan)
     signals = dict(aligned.signals)

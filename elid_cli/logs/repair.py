@@ -273,7 +273,6 @@ def _cut(signals: Mapping[str, Array], grid: Grid, mask: NDArray[np.bool_], repa
                 stretches.append((start + int(a), start + int(b)))
             else:
                 short += 1
-    t = grid.times()
     if not stretches:
         known = int(np.count_nonzero(mask))
         raise LogError(
@@ -281,8 +280,9 @@ def _cut(signals: Mapping[str, Array], grid: Grid, mask: NDArray[np.bool_], repa
             detail="; ".join(repairs[:2]),
             hint="elid info LOG shows rates and gaps of every channel",
         )
-    gaps = [(float(t[stop - 1]), float(t[begin] - t[stop - 1])) for (_, stop), (begin, _) in pairwise(stretches)]
-    if gaps:
+    if len(stretches) > 1:
+        t = grid.times()
+        gaps = [(float(t[stop - 1]), float(t[begin] - t[stop - 1])) for (_, stop), (begin, _) in pairwise(stretches)]
         longest = sorted(gaps, key=lambda gap: -gap[1])[:NAMED_GAPS]
         named = ", ".join(f"{length:.4g} s after t = {when - t[0]:.6g} s" for when, length in sorted(longest))
         more = f" and {len(gaps) - NAMED_GAPS} shorter" if len(gaps) > NAMED_GAPS else ""
@@ -293,11 +293,12 @@ def _cut(signals: Mapping[str, Array], grid: Grid, mask: NDArray[np.bool_], repa
     for start, stop in stretches:
         begin = segments[-1][1] if segments else 0
         segments.append((begin, begin + stop - start))
-    if segments[-1][1] == t.size:
+    if segments[-1][1] == grid.samples:
         kept, rows = dict(signals), None
     else:
         rows = np.concatenate([np.arange(start, stop) for start, stop in stretches])
         kept = {signal: values[rows] for signal, values in signals.items()}
     shown = grid.shortened().times()
     shown = shown if rows is None else shown[rows]
-    return Aligned(shown - shown[0], grid.dt, kept, tuple(segments), tuple(repairs))
+    shown -= shown[0]
+    return Aligned(shown, grid.dt, kept, tuple(segments), tuple(repairs))

@@ -21,6 +21,8 @@ JUMP_PIECE = 20
 """Samples that a stretch between two backward steps needs to count as a clock that jumped."""
 COARSE = 0.3
 """Share of repeated stamps above which the clock is coarse rather than some stamps repeated."""
+BLOCK = 1 << 15
+"""Stamps looked at at a time."""
 
 
 @dataclass(frozen=True)
@@ -85,13 +87,14 @@ def build(stamps: Array, values: Array, label: str, shifts: tuple[tuple[float, f
     if t.size < 2:
         return None
     own: tuple[tuple[float, float], ...] = ()
-    if (np.diff(t) < 0).any():
+    least, most = step_range(t)
+    if least < 0:
         t, rows, own = _ordered(t, rows, label, repairs, shifts)
-    steps = np.diff(t)
-    if not (steps > 0).any():
+        least, most = step_range(t)
+    if not most > 0:
         return None
     unplaced = 0
-    if (steps <= 0).any():
+    if least <= 0:
         t, rows, unplaced = _without_repeats(t, rows, values, label, repairs)
     if t.size < 2:
         return None
@@ -101,6 +104,9 @@ def build(stamps: Array, values: Array, label: str, shifts: tuple[tuple[float, f
 
 def sample_time(t: Array) -> float:
     """Return the sample time of ascending stamps, gaps and lost samples left out; round where the stamps allow it."""
+    least, most = step_range(t)
+    if 0 < most < 1.4 * least:  # nothing is lost
+        return _round(float(t[-1] - t[0]) / (t.size - 1), t.size)
     steps = np.diff(t)
     typical = float(np.median(steps[steps > 0]))
     counts = np.rint(steps / typical)
@@ -111,6 +117,18 @@ def sample_time(t: Array) -> float:
     if slots < 0.8 * np.count_nonzero(near):  # stamps come in bursts: more samples than slots
         dt = mean
     return _round(dt, t.size)
+
+
+def step_range(t: Array) -> tuple[float, float]:
+    """Return the smallest and the largest step between stamps, of which there are two or more.
+
+    A long log's stamps are looked at a block at a time: memory touched for the first time costs more than the look.
+    """
+    least, most = np.inf, -np.inf
+    for start in range(0, t.size - 1, BLOCK):
+        steps = np.diff(t[start : start + BLOCK + 1])
+        least, most = min(least, float(steps.min())), max(most, float(steps.max()))
+    return least, most
 
 
 def _round(dt: float, samples: int) -> float:
@@ -125,8 +143,11 @@ def _round(dt: float, samples: int) -> float:
 
 
 def _breaks(t: Array, dt: float) -> Rows:
-    wide = np.flatnonzero(np.diff(t) > (fill_limit(dt) + 1.5) * dt) + 1
-    return np.concatenate([[0], wide]).astype(np.intp)
+    limit = (fill_limit(dt) + 1.5) * dt
+    wide = [
+        np.flatnonzero(np.diff(t[start : start + BLOCK + 1]) > limit) + start + 1 for start in range(0, t.size, BLOCK)
+    ]
+    return np.concatenate([[0], *wide]).astype(np.intp)
 
 
 def _ordered(

@@ -244,6 +244,18 @@ def test_topics_at_other_rates_and_instants_share_one_time_base(tmp_path: Path, 
     said(got, "interpolated")
 
 
+@pytest.mark.parametrize("late", [-2, 1, 3])
+def test_topics_of_equal_length_that_begin_some_samples_apart_are_not_taken_as_simultaneous(
+    tmp_path: Path, late: int
+) -> None:
+    link, motor = 0.1 + np.arange(2000) / 1000, 0.1 + (np.arange(2000) + late) / 1000
+    got = read(two_topics(tmp_path / "log.mcap", link, motor))
+    wanted = motion(got.t + max(link[0], motor[0]))
+    assert got.samples == 2000 - abs(late)
+    for signal in SIGNALS:
+        assert np.abs(getattr(got, signal) - wanted[signal]).max() < 1e-9
+
+
 def test_a_gap_in_one_topic_is_a_gap_of_the_log(tmp_path: Path) -> None:
     motor = np.arange(0, 2, 1e-3)
     link = np.concatenate([motor[:700], motor[1100:]])
