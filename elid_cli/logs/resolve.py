@@ -173,9 +173,7 @@ def _log_name(spec: SignalMap, joint: str) -> str | int:
     return spec.joints.get(joint, joint) if spec.joints else joint
 
 
-def _find(
-    spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel]], *, near: bool
-) -> Channel | str:
+def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel]], *, near: bool) -> Channel | str:
     """Return the channel that `source` and the mapping's field name, or why there is none."""
     field = spec.field
     found = by_source.get(source) or by_source.get(re.sub(r"\s*[\[(][^\[\]()]*[A-Za-zµ°%][^\[\]()]*[\])]$", "", source))

@@ -129,4 +129,3 @@ def limited(tau: Array, robot: Robot) -> Iterator[str]:
                     f"{name}: tau is exactly {limit:.5g} in {share:.2g} % of the samples: it is cut there; "
                     "if the log holds the command and not the torque, the numbers of this joint are wrong"
                 )
-
