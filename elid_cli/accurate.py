@@ -59,13 +59,13 @@ def collocate(fit: Fit) -> Accurate | Refusal:
     signals = fit.signals
     if signals.recording is None:
         return Refusal("the raw log is not at hand")
-    ratio = _signal_to_noise(signals, fit.model)
+    ratio = signal_to_noise(signals, fit.model)
     if ratio < LOWEST_SIGNAL:
         return Refusal(f"positions are {ratio:.0f} dB above their noise, less than the {LOWEST_SIGNAL:g} dB it needs")
     setup = Setup(fit)
     if not setup.pieces:
         return Refusal("no segment is long enough")
-    answer = judged(setup, _best(setup))
+    answer = judged(setup, best_of(setup))
     if isinstance(answer, Refusal):
         return answer
     factor = max(widening(ratio), _disagreement(fit, answer))
@@ -94,7 +94,7 @@ def _disagreement(fit: Fit, answer: Accurate) -> float:
     return float(np.max(default[apart] / accurate[apart], initial=1.0))
 
 
-def _best(setup: Setup) -> Outcome:
+def best_of(setup: Setup) -> Outcome:
     """Return the outcome of least cost among those that start from several valleys of the shapes of effects."""
     found = _from(setup, setup.start)
     if setup.z_start.size:  # noise leads the default fit far astray at times
@@ -115,7 +115,8 @@ def _from(setup: Setup, start: Iterate) -> tuple[float, Outcome]:
     return setup.common_cost(outcome.end), outcome
 
 
-def _signal_to_noise(signals: Signals, model: Model) -> float:
+def signal_to_noise(signals: Signals, model: Model) -> float:
+    """Return the signal-to-noise ratio of the worst joint's positions, dB."""
     worst = np.inf
     for k in range(model.robot.n):
         if signals.still[k]:
@@ -126,6 +127,17 @@ def _signal_to_noise(signals: Signals, model: Model) -> float:
     return float(worst)
 
 
+def values_of(setup: Setup, outcome: Outcome) -> Array:
+    """Return an outcome in the columns of the fit it started from, (p + e,); torque delays stay as they were fitted."""
+    fit = setup.fit
+    values = np.zeros(fit.triangles.width)
+    values[setup.p_columns] = outcome.p
+    for k, extra in enumerate(fit.nuisances):
+        if extra.name == DELAY:
+            values[fit.model.parameters + k] = fit.solution.values[fit.model.parameters + k]
+    return values
+
+
 def judged(setup: Setup, outcome: Outcome) -> Accurate | Refusal:
     """Accept or refuse an outcome."""
     fit = setup.fit
@@ -134,11 +146,7 @@ def judged(setup: Setup, outcome: Outcome) -> Accurate | Refusal:
     covariance = outcome.covariance[: len(outcome.p), : len(outcome.p)]
     if not np.isfinite(outcome.p).all() or not np.isfinite(covariance).all() or np.any(np.diag(covariance) < 0):
         return Refusal("its errors are not finite")
-    values = np.zeros(fit.triangles.width)
-    values[setup.p_columns] = outcome.p
-    for k, extra in enumerate(fit.nuisances):
-        if extra.name == DELAY:
-            values[fit.model.parameters + k] = fit.solution.values[fit.model.parameters + k]
+    values = values_of(setup, outcome)
     transform = fit.transform
     known = fit.solution.estimable(transform)
     used = transform[:, fit.solution.basis]

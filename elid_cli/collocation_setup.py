@@ -196,6 +196,17 @@ class Setup:
         return cost
 
 
+    def noise_cost(self) -> float:
+        """Return the cost that noise alone makes: of the positions, and of the torques where they are noisy."""
+        every = self.setting.stride // self.setting.points
+        rho = self.first_rho()
+        white = np.array([np.nan_to_num(self.fit.signals.noise.tau[row.joint]) for row in self.rows])
+        white = np.where([row.kind == "link" for row in self.rows], 0.0, white) / np.sqrt(every)
+        used = sum(piece.mask.sum(axis=(1, 2)) for piece in self.pieces)
+        seen = sum(int(np.count_nonzero(piece.weight)) for piece in self.pieces)
+        return seen + float(np.sum(used * (white / rho) ** 2))
+
+
 def _given(fit: Fit) -> FittedEffects | None:
     """Return the effects as the robot file gives them, their amplitudes held loosely."""
     if fit.effects is None:

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from elid_cli.base import find_base
 from elid_cli.diagnosis.encoders import Skew
 from elid_cli.diagnosis.screen import Candidate, sensible
-from elid_cli.diagnosis.search import Found, Step, beside, search, touched
+from elid_cli.diagnosis.search import Found, Step, Term, beside, search, touched
 from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.stretches import folds, spans
 from elid_cli.diagnosis.triage import Organised, RowState, judged_rows, organise, rows_of, words
+from elid_cli.diagnosis.whole_curves import with_whole_curves
 from elid_cli.effects import declared_effects, scene_of
 from elid_cli.estimate import JointError, Nuisance
 from elid_cli.model import Model, Row
@@ -46,6 +47,8 @@ class DiagnoseOptions:
     """Add a smooth curve over the best variable where structure remains that no named effect explains."""
     only: tuple[str, ...] = ()
     """Names of effects to try; empty: all."""
+    accurate: bool = False
+    """Complete friction curves by collocation however long it takes; else only where it is quick."""
 
 
 @dataclass(frozen=True)
@@ -189,6 +192,7 @@ def diagnose(
     plain = reweighted(reduce(log.training, (), log.fold), log.base.count).values[: model.parameters]
     declared = [d.effect for d in declared_effects(model.robot, scene_of(model, signals, plain))]
     found = _supported(search(log, declared, library, progress), len(declared))
+    found = with_whole_curves(found, len(declared), progress, asked=options.accurate)
     named, curves = found.after, list[Effect]()
     if options.lookup:
         found, curves = _with_curves(found)
@@ -257,7 +261,9 @@ def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequenc
     last = described(robot, after)
     validations = [validate(r, log.raw, chosen) for r in (first, last)]
     rows_before, rows_after = rows_of(before), rows_of(after)
-    effects = tuple(_found(after, declared + k, step) for k, step in enumerate(found.steps))
+    effects = tuple(_found(after, declared + k, step, found.terms) for k, step in enumerate(found.steps))
+    known = declared + len(found.steps)
+    terms = tuple(_term(after, k, term) for k, term in sorted(found.terms.items()) if k >= known)
     fitted = {e.joint for e in after.effects if e.name == SKEW}
     seen = tuple(_seen(robot, after, skew) for skew in found.skews if skew.joint not in fitted)
     extra = tuple(_curve(after, len(after.effects) - len(curves) + k) for k in range(len(curves)))
@@ -267,7 +273,7 @@ def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequenc
         refined=last,
         before=_floored(validations[0].error, before),
         after=_floored(validations[1].error, after),
-        effects=(*seen, *effects),
+        effects=(*seen, *effects, *terms),
         also_possible=_rivals(after, declared, found.steps, effects),
         nuisances=_nuisances(after),
         unexplained=unexplained,
@@ -309,18 +315,34 @@ def described(robot: Robot, state: State) -> Robot:
     return refined_robot(robot, standard, specs)
 
 
-def _found(state: State, number: int, step: Step) -> FoundEffect:
+def _found(state: State, number: int, step: Step, terms: Mapping[int, Term]) -> FoundEffect:
     effect = state.effects[number]
     return FoundEffect(
         effect=effect.name,
         joint=None if effect.whole_robot else state.log.model.robot.joint_names[effect.joint],
         parameters=state.named(number),
         std_error=_errors(state, number),
-        gain=held_out_gain(state, number),
+        gain=terms[number].gain if number in terms else held_out_gain(state, number),
         net=step.net,
         folds=tuple(bool(g > 0) for g in step.candidate.gain.folds),
         local=effect.local,
         summary=effect.summary,
+    )
+
+
+def _term(state: State, number: int, term: Term) -> FoundEffect:
+    """Return a further term of a friction curve, which the collocation told."""
+    effect = state.effects[number]
+    return FoundEffect(
+        effect=effect.name,
+        joint=state.log.model.robot.joint_names[effect.joint],
+        parameters=state.named(number),
+        std_error=_errors(state, number),
+        gain=term.gain,
+        net=term.net,
+        folds=(),
+        local=False,
+        summary="second term of the same friction curve, told by collocation",
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,16 @@ class Step:
 
 
 @dataclass(frozen=True)
+class Term:
+    """What the collocation says of one term of a friction curve."""
+
+    gain: float
+    """Part of what the held-out stretches show beyond noise that the curve's further terms take away."""
+    net: float
+    """Gain in log-likelihood on the held-out stretches."""
+
+
+@dataclass(frozen=True)
 class Found:
     """Outcome of a search."""
 
@@ -89,6 +99,8 @@ class Found:
     tried: int
     skews: tuple[Skew, ...] = ()
     """Skews between encoders that the positions show and the torques cannot."""
+    terms: Mapping[int, Term] = field(default_factory=dict)
+    """By number of the effect: terms of curves that the collocation told."""
 
 
 def search(

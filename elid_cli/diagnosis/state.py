@@ -91,6 +91,8 @@ class State:
     triangles: Triangles
     solution: Solution
     scene: Scene
+    known: Array | None = None
+    """Covariance of the solution's basis where another estimator found the values, (r, r)."""
 
     @property
     def extras(self) -> tuple[Extra, ...]:
@@ -147,6 +149,8 @@ class State:
     @cached_property
     def covariance(self) -> Array:
         """Covariance of the solution's basis, (r, r)."""
+        if self.known is not None:
+            return self.known
         return sandwich(self.log.training, self.solution, self.extras)
 
     @cached_property

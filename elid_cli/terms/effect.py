@@ -188,6 +188,14 @@ class Effect(ABC):
         return not present
 
     @classmethod
+    def whole_curve(cls, scene: Scene, joint: int, shape: Sequence[float]) -> tuple[tuple[float, ...], ...]:
+        """Return shapes to start from of the terms that make a whole curve, this one's first; () for most effects.
+
+        A search finds one term of such a curve, whose other terms hide in the noise that it works under.
+        """
+        return ()
+
+    @classmethod
     def looks(cls, scene: Scene, joint: int) -> int:
         """Return how many shapes the grid was chosen from: the look-elsewhere factor of a search."""
         return max(1, len(cls.grid(scene, joint)))

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 SLOWEST = 0.015
 """Least Stribeck velocity, as a part of the top speed."""
+TYPICAL = 0.1
+"""Stribeck velocity to start from, as a part of the top speed."""
 
 
 class Stribeck(Effect):
@@ -64,6 +66,12 @@ class Stribeck(Effect):
     def distinct(cls, scene: Scene, joint: int, shape: Sequence[float], present: Sequence[Sequence[float]]) -> bool:
         """Whether the curve has another form: one that fades and one that vanishes at standstill make eq. (43)."""
         return all((shape[1] < 0) != (other[1] < 0) for other in present)
+
+    @classmethod
+    def whole_curve(cls, scene: Scene, joint: int, shape: Sequence[float]) -> tuple[tuple[float, ...], ...]:
+        """Return this form and the other one: a term that fades and one that vanishes at standstill make eq. (43)."""
+        start = TYPICAL * float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.98))
+        return ((start, shape[1]), (start, -1.0 if shape[1] > 0 else 1.0)) if start > 0 else ()
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
