@@ -94,14 +94,17 @@ def _disagreement(fit: Fit, answer: Accurate) -> float:
     return float(np.max(default[apart] / accurate[apart], initial=1.0))
 
 
-def best_of(setup: Setup) -> Outcome:
-    """Return the outcome of least cost among those that start from several valleys of the shapes of effects."""
-    found = _from(setup, setup.start)
+def best_of(setup: Setup, looks: int = STEPS) -> Outcome:
+    """Return the outcome of least cost among those that start from several valleys of the shapes of effects.
+
+    `looks` is the number of steps from the starts that are given, before other valleys are looked for.
+    """
+    found = from_start(setup, setup.start, looks)
     if setup.z_start.size:  # noise leads the default fit far astray at times
         start = Iterate(setup.start.coefficients, setup.start.p.copy(), setup.z_start.copy())
-        found = min(found, _from(setup, start), key=lambda item: item[0])
+        found = min(found, from_start(setup, start, looks), key=lambda item: item[0])
     for _ in range(ROUNDS):
-        others = [_from(setup, start) for start in other_valleys(setup, found[1].end)]
+        others = [from_start(setup, start) for start in other_valleys(setup, found[1].end)]
         better = min(others, key=lambda item: item[0], default=found)
         if not better[0] < found[0]:
             break
@@ -109,9 +112,10 @@ def best_of(setup: Setup) -> Outcome:
     return found[1]
 
 
-def _from(setup: Setup, start: Iterate) -> tuple[float, Outcome]:
+def from_start(setup: Setup, start: Iterate, steps: int = STEPS) -> tuple[float, Outcome]:
+    """Return the cost, to compare by, and the outcome of an iteration."""
     setup.problem.rho = setup.first_rho()
-    outcome = iterate(setup.problem, start, setup.prior, STEPS)
+    outcome = iterate(setup.problem, start, setup.prior, steps)
     return setup.common_cost(outcome.end), outcome
 
 
