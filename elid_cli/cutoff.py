@@ -22,7 +22,7 @@ from elid_cli.signals import DEFAULT_CUTOFF, Signals, excerpts
 
 LOWER = (7.0, 5.0, 3.5)
 """Cut-offs tried besides the usual one, Hz."""
-WORTH = 0.1
+WORTH = 0.25
 """Fall of the standard errors' mean logarithm from which a lower cut-off is taken: below it the usual one stands."""
 ENOUGH = 3.0
 """Independent instants per joint and base parameter of one joint that a cut-off must leave."""

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 STICKING = 2.5
 """Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""
-MANY = 40.0
+MANY = 400.0
 """Independent instants beyond which Student's t is the normal distribution."""
 EFFECT_ROUNDS = 2
 """Rounds of fitting shapes and everything else in turn."""
