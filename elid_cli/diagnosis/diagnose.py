@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli.base import find_base
 from elid_cli.diagnosis.encoders import Skew
+from elid_cli.diagnosis.quarters import Survival, judged
 from elid_cli.diagnosis.screen import Candidate, sensible
 from elid_cli.diagnosis.search import Found, Step, Term, beside, search, touched
 from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
@@ -83,6 +84,9 @@ class FoundEffect:
     summary: str
     deflection: tuple[float, float] | None = None
     """Of an effect seen in the positions alone: held-out rms of the deflection without and with it, rad (m)."""
+    quarters: tuple[float, ...] = ()
+    """Part of the squared error that it takes from each quarter of the log, predicted from the others; NaN where the
+    quarter cannot tell, empty for local effects and curves."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +147,8 @@ class Diagnosis:
     state_after: State
     curves: tuple[FoundEffect, ...] = ()
     """Smooth curves added by request where no named effect explains the structure."""
+    refuted: tuple[Survival, ...] = ()
+    """Effects that the search found and that make some quarter of the log, predicted from the others, worse."""
 
 
 def divided(robot: Robot, signals: Signals) -> Log:
@@ -191,12 +197,22 @@ def diagnose(
     }
     plain = reweighted(reduce(log.training, (), log.fold), log.base.count).values[: model.parameters]
     declared = [d.effect for d in declared_effects(model.robot, scene_of(model, signals, plain))]
-    found = _supported(search(log, declared, library, progress), len(declared))
+    found, refuted = _surviving(search(log, declared, library, progress), len(declared))
     found = with_whole_curves(found, len(declared), progress, asked=options.accurate)
     named, curves = found.after, list[Effect]()
     if options.lookup:
         found, curves = _with_curves(found)
-    return _result(robot, log, found, len(declared), curves, named)
+    return replace(_result(robot, log, found, len(declared), curves, named), refuted=refuted)
+
+
+def _surviving(found: Found, declared: int) -> tuple[Found, tuple[Survival, ...]]:
+    """Drop effects that held-out stretches do not support or that some quarter of the log, left out, refutes."""
+    refuted: list[Survival] = []
+    while True:
+        found, failed = judged(_supported(found, declared), declared)
+        if failed is None:
+            return found, tuple(refuted)
+        refuted.append(failed)
 
 
 def _supported(found: Found, declared: int) -> Found:
@@ -327,6 +343,7 @@ def _found(state: State, number: int, step: Step, terms: Mapping[int, Term]) -> 
         folds=tuple(bool(g > 0) for g in step.candidate.gain.folds),
         local=effect.local,
         summary=effect.summary,
+        quarters=step.quarters,
     )
 
 
@@ -359,6 +376,7 @@ def _seen(robot: Robot, state: State, skew: Skew) -> FoundEffect:
         local=False,
         summary="link encoder sampled at another instant than the motor encoder; seen in the positions alone",
         deflection=(skew.without, skew.with_it),
+        quarters=skew.quarters,
     )
 
 

@@ -43,6 +43,8 @@ class Skew:
     """Held-out rms of the deflection that load and constant leave, rad (m)."""
     with_it: float
     """The same with the skew."""
+    quarters: tuple[float, ...] = ()
+    """Part of the deflection's squared error that it takes from each quarter of the log, predicted from the others."""
 
 
 def visible_skew(state: State, joint: int) -> Skew | None:
@@ -75,13 +77,16 @@ def visible_skew(state: State, joint: int) -> Skew | None:
     return Skew(joint, skew, deviation, share, float(np.sqrt(without / count)), float(np.sqrt(with_it / count)))
 
 
-def link_load(state: State, joint: int) -> Array:
-    """Return the torque that the bodies need from a joint's transmission, from the present parameters, (M,)."""
+def link_load(state: State, joint: int, parameters: Array | None = None) -> Array:
+    """Return the torque that the bodies need from a joint's transmission, (M,).
+
+    From the present standard parameters, or from others (p,).
+    """
+    values = state.standard if parameters is None else parameters
     log = state.log
     total = log.observation.group(Row("sum", joint))
     own = {log.model.index[f"{kind}{joint + 1}"] for kind in ("Jm", "fs", "fv")}
-    values = np.array([0.0 if int(k) in own else state.standard[k] for k in total.index])
-    load: Array = values @ total.columns
+    load: Array = np.array([0.0 if int(k) in own else values[k] for k in total.index]) @ total.columns
     return load
 
 

@@ -70,6 +70,8 @@ class Step:
     rivals: tuple[Candidate, ...]
     together: float | None = None
     """Net gain of effects that were accepted together; None: the candidate's own."""
+    quarters: tuple[float, ...] = ()
+    """What it takes from the squared error of each quarter of the log, predicted from the others; NaN: cannot tell."""
 
     @property
     def net(self) -> float:
