@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isnan
 from typing import Any
 
 from elid_cli.diagnosis import Diagnosis, FoundEffect, Unexplained
@@ -95,6 +96,7 @@ def diagnosis_report(told: Told) -> Report:
         *([Text("triage", "\n".join(found.triage))] if found.triage else []),
         *_effects(told),
         _before_after("before_after", found.robot, found.before, found.after, "error on the held-out stretches"),
+        *_refuted(found),
         *_unexplained(found),
         *(
             _before_after(f"check{k}", found.robot, check.before, check.after, f"error on {_files(check.recording)}")
@@ -125,6 +127,10 @@ def diagnosis_payload(told: Told) -> dict[str, Any]:
             {"joint": u.joint, "rows": u.rows, "variable": u.variable, "share": u.share, "rms": u.rms, "ratio": u.ratio,
              "nearest": [{"effect": e, "joint": j, "gain": g} for e, j, g in u.nearest]}
             for u in found.unexplained
+        ],
+        "refuted": [
+            {"effect": s.effect, "joint": s.joint, "quarters": _quarters(s.gains), "gain": s.whole}
+            for s in found.refuted
         ],
         "triage": list(found.triage),
         "organised": [
@@ -164,6 +170,7 @@ def _effect_payload(contribution: Contribution) -> dict[str, Any]:
         "gain": effect.gain,
         "summary": effect.summary,
         "folds": list(effect.folds),
+        "quarters": _quarters(effect.quarters),
         "local": effect.local,
         "error": {
             "joint": contribution.joint,
@@ -173,6 +180,10 @@ def _effect_payload(contribution: Contribution) -> dict[str, Any]:
         },
     }
     return {**payload, "curve": curve_words(effect.parameters)} if effect.effect == "lookup" else payload
+
+
+def _quarters(gains: Sequence[float]) -> list[float | None]:
+    return [None if isnan(gain) else gain for gain in gains]
 
 
 def _tried(found: Diagnosis) -> Items:
@@ -241,6 +252,7 @@ def _found(robot: Robot, key: str, title: str, contributions: Sequence[Contribut
         Column("rows", "row"),
         Column("error", "held-out error", align="right"),
         Column("gain", "gain", align="right"),
+        Column("worst_quarter", "worst quarter", align="right"),
     )
     rows: list[tuple[Cell, ...]] = []
     meanings: list[tuple[str, Cell]] = []
@@ -248,7 +260,9 @@ def _found(robot: Robot, key: str, title: str, contributions: Sequence[Contribut
         effect, unit = c.effect, _unit(robot, c)
         error = f"{number_text(c.without, 3)} → {number_text(c.with_it, 3)} {unit}"
         where = c.joint if effect.joint else f"robot ({c.joint})"
-        rows.append((Mark(effect.effect, "warn"), where, c.rows, error, percent(effect.gain, 2)))
+        told = [gain for gain in effect.quarters if not isnan(gain)]
+        worst = percent(min(told), 2) if told else "–"
+        rows.append((Mark(effect.effect, "warn"), where, c.rows, error, percent(effect.gain, 2), worst))
         meanings.append((f"{effect.effect} {effect.joint or ''}".strip(), _meaning_of(robot, effect)))
     return [Table(key, columns, tuple(rows), title=title), KeyValues(f"{key}_meaning", tuple(meanings))]
 
@@ -312,6 +326,18 @@ def _before_after(
                 row.append(Quantity(last / floor, digits=3, tone=tone) if floor else None)
             rows.append(tuple(row))
     return Table(key, tuple(columns), tuple(rows), title=title)
+
+
+def _refuted(found: Diagnosis) -> list[Section]:
+    """Return what the search found and a quarter of the log, predicted from the other three, speaks against."""
+    if not found.refuted:
+        return []
+    items: tuple[tuple[str, Cell], ...] = tuple(
+        (f"{s.effect} {s.joint or ''}".strip(), f"takes from the error of each quarter: {s.words}")
+        for s in found.refuted
+    )
+    title = "not named: makes a quarter of the log worse that the others predict"
+    return [KeyValues("refuted", items, title=title)]
 
 
 def _unexplained(found: Diagnosis) -> list[Section]:
