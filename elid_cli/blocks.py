@@ -38,8 +38,10 @@ class Block:
     first: int
     last: int
     stretch: int
-    columns: Array
-    """Outputs of the plan's program, (outputs, last - first)."""
+    rows: Array
+    """Outputs of the plan's program, each once, (distinct outputs, last - first)."""
+    place: NDArray[np.intp]
+    """Which of `rows` each output is, (outputs,)."""
     tau: Array
     tau_rate: Array
     reversal: Array
@@ -48,6 +50,12 @@ class Block:
     """Filtered deflections (theta - q), their rates, link velocities and accelerations, (4 n, last - first)."""
     tau_link: Array
     """Filtered readings of the joint torque sensors, (n, last - first); (0, last - first) where the plan has none."""
+
+    @property
+    def columns(self) -> Array:
+        """All outputs of the plan's program, (outputs, last - first)."""
+        columns: Array = self.rows[self.place]
+        return columns
 
 
 def thinning(signals: Signals) -> int:
@@ -64,10 +72,11 @@ def thinning(signals: Signals) -> int:
 def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Block]:
     """Compute, filter and decimate the rows of a log block by block, in the order of its instants."""
     every = thinning(signals)
-    signs = plan.program.copied(direction_inputs(model.robot.n))
+    program, place = plan.program.distinct  # what stands in several rows is filtered once
+    signs = program.copied(direction_inputs(model.robot.n))
     if signs is None:  # directions of motion are more than columns of their own
         every = 1
-    place, width, filter_ = 0, plan.program.outputs, signals.filter
+    done, width, filter_ = 0, program.outputs, signals.filter
     smooth = filter_.thinned(every) if every > 1 else filter_
     weights = np.abs(filter_.taps)
     window = replace(filter_, taps=weights / weights.sum())
@@ -77,7 +86,7 @@ def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Bloc
     each = _outputs_per_chunk(signals, every)
     # memory that is touched for the first time is slower than the arithmetic: one array serves all blocks
     room = np.empty((width + 4 * model.robot.n, (each - 1) * smooth.step + 2 * smooth.half + 1))
-    inputs = np.empty((plan.program.inputs, room.shape[1]))
+    inputs = np.empty((program.inputs, room.shape[1]))
     for number, segment in enumerate(signals.segments):
         count = len(filter_.outputs(len(segment), signals.margin))
         for first in range(0, count, each):
@@ -87,7 +96,7 @@ def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Bloc
             reach = smooth.half * every
             motion = signals.motion[centres[0] - reach : centres[1] + reach + 1 : every]
             rows = room[:, : motion.samples]
-            plan.program.run(inputs_of(motion, plan.program, inputs[:, : motion.samples]), rows[:width])
+            program.run(inputs_of(motion, program, inputs[:, : motion.samples]), rows[:width])
             _channels(motion, rows[width:])
             filtered = smooth.apply(rows)
             speeds = signals.motion.speeds(part) if every > 1 else motion.dtheta.T
@@ -97,10 +106,11 @@ def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Bloc
                     filtered[output] = directions[joint]
             torque = _wider(signals.tau, segment, part)
             yield Block(
-                place + first,
-                place + last,
+                done + first,
+                done + last,
                 number,
                 filtered[:width],
+                place,
                 filter_.apply(torque, 1),
                 slope.apply(torque),
                 window.apply((np.abs(speeds) < signals.min_velocity[:, None]).astype(float)),
@@ -108,7 +118,7 @@ def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Bloc
                 filter_.apply(nothing[:, part] if readings is None else np.ascontiguousarray(readings[part].T)),
             )
             let_go(signals.tau)
-        place += count
+        done += count
 
 
 def _channels(motion: Motion, out: Array) -> None:

@@ -22,7 +22,7 @@ from elid_cli.errors import ElidError, UsageError
 from elid_cli.log_reduction import reduce_log
 from elid_cli.logs import read_recording
 from elid_cli.recording import Recording
-from elid_cli.reduced_log import ReducedLog
+from elid_cli.reduced_log import ReducedLog, without_positions
 from elid_cli.robot import Robot
 from elid_cli.signals import SignalOptions, Signals, prepare
 
@@ -74,6 +74,8 @@ def reduce_job(job: Job, progress: Progress | None = None) -> ReducedLog:
         time_source=job.time_source,
     )
     signals = prepared(recording, robot, job.conditioning)
+    recording = without_positions(recording)
+    signals = replace(signals, recording=recording)
     reduced = reduce_log(robot, signals, recording, job.conditioning, progress)
     if job.path and job.path != job.log:
         reduced = replace(reduced, recording=replace(reduced.recording, files=(job.log,)))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,14 @@ from elid_cli.blocks import Block
 from elid_cli.link_equation import LEAST, LinkStiffness, TwoWays
 from elid_cli.longrun import KernelSum, Persistence, small_sample
 from elid_cli.merged_fit import MergedFit, Stock
-from elid_cli.model import Model, Row
+from elid_cli.model import Model, Plan, Row
+from elid_cli.pile import Growing
 from elid_cli.reduction import factor_of
 
 Array = NDArray[np.float64]
+
+TOGETHER = 16_000
+"""Instants that are taken at a time where blocks are passed over again."""
 
 
 @dataclass(frozen=True)
@@ -36,21 +41,35 @@ class LinkSystem:
 
 @dataclass(frozen=True)
 class LinkBlock:
-    """What the links' equations need of a block: filtered channels (`observation.Block`) and the bodies' torques."""
+    """What the links' equations need of a block: filtered channels (`blocks.Block`) and the bodies' torques."""
 
     stretch: int
-    channels: Array
-    torque: Array
-    """By the file's inertias, (n, m); NaN for joints of which the file does not give them."""
+    rows: Array
+    """(5 n, m): channels (4 n), then the torques by the file's inertias, NaN for joints of which it does not give
+    them."""
 
 
-class LinkTorque:
-    """The bodies' torque on every link by the robot file's inertias, as a multiple of the sum rows' columns."""
+class LinkSums:
+    """The links' equations of a log, gathered block by block.
 
-    def __init__(self, model: Model, base: BaseParameters, reference: Array) -> None:
+    Parameters
+    ----------
+    model, base, reference
+        The robot; the bodies' torque on every link is, by the robot file's inertias (`reference`), a multiple of the
+        sum rows' columns.
+    plan
+        Rows and outputs of the blocks.
+    single
+        Keep in single precision what the standard errors need.
+    """
+
+    def __init__(
+        self, model: Model, base: BaseParameters, reference: Array, plan: Plan | None = None, *, single: bool = False
+    ) -> None:
+        plan = plan or model.estimation
         self._rows: list[tuple[slice, Array] | None] = []
         values = dict(zip(base.leaders.tolist(), base.values(reference), strict=True))
-        rows = {item.row: item for item in model.estimation.rows}
+        rows = {item.row: item for item in plan.rows}
         for joint in range(model.robot.n):
             item = rows[Row("sum", joint)]
             own = {f"{kind}{joint + 1}" for kind in ("Jm", "fs", "fv", "K")}
@@ -59,50 +78,90 @@ class LinkTorque:
             )
             known = model.robot.joints[joint].elastic and bool(np.isfinite(factors).all())
             self._rows.append((item.slots, factors) if known else None)
+        n = model.robot.n
+        self._picks = [
+            [joint, n + joint, 2 * n + joint, *(3 * n + k for k in range(n) if k != joint)] for joint in range(n)
+        ]
+        self._growing = [Growing(n + 4) for _ in range(n)]
+        self._kind = np.float32 if single else np.float64
+        self._kept: list[list[LinkBlock]] = []
 
-    def of(self, block: Block) -> LinkBlock:
-        """Return what the links' equations need of a block."""
-        nothing = np.full(block.last - block.first, np.nan)
-        torque = np.stack([nothing if row is None else row[1] @ block.columns[row[0]] for row in self._rows])
-        return LinkBlock(block.stretch, block.channels.copy(), torque)
+    def add(self, block: Block) -> None:
+        """Add a block's equations."""
+        n, count = len(self._rows), block.last - block.first
+        known = [joint for joint, row in enumerate(self._rows) if row is not None]
+        if not known:
+            return
+        rows = np.full((5 * n, count), np.nan)
+        rows[: 4 * n] = block.channels
+        factors = np.zeros((len(known), len(block.rows)))
+        for number, joint in enumerate(known):
+            slots, values = cast(tuple[slice, Array], self._rows[joint])
+            np.add.at(factors[number], block.place[slots], values)
+        rows[[4 * n + joint for joint in known]] = factors @ block.rows
+        for joint in known:
+            self._growing[joint].add(self._system(rows, joint))
+        new = LinkBlock(block.stretch, rows.astype(self._kind, copy=False))
+        last = self._kept[-1] if self._kept else []
+        if last and last[0].stretch == new.stretch and sum(b.rows.shape[1] for b in last) < TOGETHER:
+            last.append(new)
+        else:
+            self._kept.append([new])
 
-    @property
-    def known(self) -> list[bool]:
-        """Whether the file gives the inertias of a joint's equation."""
-        return [row is not None for row in self._rows]
+    def systems(self) -> tuple[LinkSystem | None, ...]:
+        """Return every joint's system, None where there is none."""
+        found: list[LinkSystem | None] = [None] * len(self._rows)
+        factors = {}
+        for joint, row in enumerate(self._rows):
+            growing = self._growing[joint]
+            if row is not None and growing.count >= LEAST and (factor := growing.factor())[:, -1].any():
+                factors[joint] = factor
+        memories = {joint: Persistence(factor.shape[1] - 1) for joint, factor in factors.items()}
+        scores = {joint: _Scores(factor) for joint, factor in factors.items()}
+        for system, joint, _ in self._again(factors):
+            memories[joint].feed(scores[joint].of(system, scaled=True))
+        totals = {joint: KernelSum(factors[joint].shape[1] - 1, memories[joint].bandwidth) for joint in factors}
+        for system, joint, stretch in self._again(factors):
+            totals[joint].feed(scores[joint].of(system, scaled=False), stretch)
+        for joint, factor in factors.items():
+            count, memory = self._growing[joint].count, memories[joint]
+            found[joint] = LinkSystem(factor, count, totals[joint].total(), memory.bandwidth)
+        return tuple(found)
+
+    def _again(self, joints: Iterable[int]) -> Iterator[tuple[Array, int, int]]:
+        """Yield (system, joint, stretch) of all that was kept, many blocks at a time."""
+        for several in self._kept:
+            rows = several[0].rows if len(several) == 1 else np.concatenate([b.rows for b in several], axis=1)
+            for joint in joints:
+                yield self._system(rows, joint), joint, several[0].stretch
+
+    def _system(self, rows: Array, joint: int) -> Array:
+        """Return a joint's equations, (n + 4, m), as far as they hold numbers."""
+        picks, n = self._picks[joint], len(self._rows)
+        system = np.empty((len(picks) + 2, rows.shape[1]), dtype=rows.dtype)
+        system[:-2] = rows[picks]
+        system[-2] = 1.0
+        system[-1] = rows[4 * n + joint]
+        if np.isfinite(system.sum()):
+            return system
+        return system[:, np.isfinite(system).all(axis=0)]
 
 
-def reduce_links(torque: LinkTorque, blocks: Sequence[LinkBlock]) -> tuple[LinkSystem | None, ...]:
-    """Return every joint's system, None where there is none."""
-    return tuple(_reduced(blocks, joint) if known else None for joint, known in enumerate(torque.known))
+class _Scores:
+    """Scores of a link's equation under its own fit."""
 
+    def __init__(self, factor: Array) -> None:
+        self._fitted = _solved(factor)[0]
+        self._scale = np.linalg.norm(factor[:, :-1], axis=0)[:, None]
+        self._scale[self._scale == 0] = 1.0
 
-def _reduced(blocks: Sequence[LinkBlock], joint: int) -> LinkSystem | None:
-    n = len(blocks[0].torque) if blocks else 0
-    picked = [joint, n + joint, 2 * n + joint, *(3 * n + k for k in range(n) if k != joint)]
-
-    def systems() -> Iterable[tuple[Array, int]]:
-        for block in blocks:
-            ones = np.ones((1, block.torque.shape[1]))
-            system = np.concatenate([block.channels[picked], ones, block.torque[joint][None]])
-            yield system[:, np.isfinite(system).all(axis=0)], block.stretch
-
-    factor, count = np.zeros((0, n + 4)), 0
-    for system, _ in systems():
-        factor = factor_of(np.concatenate([factor, system.T]))
-        count += system.shape[1]
-    if count < LEAST or not factor[:, -1].any():
-        return None
-    fitted, _ = _solved(factor)
-    scale = np.linalg.norm(factor[:, :-1], axis=0)[:, None]
-    scale[scale == 0] = 1.0
-    memory = Persistence(n + 3)
-    for system, _ in systems():
-        memory.feed(system[:-1] * (system[-1] - fitted @ system[:-1]) / scale)
-    total = KernelSum(n + 3, memory.bandwidth)
-    for system, stretch in systems():
-        total.feed(system[:-1] * (system[-1] - fitted @ system[:-1]), stretch)
-    return LinkSystem(factor, count, total.total(), memory.bandwidth)
+    def of(self, system: Array, *, scaled: bool) -> Array:
+        """Return column times residual, (k, m)."""
+        kind = system.dtype
+        scores: Array = system[:-1] * (system[-1] - self._fitted.astype(kind) @ system[:-1])
+        if scaled:
+            scores /= self._scale.astype(kind)
+        return scores
 
 
 def merged_stiffness(systems: Sequence[LinkSystem]) -> LinkStiffness | None:

@@ -91,13 +91,16 @@ class KernelSum:
         return np.zeros((len(self._total), 2 * self._half))
 
     def feed(self, scores: Array, stretch: int) -> None:
-        """Add the next scores (r, m), all of one stretch; a stretch's blocks follow each other."""
+        """Add the next scores (r, m), all of one stretch; a stretch's blocks follow each other.
+
+        Scores in single precision are smoothed in it.
+        """
         if stretch != self._stretch:
             self._close()
             self._stretch = stretch
-        waiting = np.concatenate([self._tail, scores], axis=1)
+        waiting = np.concatenate([self._tail.astype(scores.dtype, copy=False), scores], axis=1)
         smoothed = self._smooth.apply(waiting)
-        self._total += smoothed @ smoothed.T
+        self._add(smoothed)
         self._tail = waiting[:, smoothed.shape[1] * self._step :].copy()
 
     def total(self) -> Array:
@@ -108,9 +111,13 @@ class KernelSum:
     def _close(self) -> None:
         if self._stretch is None:
             return
-        smoothed = self._smooth.apply(np.pad(self._tail, ((0, 0), (0, 2 * self._half + self._step))))
-        self._total += smoothed @ smoothed.T
+        self._add(self._smooth.apply(np.pad(self._tail, ((0, 0), (0, 2 * self._half + self._step)))))
         self._tail, self._stretch = self._nothing, None
+
+    def _add(self, smoothed: Array) -> None:
+        """Add products; in double precision, since the columns of weak directions nearly cancel in them."""
+        exact = smoothed.astype(np.float64, copy=False)
+        self._total += exact @ exact.T
 
 
 def small_sample(instants: int, width: int, bandwidth: float) -> float:

@@ -60,7 +60,7 @@ class LowPass:
         return LowPass((wide[:-2] - wide[2:]) / (2.0 * dt), self.step, self.cutoff)
 
     def apply(self, rows: Array, margin: int = 0) -> Array:
-        """Return filtered rows at `outputs(N, margin)`: (…, N) to (…, len(outputs))."""
+        """Return filtered rows at `outputs(N, margin)`: (…, N) to (…, len(outputs)); single precision stays single."""
         centres = self.outputs(rows.shape[-1], margin)
         count = len(centres)
         shape = rows.shape[:-1]
@@ -83,9 +83,10 @@ class LowPass:
 
     def _filtered(self, rows: Array, begin: int, count: int) -> Array:
         """Return `count` outputs of rows (r, N), the first of them of the window that begins at sample `begin`."""
-        result = np.empty((len(rows), count))
+        kind = np.float32 if rows.dtype == np.float32 else np.float64
+        result = np.empty((len(rows), count), dtype=kind)
         tile = min(self._tile, count)
-        matrix = self._matrix(tile)
+        matrix = self._matrix(tile).astype(kind, copy=False)
         whole = count // tile if len(rows) < _MANY else 0
         if whole > 1:  # of few rows all tiles at once: a call for each would take longer than its product
             windows = np.lib.stride_tricks.sliding_window_view(rows[:, begin:], len(matrix), axis=1)
@@ -93,7 +94,7 @@ class LowPass:
             result[:, : whole * tile] = np.matmul(tiles, matrix).transpose(1, 0, 2).reshape(len(rows), whole * tile)
         for first in range(whole * tile if whole > 1 else 0, count, tile):
             last = min(first + tile, count)
-            here = matrix if last - first == tile else self._matrix(last - first)
+            here = matrix if last - first == tile else self._matrix(last - first).astype(kind, copy=False)
             start = begin + first * self.step
             np.matmul(rows[:, start : start + len(here)], here, out=result[:, first:last])
         return result

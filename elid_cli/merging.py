@@ -17,7 +17,8 @@ from elid_cli.heldout import joint_errors
 from elid_cli.identification import EstimateOptions, Identification
 from elid_cli.link_equation import with_both_regressions, with_link_stiffness
 from elid_cli.link_reduction import merged_stiffness, merged_ways
-from elid_cli.log_reduction import FOLDS, lifted, spread_of
+from elid_cli.log_reduction import FOLDS
+from elid_cli.log_scores import lifted, spread_of
 from elid_cli.lowpass import LowPass
 from elid_cli.merged_fit import MergedFit, Stock, fit_stock
 from elid_cli.model import Model, Row

@@ -8,7 +8,7 @@ options, are identified together by `merging`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,3 +111,16 @@ def hollow(recording: Recording) -> Recording:
         warnings=recording.warnings,
         sources=dict(recording.sources),
     )
+
+
+def without_positions(recording: Recording) -> Recording:
+    """Return a recording without its positions and velocities, but for whether a joint has them (0 there, else NaN).
+
+    Once splines stand for them, they only take memory.
+    """
+
+    def told(values: Array) -> Array:
+        known = [not np.isnan(column[:1]).all() or not np.isnan(column).all() for column in values.T]
+        return np.broadcast_to(np.where(known, 0.0, np.nan), values.shape)
+
+    return replace(recording, q=told(recording.q), theta=told(recording.theta), dq=None, dtheta=None)

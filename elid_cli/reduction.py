@@ -185,10 +185,18 @@ def factor_of(system: Array) -> Array:
     rows, width = system.shape
     if rows <= width:
         return np.array(system)
-    from scipy.linalg.lapack import dtpqrt
-
     factor = np.zeros((width, width), order="F")
     for start in range(0, rows, _SLICE):
-        part = np.array(system[start : start + _SLICE], order="F")
-        factor, *_ = dtpqrt(0, min(_PANEL, width), factor, part, overwrite_a=1, overwrite_b=1)
+        factor = onto(factor, np.array(system[start : start + _SLICE], order="F"))
     return np.ascontiguousarray(factor)
+
+
+def onto(factor: Array, system: Array) -> Array:
+    """Return the R factor of a triangle (width, width) and further rows (m, width), both overwritten.
+
+    Both are best in Fortran's order: others are copied first.
+    """
+    from scipy.linalg.lapack import dtpqrt
+
+    grown: Array = dtpqrt(0, min(_PANEL, len(factor)), factor, system, overwrite_a=1, overwrite_b=1)[0]
+    return grown

@@ -211,6 +211,30 @@ class Program:
         exec("\n".join(lines), scope)  # the text holds nothing but slots and constants
         return cast(Callable[[list[object]], None], scope["traced"])
 
+    @cached_property
+    def distinct(self) -> tuple[Program, NDArray[np.intp]]:
+        """The program without outputs that repeat another, and which of its outputs each of this program's is."""
+        first = self.inputs + self.registers
+        kept: list[int] = []
+        place = np.empty(self.outputs, dtype=np.intp)
+        sources: dict[int, int] = {}
+        repeated = dict(self.copies)
+        for slot in range(first, first + self.outputs):
+            source = repeated.get(slot, slot)
+            if source not in sources:
+                sources[source] = len(kept)
+                kept.append(slot)
+            place[slot - first] = sources[source]
+        number = {slot: slot for slot in range(first)} | {slot: first + k for k, slot in enumerate(kept)}
+
+        def moved(operand: object) -> object:
+            return number[operand] if isinstance(operand, int) else operand
+
+        instructions = tuple((code, moved(a), moved(b), number[target]) for code, a, b, target in self.instructions)
+        constants = tuple((number[first + k] - first, value) for k, value in self.constants)
+        copies = tuple((number[target], source) for target, source in self.copies if target in number)
+        return Program(self.inputs, len(kept), self.registers, instructions, constants, copies), place
+
     def copied(self, inputs: Sequence[int]) -> list[tuple[int, int]] | None:
         """Return (output, position in `inputs`) of every output that is one of these inputs.
 

@@ -115,10 +115,15 @@ def from_samples(asked: Asked) -> Answer:
     signals = load_signals(recording, asked.robot, asked.conditioning, asked.progress)
     if not whole_log_needed(asked.robot, asked.fit) and is_long(signals, asked.robot):
         from elid_cli.merging import identify_reduced
+        from elid_cli.reduced_log import without_positions
 
+        shown = pictures_wanted(asked.output)
+        if not shown:
+            recording = without_positions(recording)
+            signals = replace(signals, recording=recording)
         reduced = reduced_signals(signals, recording, asked.robot, asked.conditioning, asked.progress)
         found, _ = identify_reduced(asked.robot, [reduced])
-        return Answer(found, reduced.recording, (), signals if pictures_wanted(asked.output) else None)
+        return Answer(found, reduced.recording, (), signals if shown else None)
     found = identify(asked.robot, signals, EstimateOptions(estimator=asked.fit.estimator, accurate=asked.fit.accurate))
     apart = errors_by_log(identified_robot(found), signals, recording.files)
     return Answer(found, recording, apart, signals)
