@@ -94,15 +94,12 @@ def _disagreement(fit: Fit, answer: Accurate) -> float:
     return float(np.max(default[apart] / accurate[apart], initial=1.0))
 
 
-def best_of(setup: Setup, looks: int = STEPS) -> Outcome:
-    """Return the outcome of least cost among those that start from several valleys of the shapes of effects.
-
-    `looks` is the number of steps from the starts that are given, before other valleys are looked for.
-    """
-    found = from_start(setup, setup.start, looks)
+def best_of(setup: Setup) -> Outcome:
+    """Return the outcome of least cost among those that start from several valleys of the shapes of effects."""
+    found = from_start(setup, setup.start)
     if setup.z_start.size:  # noise leads the default fit far astray at times
         start = Iterate(setup.start.coefficients, setup.start.p.copy(), setup.z_start.copy())
-        found = min(found, from_start(setup, start, looks), key=lambda item: item[0])
+        found = min(found, from_start(setup, start), key=lambda item: item[0])
     for _ in range(ROUNDS):
         others = [from_start(setup, start) for start in other_valleys(setup, found[1].end)]
         better = min(others, key=lambda item: item[0], default=found)
@@ -112,10 +109,10 @@ def best_of(setup: Setup, looks: int = STEPS) -> Outcome:
     return found[1]
 
 
-def from_start(setup: Setup, start: Iterate, steps: int = STEPS) -> tuple[float, Outcome]:
+def from_start(setup: Setup, start: Iterate) -> tuple[float, Outcome]:
     """Return the cost, to compare by, and the outcome of an iteration."""
     setup.problem.rho = setup.first_rho()
-    outcome = iterate(setup.problem, start, setup.prior, steps)
+    outcome = iterate(setup.problem, start, setup.prior, STEPS)
     return setup.common_cost(outcome.end), outcome
 
 

@@ -18,6 +18,8 @@ _EASE = 0.2
 start that had to obey the equations at once would end in the nearest valley."""
 _GROW = 3
 """Further step at which the equations' noise is raised to what their residual shows."""
+_TRUSTING = 6
+"""Further steps at which it is decided anew where motors reverse: decided at every step, the iteration can go round."""
 _SETTLED = 0.2
 """Fall of the cost, in units of one squared standard deviation, below which the iteration ends."""
 
@@ -63,7 +65,8 @@ def iterate(
     eased = int(np.ceil(np.log(max(1.0, float(np.max(shown / first)))) / -np.log(_EASE)))
     costs: list[float] = []
     for number in range(eased + steps):
-        problem.trust(now)
+        if number <= eased + _TRUSTING:
+            problem.trust(now)
         if number <= eased:
             problem.rho = np.maximum(first, shown * _EASE**number)
         elif number == eased + _GROW:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.accurate import LOWEST_SIGNAL, best_of, signal_to_noise, values_of, widening
+from elid_cli.accurate import LOWEST_SIGNAL, from_start, signal_to_noise, values_of, widening
 from elid_cli.collocation import Iterate
 from elid_cli.collocation_setup import Setup
 from elid_cli.diagnosis.search import Found, Term
@@ -26,6 +26,7 @@ from elid_cli.identification import EstimateOptions
 from elid_cli.model import Model
 from elid_cli.recording import Segment
 from elid_cli.robot import EffectSpec
+from elid_cli.shape_scan import other_valleys
 from elid_cli.signals import Signals
 from elid_cli.terms.effect import Effect
 
@@ -33,10 +34,12 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 Shapes = tuple[tuple[float, ...], ...]
 
-WORK = 200_000
+WORK = 120_000
 """Samples times the square of the joints up to which the collocation is run unasked."""
-WITHIN_NOISE = 1.1
-"""Cost over that of noise alone, up to which a log obeys its model."""
+WITHIN_NOISE = 0.1
+"""Cost beyond that of noise alone, as a part of it, up to which a log obeys its model."""
+ROUNDS = 2
+"""Times that other valleys of the shapes are looked for."""
 NET = 60.0
 """Gain in log-likelihood that the whole curve needs on the held-out stretches."""
 SHOWN = 5.0
@@ -55,8 +58,10 @@ class _Collocated:
     setup: Setup
     outcome: Outcome
     widened: float
-    within: bool
-    """Whether the training stretches obey the model to within their noise."""
+    training: float
+    """Cost on the training stretches."""
+    excess: float
+    """Cost there beyond that of noise alone, as a part of it."""
     cost: float
     """Cost on the held-out stretches."""
     noise: float
@@ -81,25 +86,41 @@ def with_whole_curves(found: Found, declared: int, progress: Progress | None = N
     curves = {
         k: shapes
         for k, effect in enumerate(state.effects)
-        if k >= declared and len(shapes := type(effect).whole_curve(state.scene, effect.joint, effect.shape)) > 1
+        if k >= declared and (shapes := type(effect).whole_curves(state.scene, effect.joint, effect.shape))
     }
-    work = len(state.log.signals.motion.t) * state.log.model.robot.n ** 2
+    work = len(state.log.signals.motion.t) * state.log.model.robot.n**2
     if not curves or not (asked or work <= WORK) or not _possible(state.log):
         return found
     tell = progress or (lambda label, part: None)
     tell(LABEL, 0.0)
-    alone = _collocated(state, state.effects, _known(state, state.effects))
+    alone = _collocated(state, state.effects, _known(state))
     while alone is not None and curves:
-        tell(LABEL, 0.5)
-        effects, specs = _completed(state, curves)
-        whole = _collocated(state, effects, specs)
-        if whole is None or not whole.within or 0.5 * (alone.cost - whole.cost) < NET:
+        tell(LABEL, 0.3)
+        kept, whole = _best(state, alone, curves, lambda part: tell(LABEL, 0.3 + 0.7 * part))
+        if whole is None or not whole.excess <= WITHIN_NOISE or 0.5 * (alone.cost - whole.cost) < NET:
             return found
-        missing = _missing(whole, state, curves)
+        missing = _missing(whole, state, kept)
         if not missing:
-            return _told(found, alone, whole, curves)
+            return _told(found, alone, whole, kept)
         curves = {k: shapes for k, shapes in curves.items() if k not in missing}
     return found
+
+
+def _best(
+    state: State, alone: _Collocated, curves: Mapping[int, tuple[Shapes, ...]], tell: Callable[[float], None]
+) -> tuple[dict[int, Shapes], _Collocated | None]:
+    """Return the curve of every joint, and the collocation with them: other forms only where the usual do not do."""
+    kept = {k: shapes[0] for k, shapes in curves.items()}
+    whole = _collocated(state, *_completed(state, kept), alone)
+    others = [(k, shape) for k, shapes in curves.items() for shape in shapes[1:]]
+    for number, (k, shape) in enumerate(others):
+        if whole is not None and whole.excess <= WITHIN_NOISE:
+            break
+        tell((number + 1) / (len(others) + 1))
+        trial = _collocated(state, *_completed(state, {**kept, k: shape}), alone)
+        if trial is not None and (whole is None or trial.training < whole.training):
+            kept, whole = {**kept, k: shape}, trial
+    return kept, whole
 
 
 def _possible(log: Log) -> bool:
@@ -109,16 +130,17 @@ def _possible(log: Log) -> bool:
     return raw and independent and signal_to_noise(log.signals, log.model) > LOWEST_SIGNAL
 
 
-def _known(state: State, effects: Sequence[Effect]) -> list[EffectSpec]:
+def _known(state: State) -> list[EffectSpec]:
     names = state.log.model.robot.joint_names
     return [
-        EffectSpec(e.name, None if e.whole_robot else names[e.joint], state.named(k)) for k, e in enumerate(effects)
+        EffectSpec(e.name, None if e.whole_robot else names[e.joint], state.named(k))
+        for k, e in enumerate(state.effects)
     ]
 
 
 def _completed(state: State, curves: Mapping[int, Shapes]) -> tuple[list[Effect], list[EffectSpec]]:
     """Return the effects with whole curves, those found in their old places, and their descriptions to start from."""
-    effects, specs = list(state.effects), _known(state, state.effects)
+    effects, specs = list(state.effects), _known(state)
     for k, shapes in curves.items():
         old = state.effects[k]
         kind, joint = type(old), state.log.model.robot.joint_names[old.joint]
@@ -133,8 +155,13 @@ def _completed(state: State, curves: Mapping[int, Shapes]) -> tuple[list[Effect]
     return effects, specs
 
 
-def _collocated(state: State, effects: Sequence[Effect], specs: Sequence[EffectSpec]) -> _Collocated | None:
-    """Return the collocation of the training stretches with some effects, or None where it fails."""
+def _collocated(
+    state: State, effects: Sequence[Effect], specs: Sequence[EffectSpec], alone: _Collocated | None = None
+) -> _Collocated | None:
+    """Return the collocation of the training stretches with some effects, or None where it fails.
+
+    With whole curves it starts from the trajectory of the terms `alone`, which is near the truth already.
+    """
     log = state.log
     model = Model(replace(log.model.robot, effects=tuple(specs)))
     signals = _stretch(log, log.fold >= 0)
@@ -144,15 +171,29 @@ def _collocated(state: State, effects: Sequence[Effect], specs: Sequence[EffectS
     setup = Setup(fitted)
     if not setup.pieces:
         return None
-    outcome = best_of(setup)
+    outcome = from_start(setup, setup.start)[1] if alone is None else _from_terms(setup, alone)
     if not np.isfinite(outcome.p).all() or not np.isfinite(outcome.covariance).all() or len(outcome.costs) < 2:
         return None
-    within = setup.common_cost(outcome.end) <= WITHIN_NOISE * setup.noise_cost()
+    training, noise = setup.common_cost(outcome.end), setup.noise_cost()
     judge = Setup(replace(fitted, signals=_stretch(log, log.fold < 0)))
     if not judge.pieces:
         return None
     factor = widening(signal_to_noise(signals, model))
-    return _Collocated(fitted, setup, outcome, factor, within, _predicted(judge, outcome), judge.noise_cost())
+    held_out = _predicted(judge, outcome)
+    return _Collocated(fitted, setup, outcome, factor, training, training / noise - 1.0, held_out, judge.noise_cost())
+
+
+def _from_terms(setup: Setup, alone: _Collocated) -> Outcome:
+    """Return the collocation with whole curves, looked for in all shapes about the trajectory of the terms alone."""
+    now = Iterate(alone.outcome.coefficients, setup.start.p.copy(), setup.z_start.copy())
+    found: tuple[float, Outcome] | None = None
+    for _ in range(ROUNDS):
+        trials = [from_start(setup, start) for start in other_valleys(setup, now)]
+        best = min(trials, key=lambda item: item[0], default=None)
+        if best is None or (found is not None and not best[0] < found[0]):
+            break
+        found, now = best, best[1].end
+    return (found or from_start(setup, setup.start))[1]
 
 
 def _stretch(log: Log, chosen: NDArray[np.bool_]) -> Signals:

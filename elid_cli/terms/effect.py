@@ -188,10 +188,11 @@ class Effect(ABC):
         return not present
 
     @classmethod
-    def whole_curve(cls, scene: Scene, joint: int, shape: Sequence[float]) -> tuple[tuple[float, ...], ...]:
-        """Return shapes to start from of the terms that make a whole curve, this one's first; () for most effects.
+    def whole_curves(cls, scene: Scene, joint: int, shape: Sequence[float]) -> tuple[tuple[tuple[float, ...], ...], ...]:
+        """Return the curves that one term of this shape can be a part of: the shapes of their terms to start from.
 
-        A search finds one term of such a curve, whose other terms hide in the noise that it works under.
+        The usual curve comes first, and in it the term that is most like this one; () for most effects. A search finds
+        one term of such a curve, whose other terms hide in the noise that it works under.
         """
         return ()
 

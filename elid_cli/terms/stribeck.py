@@ -68,10 +68,15 @@ class Stribeck(Effect):
         return all((shape[1] < 0) != (other[1] < 0) for other in present)
 
     @classmethod
-    def whole_curve(cls, scene: Scene, joint: int, shape: Sequence[float]) -> tuple[tuple[float, ...], ...]:
-        """Return this form and the other one: a term that fades and one that vanishes at standstill make eq. (43)."""
+    def whole_curves(
+        cls, scene: Scene, joint: int, shape: Sequence[float]
+    ) -> tuple[tuple[tuple[float, ...], ...], ...]:
+        """Return a term that fades, as an exponential or a Gaussian, with one that vanishes at standstill (eq. 43)."""
         start = TYPICAL * float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.98))
-        return ((start, shape[1]), (start, -1.0 if shape[1] > 0 else 1.0)) if start > 0 else ()
+        if start <= 0:
+            return ()
+        pairs = [((start, exponent), (start, -1.0)) for exponent in (1.0, 2.0)]
+        return tuple(pair if shape[1] > 0 else pair[::-1] for pair in pairs)
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
