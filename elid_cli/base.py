@@ -58,9 +58,7 @@ class BaseParameters:
     @cached_property
     def terms(self) -> tuple[dict[str, float], ...]:
         """Return each base parameter as standard parameter -> coefficient, in standard order."""
-        return tuple(
-            {self.parameters[k]: tidy(float(row[k])) for k in np.flatnonzero(row)} for row in self.transform
-        )
+        return tuple({self.parameters[k]: tidy(float(row[k])) for k in np.flatnonzero(row)} for row in self.transform)
 
     @cached_property
     def names(self) -> tuple[str, ...]:

@@ -195,7 +195,6 @@ class Setup:
         self.problem.rho = held
         return cost
 
-
     def noise_cost(self) -> float:
         """Return the cost that noise alone makes: of the positions, and of the torques where they are noisy."""
         every = self.setting.stride // self.setting.points

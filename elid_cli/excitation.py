@@ -157,9 +157,7 @@ def excite(
     first = starts[0].evaluate(grid)
     unit = Information(model, base, parameters, np.ones((2, robot.n)), 1.0, first)
     residual = _residuals(unit.torques(first), options, robot)
-    information = Information(
-        model, base, parameters, residual, options.duration * BANDWIDTH / len(grid), first
-    )
+    information = Information(model, base, parameters, residual, options.duration * BANDWIDTH / len(grid), first)
     judged = [information.evaluate(start.evaluate(grid)) for start in starts]
     order = sorted(range(len(starts)), key=lambda k: judged[k].condition)
     weights = Weights(BALANCE, 0.0, tuple(aims)) if aims else Weights(1.0, ANGLES * base.count)
@@ -214,8 +212,10 @@ def _aims(base: BaseParameters, names: Sequence[str]) -> list[int]:
             raise UsageError(f"--for: no parameter {name!r}", hint=did_you_mean(name, base.parameters))
         found = np.flatnonzero(base.transform[:, base.parameters.index(name)])
         if not found.size:
-            raise DataError(f"--for: {name} has no effect on any torque of this robot: no motion can show it",
-                            hint="elid classify lists what can be identified")
+            raise DataError(
+                f"--for: {name} has no effect on any torque of this robot: no motion can show it",
+                hint="elid classify lists what can be identified",
+            )
         rows |= {int(row) for row in found}
     return sorted(rows)
 

@@ -109,8 +109,10 @@ class Information:
         factor, order = qr(system[:, live] / norms[live], mode="r", pivoting=True)
         pivots = np.abs(np.diag(factor))
         if len(pivots) < self.base.count or pivots[self.base.count - 1] < SHOWN * pivots[0]:
-            raise DataError(f"{self.model.robot.name}: random motion does not show all base parameters",
-                            hint="a joint's limits leave it no room, or the trajectory is too short")
+            raise DataError(
+                f"{self.model.robot.name}: random motion does not show all base parameters",
+                hint="a joint's limits leave it no room, or the trajectory is too short",
+            )
         return np.asarray(live[order[: self.base.count]], dtype=np.intp)
 
     def loads(self, states: States) -> tuple[Array, Array]:
@@ -135,9 +137,7 @@ class Information:
             float(np.linalg.cond(factor)),
         )
 
-    def gain(
-        self, states: States, weights: Weights, torque_slope: Array | None = None
-    ) -> tuple[float, States]:
+    def gain(self, states: States, weights: Weights, torque_slope: Array | None = None) -> tuple[float, States]:
         """Return the value to be maximised and its derivatives by (q, q', q''), each (N, n).
 
         Parameters

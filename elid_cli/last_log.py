@@ -64,8 +64,10 @@ def read_last(path: str | Path, robot: Robot) -> LastLog:
             f"{path}: not a result of elid identify", hint="elid identify LOG --robot ROBOT --json > result.json"
         ) from None
     if joints != robot.joint_names:
-        raise UsageError(f"{path}: is of a robot with joints {', '.join(joints)}",
-                         detail=f"{robot.name!r} has {', '.join(robot.joint_names)}")
+        raise UsageError(
+            f"{path}: is of a robot with joints {', '.join(joints)}",
+            detail=f"{robot.name!r} has {', '.join(robot.joint_names)}",
+        )
     return _last(robot, classes, rms)
 
 

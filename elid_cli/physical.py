@@ -167,10 +167,12 @@ class _Fit:
         sizes = np.concatenate([self.cones.scales.sizes, 1.0 / np.where(norms > 0, norms, 1.0)])
         pull = np.concatenate([self.pull, np.full(extra, 1e-6)])
         target = np.concatenate([self.target, np.zeros(extra)])
-        stacked = np.concatenate([
-            np.column_stack([system[:, :-1] * sizes, system[:, -1]]),
-            np.column_stack([np.diag(pull), pull * target]),
-        ])
+        stacked = np.concatenate(
+            [
+                np.column_stack([system[:, :-1] * sizes, system[:, -1]]),
+                np.column_stack([np.diag(pull), pull * target]),
+            ]
+        )
         width = p + extra
         factor = np.asarray(np.linalg.qr(stacked, mode="r"))
         metric = factor[:width, :width]
@@ -257,9 +259,7 @@ def _equations(found: Identification) -> int:
     return sum(t.count for t in found.triangles.items if found.weights.get(t.row, 0.0) > 0)
 
 
-def _held_out(
-    robot: Robot, fit: _Fit, triangles: Triangles, weights: Mapping[Row, float]
-) -> dict[str, JointError]:
+def _held_out(robot: Robot, fit: _Fit, triangles: Triangles, weights: Mapping[Row, float]) -> dict[str, JointError]:
     squares: dict[Row, float] = dict.fromkeys(triangles.rows, 0.0)
     for fold in range(triangles.folds):
         others = [f for f in range(triangles.folds) if f != fold]

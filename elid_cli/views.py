@@ -146,9 +146,7 @@ def variables(robot: Robot, signals: Signals, observation: Observation, joint: i
     return found
 
 
-def spring_views(
-    found: Validation, signals: Signals, refused: Collection[str] = ()
-) -> tuple[SpringView, ...]:
+def spring_views(found: Validation, signals: Signals, refused: Collection[str] = ()) -> tuple[SpringView, ...]:
     """Return the deflection-torque curve of every elastic joint whose stiffness the description gives.
 
     `refused` names parameters that the log does not support.
