@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters, find_base
 from elid_cli.by_log import ByLog
-from elid_cli.errors import UsageError
+from elid_cli.errors import LogError, UsageError
 from elid_cli.estimate import assemble, unlinked_named
 from elid_cli.fitting import Fit
 from elid_cli.heldout import joint_errors
@@ -52,6 +52,7 @@ def identify_reduced(robot: Robot, logs: Sequence[ReducedLog]) -> tuple[Identifi
     check_alike(robot, logs)
     whole, robot = robot, robot.stiffened(logs[0].facts.unlinked)
     model = Model(robot)
+    check_columns(model, logs)
     base = find_base(model)
     stock = _stock(model, logs)
     dt = max(log.facts.dt for log in logs)
@@ -83,30 +84,46 @@ def check_alike(robot: Robot, logs: Sequence[ReducedLog]) -> None:
     for log in logs:
         if log.fingerprint != own:
             raise UsageError(
-                f"{', '.join(log.recording.files)}: reduced for another robot than {robot.name}",
+                f"{log.name}: reduced for another robot than {robot.name}",
                 detail=f"fingerprint {log.fingerprint[:12]}, that of {robot.name} is {own[:12]}: joints, geometry, "
                 "gravity, gears, transmissions or declared effects differ",
                 hint=f"elid reduce LOG --robot {robot.name} -o FILE.npz",
             )
-    without = {tuple(log.facts.unlinked.tolist()) for log in logs}
-    if len(without) > 1:
-        raise UsageError(
-            "some of these logs lack link positions that others have",
-            detail="without them a transmission counts as rigid, which is another model",
-            hint="identify those with link positions, and the others, apart",
-        )
     first = logs[0]
-    files = ", ".join(first.recording.files)
     for log in logs[1:]:
-        differing = [key for key in first.options if log.options.get(key) != first.options[key]]
+        lacking = log.facts.unlinked != first.facts.unlinked
+        if lacking.any():
+            less, more = (log, first) if log.facts.unlinked[lacking][0] else (first, log)
+            joint = robot.joint_names[int(np.flatnonzero(lacking)[0])]
+            raise UsageError(
+                f"{less.name}: no link position of {joint}, which {more.name} has",
+                detail="without it a transmission counts as rigid, which is another model",
+                hint="identify logs with link positions, and those without, apart",
+            )
+    for log in logs[1:]:
+        keys = dict.fromkeys([*first.options, *log.options])
+        differing = [key for key in keys if log.options.get(key) != first.options.get(key)]
         if differing:
             told = "; ".join(
-                f"{key}: {_told(first.options[key])} and {_told(log.options.get(key))}" for key in differing
+                f"{key}: {_told(first.options.get(key))} and {_told(log.options.get(key))}" for key in differing
             )
             raise UsageError(
-                f"{', '.join(log.recording.files)}: reduced under other options than {files}",
+                f"{log.name}: reduced under other options than {first.name}",
                 detail=told,
                 hint="reduce both with the same options",
+            )
+
+
+def check_columns(model: Model, logs: Sequence[ReducedLog]) -> None:
+    """Refuse logs whose columns are not the model's (LogError), though the robot is the same: no elid wrote them."""
+    own = {item.row: item.columns.tolist() for item in model.estimation.rows}
+    for log in logs:
+        theirs = {row: index[:-2].tolist() for row, index in log.layout}
+        if theirs != own or log.recording.joints != model.robot.joint_names or len(log.reference) != model.parameters:
+            raise LogError(
+                f"{log.name}: damaged, or not written by this elid",
+                detail=f"its columns are not those of {model.robot.name}",
+                hint="run elid reduce again",
             )
 
 

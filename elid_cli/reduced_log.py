@@ -91,6 +91,14 @@ class ReducedLog:
     """Equation of every joint's link with the inertias of the robot file, where it gives them."""
     reference: Array
     """The robot file's parameters, (p,), NaN where it gives none."""
+    origin: str = ""
+    """Triangle file that it was read from."""
+
+    @property
+    def name(self) -> str:
+        """What to call it in an error: the triangle file and the log in it, or the log."""
+        logs = ", ".join(self.recording.files)
+        return f"{self.origin} ({logs})" if self.origin else logs
 
 
 def hollow(recording: Recording) -> Recording:

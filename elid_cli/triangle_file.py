@@ -8,10 +8,11 @@ without the half that is zero or repeats.
 from __future__ import annotations
 
 import json
+import struct
 import zipfile
 import zlib
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -25,6 +26,7 @@ from elid_cli.model import Row
 from elid_cli.recording import Recording, Segment
 from elid_cli.reduced_log import ReducedLog, Scores, SignalFacts
 from elid_cli.reduction import Triangle
+from elid_cli.triangle_check import check_reduced
 
 Array = NDArray[np.float64]
 
@@ -32,18 +34,28 @@ SCHEMA = "elid-triangles/1"
 LARGEST = 4 << 30
 """Bytes of arrays beyond which a file is not read."""
 _MAGIC = b"PK\x03\x04"
-_FAULTS = (zipfile.BadZipFile, KeyError, ValueError, IndexError, TypeError, AttributeError, EOFError, zlib.error)
+_FAULTS = (
+    zipfile.BadZipFile, KeyError, ValueError, IndexError, TypeError, AttributeError, EOFError, zlib.error, struct.error,
+    RuntimeError, OverflowError, MemoryError,
+)  # fmt: skip
 _KNOWN = ("files", "sha256", "repairs", "notes", "warnings")
 
 
 def is_triangle_file(path: str | Path) -> bool:
-    """Return whether a file is one that `write_triangles` wrote, by its content; a pipe or device is never opened."""
+    """Return whether a file is one that `write_triangles` wrote, or what is left of one, by its content.
+
+    A zip archive called ``.npz`` is taken for one too, so that its reader says what it lacks. A pipe or device is never
+    opened.
+    """
     try:
         if not Path(path).is_file():
             return False
         with Path(path).open("rb") as stream:
-            if stream.read(4) != _MAGIC:
-                return False
+            head = stream.read(80)
+        if not head.startswith(_MAGIC):
+            return False
+        if b"elid.npy" in head or Path(path).suffix.lower() == ".npz":
+            return True
         with zipfile.ZipFile(path) as archive:
             return "elid.npy" in archive.namelist()
     except (OSError, zipfile.BadZipFile):
@@ -101,7 +113,7 @@ def read_triangles(path: str | Path) -> list[ReducedLog]:
     """
     try:
         with Path(path).open("rb") as stream:
-            return read_stream(stream, str(path))
+            return [replace(log, origin=str(path)) for log in read_stream(stream, str(path))]
     except OSError as error:
         raise LogError(f"{path}: cannot be read", detail=(error.strerror or str(error)).lower()) from error
 
@@ -115,16 +127,31 @@ def read_stream(stream: IO[bytes], name: str) -> list[ReducedLog]:
             raise LogError(f"{name}: declares {size:.3g} bytes of triangles", hint="run elid reduce again")
         stream.seek(0)
         with np.load(stream, allow_pickle=False) as arrays:
+            if "elid" not in arrays.files:
+                raise LogError(
+                    f"{name}: a NumPy archive that elid reduce did not write",
+                    detail=f"it holds {', '.join(arrays.files[:6])}",
+                    hint="elid reduce LOG --robot ROBOT -o FILE.npz",
+                )
             head = json.loads(str(arrays["elid"][()]))
             if head.get("schema") != SCHEMA:
                 raise LogError(
                     f"{name}: triangles of the kind {head.get('schema')!r}, this elid reads {SCHEMA!r}",
                     hint="run elid reduce again with this elid",
                 )
-            return [_unpacked(described, arrays, k) for k, described in enumerate(head["logs"])]
+            found = []
+            for k, described in enumerate(head["logs"]):
+                found.append(_unpacked(described, arrays, k))
+                check_reduced(found[-1])
+            if not found:
+                raise ValueError("it holds no log")
+            return found
     except _FAULTS as error:
+        why = "it is cut: its end is missing" if "not a zip file" in str(error) else str(error).split("\n")[0][:120]
         raise LogError(
-            f"{name}: damaged", detail=str(error).split("\n")[0][:120], hint="run elid reduce again"
+            f"{name}: damaged, or not written by elid reduce",
+            detail=why or type(error).__name__,
+            hint=f"make it again: elid reduce LOG --robot ROBOT -o {name}",
         ) from error
 
 
@@ -198,8 +225,8 @@ def _triangles(arrays: Any, name: str, layout: Sequence[tuple[Row, NDArray[np.in
     factors, powers = arrays[f"{name}_factors"], arrays[f"{name}_power"]
     if not np.isfinite(factors).all():
         raise ValueError("triangles hold values that are not numbers")
-    found, place = [], 0
-    for (number, fold, count, rows, width, half), power in zip(arrays[name].tolist(), powers.tolist(), strict=True):
+    found, place, shapes = [], 0, arrays[name].tolist()
+    for (number, fold, count, rows, width, half), power in zip(shapes, powers.tolist(), strict=True):
         row, index = layout[number]
         if width != len(index) + 1:
             raise ValueError(f"a triangle of {row.kind} row {row.joint + 1} has {width} columns")
@@ -208,6 +235,8 @@ def _triangles(arrays: Any, name: str, layout: Sequence[tuple[Row, NDArray[np.in
         place += size
         factor = _triangle(part, width) if half else part.reshape(rows, width)
         found.append(Triangle(row, fold, index, factor, count, power))
+    if place != len(factors):
+        raise ValueError(f"triangles hold {len(factors)} values, not {place}")
     return tuple(found)
 
 

@@ -199,7 +199,7 @@ def _check_options(found: Sequence[ReducedLog], conditioning: Conditioning) -> N
             if log.options.get(key) != value:
                 made = log.options.get(key)
                 raise UsageError(
-                    f"{', '.join(log.recording.files)}: reduced with another {key.replace('_', '-')}",
+                    f"{log.name}: reduced with another {key.replace('_', '-')}",
                     detail=f"{'chosen from the log' if made is None else made} when it was reduced, {value} now",
                     hint="reduce the log again, or leave the option out",
                 )

@@ -197,6 +197,8 @@ def test_a_cut_file_is_refused(place: Path, tmp_path: Path, share: float) -> Non
     done = elid("identify", "cut.npz", "--robot", "puma560", cwd=tmp_path)
     assert done.returncode == 3
     assert len(done.stderr.splitlines()) <= 3
+    assert "cut.npz: damaged" in done.stderr
+    assert "elid reduce LOG --robot ROBOT -o cut.npz" in done.stderr
 
 
 def test_a_file_with_other_shapes_or_another_schema_is_damaged(place: Path, tmp_path: Path) -> None:
@@ -218,6 +220,67 @@ def test_a_file_with_other_shapes_or_another_schema_is_damaged(place: Path, tmp_
         archive.writestr("elid.npy", b"nothing")
     with pytest.raises(LogError, match="damaged"):
         read_triangles(tmp_path / "bare.npz")
+
+
+ABSURD = {
+    "dt": lambda head, arrays: head.update(dt=-1.0),
+    "dt of the facts": lambda head, arrays: arrays.update({"0/dt": np.array(0.5)}),
+    "rate": lambda head, arrays: arrays.update({"0/rate": np.array(np.nan)}),
+    "instants": lambda head, arrays: arrays.update({"0/instants": np.array(10**12)}),
+    "no instants": lambda head, arrays: arrays.update({"0/instants": np.array(-5)}),
+    "samples": lambda head, arrays: head.update(samples=0),
+    "cutoff": lambda head, arrays: arrays.update({"0/cutoff": np.array(-10.0)}),
+    "knots": lambda head, arrays: arrays.update({"0/knots": np.array([0.1])}),
+    "noise": lambda head, arrays: arrays.update({"0/noise": -np.ones((3, 6))}),
+    "marks": lambda head, arrays: arrays.update({"0/unlinked": np.zeros(5, dtype=bool)}),
+    "counts": lambda head, arrays: arrays["0/steady"].__setitem__((0, 2), -3),
+    "power": lambda head, arrays: arrays["0/steady_power"].__setitem__(0, 1e9),
+    "columns": lambda head, arrays: arrays["0/columns"].__setitem__(0, 4000),
+    "joint of a row": lambda head, arrays: head["layout"][0].__setitem__(1, 17),
+    "scores": lambda head, arrays: arrays["0/scores0"].__setitem__(5, np.inf),
+    "bandwidth": lambda head, arrays: head["scores"][0].update(bandwidth=-1.0),
+    "segments": lambda head, arrays: arrays.update({"0/segments": np.array([[50, 10, 0]])}),
+    "joints": lambda head, arrays: head.update(joints=["a", "b"]),
+    "no log named": lambda head, arrays: head.update(files=[]),
+    "options": lambda head, arrays: head.update(options=[1]),
+    "reference": lambda head, arrays: arrays.update({"0/reference": np.ones(7)}),
+}
+
+
+@pytest.mark.parametrize("what", ABSURD)
+def test_what_no_log_can_be_is_refused_in_one_message(place: Path, tmp_path: Path, what: str) -> None:
+    whole = tmp_path / "whole.npz"
+    if not (place / "sound.npz").exists():
+        write_triangles(reduce_jobs(jobs(place, "a.h5")), place / "sound.npz")
+    whole.write_bytes((place / "sound.npz").read_bytes())
+    with np.load(whole) as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    head = json.loads(str(arrays["elid"][()]))
+    ABSURD[what](head["logs"][0], arrays)
+    np.savez(tmp_path / "odd.npz", **{**arrays, "elid": np.array(json.dumps(head))})
+    robot = read_robot("puma560")
+    with pytest.raises(LogError, match=r"odd\.npz.*damaged"):
+        identify_reduced(robot, read_triangles(tmp_path / "odd.npz"))
+
+
+def test_errors_name_the_triangle_file_and_the_log_in_it(place: Path) -> None:
+    for name, cutoff in (("f.npz", "8"), ("g.npz", "9")):
+        done = elid("reduce", "a.h5", "--robot", "puma560", "-o", name, "--cutoff", cutoff, cwd=place)
+        assert done.returncode == 0
+    done = elid("identify", "f.npz", "g.npz", "--robot", "puma560", cwd=place)
+    assert "g.npz (a.h5): reduced under other options than f.npz (a.h5)" in done.stderr
+    done = elid("identify", "f.npz", "--robot", "planar2", cwd=place)
+    assert "f.npz (a.h5): reduced for another robot" in done.stderr
+    done = elid("identify", "f.npz", "--robot", "puma560", "--cutoff", "5", cwd=place)
+    assert "f.npz (a.h5): reduced with another cutoff" in done.stderr
+
+
+def test_an_archive_of_numpy_that_elid_did_not_write_is_told_so(tmp_path: Path) -> None:
+    np.savez(tmp_path / "mine.npz", q=np.ones(3), tau=np.ones(3))
+    done = elid("identify", "mine.npz", "--robot", "puma560", cwd=tmp_path)
+    assert done.returncode == 3
+    assert "mine.npz: a NumPy archive that elid reduce did not write" in done.stderr
+    assert "q, tau" in done.stderr
 
 
 def test_a_lost_worker_loses_nothing(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
