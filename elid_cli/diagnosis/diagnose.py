@@ -198,18 +198,20 @@ def diagnose(
     plain = reweighted(reduce(log.training, (), log.fold), log.base.count).values[: model.parameters]
     declared = [d.effect for d in declared_effects(model.robot, scene_of(model, signals, plain))]
     found, refuted = _surviving(search(log, declared, library, progress), len(declared))
-    found = with_whole_curves(found, len(declared), progress, asked=options.accurate)
+    known = len(declared) + found.kept
+    found = with_whole_curves(found, known, progress, asked=options.accurate)
     named, curves = found.after, list[Effect]()
     if options.lookup:
         found, curves = _with_curves(found)
-    return replace(_result(robot, log, found, len(declared), curves, named), refuted=refuted)
+    return replace(_result(robot, log, found, known, curves, named), refuted=refuted)
 
 
 def _surviving(found: Found, declared: int) -> tuple[Found, tuple[Survival, ...]]:
     """Drop effects that held-out stretches do not support or that some quarter of the log, left out, refutes."""
     refuted: list[Survival] = []
     while True:
-        found, failed = judged(_supported(found, declared), declared)
+        known = declared + found.kept
+        found, failed = judged(_supported(found, known), known)
         if failed is None:
             return found, tuple(refuted)
         refuted.append(failed)
@@ -291,7 +293,7 @@ def _result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequenc
         after=_floored(validations[1].error, after),
         effects=(*seen, *effects, *terms),
         also_possible=_rivals(after, declared, found.steps, effects),
-        nuisances=_nuisances(after),
+        nuisances=(*_nuisances(after), *(_kept(after, k) for k in range(declared - found.kept, declared))),
         unexplained=unexplained,
         rows_before=rows_before,
         rows_after=rows_after,
@@ -444,6 +446,13 @@ def _nuisances(state: State) -> tuple[Nuisance, ...]:
         value = float(state.solution.values[first + k])
         found.append(Nuisance(extra.name, joint, {"delay": value}, {"delay": deviation}))
     return tuple(found)
+
+
+def _kept(state: State, number: int) -> Nuisance:
+    """Return an effect that stays in the model without being named."""
+    effect = state.effects[number]
+    joint = state.log.model.robot.joint_names[effect.joint]
+    return Nuisance(effect.name, joint, state.named(number), _errors(state, number))
 
 
 def _unexplained(state: State, rows: Sequence[RowState], remaining: Sequence[Candidate]) -> tuple[Unexplained, ...]:

@@ -62,8 +62,8 @@ def visible_skew(state: State, joint: int) -> Skew | None:
     if train.sum() < 50 or test.sum() < 10:
         return None
     columns = np.array([speed, load, np.ones_like(load)])
-    fitted, spread = _regression(columns[:, train].T, deflection[train], log.observation.stretch[train])
-    plain, _ = _regression(columns[1:, train].T, deflection[train], log.observation.stretch[train])
+    fitted, spread = regression(columns[:, train].T, deflection[train], log.observation.stretch[train])
+    plain, _ = regression(columns[1:, train].T, deflection[train], log.observation.stretch[train])
     with_it = float(np.sum((deflection - fitted @ columns)[test] ** 2))
     without = float(np.sum((deflection - plain @ columns[1:])[test] ** 2))
     skew, deviation = float(fitted[0]), float(spread[0])
@@ -90,7 +90,7 @@ def link_load(state: State, joint: int, parameters: Array | None = None) -> Arra
     return load
 
 
-def _regression(columns: Array, target: Array, stretch: NDArray[np.intp]) -> tuple[Array, Array]:
+def regression(columns: Array, target: Array, stretch: NDArray[np.intp]) -> tuple[Array, Array]:
     """Return least-squares coefficients and their standard deviations under correlated residuals."""
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0] = 1.0

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from elid_cli.diagnosis.state import State
+from elid_cli.diagnosis.stiffness_by_load import with_load
 from elid_cli.diagnosis.stretches import FOLDS
 from elid_cli.estimate import Fit, assemble
 from elid_cli.identification import EstimateOptions, FittedEffect, Identification, JointError
@@ -42,4 +43,5 @@ def identified(state: State, error: Mapping[str, JointError], declared: int = 0)
         FittedEffect(e.name, None if e.whole_robot else names[e.joint], state.named(k), {})
         for k, e in enumerate(state.effects[:declared])
     )
-    return replace(found, error=error, settings={**found.settings, **whole}, effects=effects)
+    found = replace(found, error=error, settings={**found.settings, **whole}, effects=effects)
+    return with_load(found, state)

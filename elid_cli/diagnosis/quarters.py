@@ -3,8 +3,9 @@
 Every effect about to be named is taken out of the model; the model with it and the one without it are fitted to three
 quarters of the log and compared on the fourth, in turn. An effect that makes some quarter worse is not named. Shapes
 (a Stribeck velocity, an order) stay as found; whatever is linear is fitted anew. Effects that live in a part of the
-log (contact, payload, saturation) cannot be predicted from the other parts and are not asked; neither is a quarter in
-which an effect does nothing, or for which the others leave its size open.
+log (contact, payload, saturation) cannot be predicted from the other parts: the quarters are then those of the
+instants at which they act. A quarter in which an effect does nothing, or for which the others leave its size open,
+cannot tell.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ class Survival:
     """The same of the squared errors of all quarters together."""
     lost: tuple[bool, ...]
     """In which quarters it makes the prediction worse by more than the noise of the comparison allows."""
+    kept: bool = False
+    """Whether it fails but stays in the model as a nuisance."""
 
     @property
     def survives(self) -> bool:
@@ -85,6 +88,9 @@ class _Compared:
         return self.speaks and self.after - self.before > min(self.noise, TOLERATED * self.before)
 
 
+_CONSTANT = "encoder_offset"
+"""No two encoders have the same zero: where a quarter speaks against the offset it is not named, but its constant is
+still fitted, or stiffness and friction would have to stand in for it."""
 _SILENT = _Compared(0.0, 0.0, 0.0, 0.0, known=False)
 
 
@@ -110,20 +116,22 @@ def judged(found: Found, declared: int) -> tuple[Found, Survival | None]:
     state = found.after
     fits = left_out(state) if found.steps or found.skews else []
     skews = [_in_positions(state, SKEW, skew.joint, fits) for skew in found.skews]
-    steps = [
-        None if step.candidate.effect.local else survival(state, declared + k, fits)
-        for k, step in enumerate(found.steps)
-    ]
-    failing = [s for s in (*skews, *steps) if s is not None and not s.survives]
+    steps = [survival(state, declared + k, fits) for k in range(len(found.steps))]
+    failing = [s for s in (*skews, *steps) if not s.survives]
     if not failing:
         seen = [replace(skew, quarters=s.gains) for skew, s in zip(found.skews, skews, strict=True)]
-        named = [replace(step, quarters=s.gains if s else ()) for step, s in zip(found.steps, steps, strict=True)]
+        named = [replace(step, quarters=s.gains) for step, s in zip(found.steps, steps, strict=True)]
         return replace(found, steps=tuple(named), skews=tuple(seen)), None
     worst = min(failing, key=lambda s: min((g for g in s.gains if np.isfinite(g)), default=s.whole))
     for k, item in enumerate(steps):
         if item is worst:
-            state = refreshed(without(state, declared + k))
-            return replace(found, after=state, steps=(*found.steps[:k], *found.steps[k + 1 :])), worst
+            rest = replace(found, steps=(*found.steps[:k], *found.steps[k + 1 :]))
+            if worst.effect == _CONSTANT and worst.whole > 0:
+                effects = list(state.effects)
+                effects.insert(declared, effects.pop(declared + k))
+                state = refreshed(fit(state.log, effects, state.scene))
+                return replace(rest, after=state, kept=found.kept + 1), replace(worst, kept=True)
+            return replace(rest, after=refreshed(without(state, declared + k))), worst
     k = next(k for k, item in enumerate(skews) if item is worst)
     gone, shifts = found.skews[k], state.log.shifts
     log = state.log.shifted(shifts.moved(SKEW, gone.joint, shifts.of(SKEW, gone.joint) - gone.skew))
@@ -139,8 +147,11 @@ def survival(state: State, number: int, fits: Sequence[Solution | None]) -> Surv
     lacking = without(state, number)
     rows = touched(lacking, state, state.columns[number].rows)
     fold = quarter_of(state.log.observation.instants)
+    if effect.local:
+        fold = _acting(state, number)
+        fits = left_out(state, fold)
     compared = []
-    for quarter, (inside, outside) in enumerate(zip(fits, left_out(lacking), strict=True)):
+    for quarter, (inside, outside) in enumerate(zip(fits, left_out(lacking, fold), strict=True)):
         if inside is None or outside is None:
             compared.append(_SILENT)
             continue
@@ -158,14 +169,27 @@ def _survival(effect: str, joint: str | None, compared: Sequence[_Compared]) -> 
     return Survival(effect, joint, tuple(c.gain for c in compared), whole, tuple(c.lost for c in compared))
 
 
-def left_out(state: State) -> list[Solution | None]:
-    """Return the state's model fitted without each quarter in turn; None where the other three hold nothing."""
+def _acting(state: State, number: int) -> NDArray[np.intp]:
+    """Return the quarter of every instant at which an effect acts, (M,): of the time it acts; others belong to none."""
+    rows = state.columns[number].rows
+    size = np.zeros(state.log.observation.instants)
+    for row, values in rows.items():
+        power = np.sum(values**2, axis=0) * state.log.observation.group(row).use
+        size = np.maximum(size, power / max(float(power.max(initial=0.0)), 1e-300))
+    acts = np.flatnonzero(size > SPEAKS)
+    fold = np.full(len(size), QUARTERS, dtype=np.intp)
+    fold[acts] = quarter_of(len(acts))
+    return fold
+
+
+def left_out(state: State, fold: NDArray[np.intp] | None = None) -> list[Solution | None]:
+    """Return the state's model fitted without each quarter in turn; None where the rest of the log holds nothing."""
     log = state.log
-    whole = reduce(log.observation, state.extras, quarter_of(log.observation.instants))
-    triangles = replace(whole, prior=state.triangles.prior)
+    fold = quarter_of(log.observation.instants) if fold is None else fold
+    triangles = replace(reduce(log.observation, state.extras, fold), prior=state.triangles.prior)
     found: list[Solution | None] = []
     for quarter in range(QUARTERS):
-        others = [k for k in range(QUARTERS) if k != quarter]
+        others = [k for k in range(triangles.folds) if k != quarter]
         try:
             found.append(solve(triangles, state.solution.weights, others, len(state.solution.basis)))
         except DataError:

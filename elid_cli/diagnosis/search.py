@@ -103,6 +103,8 @@ class Found:
     """Skews between encoders that the positions show and the torques cannot."""
     terms: Mapping[int, Term] = field(default_factory=dict)
     """By number of the effect: terms of curves that the collocation told."""
+    kept: int = 0
+    """How many effects after the declared ones stay in the model without being named."""
 
 
 def search(

@@ -51,6 +51,7 @@ FOLLOWS = 0.05
 """Share of a residual's variance that must follow a variable for the variable to be named."""
 NEAR = 0.005
 """Share of the residual that an effect must take away to be called near."""
+_KEPT = "; fitted along all the same, as no two encoders have the same zero"
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ def diagnosis_payload(told: Told) -> dict[str, Any]:
             for u in found.unexplained
         ],
         "refuted": [
-            {"effect": s.effect, "joint": s.joint, "quarters": _quarters(s.gains), "gain": s.whole}
+            {"effect": s.effect, "joint": s.joint, "quarters": _quarters(s.gains), "gain": s.whole, "kept": s.kept}
             for s in found.refuted
         ],
         "triage": list(found.triage),
@@ -333,7 +334,7 @@ def _refuted(found: Diagnosis) -> list[Section]:
     if not found.refuted:
         return []
     items: tuple[tuple[str, Cell], ...] = tuple(
-        (f"{s.effect} {s.joint or ''}".strip(), f"takes from the error of each quarter: {s.words}")
+        (f"{s.effect} {s.joint or ''}".strip(), f"takes from each quarter's error: {s.words}{_KEPT if s.kept else ''}")
         for s in found.refuted
     )
     title = "not named: makes a quarter of the log worse that the others predict"
