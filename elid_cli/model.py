@@ -135,9 +135,10 @@ class Model:
 
         """
         plan = plan or self.estimation
-        out = np.empty((plan.program.outputs, motion.samples))
-        plan.program.run(inputs_of(motion, plan.program), out)
-        return {item.row: out[item.slots] for item in plan.rows}
+        program, place = plan.program.distinct
+        out = np.empty((program.outputs, motion.samples))
+        program.run(inputs_of(motion, program), out)
+        return {item.row: out[place[item.slots]] for item in plan.rows}
 
     def dense(self, motion: Motion, plan: Plan | None = None) -> Array:
         """Return the whole regressor, shape (rows, N, p); for tests and small questions only."""

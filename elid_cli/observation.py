@@ -7,7 +7,7 @@ remains is a few thousand equations per row group.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +64,8 @@ class Observation:
     """Instants at which a joint's motor reverses or sticks, (n, M); masked in `groups` unless unmasked."""
     known: NDArray[np.bool_]
     """Instants at which a joint's torque is known, (n, M)."""
+    reductions: list[object] = field(init=False, default_factory=list, repr=False, compare=False)
+    """What `reduction.reduce` made of it last: with some of those columns only, it need not be made again."""
 
     @property
     def instants(self) -> int:

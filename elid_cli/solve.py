@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from elid_cli.errors import DataError
 from elid_cli.model import Row
-from elid_cli.reduction import Triangles
+from elid_cli.reduction import Triangles, factor_of
 
 Array = NDArray[np.float64]
 
@@ -144,11 +144,52 @@ def reweighted(triangles: Triangles, rank: int | None = None, folds: Sequence[in
         scale = whole.torque_rms(row)
         if np.isfinite(scale) and scale > 0:
             weights[row] = 1.0 / scale
-    solution = solve(whole, weights, None, rank)
+    start = solve(whole, weights, None, rank)
+    values, parts = start.values, _parts(whole, start.basis)
     for _ in range(WEIGHT_ITERATIONS):
-        weights = weights_of(whole, solution.values, weights)
-        solution = solve(whole, weights, None, rank, solution.basis)
+        weights = weights_of(whole, values, weights)
+        found = _least_squares(
+            np.concatenate([(1.0 if row is None else weights.get(row, 0.0)) * part for row, part in parts])
+        )
+        if found is None:
+            values = solve(whole, weights, None, rank, start.basis).values
+        else:
+            values = np.zeros(whole.width)
+            values[start.basis] = found
     return solve(whole, weights, None, rank)
+
+
+def _parts(triangles: Triangles, basis: NDArray[np.intp]) -> list[tuple[Row | None, Array]]:
+    """Return (row group, its equations in the columns of a basis [columns | target]); no row group: what is known."""
+    place = np.full(triangles.width, -1, dtype=np.intp)
+    place[basis] = np.arange(len(basis))
+    parts: list[tuple[Row | None, Array]] = []
+    for triangle in triangles.items:
+        there = place[triangle.index] >= 0
+        part = np.zeros((triangle.factor.shape[0], len(basis) + 1))
+        part[:, place[triangle.index[there]]] = triangle.factor[:, :-1][:, there]
+        part[:, -1] = triangle.factor[:, -1]
+        parts.append((triangle.row, part))
+    if triangles.prior is not None:
+        parts.append((None, triangles.prior[:, np.append(basis, triangles.width)]))
+    return parts
+
+
+def _least_squares(system: Array) -> Array | None:
+    """Return the solution of equations [columns | target]; None where a column may depend on the others."""
+    from scipy.linalg import solve_triangular
+
+    norms = np.linalg.norm(system[:, :-1], axis=0)
+    count = len(norms)
+    if system.shape[0] <= count or not norms.all():
+        return None
+    system[:, :-1] /= norms
+    factor = factor_of(system)
+    pivots = np.abs(np.diag(factor)[:count])
+    if not pivots.min() > 10 * DATA_TOLERANCE:
+        return None
+    solved: Array = solve_triangular(factor[:count, :count], factor[:count, -1], check_finite=False) / norms
+    return solved
 
 
 def weights_of(

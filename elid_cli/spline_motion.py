@@ -72,6 +72,8 @@ class SplineMotion(Motion):
         return SplineMotion(self.t, self._joints, self.pieces, rest)
 
     def __getitem__(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Motion:
+        if not isinstance(index, slice):
+            index = _as_slice(index)
         if not isinstance(index, slice) or (index.step or 1) < 1:
             return super().__getitem__(index)
         start, stop, step = index.indices(self.samples)
@@ -178,3 +180,12 @@ class SplineMotion(Motion):
     def plain(self) -> Motion:
         """Return the motion as arrays."""
         return Motion(self.t, self.q, self.dq, self.ddq, self.theta, self.dtheta, self.ddtheta)
+
+
+def _as_slice(index: NDArray[np.intp] | NDArray[np.bool_]) -> slice | NDArray[np.intp] | NDArray[np.bool_]:
+    """Return the slice that evenly spaced, ascending sample numbers are, else themselves."""
+    if index.dtype == bool or index.ndim != 1 or len(index) < 2 or index[0] < 0:
+        return index
+    steps = np.diff(index)
+    step = int(steps[0])
+    return slice(int(index[0]), int(index[-1]) + 1, step) if step > 0 and (steps == step).all() else index

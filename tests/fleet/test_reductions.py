@@ -1,0 +1,108 @@
+"""A reduction that is read off another one is the one that the data give."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from elid_cli.base import BaseParameters, find_base
+from elid_cli.logs import read_recording
+from elid_cli.model import Model
+from elid_cli.motion import random_motion
+from elid_cli.nuisance import delay_columns, offset_columns
+from elid_cli.observation import Observation, observe
+from elid_cli.reduction import folds_of, reduce
+from elid_cli.robot_file import read_robot
+from elid_cli.signals import SignalOptions, prepare
+from elid_cli.solve import WEIGHT_ITERATIONS, reweighted, solve, weights_of
+
+Array = NDArray[np.float64]
+
+LOG = Path(__file__).parents[2] / "sample_logs" / "puma560.h5"
+
+
+@pytest.fixture(scope="module")
+def observation() -> Observation:
+    robot = read_robot("puma560")
+    return observe(Model(robot), prepare(read_recording([LOG], robot), robot, SignalOptions(cutoff=10.0)))
+
+
+def answer(base: BaseParameters, values: Array) -> Array:
+    """Return base parameters and nuisances: which columns a pivoted QR solves for may hang on the last digit."""
+    count = len(base.parameters)
+    return np.concatenate([base.transform @ values[:count], values[count:]])
+
+
+@pytest.mark.parametrize("chosen", [[], [2], [0, 5, 7, 11], [11, 3, 4], list(range(12))])
+def test_with_fewer_or_reordered_columns(observation: Observation, chosen: list[int]) -> None:
+    extras = [*delay_columns(observation), *offset_columns(observation)]
+    fold = folds_of(observation, 6)
+    some = [extras[k] for k in chosen]
+    reduce(observation, extras, fold)
+    short = reduce(observation, some, fold)
+    fresh = reduce(replace(observation), some, fold)
+    assert (short.rows, short.extras, short.folds) == (fresh.rows, fresh.extras, fresh.folds)
+    for a, b in zip(short.items, fresh.items, strict=True):
+        assert (a.row, a.fold, a.count, a.power) == (b.row, b.fold, b.count, b.power)
+        order = np.argsort(a.index), np.argsort(b.index)
+        assert np.array_equal(a.index[order[0]], b.index[order[1]])
+        one, other = (t.factor[:, np.append(o, len(o))] for t, o in zip((a, b), order, strict=True))
+        size = np.linalg.norm(other, axis=0)
+        assert np.abs((one.T @ one - other.T @ other) / np.outer(size, size)).max() < 1e-12
+    base = find_base(Model(observation.robot))
+    one, other = (answer(base, reweighted(t, base.count + len(some)).values) for t in (short, fresh))
+    assert np.abs(one - other).max() < 1e-9 * np.abs(other).max()
+
+
+def test_other_masks_are_reduced_anew(observation: Observation) -> None:
+    extras = offset_columns(observation)
+    masked = reduce(observation, extras)
+    other = reduce(observation.unmasked(np.ones(6, dtype=bool)), extras)
+    assert sum(t.count for t in other.items) > sum(t.count for t in masked.items)
+
+
+def test_weights_are_iterated_as_solving_every_time_would(observation: Observation) -> None:
+    extras = [*delay_columns(observation), *offset_columns(observation)]
+    triangles = reduce(observation, extras).joined()
+    base = find_base(Model(observation.robot))
+    rank = base.count + len(extras)
+    weights = {row: 1.0 / triangles.torque_rms(row) for row in triangles.rows}
+    solution = solve(triangles, weights, None, rank)
+    for _ in range(WEIGHT_ITERATIONS):
+        weights = weights_of(triangles, solution.values, weights)
+        solution = solve(triangles, weights, None, rank, solution.basis)
+    expected = solve(triangles, weights, None, rank)
+    found = reweighted(triangles, rank)
+    assert found.weights == pytest.approx(dict(expected.weights), rel=1e-9)
+    one, other = answer(base, found.values), answer(base, expected.values)
+    assert np.abs(one - other).max() < 1e-9 * np.abs(other).max()
+
+
+def test_columns_that_repeat_are_computed_once_and_the_same() -> None:
+    model = Model(read_robot("puma560"))
+    program = model.estimation.program
+    lean, place = program.distinct
+    assert lean.outputs == len(set(place.tolist())) < program.outputs
+    inputs = np.random.default_rng(0).uniform(-1, 1, (program.inputs, 500))
+    whole, short = np.empty((program.outputs, 500)), np.empty((lean.outputs, 500))
+    program.run(inputs, whole)
+    lean.run(inputs, short)
+    assert np.array_equal(short[place], whole)
+
+
+def test_evenly_spaced_samples_of_splines_are_evaluated_alone() -> None:
+    robot = read_robot("puma560")
+    motion = prepare(read_recording([LOG], robot), robot, SignalOptions()).motion
+    index = np.arange(3, motion.samples, 7)
+    assert "q" not in vars(motion)
+    part = motion[index]
+    assert "q" not in vars(motion)
+    for name in ("t", "q", "dq", "ddq", "theta", "dtheta", "ddtheta"):
+        whole = getattr(motion, name)[index]
+        assert np.abs(getattr(part, name) - whole).max() < 1e-12 * (1 + np.abs(whole).max())
+    assert len(motion[np.array([5, 4, 9])].t) == 3
+    assert random_motion(2, np.ones(2, dtype=bool), 10)[np.arange(0, 10, 3)].samples == 4
