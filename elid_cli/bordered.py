@@ -16,6 +16,9 @@ from elid_cli.collocation import ORDER, Further, Iterate, Problem
 
 Array = NDArray[np.float64]
 
+_DAMPED, _HALVINGS = (-14.0, 6.0), 9
+"""Range of the damping of the shapes, powers of ten of their own curvature, and how often it is halved."""
+
 
 @dataclass(frozen=True)
 class Reduced:
@@ -28,15 +31,26 @@ class Reduced:
     solved: list[Array]
     """Per piece: what moves of x, and the gradient (last column), move the coefficients by, negated."""
 
+    def move(self, now: Iterate, longest: float) -> Iterate:
+        """Return the move to the least of the quadratic with no shape z moved by more than `longest`.
 
-@dataclass(frozen=True)
-class Step:
-    """A Gauss-Newton step and the covariance at its start."""
-
-    p: Array
-    z: Array
-    coefficients: list[Array]
-    covariance: Array
+        What holds the shapes back is a damping of them alone (Levenberg, Marquardt): the rest follows them.
+        """
+        first, size = len(now.p), len(self.gradient)
+        x: Array = -_inverse(self.matrix) @ self.gradient
+        if size > first and np.max(np.abs(x[first:])) > longest:
+            shapes = np.diag((np.arange(size) >= first) * float(np.median(np.diag(self.matrix)[first:])))
+            low, high = _DAMPED
+            for _ in range(_HALVINGS):  # as little damping as does: along a flat valley a little more is far too much
+                middle = 0.5 * (low + high)
+                x = -_inverse(self.matrix + 10.0**middle * shapes) @ self.gradient
+                low, high = (middle, high) if np.max(np.abs(x[first:])) > longest else (low, middle)
+            x[first:] = np.clip(x[first:], -longest, longest)
+        trajectory = [
+            -(solved[:, size] + solved[:, :size] @ x).reshape(now.coefficients[k].shape)
+            for k, solved in enumerate(self.solved)
+        ]
+        return Iterate(trajectory, x[:first], x[first:])
 
 
 def reduced(problem: Problem, now: Iterate, prior: tuple[Array, Array], further: Further | None = None) -> Reduced:
@@ -66,22 +80,18 @@ def reduced(problem: Problem, now: Iterate, prior: tuple[Array, Array], further:
     return Reduced(matrix, gradient, solutions)
 
 
-def step(problem: Problem, now: Iterate, prior: tuple[Array, Array], *, scores: bool = False) -> Step:
-    """Return the Gauss-Newton step at `now`; with `scores`, with the covariance of (p, z) that residuals show."""
+def covariance_at(problem: Problem, now: Iterate, prior: tuple[Array, Array]) -> Array:
+    """Return the covariance of (p, z) that the residuals' autocorrelation-aware scores show at `now`."""
     left = reduced(problem, now, prior)
     size = len(left.gradient)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(left.matrix), 1e-300))
-    inverse = np.linalg.pinv(left.matrix * scale[:, None] * scale[None], rcond=1e-13, hermitian=True)
-    inverse = inverse * scale[:, None] * scale[None]
-    move = -inverse @ left.gradient
-    trajectory = [
-        -(solved[:, size] + solved[:, :size] @ move).reshape(now.coefficients[k].shape)
-        for k, solved in enumerate(left.solved)
-    ]
-    covariance = inverse
-    if scores:
-        covariance = _sandwich(problem, now, [solved[:, :size] for solved in left.solved], inverse)
-    return Step(move[: len(now.p)], move[len(now.p) :], trajectory, covariance)
+    return _sandwich(problem, now, [solved[:, :size] for solved in left.solved], _inverse(left.matrix))
+
+
+def _inverse(matrix: Array) -> Array:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = np.linalg.pinv(matrix * scale[:, None] * scale[None], rcond=1e-13, hermitian=True)
+    inverse: Array = scaled * scale[:, None] * scale[None]
+    return inverse
 
 
 def _normal(

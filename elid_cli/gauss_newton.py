@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.bordered import step
+from elid_cli.bordered import covariance_at, reduced
 from elid_cli.collocation import Iterate, Problem
 
 Array = NDArray[np.float64]
@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 _EASE = 0.2
 """Factor from step to step by which the equations' noise falls from what the start shows to what is assumed: a rough
 start that had to obey the equations at once would end in the nearest valley."""
+_LONGEST = 0.5
+"""Most that the logarithm of a shape moves by in a step."""
 _GROW = 3
 """Further step at which the equations' noise is raised to what their residual shows."""
 _TRUSTING = 6
@@ -75,13 +77,14 @@ def iterate(
         if number == eased:
             costs = [before]
         _, matrix, gradient = prior(now)
-        move = step(problem, now, (matrix, gradient))
+        left = reduced(problem, now, (matrix, gradient))
         size = 1.0
         while True:
+            move = left.move(now, _LONGEST * size)
             trial = Iterate(
                 [c + size * d for c, d in zip(now.coefficients, move.coefficients, strict=True)],
                 now.p + size * move.p,
-                now.z + size * np.clip(move.z, -0.5, 0.5),
+                now.z + size * move.z,
             )
             cost = problem.cost(trial) + prior(trial)[0]
             if cost < before or size < 0.02:
@@ -97,5 +100,5 @@ def iterate(
         if number > eased + _GROW and before - cost < max(1e-6 * cost, _SETTLED):
             break
     _, matrix, gradient = prior(now)
-    last = step(problem, now, (matrix, gradient), scores=True)
-    return Outcome(now.p, now.z, now.coefficients, last.covariance, tuple(costs), problem.rho, problem.spread(now))
+    covariance = covariance_at(problem, now, (matrix, gradient))
+    return Outcome(now.p, now.z, now.coefficients, covariance, tuple(costs), problem.rho, problem.spread(now))

@@ -38,12 +38,15 @@ WORK = 120_000
 """Samples times the square of the joints up to which the collocation is run unasked."""
 WITHIN_NOISE = 0.1
 """Cost beyond that of noise alone, as a part of it, up to which a log obeys its model."""
+NEARLY, REST = 0.3, 0.3
+"""The same, where no more than the second of what the terms alone leave beyond noise remains: splines round off the
+jump of friction at every reversal, which no curve mends."""
 ROUNDS = 2
 """Times that other valleys of the shapes are looked for."""
 NET = 60.0
 """Gain in log-likelihood that the whole curve needs on the held-out stretches."""
 SHOWN = 5.0
-"""Standard errors by which the amplitude of a term must differ from 0."""
+"""Standard errors, at the shapes that were found, by which the amplitude of a term must differ from 0."""
 PINNED = 1e-3
 """Standard deviation of parameters that are held, in standard errors."""
 STEPS = 12
@@ -97,7 +100,7 @@ def with_whole_curves(found: Found, declared: int, progress: Progress | None = N
     while alone is not None and curves:
         tell(LABEL, 0.3)
         kept, whole = _best(state, alone, curves, lambda part: tell(LABEL, 0.3 + 0.7 * part))
-        if whole is None or not whole.excess <= WITHIN_NOISE or 0.5 * (alone.cost - whole.cost) < NET:
+        if whole is None or not _within(whole, alone) or 0.5 * (alone.cost - whole.cost) < NET:
             return found
         missing = _missing(whole, state, kept)
         if not missing:
@@ -114,13 +117,18 @@ def _best(
     whole = _collocated(state, *_completed(state, kept), alone)
     others = [(k, shape) for k, shapes in curves.items() for shape in shapes[1:]]
     for number, (k, shape) in enumerate(others):
-        if whole is not None and whole.excess <= WITHIN_NOISE:
+        if whole is not None and _within(whole, alone):
             break
         tell((number + 1) / (len(others) + 1))
         trial = _collocated(state, *_completed(state, {**kept, k: shape}), alone)
         if trial is not None and (whole is None or trial.training < whole.training):
             kept, whole = {**kept, k: shape}, trial
     return kept, whole
+
+
+def _within(whole: _Collocated, alone: _Collocated) -> bool:
+    """Whether whole curves let the training stretches obey the model to within their noise."""
+    return whole.excess <= max(WITHIN_NOISE, min(NEARLY, REST * alone.excess))
 
 
 def _possible(log: Log) -> bool:
@@ -238,13 +246,16 @@ def _missing(whole: _Collocated, state: State, curves: Mapping[int, Shapes]) -> 
     """Return the curves of which some term's amplitude does not differ from 0."""
     owners = [*range(len(state.effects)), *(k for k, shapes in curves.items() for _ in shapes[1:])]
     values, basis = values_of(whole.setup, whole.outcome), whole.fit.solution.basis
+    size, covariance = len(whole.outcome.p), whole.outcome.covariance
+    across = covariance[:size, size:]
+    given = covariance[:size, :size] - across @ np.linalg.pinv(covariance[size:, size:], hermitian=True) @ across.T
+    spread = whole.widened * np.sqrt(np.maximum(np.diag(given), 0.0))
     missing = set()
     for k, place in zip(owners, _amplitudes(whole), strict=True):
         if k not in curves:
             continue
         index = np.flatnonzero(np.isin(basis, np.arange(place.start, place.stop)))
-        deviation = whole.widened * np.sqrt(np.diag(whole.outcome.covariance)[index])
-        if len(index) == 0 or np.max(np.abs(values[basis[index]]) / np.maximum(deviation, 1e-300)) < SHOWN:
+        if len(index) == 0 or np.max(np.abs(values[basis[index]]) / np.maximum(spread[index], 1e-300)) < SHOWN:
             missing.add(k)
     return missing
 
