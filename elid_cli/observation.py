@@ -138,7 +138,9 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
     stretch = np.zeros(len(outputs), dtype=np.intp)
     for block in observed_blocks(model, signals, plan):
         here = slice(block.first, block.last)
-        columns[:, here], tau[:, here], rate[:, here] = block.columns, block.tau, block.tau_rate
+        for output, row in enumerate(block.place.tolist()):  # all at once would take another array of their size
+            columns[output, here] = block.rows[row]
+        tau[:, here], rate[:, here] = block.tau, block.tau_rate
         reversal[:, here], stretch[here] = block.reversal, block.stretch
         if len(block.tau_link):
             read[:, here] = block.tau_link
