@@ -4,7 +4,8 @@ What is left in the motor row (hysteresis, friction) disturbs both the torque an
 of one on the other gives a stiffness that is too soft or too stiff, and whose standard error does not know it. The load
 is computed from the motion and shares neither disturbance: the regression of the deflection on it, theta - q = load / K
 + constant, is what an instrument is to errors in variables (Janot, Vandanjon, Gautier 2014). It is asked where the
-transmission's torque explains visibly less than the whole deflection.
+transmission's torque explains visibly less than the whole deflection, and believed where it agrees with the bounds
+that the two regressions are. Where the robot file knows the inertias, the link's equation goes before it.
 """
 
 from __future__ import annotations
@@ -15,20 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.diagnosis.encoders import link_load, regression
+from elid_cli.diagnosis.quarters import QUARTERS, quarter_of
 from elid_cli.diagnosis.state import State
 from elid_cli.identification import Identification, Verdict
-from elid_cli.link_equation import two_ways
+from elid_cli.link_equation import CLEAR as LOOSE
+from elid_cli.link_equation import EXPLAINED, GOOD, LinkStiffness, TwoWays, link_stiffness, two_ways
 
 Array = NDArray[np.float64]
 
-CLEAR = 0.9
+CLEAR = 0.95
 """Part of the deflection's variance that follows the torque from which one regression is good enough."""
-EXPLAINED = 0.3
-"""Least part of the deflection's variance that the load must explain …"""
-GOOD = 0.5
-"""… and from which the stiffness counts as supported."""
+HALF = 0.5
+"""Least part of the deflection's variance that must follow the load."""
 SURE = 0.3
 """Largest relative standard deviation."""
+BEYOND = 1.25
+"""Factor by which the stiffness may lie outside the two regressions, whose friction is not free of error either."""
 LEAST = 50
 """Instants without which nothing is said."""
 
@@ -56,9 +59,32 @@ def stiffness_by_load(state: State, joint: int) -> ByLoad | None:
     (compliance, constant), spread = regression(columns, target, log.observation.stretch[known])
     rest = target - columns @ np.array([compliance, constant])
     explained = 1.0 - float(np.var(rest) / np.var(target)) if np.var(target) > 0 else 0.0
-    if compliance <= 0 or spread[0] > SURE * compliance or explained < EXPLAINED:
+    deviation = max(float(spread[0]), _between_quarters(columns, target))
+    if compliance <= 0 or deviation > SURE * compliance or explained < HALF:
         return None
-    return ByLoad(1.0 / float(compliance), float(spread[0]) / float(compliance) ** 2, explained)
+    return ByLoad(1.0 / float(compliance), deviation / float(compliance) ** 2, explained)
+
+
+def _between_quarters(columns: Array, target: Array) -> float:
+    """Return the standard deviation of the first coefficient by leaving out each quarter in turn (the jackknife).
+
+    What a transmission remembers for seconds is one constant in a quarter; no correlation over lags can tell that.
+    """
+    quarter = quarter_of(len(target))
+    scale = np.linalg.norm(columns, axis=0)
+    values = []
+    for k in range(QUARTERS):
+        rest = quarter != k
+        values.append(np.linalg.lstsq(columns[rest] / scale, target[rest], rcond=None)[0][0] / scale[0])
+    return float(np.sqrt((QUARTERS - 1) * np.var(values)))
+
+
+def _good(link: LinkStiffness) -> bool:
+    return link.value > 0 and link.explained >= EXPLAINED and link.deviation <= SURE * link.value
+
+
+def _bounds(ways: TwoWays) -> str:
+    return f"torque on deflection gives {ways.direct:.3g}, deflection on torque {ways.inverse:.3g}"
 
 
 def with_load(found: Identification, state: State) -> Identification:
@@ -66,27 +92,35 @@ def with_load(found: Identification, state: State) -> Identification:
     estimate, deviation = found.estimate.copy(), found.std_error.copy()
     verdict: list[Verdict] = list(found.verdict)
     this_log, reasons = dict(found.this_log), dict(found.reasons)
+    reference = state.log.model.robot.reference()
     for k, leader in enumerate(found.base.leaders):
         name = found.base.parameters[leader]
         if not name.startswith("K"):
             continue
         joint = int(name[1:]) - 1
         ways = two_ways(found, state.log.observation, joint)
-        if verdict[k] != "refused" and ways is not None and ways.share >= CLEAR:
+        if ways is None or (verdict[k] != "refused" and ways.share >= CLEAR):
+            continue
+        link = link_stiffness(found.base, state.log.observation, state.log.signals, reference, joint)
+        if link is not None and ways.share < LOOSE and _good(link):
+            estimate[k], deviation[k] = link.value, link.deviation
+            known = link.explained >= GOOD
+            verdict[k], this_log[name] = ("supported", found.base.classes[name]) if known else ("weak", "weak")
+            reasons[name] = (
+                f"from the link's equation and the file's inertias, which explain {link.explained:.0%} of its torque; "
+                f"{_bounds(ways)}"
+            )
             continue
         other = stiffness_by_load(state, joint)
-        if other is None:
+        if other is None or not ways.direct / BEYOND < other.value < ways.inverse * BEYOND:
             continue
-        direct = float(state.standard[leader])
         # a 95 % interval that reaches from one way to the other, where they differ by more than the error
-        apart = 0.25 * abs(float(np.log(direct / other.value))) * other.value if direct > 0 else 0.0
+        apart = 0.25 * abs(float(np.log(ways.middle / other.value))) * other.value
         estimate[k], deviation[k] = other.value, max(other.deviation, apart)
-        good = other.explained >= GOOD
-        verdict[k] = "supported" if good else "weak"
-        this_log[name] = found.base.classes[name] if good else "weak"
+        verdict[k], this_log[name] = "supported", found.base.classes[name]
         reasons[name] = (
             f"from the deflection against the torque that the bodies need, which {other.explained:.0%} of it follows; "
-            f"torque on deflection gives {direct:.3g}"
+            f"{_bounds(ways)}"
         )
     return replace(
         found, estimate=estimate, std_error=deviation, verdict=tuple(verdict), this_log=this_log, reasons=reasons
