@@ -132,9 +132,9 @@ def _few(degrees: float, fitted: float) -> float:
     """
     if not np.isfinite(degrees):
         return 1.0
-    from scipy.special import stdtrit
+    from elid_cli.student import student_quantile
 
-    return float(stdtrit(degrees, 0.975)) / 1.96 * float(np.sqrt(1 + fitted / degrees))
+    return student_quantile(degrees, 0.975) / 1.96 * float(np.sqrt(1 + fitted / degrees))
 
 
 def _reading_columns(

@@ -130,8 +130,10 @@ def reduce_jobs(
 
 def answer_job(job: Job) -> Answer:
     """Reduce one log in a worker: bytes of a triangle file, or the error in plain words."""
+    from elid_cli.memory import keep_freed_memory
     from elid_cli.triangle_file import packed
 
+    keep_freed_memory()
     try:
         reduced = reduce_job(job)
     except ElidError as error:

@@ -24,7 +24,9 @@ def load_recording(
     What was repaired and what looks wrong goes to stderr.
     """
     from elid_cli.logs import read_map_options, read_recording
+    from elid_cli.memory import keep_freed_memory
 
+    keep_freed_memory()
     recording = read_recording(
         logs, robot, read_map_options(reading.maps), strict=reading.strict, rate=rate, time_source=reading.time
     )

@@ -44,10 +44,12 @@ def reduced_logs(
     """Return the logs reduced, those of triangle files as they are; what was repaired goes to stderr."""
     from elid_cli.fleet import Job, reduce_jobs
     from elid_cli.logs import read_map_options
+    from elid_cli.memory import keep_freed_memory
     from elid_cli.recording import repeated
     from elid_cli.robot_text import text_of
     from elid_cli.triangle_file import is_triangle_file, read_triangles
 
+    keep_freed_memory()
     mapping = read_map_options(reading.maps) or None
     wish = asdict(conditioning)
     text = text_of(robot)

@@ -19,6 +19,7 @@ from elid_cli.reduction import folds_of, reduce
 from elid_cli.robot_file import read_robot
 from elid_cli.signals import SignalOptions, prepare
 from elid_cli.solve import WEIGHT_ITERATIONS, reweighted, solve, weights_of
+from elid_cli.student import student_quantile
 
 Array = NDArray[np.float64]
 
@@ -106,3 +107,11 @@ def test_evenly_spaced_samples_of_splines_are_evaluated_alone() -> None:
         assert np.abs(getattr(part, name) - whole).max() < 1e-12 * (1 + np.abs(whole).max())
     assert len(motion[np.array([5, 4, 9])].t) == 3
     assert random_motion(2, np.ones(2, dtype=bool), 10)[np.arange(0, 10, 3)].samples == 4
+
+
+@pytest.mark.parametrize("degrees", [1.0, 1.7, 3.0, 12.5, 80.0, 400.0, 5000.0])
+def test_students_t_is_that_of_scipy(degrees: float) -> None:
+    from scipy.special import stdtrit
+
+    for probability in (0.6, 0.975, 0.995):
+        assert student_quantile(degrees, probability) == pytest.approx(stdtrit(degrees, probability), rel=1e-9)
