@@ -30,6 +30,9 @@ if TYPE_CHECKING:
                 help="Try this effect and no other. Repeatable.")
 @options.option(FIT, "--lookup", is_flag=True,
                 help="Add a smooth curve where structure remains that no named effect explains.")
+@options.option(FIT, "--accurate", is_flag=True,
+                help="Complete friction curves by spline collocation however long it takes (short logs of small robots: "
+                     "always).")
 @options.gathered("gates", Gates, options.max_error)
 @options.option(GATES, "--fail-on-effect", is_flag=True, help="Fail when the model lacks an effect.")
 @options.option(GATES, "--fail-on-unexplained", is_flag=True,
@@ -44,6 +47,7 @@ def diagnose(
     conditioning: Conditioning,
     only: tuple[str, ...],
     lookup: bool,
+    accurate: bool,
     gates: Gates,
     fail_on_effect: bool,
     fail_on_unexplained: bool,
@@ -81,7 +85,7 @@ def diagnose(
         signals = load_signals(recording, machine, sharp(conditioning, recording), advance)
         if advance is not None:
             advance("fitting", 0.0)
-        found = search(machine, signals, DiagnoseOptions(lookup=lookup, only=only), advance)
+        found = search(machine, signals, DiagnoseOptions(lookup=lookup, only=only, accurate=accurate), advance)
         judged = []
         for other in others:
             seen = load_signals(other, machine, sharp(conditioning, other), advance)

@@ -361,7 +361,7 @@ def _term(state: State, number: int, term: Term) -> FoundEffect:
         net=term.net,
         folds=(),
         local=False,
-        summary="second term of the same friction curve, told by collocation",
+        summary="term of a friction curve, told by collocation",
     )
 
 
