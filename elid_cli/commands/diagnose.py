@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 @options.option(FIT, "--lookup", is_flag=True,
                 help="Add a smooth curve where structure remains that no named effect explains.")
 @options.option(FIT, "--accurate", is_flag=True,
-                help="Complete friction curves by spline collocation however long it takes (short logs of small robots: "
-                     "always).")
+                help="Complete friction curves by spline collocation however long it takes; on short logs of small "
+                     "robots that is always done.")
 @options.gathered("gates", Gates, options.max_error)
 @options.option(GATES, "--fail-on-effect", is_flag=True, help="Fail when the model lacks an effect.")
 @options.option(GATES, "--fail-on-unexplained", is_flag=True,

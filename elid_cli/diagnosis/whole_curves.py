@@ -20,11 +20,10 @@ from elid_cli.diagnosis.collocated import Collocated, amplitudes, collocated, kn
 from elid_cli.diagnosis.search import Found, Term
 from elid_cli.diagnosis.state import State, fit
 from elid_cli.robot import EffectSpec
-from elid_cli.terms.effect import Effect
+from elid_cli.terms.effect import Effect, Shapes
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
-Shapes = tuple[tuple[float, ...], ...]
 
 WORK = 120_000
 """Samples times the square of the joints up to which the collocation is run unasked."""

@@ -21,6 +21,8 @@ from elid_cli.robot import Robot
 from elid_cli.terms.base_term import Side
 
 Array = NDArray[np.float64]
+Shapes = tuple[tuple[float, ...], ...]
+"""Shapes of several terms."""
 Simulated = Literal["torque", "robot", "motor", "log"]
 """How an effect enters a simulation: ``torque`` through its columns (or its state), ``robot`` by `Effect.altered`,
 ``motor`` by `Effect.delivered`, ``log`` by `Effect.logged`."""
@@ -188,7 +190,7 @@ class Effect(ABC):
         return not present
 
     @classmethod
-    def whole_curves(cls, scene: Scene, joint: int, shape: Sequence[float]) -> tuple[tuple[tuple[float, ...], ...], ...]:
+    def whole_curves(cls, scene: Scene, joint: int, shape: Sequence[float]) -> tuple[Shapes, ...]:
         """Return the curves that one term of this shape can be a part of: the shapes of their terms to start from.
 
         The usual curve comes first, and in it the term that is most like this one; () for most effects. A search finds

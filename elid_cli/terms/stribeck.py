@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.terms.effect import Columns, Effect, Parameter, Scene
+from elid_cli.terms.effect import Columns, Effect, Parameter, Scene, Shapes
 from elid_cli.terms.rows import motor_row
 
 Array = NDArray[np.float64]
@@ -68,9 +68,7 @@ class Stribeck(Effect):
         return all((shape[1] < 0) != (other[1] < 0) for other in present)
 
     @classmethod
-    def whole_curves(
-        cls, scene: Scene, joint: int, shape: Sequence[float]
-    ) -> tuple[tuple[tuple[float, ...], ...], ...]:
+    def whole_curves(cls, scene: Scene, joint: int, shape: Sequence[float]) -> tuple[Shapes, ...]:
         """Return a term that fades, as an exponential or a Gaussian, with one that vanishes at standstill (eq. 43)."""
         start = TYPICAL * float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.98))
         if start <= 0:
