@@ -24,8 +24,10 @@ Array = NDArray[np.float64]
 
 EXPLAINED = 0.6
 """Least part of the bodies' torque that the transmission's must explain."""
-GOOD = 0.8
-"""The same for a stiffness that counts as supported."""
+GOOD = 0.84
+"""The same for a stiffness that counts as supported: at most 40 % of the torque's rms is left."""
+SHARPER = 0.5
+"""Error, as a part of the other's, from which the link's equation goes before a weak stiffness by the motor torque."""
 WEAK = 0.3
 """Relative standard deviation above which a stiffness is weak."""
 REFUSED = 1.0
@@ -197,7 +199,7 @@ def with_both_regressions(found: Identification, way: Callable[[int], TwoWays | 
 def with_link_stiffness(
     found: Identification, way: Callable[[int], LinkStiffness | None], classes: Mapping[str, str]
 ) -> Identification:
-    """Return the identification with refused stiffnesses replaced by those of the links' equations, where they hold.
+    """Return the identification with refused and weak stiffnesses taken from the links' equations, where they hold.
 
     A stiffness that both ways give, but differently, is marked as weak. `way` gives the other way to the stiffness of
     a joint (from 0).
@@ -215,7 +217,7 @@ def with_link_stiffness(
         if other is None or other.value <= 0 or other.explained < EXPLAINED or other.deviation > 0.3 * other.value:
             continue
         label = found.robot.joint_names[joint]
-        if verdict[k] == "refused":
+        if verdict[k] == "refused" or (verdict[k] == "weak" and other.deviation < SHARPER * deviation[k]):
             estimate[k], deviation[k] = other.value, other.deviation
             good = other.explained > GOOD
             verdict[k] = "supported" if good else "weak"

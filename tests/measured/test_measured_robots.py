@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
-from quarters import survivals
 
 from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
@@ -115,6 +115,8 @@ def test_quanser_stiction_is_named():
 @pytest.mark.parametrize("name", sorted(FILES))
 def test_every_effect_that_is_named_helps_on_quarters_left_out_in_turn(name, request):
     found = request.getfixturevalue("kuka") if name == "kr300" else diagnosed(name)
-    shown = survivals(found)
-    assert {(s.effect, s.joint) for s in shown} == {(e.effect, e.joint) for e in found.effects}
-    assert [s for s in shown if not s.survives] == []
+    assert found.effects
+    for effect in found.effects:
+        told = [gain for gain in effect.quarters if np.isfinite(gain)]
+        assert len(told) >= 3, effect.effect
+        assert min(told) > 0, effect.effect
