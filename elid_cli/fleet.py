@@ -31,6 +31,8 @@ Answer: TypeAlias = bytes | tuple[str, str, str, str]
 """A triangle file, or an error: class, message, detail, hint."""
 
 STANDARD_INPUT = "-"
+READING = 0.6
+"""Share of the work on a log that is reading it, for progress."""
 CONNECT = 10.0
 """s to wait for a scheduler."""
 
@@ -72,11 +74,13 @@ def reduce_job(job: Job, progress: Progress | None = None) -> ReducedLog:
         strict=job.strict,
         rate=job.conditioning.get("rate"),
         time_source=job.time_source,
+        progress=None if progress is None else lambda share: progress(READING * share),
     )
     signals = prepared(recording, robot, job.conditioning)
     recording = without_positions(recording)
     signals = replace(signals, recording=recording)
-    reduced = reduce_log(robot, signals, recording, job.conditioning, progress)
+    told = None if progress is None else lambda share: progress(READING + (1 - READING) * share)
+    reduced = reduce_log(robot, signals, recording, job.conditioning, told)
     if job.path and job.path != job.log:
         reduced = replace(reduced, recording=replace(reduced.recording, files=(job.log,)))
     return reduced

@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 
 
 def load_recording(
-    logs: Sequence[str], robot: Robot, reading: Reading, output: Output, rate: float | None = None
+    logs: Sequence[str],
+    robot: Robot,
+    reading: Reading,
+    output: Output,
+    rate: float | None = None,
+    progress: Progress | None = None,
 ) -> Recording:
     """Read the logs as the robot's signals; `rate` (Hz) is for one that holds no time.
 
@@ -28,8 +33,9 @@ def load_recording(
 
     keep_freed_memory()
     recording = read_recording(
-        logs, robot, read_map_options(reading.maps), strict=reading.strict, rate=rate, time_source=reading.time
-    )
+        logs, robot, read_map_options(reading.maps), strict=reading.strict, rate=rate, time_source=reading.time,
+        progress=None if progress is None else lambda share: progress("reading", share),
+    )  # fmt: skip
     note(recording.repairs, output, "repaired")
     note(recording.warnings, output, "warning")
     return recording

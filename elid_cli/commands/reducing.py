@@ -113,7 +113,9 @@ def from_samples(asked: Asked) -> Answer:
     from elid_cli.estimate import EstimateOptions, identify
     from elid_cli.refined import identified_robot
 
-    recording = load_recording(asked.logs, asked.robot, asked.reading, asked.output, asked.conditioning.rate)
+    recording = load_recording(
+        asked.logs, asked.robot, asked.reading, asked.output, asked.conditioning.rate, asked.progress
+    )
     signals = load_signals(recording, asked.robot, asked.conditioning, asked.progress)
     if not whole_log_needed(asked.robot, asked.fit) and is_long(signals, asked.robot):
         from elid_cli.merging import identify_reduced

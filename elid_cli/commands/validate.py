@@ -38,7 +38,7 @@ def validate(
         from elid_cli.validation import validate as judge
 
         machine = read_robot(robot)
-        recording = load_recording(logs, machine, reading, output, conditioning.rate)
+        recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
         signals = load_signals(recording, machine, sharp(conditioning, recording), advance)
         chosen = folds(len(signals.outputs)) < 0 if held_out else None
         found = judge(machine, signals, chosen)

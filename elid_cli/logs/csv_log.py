@@ -49,6 +49,7 @@ class CsvLog:
 
     def __init__(self, source: Source) -> None:
         self._name = source.name
+        self._tell = source.tell
         data, whole = unpack(source.read(), source.name)
         self._text = decode(data, source.name)
         self._dialect: Dialect = sniff(self._text, source.name)
@@ -81,7 +82,7 @@ class CsvLog:
                 )
             if name not in self._dialect.names:
                 raise LogError(f"{self._name}: no column {name!r}", hint=did_you_mean(name, self._dialect.names))
-        table, said = parse_columns(self._text, self._dialect, wanted, self._name)
+        table, said = parse_columns(self._text, self._dialect, wanted, self._name, self._tell)
         self.losses.extend(text for text in said if text not in self.losses)
         columns = {name: table[:, k] for k, name in enumerate(wanted)}
         return [Stream(columns[pick.source][:, None], {"t": columns[pick.time]} if pick.time else {}) for pick in picks]

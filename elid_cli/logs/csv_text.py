@@ -7,7 +7,7 @@ import io
 import itertools
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 COMMENTS = ("#", "%", "//")
 SNIFFED = 60
 """Lines that are looked at to tell the dialect."""
+PART = 1 << 24
+"""Characters that are parsed at a time."""
 REPORTED = 3
 """Faulty lines that are named; the rest are counted."""
 
@@ -92,22 +94,25 @@ def split(line: str, separator: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def parse_columns(text: str, dialect: Dialect, wanted: Sequence[str], name: str) -> tuple[Array, list[str]]:
+def parse_columns(
+    text: str, dialect: Dialect, wanted: Sequence[str], name: str, tell: Callable[[float], None] | None = None
+) -> tuple[Array, list[str]]:
     """Return the wanted columns, shape (N, len(wanted)), and what had to be said about faulty lines.
 
-    Empty and unreadable cells are NaN; rows with too few or too many cells are left out and reported.
+    Empty and unreadable cells are NaN; rows with too few or too many cells are left out and reported. `tell` is told
+    the share that has been read.
     """
     columns = [dialect.names.index(column) for column in wanted]
     body = text[dialect.first :].rstrip()
     if dialect.decimal_comma:
         body = body.replace(",", ".")
     try:
-        return _fast(body, dialect, columns), []
+        return _fast(body, dialect, columns, tell), []
     except ValueError:
         return _tolerant(body, dialect, columns, name)
 
 
-def _fast(body: str, dialect: Dialect, columns: Sequence[int]) -> Array:
+def _fast(body: str, dialect: Dialect, columns: Sequence[int], tell: Callable[[float], None] | None) -> Array:
     """Parse by numpy's C reader, which refuses empty cells, text and rows of other lengths."""
     separator = None if dialect.separator == " " else dialect.separator
     width = len(dialect.names)
@@ -115,7 +120,16 @@ def _fast(body: str, dialect: Dialect, columns: Sequence[int]) -> Array:
         raise ValueError("comments between the rows")
     if separator is not None and not _rectangular(body, separator, width):
         raise ValueError("rows of different lengths")
-    return np.loadtxt(io.StringIO(body), delimiter=separator, usecols=columns, comments=None, ndmin=2, dtype=float)
+    parts: list[Array] = []
+    start = 0
+    while not parts or start < len(body):
+        stop = body.find("\n", start + PART) + 1 or len(body)
+        lines = io.StringIO(body[start:stop])
+        parts.append(np.loadtxt(lines, delimiter=separator, usecols=columns, comments=None, ndmin=2, dtype=float))
+        start = stop
+        if tell is not None:
+            tell(stop / len(body))
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def _rectangular(body: str, separator: str, width: int) -> bool:

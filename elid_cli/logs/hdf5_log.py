@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -42,8 +42,10 @@ class Hdf5Log:
         labels: tuple[str, ...],
         path: Path | None = None,
         refused: Mapping[str, str] | None = None,
+        tell: Callable[[float], None] | None = None,
     ) -> None:
         self.name = name
+        self._tell = tell
         self._path = path
         self._stream = stream  # kept open with the file object that h5py reads from
         self._datasets = datasets
@@ -70,6 +72,8 @@ class Hdf5Log:
         whole: dict[str, Array] = {}
         streams = []
         for k, pick in enumerate(picks):
+            if self._tell is not None:
+                self._tell(k / len(picks))
             time = pick.time
             if time and time not in times:
                 times[time] = self._read(time).reshape(-1)
@@ -177,10 +181,15 @@ def _open(source: Source) -> Sequence[Hdf5Log]:
                 episodes[prefix],
                 _names(file[prefix].attrs.get("joint_names")) or labels,
                 source.path,
+                tell=_share_of(source, number, len(ordered)),
             )
-            for prefix in ordered
+            for number, prefix in enumerate(ordered)
         ]
-    return [Hdf5Log(source.name, stream, datasets, labels, source.path, refused)]
+    return [Hdf5Log(source.name, stream, datasets, labels, source.path, refused, source.tell)]
+
+
+def _share_of(source: Source, number: int, count: int) -> Callable[[float], None]:
+    return lambda share: source.tell((number + share) / count)
 
 
 def _names(value: Any) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -106,7 +106,7 @@ class McapLog:
         most = sum(source.size for source in self._sources)  # a summary may lie; a message takes more than a byte
         tables = {topic: Table(fields, min(known.get(topic, 0), most)) for topic, fields in wanted.items()}
         self.losses[:] = self._missing
-        for container, messages in self._walk():
+        for container, messages in self._walk(told=True):
             for identifier in np.unique(messages.channels):
                 channel = container.channels.get(int(identifier))
                 table = tables.get(channel.topic) if channel is not None else None
@@ -188,15 +188,19 @@ class McapLog:
             counts[channel.topic] = counts.get(channel.topic, 0) + by_channel.get(identifier, 0)
         return {topic for topic, count in counts.items() if count}, counts
 
-    def _walk(self) -> Iterator[tuple[Container, Messages]]:
-        for source in self._sources:
+    def _walk(self, *, told: bool = False) -> Iterator[tuple[Container, Messages]]:
+        sizes = [source.size for source in self._sources]
+        for number, source in enumerate(self._sources):
+            before = sum(sizes[:number])
             container = Container()
             if not source.head.startswith((MAGIC, ZSTD_MAGIC)):
                 self.losses.append(f"{source.name} is {'no MCAP file' if source.head else 'empty'}, left out")
                 continue
-            with _bytes(source) as (stream, size):
+            with _bytes(source) as (stream, size, place):
                 for messages in walk(stream, size, container):
                     yield container, messages
+                    if told:
+                        self._sources[0].tell((before + place()) / max(sum(sizes), 1))
             prefix = f"{source.name}: " if len(self._sources) > 1 else ""
             self.losses.extend(prefix + loss for loss in container.losses)
 
@@ -240,16 +244,19 @@ def _type_of(channel: Any, container: Container) -> str:
 
 
 @contextmanager
-def _bytes(source: Source) -> Iterator[tuple[Readable, int | None]]:
-    """Open the file; one that is compressed as a whole (`.mcap.zstd`) is decompressed while it is read."""
+def _bytes(source: Source) -> Iterator[tuple[Readable, int | None, Callable[[], int]]]:
+    """Open the file; one that is compressed as a whole (`.mcap.zstd`) is decompressed while it is read.
+
+    With it come its length where known, and what tells how many bytes of the file have been read.
+    """
     with source.stream() as stream:
         if not source.head.startswith(ZSTD_MAGIC):
-            yield stream, source.size
+            yield stream, source.size, stream.tell
             return
         import zstandard
 
         with zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(stream, closefd=False) as reader:
-            yield _Patient(reader), None
+            yield _Patient(reader), None, stream.tell
 
 
 class _Patient:
@@ -279,7 +286,7 @@ def _recognise(source: Source) -> bool:
         return True
     if not source.head.startswith(ZSTD_MAGIC):
         return False
-    with _bytes(source) as (stream, _):
+    with _bytes(source) as (stream, _, _):
         return bytes(stream.read(len(MAGIC))) == MAGIC
 
 

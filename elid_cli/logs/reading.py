@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -66,6 +66,7 @@ def read_recording(
     strict: bool = False,
     rate: float | None = None,
     time_source: str = "auto",
+    progress: Callable[[float], None] | None = None,
 ) -> Recording:
     """Read one or more logs of a robot into one recording.
 
@@ -83,6 +84,8 @@ def read_recording(
         Sample rate, Hz, of a log that has no time.
     time_source
         ``auto``, ``header`` (header stamps) or ``log`` (log times).
+    progress
+        Told the share of all logs that has been read (0 to 1).
 
     Raises
     ------
@@ -97,7 +100,7 @@ def read_recording(
     parts: list[_Part] = []
     sources = []
     for index, path in enumerate(paths):
-        source = open_source(path)
+        source = open_source(path, None if progress is None else _part_of(progress, index, len(paths)))
         sources.append(source)
         opened = recognise(source).open(source)
         for raw in opened:
@@ -105,6 +108,10 @@ def read_recording(
     if not parts:
         raise LogError("no log given", hint="elid identify LOG --robot ROBOT")
     return _joined(parts, sources, robot)
+
+
+def _part_of(progress: Callable[[float], None], index: int, count: int) -> Callable[[float], None]:
+    return lambda share: progress((index + share) / count)
 
 
 def _believable(dt: float, name: str, plan: Plan) -> None:

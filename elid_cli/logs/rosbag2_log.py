@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,7 @@ LARGEST_METADATA = 10 << 20
 def _open(source: Source) -> Sequence[RawLog]:
     assert source.path is not None
     files, missing = _splits(source.path)
+    files = [replace(file, listener=source.listener) for file in files]
     for file in files:
         known = kind_of(file.head)
         if known is not None and "MCAP" not in known[0]:

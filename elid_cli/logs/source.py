@@ -6,7 +6,8 @@ import hashlib
 import io
 import stat
 import sys
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import IO
@@ -24,6 +25,13 @@ class Source:
     name: str
     path: Path | None = None
     data: bytes | None = None
+    listener: Callable[[float], None] | None = field(default=None, compare=False, repr=False)
+    """Told the share of the log that has been read (0 to 1)."""
+
+    def tell(self, share: float) -> None:
+        """Tell how much of the log has been read."""
+        if self.listener is not None:
+            self.listener(share)
 
     @property
     def is_folder(self) -> bool:
@@ -77,8 +85,8 @@ class Source:
             return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
-def open_source(path: str | Path) -> Source:
-    """Return the source that `path` names; ``-`` is standard input.
+def open_source(path: str | Path, listener: Callable[[float], None] | None = None) -> Source:
+    """Return the source that `path` names; ``-`` is standard input. The listener is told how much has been read.
 
     Raises
     ------
@@ -90,17 +98,17 @@ def open_source(path: str | Path) -> Source:
         data = sys.stdin.buffer.read()
         if not data.strip():
             raise LogError("standard input: empty", hint="pipe a CSV log into elid, or name a file")
-        return Source("-", data=data)
+        return Source("-", data=data, listener=listener)
     file = Path(name)
     try:
         mode = file.stat().st_mode
     except OSError as error:
         raise _unreadable(name, error) from error
     if stat.S_ISDIR(mode):
-        return Source(name, file)
+        return Source(name, file, listener=listener)
     if not stat.S_ISREG(mode):
         raise LogError(f"{name}: not a regular file", hint="a pipe can be read as standard input: elid … - < PIPE")
-    source = Source(name, file)
+    source = Source(name, file, listener=listener)
     if not source.head.strip(b"\x00"):
         what = "empty" if source.size == 0 else "holds only zero bytes"
         raise LogError(f"{name}: {what}", hint="record the log again, or name another file")
