@@ -9,7 +9,7 @@ does not come near to its noise (a real robot, whose model lacks more than a ter
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -54,13 +54,17 @@ def with_whole_curves(found: Found, declared: int, progress: Progress | None = N
         Whether the user asked for it: else only logs that take little time are looked at.
     """
     state = found.after
-    curves = {
+    terms = {
         k: shapes
         for k, effect in enumerate(state.effects)
         if k >= declared and (shapes := type(effect).whole_curves(state.scene, effect.joint, effect.shape))
     }
+    places = [(type(state.effects[k]), state.effects[k].joint) for k in terms]
+    # a joint at which the search has found more than one term has its curve already
+    curves = {k: shapes for (k, shapes), place in zip(terms.items(), places, strict=True) if places.count(place) == 1}
+    hidden = _hidden(state, [kind for kind, _ in places])
     work = len(state.log.signals.motion.t) * state.log.model.robot.n**2
-    if not curves or not (asked or work <= WORK) or not possible(state.log):
+    if not (curves or hidden) or not (asked or work <= WORK) or not possible(state.log):
         return found
     tell = progress or (lambda label, part: None)
     tell(LABEL, 0.0)
@@ -68,8 +72,7 @@ def with_whole_curves(found: Found, declared: int, progress: Progress | None = N
     if alone is None:
         return found
     # what one joint of a robot shows another may have as well, too faint for the search
-    hidden = _hidden(state, curves)
-    for tried in [{**curves, **hidden}, curves] if hidden else [curves]:
+    for tried in [{**curves, **hidden}, curves] if hidden and curves else [{**curves, **hidden}]:
         kept, whole = _best(state, alone, tried, lambda part: tell(LABEL, 0.2 + 0.8 * part))
         kept, whole = _needed(state, alone, kept, whole)
         if whole is not None and kept and _supported(whole, alone):
@@ -77,10 +80,10 @@ def with_whole_curves(found: Found, declared: int, progress: Progress | None = N
     return found
 
 
-def _hidden(state: State, curves: Mapping[int, tuple[Shapes, ...]]) -> dict[int, tuple[Shapes, ...]]:
+def _hidden(state: State, kinds: Sequence[type[Effect]]) -> dict[int, tuple[Shapes, ...]]:
     """Return curves of the joints at which the search has found no such effect, numbered -1 - joint."""
     hidden = {}
-    for kind in {type(state.effects[k]) for k in curves}:
+    for kind in set(kinds):
         taken = {effect.joint for effect in state.effects if isinstance(effect, kind)}
         for joint in range(state.log.model.robot.n):
             if joint not in taken and not state.log.signals.still[joint] and kind.applies(state.log.model.robot, joint):
@@ -136,7 +139,7 @@ def _completed(state: State, curves: Mapping[int, Shapes]) -> tuple[list[Effect]
     effects, specs = list(state.effects), known(state)
     names = state.log.model.robot.joint_names
     for k, shapes in curves.items():
-        kind, joint = _place(state, curves, k)
+        kind, joint = _place(state, k)
         terms = [kind(joint, shape) for shape in shapes]
         described = [
             EffectSpec(kind.name, names[joint], dict(zip((p.name for p in kind.shapes), shape, strict=True)))
@@ -149,10 +152,12 @@ def _completed(state: State, curves: Mapping[int, Shapes]) -> tuple[list[Effect]
     return effects, specs
 
 
-def _place(state: State, curves: Mapping[int, Shapes], number: int) -> tuple[type[Effect], int]:
-    """Return the kind and the joint of a curve."""
-    own = state.effects[number if number >= 0 else max(curves)]
-    return type(own), own.joint if number >= 0 else -1 - number
+def _place(state: State, number: int) -> tuple[type[Effect], int]:
+    """Return the kind and the joint of a curve; one that is hidden is of the kind that another joint has."""
+    if number >= 0:
+        return type(state.effects[number]), state.effects[number].joint
+    scene = state.scene
+    return next(type(e) for e in state.effects if type(e).whole_curves(scene, e.joint, e.shape)), -1 - number
 
 
 def _missing(whole: Collocated, state: State, curves: Mapping[int, Shapes]) -> set[int]:
