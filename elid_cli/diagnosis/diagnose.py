@@ -84,6 +84,9 @@ class FoundEffect:
     summary: str
     deflection: tuple[float, float] | None = None
     """Of an effect seen in the positions alone: held-out rms of the deflection without and with it, rad (m)."""
+    collocated: bool = False
+    """Whether it is a term of a friction curve that the collocation told: its gain is that of all such terms together,
+    of what the held-out stretches show beyond noise."""
     quarters: tuple[float, ...] = ()
     """Part of the squared error that it takes from each quarter of the log, predicted from the others; NaN where the
     quarter cannot tell, empty for local effects and curves."""
@@ -345,6 +348,7 @@ def _found(state: State, number: int, step: Step, terms: Mapping[int, Term]) -> 
         folds=tuple(bool(g > 0) for g in step.candidate.gain.folds),
         local=effect.local,
         summary=effect.summary,
+        collocated=number in terms,
         quarters=step.quarters,
     )
 
@@ -362,6 +366,7 @@ def _term(state: State, number: int, term: Term) -> FoundEffect:
         folds=(),
         local=False,
         summary="term of a friction curve, told by collocation",
+        collocated=True,
     )
 
 

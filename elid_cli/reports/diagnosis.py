@@ -81,6 +81,12 @@ class Told:
     """Whether a smooth curve was asked for."""
 
 
+CURVES = (
+    "gain of a friction curve of several terms: of what the held-out stretches show beyond noise when the trajectory is"
+    " held to the equations of motion, what all terms take together"
+)
+
+
 def diagnosis_report(told: Told) -> Report:
     """Return the report of one diagnosis."""
     found, recording = told.found, told.recording
@@ -173,6 +179,7 @@ def _effect_payload(contribution: Contribution) -> dict[str, Any]:
         "folds": list(effect.folds),
         "quarters": _quarters(effect.quarters),
         "local": effect.local,
+        "collocated": effect.collocated,
         "error": {
             "joint": contribution.joint,
             "rows": contribution.rows,
@@ -257,7 +264,9 @@ def _found(robot: Robot, key: str, title: str, contributions: Sequence[Contribut
     )
     rows: list[tuple[Cell, ...]] = []
     meanings: list[tuple[str, Cell]] = []
-    for c in contributions:
+    places = [(c.effect.effect, c.effect.joint) for c in contributions]
+    # terms of one curve stand together
+    for c in sorted(contributions, key=lambda c: places.index((c.effect.effect, c.effect.joint))):
         effect, unit = c.effect, _unit(robot, c)
         error = f"{number_text(c.without, 3)} → {number_text(c.with_it, 3)} {unit}"
         where = c.joint if effect.joint else f"robot ({c.joint})"
@@ -265,7 +274,8 @@ def _found(robot: Robot, key: str, title: str, contributions: Sequence[Contribut
         worst = percent(min(told), 2) if told else "–"
         rows.append((Mark(effect.effect, "warn"), where, c.rows, error, percent(effect.gain, 2), worst))
         meanings.append((f"{effect.effect} {effect.joint or ''}".strip(), _meaning_of(robot, effect)))
-    return [Table(key, columns, tuple(rows), title=title), KeyValues(f"{key}_meaning", tuple(meanings))]
+    note = CURVES if any(c.effect.collocated for c in contributions) else ""
+    return [Table(key, columns, tuple(rows), title=title, note=note), KeyValues(f"{key}_meaning", tuple(meanings))]
 
 
 def _unit(robot: Robot, contribution: Contribution) -> str:
