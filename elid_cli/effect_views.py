@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.covariance import residuals
+from elid_cli.diagnosis.answer import Diagnosis
 from elid_cli.diagnosis.contributions import Contribution
-from elid_cli.diagnosis.diagnose import Diagnosis
 from elid_cli.diagnosis.state import without
 from elid_cli.views import organised, variables
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from elid_cli.diagnosis.diagnose import Diagnosis, FoundEffect, held_out_triangles
+from elid_cli.diagnosis.answer import Diagnosis, FoundEffect
+from elid_cli.diagnosis.held_out import held_out_triangles
 from elid_cli.diagnosis.state import State, without
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 
+from elid_cli.diagnosis.answer import Diagnosis
 from elid_cli.diagnosis.contributions import Contribution
-from elid_cli.diagnosis.diagnose import Diagnosis
 from elid_cli.effect_views import effect_views
 from elid_cli.floor import noise_floor
 from elid_cli.identification import Identification

@@ -18,7 +18,7 @@ import numpy as np
 
 from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.diagnosis.diagnose import held_out_triangles
+from elid_cli.diagnosis.held_out import held_out_triangles
 from elid_cli.diagnosis.quarters import QUARTERS, quarter_of
 from elid_cli.diagnosis.screen import score, sensible
 from elid_cli.diagnosis.search import touched
