@@ -87,23 +87,26 @@ def elastic_reduction(which: str) -> dict[str, float]:
     from elid_cli.lowpass import low_pass
     from elid_cli.model import Model, inputs_of
     from elid_cli.motion import random_motion
-    from elid_cli.reduction import factor_of
+    from elid_cli.pile import Growing
 
     robot = getattr(made, which)()
     plan = Model(robot).estimation
+    program, place = plan.program.distinct
     motion = random_motion(robot.n, np.ones(robot.n, dtype=bool), SAMPLES)
-    out, inputs = np.empty((plan.program.outputs, CHUNK)), np.empty((plan.program.inputs, CHUNK))
+    out, inputs = np.empty((program.outputs, CHUNK)), np.empty((program.inputs, CHUNK))
     filter_ = low_pass(10.0, 1e-3, 20)
 
     def reduced(decimated: bool) -> None:
-        factors = {item.row: np.zeros((0, len(item.columns))) for item in plan.rows}
+        triangles = {item.row: Growing(len(item.columns)) for item in plan.rows}
         for start in range(0, SAMPLES, out.shape[1]):
             part = motion[start : start + out.shape[1]]
             rows = out[:, : part.samples]
-            plan.program.run(inputs_of(part, plan.program, inputs[:, : part.samples]), rows)
+            program.run(inputs_of(part, program, inputs[:, : part.samples]), rows)
             rows = filter_.apply(rows) if decimated else rows
             for item in plan.rows:
-                factors[item.row] = factor_of(np.concatenate([factors[item.row], rows[item.slots].T]))
+                triangles[item.row].add(rows.take(place[item.slots], axis=0))
+        for triangle in triangles.values():
+            triangle.factor()
 
     flops = sum(2.0 * len(item.columns) ** 2 for item in plan.rows) / filter_.step
     flops += 2.0 * plan.program.outputs * len(filter_.taps) / filter_.step
