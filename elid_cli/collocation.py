@@ -155,6 +155,17 @@ class Problem:
             total += float(np.sum(np.where(scaled < HUBER, scaled**2, 2 * HUBER * scaled - HUBER**2)))
         return total
 
+    def deviance(self, now: Iterate, least: Array) -> float:
+        """Return minus twice the logarithm of the likelihood, the equations' noise as their residual shows it.
+
+        It is no smaller than `least` (rows,). An additive constant is left out.
+        """
+        held, self.rho = self.rho, np.maximum(least, self.spread(now))
+        counted = sum(self._mask(number).sum(axis=1) for number in range(len(self.pieces)))
+        total = self.cost(now) + 2.0 * float(counted @ np.log(self.rho / least))
+        self.rho = held
+        return total
+
     def spread(self, now: Iterate) -> Array:
         """Return a robust standard deviation of every row's residual where it counts, (rows,)."""
         parts: list[list[Array]] = [[] for _ in self.rho]

@@ -13,15 +13,15 @@ from elid_cli.effects import FittedEffects, amplitude_prior, declared_effects
 from elid_cli.fitting import Fit
 from elid_cli.nuisance import DELAY
 from elid_cli.recording import Segment
-from elid_cli.smoothing import fit_spline
+from elid_cli.smoothing import DEGREE, basis, fit_spline
 
 Array = NDArray[np.float64]
 
-KNOT_SHARE, KNOTS = 0.06, (0.005, 0.005)
-"""Knot spacing as a share of the finest that the default fit chose, and its range, s.
+FINE, COARSE = 0.005, 0.02
+"""Knot spacings, s: one that follows the jump of friction where a motor reverses, and one for where noise hides it.
 
-The equations of motion hold the trajectory, so noise asks for no coarser knots; but a spline that cannot follow the
-jump of friction where a motor reverses bends the friction curve.
+Every knot is an unknown, and at the finest frequencies nothing but noise decides it: a trajectory that follows the
+torque's noise there bends what the torque is divided by, the inertias.
 """
 MODEL_ERROR = 2e-5
 """Standard deviation of the equations' own error, as a share of the rms torque of the joint."""
@@ -31,16 +31,25 @@ SHAPE_SPREAD = 0.7
 """Prior standard deviation of a shape's logarithm about what the robot file gives."""
 LOOSER = 3.0
 """Amplitudes of effects are held this many times more loosely than in the default fit, whose noise is larger."""
-_POINTS = 15
+_POINTS, _FEWEST = 15, 5
+"""Points per knot interval, at most and at least."""
 _SHORTEST = 12
 """Knot intervals that a segment needs."""
 
 
-class Setup:
-    """A fit turned into a collocation problem."""
+def _points(stride: int) -> int:
+    """Return the collocation points of a knot interval: equally many samples lie around each."""
+    return max(d for d in range(1, min(_POINTS, stride) + 1) if stride % d == 0)
 
-    def __init__(self, fit: Fit) -> None:
+
+class Setup:
+    """A fit turned into a collocation problem, its knots as fine as they may be or coarser by a whole number."""
+
+    def __init__(self, fit: Fit, *, coarse: bool = False) -> None:
         self.fit = fit
+        finest = self._finest(fit.signals.dt)
+        self.coarser = max(1, int(COARSE / (finest * fit.signals.dt) + 1e-9))
+        self._stride = finest * self.coarser if coarse else finest
         signals, robot = fit.signals, fit.model.robot
         channels = [("q", k) for k in range(robot.n) if not signals.still[k]]
         channels += [("theta", k) for k in range(robot.n) if robot.joints[k].elastic and not signals.still[k]]
@@ -62,14 +71,8 @@ class Setup:
         )
 
     def _setting(self) -> Setting:
-        signals = self.fit.signals
-        known = signals.knots[np.isfinite(signals.knots) & ~signals.still]
-        wanted = float(np.clip(KNOT_SHARE * known.min() if len(known) else KNOTS[1], *KNOTS))
-        stride = max(4, round(wanted / signals.dt))
-        points = max(d for d in range(1, min(_POINTS, stride) + 1) if stride % d == 0)
-        if points < 5:  # a prime stride: take the next even one
-            stride += 1
-            points = max(d for d in range(1, min(_POINTS, stride) + 1) if stride % d == 0)
+        signals, stride = self.fit.signals, self._stride
+        points = _points(stride)
         motion = signals.motion
         scale = np.array(
             [
@@ -79,8 +82,29 @@ class Setup:
         )
         return Setting(signals.dt, stride, points, scale)
 
+    @staticmethod
+    def _finest(dt: float) -> int:
+        """Return the finest stride of knots, samples."""
+        stride = max(4, round(FINE / dt))
+        return stride if _points(stride) >= _FEWEST else stride + 1  # a prime stride: the next even one
+
     def _intervals(self, segment: Segment) -> int:
-        return len(segment) // self.setting.stride
+        """Return the knot intervals of a segment, as many as cover what the coarse knots cover."""
+        whole = self._finest(self.fit.signals.dt) * self.coarser
+        return len(segment) // whole * (whole // self.setting.stride)
+
+    def start_from(self, other: Setup, now: Iterate) -> Iterate:
+        """Return unknowns of a problem with coarser knots as unknowns of this one: the same trajectory."""
+        ratio, setting = other.setting.stride // self.setting.stride, self.setting
+        u = np.arange(ratio * setting.stride) / other.setting.stride
+        coefficients = []
+        for own in now.coefficients:
+            windows = np.lib.stride_tricks.sliding_window_view(own, DEGREE + 1, axis=0)
+            values = np.einsum("jcl,sl->cjs", windows, basis(u), optimize=True).reshape(own.shape[1], -1)
+            end = windows[-1] @ basis(np.ones(1))[0]
+            spline = fit_spline(np.column_stack([values, end]), setting.stride, setting.dt).spline
+            coefficients.append(np.ascontiguousarray(spline.coefficients.T))
+        return Iterate(coefficients, now.p.copy(), now.z.copy())
 
     def _delays(self) -> Array:
         delays = np.zeros(self.fit.model.robot.n)
@@ -153,6 +177,16 @@ class Setup:
             )
         floor: Array = np.maximum(np.array(rho), 1e-9)
         return floor
+
+    def torque_share(self) -> float:
+        """Return how much of the equations' assumed variance is noise of the torques, 0 to 1, on average."""
+        every = self.setting.stride // self.setting.points
+        shares = [
+            (float(np.nan_to_num(self.fit.signals.noise.tau[row.joint])) / rho) ** 2 / every
+            for row, rho in zip(self.rows, self.first_rho(), strict=True)
+            if row.kind != "link"
+        ]
+        return float(np.mean(shares)) if shares else 0.0
 
     def _spring_noise(self, joint: int) -> float:
         """Return the torque that one sample's encoder noise makes in the spring, N·m (N)."""

@@ -56,6 +56,9 @@ Under noise the default's bias predicts noisy motion a little better than the tr
 collocation was five times closer to it.
 """
 
+NO_WORSE = 1.1
+"""The same for an answer that lies further from the default estimate than its standard errors allow."""
+
 _LEVELLING = 8
 """Most fits until a declared tilt of the base and the fit agree."""
 
@@ -144,13 +147,15 @@ def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused
     own = fit if answer.effects is None else reshaped(fit, answer.effects, options)
     better = replace(own, solution=solution, covariance=answer.covariance)
     note = f"--accurate: spline collocation, {answer.steps} steps, knots every {answer.knots * 1e3:.0f} ms"
-    if answer.widened > 1.0:
+    if answer.widened > 1.05:
         note += f", standard errors widened by {answer.widened:.2g}"
     result = assemble(better, options, refused, before=own)
     worst, label = _worsening(found, result)
-    if worst > WORSE:
+    if worst > (NO_WORSE if answer.far else WORSE):
+        moved = f"{answer.far} and " if answer.far else ""
         note = (
-            f"--accurate: the default estimate stands: held-out torque of {label} is predicted {worst:.2g} times worse"
+            f"--accurate: the default estimate stands: {moved}held-out torque of {label} is predicted "
+            f"{worst:.3g} times as badly"
         )
         return replace(found, notes=(*found.notes, note))
     return replace(result, estimator="accurate", notes=(*result.notes, note), warnings=found.warnings)
