@@ -12,6 +12,7 @@ from elid_cli.accurate import LOWEST_SIGNAL, from_start, signal_to_noise, wideni
 from elid_cli.collocation import Iterate
 from elid_cli.collocation_setup import Setup
 from elid_cli.diagnosis.state import Log, State
+from elid_cli.errors import DataError
 from elid_cli.fitting import Fit, fit_log
 from elid_cli.gauss_newton import Outcome, iterate
 from elid_cli.identification import EstimateOptions
@@ -72,6 +73,15 @@ def collocated(
 
     With whole curves it starts from the trajectory of the terms `alone`, which is near the truth already.
     """
+    try:
+        return _collocated(state, effects, specs, alone)
+    except (DataError, np.linalg.LinAlgError):  # stretches too short, or a log that the problem cannot hold
+        return None
+
+
+def _collocated(
+    state: State, effects: Sequence[Effect], specs: Sequence[EffectSpec], alone: Collocated | None = None
+) -> Collocated | None:
     log = state.log
     model = Model(replace(log.model.robot, effects=tuple(specs)))
     signals = _stretch(log, log.fold >= 0)
