@@ -5,7 +5,8 @@
 prints what a diagnosis itself asks before it names an effect (see `elid_cli.diagnosis.quarters`): the part of the error
 in the effect's rows, of encoder faults in the deflection, that it takes away on each quarter of the log, predicted from
 the other three. Effects that were refuted follow. Effects that are named on the command line are tried as well, on top
-of those found, each at the shape that the other quarters prefer.
+of those found, each at the shape that the other quarters prefer. Last comes the gain: of those found on the held-out
+stretches, of the others over all quarters together.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ def main(arguments: Sequence[str]) -> None:
         effect, _, joint = text.partition("@")
         place = robot.joint_names.index(joint or robot.joint_names[0])
         rows.append((effect, robot.joint_names[place], *tried(found, effect, place)))
-    print(f"{'effect':22}{'joint':9}" + "".join(f"{f'quarter {k + 1}':>11}" for k in range(QUARTERS)) + "     whole")
+    print(f"{'effect':22}{'joint':9}" + "".join(f"{f'quarter {k + 1}':>11}" for k in range(QUARTERS)) + "      gain")
     for name, at, gains, whole, word in rows:
         cells = "".join(f"{'-' if np.isnan(gain) else f'{gain:.1%}':>11}" for gain in gains)
         print(f"{name:22}{at or 'robot':9}{cells}{whole:>10.1%}  {word}")
