@@ -71,11 +71,17 @@ class _Compared:
     noise: float
     moved: float
     known: bool = True
+    local: bool = False
 
     @property
     def speaks(self) -> bool:
-        """Whether the quarter can tell anything about the effect."""
-        return self.known and self.before > 0 and self.moved > SPEAKS * self.before
+        """Whether the quarter can tell anything about the effect: it acts there, and no loss is such as noise makes.
+
+        Of an effect that is local nothing but these few instants speaks, so none of them may speak against it.
+        """
+        loss, excused = self.after - self.before, min(self.noise, TOLERATED * self.before)
+        excusable = 0 < loss <= excused and not self.local
+        return self.known and self.before > 0 and self.moved > SPEAKS * self.before and not excusable
 
     @property
     def gain(self) -> float:
@@ -85,7 +91,7 @@ class _Compared:
     @property
     def lost(self) -> bool:
         """Whether the effect makes the prediction worse by more than noise excuses."""
-        return self.speaks and self.after - self.before > min(self.noise, TOLERATED * self.before)
+        return self.speaks and self.after > self.before
 
 
 _CONSTANT = "encoder_offset"
@@ -158,7 +164,8 @@ def survival(state: State, number: int, fits: Sequence[Solution | None]) -> Surv
         chosen = fold == quarter
         pairs = [_pair(state, lacking, inside, outside, row, chosen) for row in rows]
         known = _known(state, inside, number, rows, chosen)
-        compared.append(_compared(pairs, state.log.observation.stretch[chosen], known))
+        told = _compared(pairs, state.log.observation.stretch[chosen], known)
+        compared.append(replace(told, local=effect.local))
     joint = None if effect.whole_robot else state.log.model.robot.joint_names[effect.joint]
     return _survival(effect.name, joint, compared)
 
