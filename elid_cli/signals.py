@@ -292,7 +292,7 @@ class _Smooth:
 def _channels(recording: Recording, robot: Robot) -> tuple[Array, Array]:
     """Return link and motor positions, (N, n); a rigid joint has one position, its motor's where both exist."""
     link, motor = recording.q, recording.theta
-    shared = [k for k, joint in enumerate(robot.joints) if not joint.elastic or not np.isfinite(link[:, k]).any()]
+    shared = [k for k, joint in enumerate(robot.joints) if not joint.elastic or not _any_known(link[:, k])]
     moved = [bool(np.isfinite(column).any()) for column in motor.T] if shared else []
     if len(shared) == robot.n and all(moved):
         return motor, motor
@@ -301,6 +301,11 @@ def _channels(recording: Recording, robot: Robot) -> tuple[Array, Array]:
     for k in shared:
         link[:, k] = motor[:, k] = (motor if moved[k] else link)[:, k]
     return link, motor
+
+
+def _any_known(column: Array) -> bool:
+    """Whether a channel holds a number; most hold one at once, and a long log need not be passed over for it."""
+    return bool(np.isfinite(column[:1]).any() or np.isfinite(column).any())
 
 
 def _spacings(dt: float, options: SignalOptions, finest: float) -> list[int]:
@@ -527,6 +532,7 @@ def _held(link: Array, motor: Array, robot: Robot, segments: Sequence[Segment]) 
     held = np.array([joint.revolute for joint in robot.joints])
     for side in (link, motor):
         values = side[rows]
+        let_go(side)
         known = np.isfinite(values).any(axis=0)
         filled = np.where(np.isfinite(values), values, np.where(known, np.nan, 0.0))
         low, inner, outer, high = np.nanpercentile(filled, [0, 2, 98, 100], axis=0)
