@@ -8,7 +8,7 @@ to be what is seen.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,27 @@ class Skew:
 
 def visible_skew(state: State, joint: int) -> Skew | None:
     """Return the skew that a joint's positions show beyond doubt, or None."""
+    seen = _regressed(state, joint)
+    if seen is None:
+        return None
+    item, viscous = seen
+    sure = abs(item.skew) > SURE * item.deviation and item.share > SHARE and abs(item.skew) < LONGEST
+    return item if sure and abs(item.skew) > TIMES_VISCOUS * viscous else None
+
+
+def looked_again(state: State, item: Skew) -> Skew:
+    """Return a skew as a look at the moved channel shows it: the load of the first look was biased by the skew."""
+    seen = _regressed(state, item.joint)
+    if seen is None:
+        return item
+    last = seen[0]
+    share = 1.0 - (last.with_it / item.without) ** 2 if item.without > 0 else item.share
+    skew = item.skew + last.skew
+    return replace(item, skew=skew, deviation=last.deviation, with_it=last.with_it, share=share)
+
+
+def _regressed(state: State, joint: int) -> tuple[Skew, float] | None:
+    """Return the skew by regression of the deflection, and what viscous load on the spring may imitate of it, s."""
     log = state.log
     robot = log.model.robot
     if not robot.joints[joint].elastic or log.signals.still[joint]:
@@ -70,11 +91,9 @@ def visible_skew(state: State, joint: int) -> Skew | None:
     share = 1.0 - with_it / without if without > 0 else 0.0
     viscous = abs(float(state.standard[log.model.index[f"fv{joint + 1}"]]))
     compliance = abs(float(fitted[1])) + 2.0 * float(spread[1])
-    sure = abs(skew) > SURE * deviation and share > SHARE and abs(skew) < LONGEST
-    if not sure or abs(skew) <= TIMES_VISCOUS * viscous * compliance:
-        return None
     count = float(test.sum())
-    return Skew(joint, skew, deviation, share, float(np.sqrt(without / count)), float(np.sqrt(with_it / count)))
+    item = Skew(joint, skew, deviation, share, float(np.sqrt(without / count)), float(np.sqrt(with_it / count)))
+    return item, viscous * compliance
 
 
 def link_load(state: State, joint: int, parameters: Array | None = None) -> Array:

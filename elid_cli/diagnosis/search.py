@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.diagnosis.encoders import Skew, visible_skew
+from elid_cli.diagnosis.encoders import Skew, looked_again, visible_skew
 from elid_cli.diagnosis.screen import FOLDS_LOST, Candidate, score, screen, sensible
 from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.stretches import FOLDS
@@ -58,6 +58,8 @@ POSSIBLE = 6
 """Supported candidates that are fitted where the present model has impossible parameters."""
 PAIR = ("encoder_skew", "encoder_offset")
 """Faults of the position channels that are tried together, before any physics."""
+LOOKS, SETTLED = 4, 0.02
+"""Times that a skew seen in the positions is looked at, and part of a sample within which it counts as settled."""
 PAIR_GAIN = 0.1
 """Least part of the left-out motor row's error that both together must take away, also from either alone."""
 
@@ -245,11 +247,18 @@ def _seen_in_positions(state: State, library: Mapping[str, type[Effect]]) -> tup
     skews = tuple(s for s in seen if s is not None)
     if not skews:
         return state, ()
-    shifts = state.log.shifts
-    for item in skews:
-        shifts = shifts.moved(SKEW, item.joint, shifts.of(SKEW, item.joint) + item.skew)
-    log = state.log.shifted(shifts)
-    return refreshed(fit(log, state.effects, state.scene)), skews
+    before = state.log.shifts
+    for _ in range(LOOKS):
+        shifts = before
+        for item in skews:
+            shifts = shifts.moved(SKEW, item.joint, before.of(SKEW, item.joint) + item.skew)
+        state = refreshed(fit(state.log.shifted(shifts), state.effects, state.scene))
+        again = tuple(looked_again(state, item) for item in skews)
+        change = max(abs(now.skew - then.skew) for now, then in zip(again, skews, strict=True))
+        if change < SETTLED * state.log.signals.dt:
+            break
+        skews = again
+    return state, skews
 
 
 def _pair(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[State, list[Step]] | None:
