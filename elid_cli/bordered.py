@@ -81,10 +81,18 @@ def reduced(problem: Problem, now: Iterate, prior: tuple[Array, Array], further:
 
 
 def covariance_at(problem: Problem, now: Iterate, prior: tuple[Array, Array]) -> Array:
-    """Return the covariance of (p, z) that the residuals' autocorrelation-aware scores show at `now`."""
+    """Return the covariance of (p, z) that the residuals' autocorrelation-aware scores show at `now`.
+
+    It is no smaller than what the assumed noise alone makes it: a log of some seconds shows its own noise's colour so
+    roughly that scores can look quieter than they are.
+    """
     left = reduced(problem, now, prior)
     size = len(left.gradient)
-    return _sandwich(problem, now, [solved[:, :size] for solved in left.solved], _inverse(left.matrix))
+    inverse = _inverse(left.matrix)
+    shown = _sandwich(problem, now, [solved[:, :size] for solved in left.solved], inverse)
+    ratio = np.diag(inverse) / np.maximum(np.diag(shown), 1e-300)
+    wider = np.sqrt(np.where(np.isfinite(ratio) & (np.diag(shown) > 0), np.maximum(ratio, 1.0), 1.0))
+    return np.asarray(shown * wider[:, None] * wider[None])
 
 
 def _inverse(matrix: Array) -> Array:

@@ -32,6 +32,9 @@ WITHIN_NOISE = 0.1
 NEARLY, REST = 0.3, 0.3
 """The same, where no more than the second of what the terms alone leave beyond noise remains: splines round off the
 jump of friction at every reversal, which no curve mends."""
+FAR_OFF, HOPELESS = 5.0, 1.0
+"""The same of the terms alone, and with a whole curve at every joint, from which on other forms need not be tried: what
+the log lacks is something else, or its jumps are too sharp for the splines."""
 NET = 60.0
 """Gain in log-likelihood that the whole curve needs on the held-out stretches."""
 SHOWN = 5.0
@@ -69,7 +72,7 @@ def with_whole_curves(found: Found, declared: int, progress: Progress | None = N
     tell = progress or (lambda label, part: None)
     tell(LABEL, 0.0)
     alone = collocated(state, state.effects, known(state))
-    if alone is None:
+    if alone is None or alone.excess > FAR_OFF:
         return found
     # what one joint of a robot shows another may have as well, too faint for the search
     for tried in [{**curves, **hidden}, curves] if hidden and curves else [{**curves, **hidden}]:
@@ -77,6 +80,8 @@ def with_whole_curves(found: Found, declared: int, progress: Progress | None = N
         kept, whole = _needed(state, alone, kept, whole)
         if whole is not None and kept and _supported(whole, alone):
             return _told(found, alone, whole, kept)
+        if whole is not None and whole.excess > HOPELESS:
+            break
     return found
 
 
@@ -120,7 +125,7 @@ def _best(
     whole = collocated(state, *_completed(state, kept), alone)
     others = [(k, shape) for k, shapes in curves.items() for shape in shapes[1:]]
     for number, (k, shape) in enumerate(others):
-        if whole is not None and _within(whole, alone):
+        if whole is not None and (_within(whole, alone) or whole.excess > HOPELESS):
             break
         tell((number + 1) / (len(others) + 1))
         trial = collocated(state, *_completed(state, {**kept, k: shape}), alone)

@@ -60,7 +60,10 @@ def test_a_written_file_says_what_its_values_are(taken: Path) -> None:
     text = (taken / "refined.yaml").read_text("utf-8")
     assert text.startswith("# Identified by elid.")
     assert "--physical" in text
-    assert [effect.effect for effect in read_robot(taken / "refined.yaml").effects].count("stribeck") == 2
+    named = sorted((effect.effect, effect.joint) for effect in read_robot(taken / "refined.yaml").effects)
+    result = json.loads((taken / "result.json").read_text("utf-8"))
+    assert named == sorted((effect["effect"], effect["joint"]) for effect in result["effects"] + result["nuisances"])
+    assert {joint for name, joint in named if name == "stribeck"} == {"joint1", "joint2"}
 
 
 def test_a_validation_writes_a_page_and_png_figures(
