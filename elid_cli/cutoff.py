@@ -24,6 +24,15 @@ LOWER = (7.0, 5.0, 3.5)
 """Cut-offs tried besides the usual one, Hz."""
 WORTH = 0.25
 """Fall of the standard errors' mean logarithm from which a lower cut-off is taken: below it the usual one stands."""
+TREND = 0.05
+"""The same by which one step down must be better for the next to be tried: noise of positions grows so steeply with
+frequency that where the lowest cut-off is worth taking the first step shows it."""
+HINT = 24_000
+"""Samples of a long log that the first step is tried on."""
+HINTED = 0.0
+"""The same as `WORTH`, up to which that part speaks for a lower cut-off, more cautiously than a whole log does."""
+SHORTEST = 3.0
+"""Length of each of its stretches, s, at least: a lower cut-off's filter is a third of a second long."""
 ENOUGH = 3.0
 """Independent instants per joint and base parameter of one joint that a cut-off must leave."""
 
@@ -37,18 +46,37 @@ def fit_best(model: Model, base: BaseParameters, signals: Signals, options: Esti
         return fit_log(model, base, signals, options)
     shown = replace(signals, segments=excerpts(signals.segments, signals.dt))
     whole = len(shown.segments) == len(signals.segments) and shown.duration == signals.duration
-    usual = fit_log(model, base, shown, options)
+    usual = fit_log(model, base, signals, options)
+    if not _hinted(model, base, usual, options):
+        return usual
     best, least = usual, -WORTH
+    shorter = usual if whole else fit_log(model, base, shown, options)
+    before = -TREND
     for cutoff in LOWER:
         other = _tried(model, base, shown, options, cutoff)
-        if other is None:
-            break
-        gain = _compared(other, usual)
-        if gain < least:
+        gain = np.inf if other is None else _compared(other, shorter)
+        if other is not None and gain < least:
             best, least = other, gain
-    if whole:
+        if not gain < before:
+            break
+        before = gain - TREND
+    if whole or best is usual:
         return best
     return fit_log(model, base, signals.refiltered(best.signals.filter.cutoff), options)
+
+
+def _hinted(model: Model, base: BaseParameters, usual: Fit, options: EstimateOptions) -> bool:
+    """Whether a part of a long log speaks for a lower cut-off; of a log that is not long, nobody asks."""
+    signals = usual.signals
+    part = replace(signals, segments=excerpts(signals.segments, signals.dt, HINT, shortest=SHORTEST))
+    if part.duration == signals.duration:
+        return True
+    other = _tried(model, base, part, options, LOWER[0])
+    if other is None:
+        return True
+    # a part's standard errors are larger by the root of how much fewer instants it holds
+    held, all_ = (len(s.outputs) / s.rate for s in (other.signals, signals))
+    return bool(_compared(other, usual) - 0.5 * np.log(all_ / held) < HINTED)
 
 
 def _tried(model: Model, base: BaseParameters, signals: Signals, options: EstimateOptions, cutoff: float) -> Fit | None:

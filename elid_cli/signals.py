@@ -402,10 +402,24 @@ def _alike(channels: tuple[Array, Array]) -> bool:
     )
 
 
-def excerpts(segments: Sequence[Segment], dt: float) -> tuple[Segment, ...]:
-    """Return stretches spread over a long log that say what it is like; of a log that is not long, all of it."""
+def excerpts(
+    segments: Sequence[Segment], dt: float, samples: int = JUDGED, shortest: float = _WIDEST * KNOTS[1]
+) -> tuple[Segment, ...]:
+    """Return stretches spread over a long log that say what it is like; of a log that is not long, all of it.
+
+    Parameters
+    ----------
+    segments
+        Gap-free parts of the log.
+    dt
+        Time from sample to sample, s.
+    samples
+        Samples that the stretches hold together, about; a log up to twice as long is taken whole.
+    shortest
+        Length of a stretch, s, at least.
+    """
     total = sum(len(s) for s in segments)
-    each = max(JUDGED // EXCERPTS, round(_WIDEST * KNOTS[1] / dt))
+    each = max(samples // EXCERPTS, round(shortest / dt))
     if total <= 2 * each * EXCERPTS:
         return tuple(segments)
     found: list[Segment] = []
