@@ -69,7 +69,8 @@ class Unexplained:
     ratio: float
     """Residual over the noise floor."""
     nearest: tuple[tuple[str, str | None, float], ...]
-    """Nearest candidates: effect, joint, part of the whitened residual variance they would take away."""
+    """Nearest candidates: effect, joint, part of the joint's whitened squared residual that they take from folds of the
+    search that they were not fitted to."""
 
 
 @dataclass(frozen=True)

@@ -133,6 +133,43 @@ class Projected:
 
     def gain(self, rows: Mapping[Row, Array]) -> Gain | None:
         """Score columns given as row -> (d, M); None where the model explains them already."""
+        found = self._unit(rows)
+        if found is None:
+            return None
+        unit, live, size = found
+        coefficients = np.zeros(len(live))
+        solved, rank = _least_squares(unit.T @ unit, unit.T @ self.residual)
+        coefficients[live] = solved / size
+        rest = self.residual - unit @ solved
+        whole = 0.0
+        for channel in self.channels:
+            old, new = self.residual[channel], rest[channel]
+            powers = float(old @ old), float(new @ new)
+            if powers[0] > 0 and powers[1] > 0:
+                gained = 0.5 * len(old) * float(np.log(powers[0] / powers[1]))
+                whole += gained
+
+        def judged() -> tuple[float, Array, Array]:
+            return (self._independent_share(unit, rest), *self._cross_validated(unit, self.stretches))
+
+        return Gain(whole, coefficients, rank, self.count, judged)
+
+    def taken(self, rows: Mapping[Row, Array]) -> float:
+        """Return the part of the squared residual that columns take, fold by fold predicted from the other folds.
+
+        Counted are the joints that the rows belong to.
+        """
+        found = self._unit(rows)
+        if found is None:
+            return 0.0
+        places = self.touched(rows)
+        own = [s for s in self.stretches if any(p.start <= s.slice.start < p.stop for p in places)]
+        squares = sum(float(self.residual[s.slice] @ self.residual[s.slice]) for s in own)
+        gains, _ = self._cross_validated(found[0], own)
+        return max(float(gains.sum()), 0.0) / max(squares, 1e-300)
+
+    def _unit(self, rows: Mapping[Row, Array]) -> tuple[Array, NDArray[np.bool_], Array] | None:
+        """Return columns of length one that the model does not span, which of all columns they are, and their sizes."""
         columns = self.whiten(rows)
         if columns is None:
             return None
@@ -147,23 +184,7 @@ class Projected:
         live = after > 1e-4 * before
         if not live.any():
             return None
-        unit = columns[:, live] / after[live]
-        coefficients = np.zeros(len(before))
-        solved, rank = _least_squares(unit.T @ unit, unit.T @ self.residual)
-        coefficients[live] = solved / after[live]
-        rest = self.residual - unit @ solved
-        whole = 0.0
-        for channel in self.channels:
-            old, new = self.residual[channel], rest[channel]
-            powers = float(old @ old), float(new @ new)
-            if powers[0] > 0 and powers[1] > 0:
-                gained = 0.5 * len(old) * float(np.log(powers[0] / powers[1]))
-                whole += gained
-
-        def judged() -> tuple[float, Array, Array]:
-            return (self._independent_share(unit, rest), *self._cross_validated(unit))
-
-        return Gain(whole, coefficients, rank, self.count, judged)
+        return columns[:, live] / after[live], live, after[live]
 
     def touched(self, rows: Mapping[Row, Array]) -> list[slice]:
         """Return the places of the joints that some rows belong to."""
@@ -185,17 +206,23 @@ class Projected:
             together += float(np.sum((total[LAGS + 1 :] - total[: -LAGS - 1]) ** 2)) / (LAGS + 1)
         return float(np.clip(alone / together, LEAST_SHARE, 1.0)) if together > 0 else 1.0
 
-    def _cross_validated(self, unit: Array) -> tuple[Array, Array]:
+    def _cross_validated(self, unit: Array, counted: Sequence[Stretch]) -> tuple[Array, Array]:
+        """Return the fall of the squared residual on the stretches counted, and the columns' power, both per fold."""
         width = unit.shape[1]
         gram, load = np.zeros((self.folds, width, width)), np.zeros((self.folds, width))
+        own_gram, own_load = (gram, load) if counted is self.stretches else (gram.copy(), load.copy())
         for item in self.stretches:
             part = unit[item.slice]
             gram[item.fold] += part.T @ part
             load[item.fold] += part.T @ self.residual[item.slice]
+        for item in counted if own_gram is not gram else ():
+            part = unit[item.slice]
+            own_gram[item.fold] += part.T @ part
+            own_load[item.fold] += part.T @ self.residual[item.slice]
         gains = np.zeros(self.folds)
         for f in range(self.folds):
             left, _ = _least_squares(gram.sum(axis=0) - gram[f], load.sum(axis=0) - load[f])
-            gains[f] = 2 * left @ load[f] - left @ gram[f] @ left
+            gains[f] = 2 * left @ own_load[f] - left @ own_gram[f] @ left
         power = np.trace(gram, axis1=1, axis2=2)
         return gains, power / max(float(power.sum()), 1e-300)
 

@@ -227,15 +227,15 @@ def _unexplained(state: State, rows: Sequence[RowState], remaining: Sequence[Can
         joint = names.index(item.joint)
         organised = organise(state, Row(item.rows, joint))
         best = organised[0] if organised else Organised("none", 0.0)
-        near = tuple(
+        taken = sorted(
             (
-                c.effect.name,
-                None if c.effect.whole_robot else names[c.effect.joint],
-                1.0 - float(np.exp(-2.0 * c.gain.whole * len(state.projected.places) / max(c.gain.count, 1))),
-            )
-            for c in remaining
-            if c.effect.joint == joint or c.effect.whole_robot
-        )[:3]
+                (c, state.projected.taken(c.columns.rows))
+                for c in remaining
+                if c.plausible and (c.effect.joint == joint or c.effect.whole_robot)
+            ),
+            key=lambda pair: -pair[1],
+        )
+        near = tuple((c.effect.name, None if c.effect.whole_robot else names[joint], part) for c, part in taken[:3])
         side = "link" if item.rows == "sum" and _quiet(rows, item.joint) else _SIDES.get(item.rows, item.rows)
         found.append(Unexplained(item.joint, side, best.variable, best.share, item.rms, item.ratio, near))
     return tuple(found)

@@ -363,7 +363,8 @@ def _left(robot: Robot, item: Unexplained) -> str:
     size = f"{number_text(item.rms, 3)} {torque_unit(robot, item.joint)}, {number_text(item.ratio, 3)} times its floor"
     follows = f"; follows {variable_words(item.variable)} ({_share(item.share)})" if item.share > FOLLOWS else ""
     near = ", ".join(f"{whose(effect, joint)} {_share(gain)}" for effect, joint, gain in item.nearest if gain > NEAR)
-    return f"{size}{follows}; " + (f"nearest, and what they would take: {near}" if near else "no effect comes near")
+    said = f"nearest, and what they take of parts left out: {near}" if near else "no effect comes near"
+    return f"{size}{follows}; {said}"
 
 
 def _meaning(told: Told) -> list[Section]:
