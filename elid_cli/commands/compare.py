@@ -13,7 +13,11 @@ from elid_cli.commands.values import File, Number
 @verb("elid compare january.json june.json --fail-on-change")
 @click.argument("results", nargs=-1, required=True, type=File(), metavar="RESULT.json…")
 @options.option(
-    options.FIT, "--sigmas", type=Number(above=0), default=3.0, show_default=True,
+    options.FIT,
+    "--sigmas",
+    type=Number(above=0),
+    default=3.0,
+    show_default=True,
     help="Standard deviations by which a parameter must have moved.",
 )
 @options.option(options.GATES, "--fail-on-change", is_flag=True, help="Fail when any parameter has moved.")

@@ -26,17 +26,29 @@ if TYPE_CHECKING:
 @options.reading
 @options.check
 @options.conditioning
-@options.option(FIT, "--only", multiple=True, metavar="EFFECT", shell_complete=completing(effects),
-                help="Try this effect and no other. Repeatable.")
-@options.option(FIT, "--lookup", is_flag=True,
-                help="Add a smooth curve where structure remains that no named effect explains.")
-@options.option(FIT, "--accurate", is_flag=True,
-                help="Complete friction curves by spline collocation however long it takes; on short logs of small "
-                     "robots that is always done.")
+@options.option(
+    FIT,
+    "--only",
+    multiple=True,
+    metavar="EFFECT",
+    shell_complete=completing(effects),
+    help="Try this effect and no other. Repeatable.",
+)
+@options.option(
+    FIT, "--lookup", is_flag=True, help="Add a smooth curve where structure remains that no named effect explains."
+)
+@options.option(
+    FIT,
+    "--accurate",
+    is_flag=True,
+    help="Complete friction curves by spline collocation however long it takes; on short logs of small "
+    "robots that is always done.",
+)
 @options.gathered("gates", Gates, options.max_error)
 @options.option(GATES, "--fail-on-effect", is_flag=True, help="Fail when the model lacks an effect.")
-@options.option(GATES, "--fail-on-unexplained", is_flag=True,
-                help="Fail when the model leaves structure that no effect explains.")
+@options.option(
+    GATES, "--fail-on-unexplained", is_flag=True, help="Fail when the model leaves structure that no effect explains."
+)
 @options.write_robot
 @options.output
 def diagnose(

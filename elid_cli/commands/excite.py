@@ -25,19 +25,55 @@ MOTION = "Trajectory"
 )
 @options.robot
 @options.reading
-@options.option(MOTION, "--for", "aims", multiple=True, metavar="NAME",
-                help="Parameter that the log must show above all, such as Izz6. Repeatable.")
-@options.option(MOTION, "--after", type=File(), metavar="LOG",
-                help="The last log, or its result saved with --json: aim at what it could not show, and expect its "
-                     "residuals.")
-@options.option(MOTION, "--duration", type=Number(above=0), default=20.0, show_default=True, metavar="S",
-                help="Length of the trajectory.")
-@options.option(MOTION, "--rate", type=Number(above=0), default=250.0, show_default=True, metavar="HZ",
-                help="Samples per second in the file.")
-@options.option(MOTION, "--interval", type=Number(above=0), metavar="S",
-                help="Time between the splines' way-points. Default: from each joint's limits.")
-@options.option(MOTION, "--residual", type=Share(above=0), default="2%", show_default=True, metavar="SHARE",
-                help="Expected torque residual after filtering, as a share of the torque; scales standard errors.")
+@options.option(
+    MOTION,
+    "--for",
+    "aims",
+    multiple=True,
+    metavar="NAME",
+    help="Parameter that the log must show above all, such as Izz6. Repeatable.",
+)
+@options.option(
+    MOTION,
+    "--after",
+    type=File(),
+    metavar="LOG",
+    help="The last log, or its result saved with --json: aim at what it could not show, and expect its residuals.",
+)
+@options.option(
+    MOTION,
+    "--duration",
+    type=Number(above=0),
+    default=20.0,
+    show_default=True,
+    metavar="S",
+    help="Length of the trajectory.",
+)
+@options.option(
+    MOTION,
+    "--rate",
+    type=Number(above=0),
+    default=250.0,
+    show_default=True,
+    metavar="HZ",
+    help="Samples per second in the file.",
+)
+@options.option(
+    MOTION,
+    "--interval",
+    type=Number(above=0),
+    metavar="S",
+    help="Time between the splines' way-points. Default: from each joint's limits.",
+)
+@options.option(
+    MOTION,
+    "--residual",
+    type=Share(above=0),
+    default="2%",
+    show_default=True,
+    metavar="SHARE",
+    help="Expected torque residual after filtering, as a share of the torque; scales standard errors.",
+)
 @options.seed
 @options.out("The trajectory to write, CSV: t, q, dq, ddq of every joint.", metavar="TRAJ.csv")
 @options.output

@@ -18,9 +18,13 @@ from elid_cli.commands.reducing import spread
 @options.conditioning
 @options.fit
 @spread
-@options.option(options.FIT, "--physical", is_flag=True,
-                help="Also find all parameters of a robot that could be built, what the log leaves open from the robot "
-                     "file; --write-robot then writes them.")
+@options.option(
+    options.FIT,
+    "--physical",
+    is_flag=True,
+    help="Also find all parameters of a robot that could be built, what the log leaves open from the robot "
+    "file; --write-robot then writes them.",
+)
 @options.gates
 @options.write_robot
 @options.output

@@ -131,9 +131,7 @@ effect = option(
 )  # fmt: skip
 
 
-def options_of(
-    robot: Robot, motion: MotionChoice, control: ControlChoice, sensors: SensorChoice
-) -> SimulationOptions:
+def options_of(robot: Robot, motion: MotionChoice, control: ControlChoice, sensors: SensorChoice) -> SimulationOptions:
     """Return the core's options (UsageError where they make no sense)."""
     from elid_cli.reference import Reference, ReferenceOptions, read_reference
     from elid_cli.simulation import ControlOptions, SensorOptions, SimulationOptions

@@ -69,8 +69,10 @@ def format_of(path: Path) -> Format:
     """
     suffixes = {suffix: name for name in format_names() for suffix in find_format(name).SUFFIXES}
     if path.suffix.lower() not in suffixes:
-        raise UsageError(f"{path}: no report format for {path.suffix or 'a name without suffix'}",
-                         hint=f"known: {', '.join(sorted(suffixes))}")
+        raise UsageError(
+            f"{path}: no report format for {path.suffix or 'a name without suffix'}",
+            hint=f"known: {', '.join(sorted(suffixes))}",
+        )
     return find_format(suffixes[path.suffix.lower()])
 
 
@@ -110,6 +112,4 @@ def _drawing() -> ModuleType:
         importlib.import_module("matplotlib")
         return importlib.import_module(f"{__name__}._figures")
     except ModuleNotFoundError as missing:
-        raise UsageError(
-            f"--plot: {missing.name} is not installed", hint="pip install 'elid[plots]'"
-        ) from None
+        raise UsageError(f"--plot: {missing.name} is not installed", hint="pip install 'elid[plots]'") from None

@@ -106,7 +106,7 @@ def _section(section: Section) -> str:
 
 def _text(section: Text) -> str:
     if section.role == "next":
-        return f'<p class=next>Next</p><pre class=command>{escape(section.text)}</pre>'
+        return f"<p class=next>Next</p><pre class=command>{escape(section.text)}</pre>"
     if section.role == "code":
         return f"<pre>{escape(section.text)}</pre>"
     kind = "warning" if section.role == "warning" else "meaning"
@@ -121,7 +121,7 @@ def _key_values(section: KeyValues) -> str:
 def _table(section: Table) -> str:
     head = "".join(_head(column) for column in section.columns)
     rows = [_row(section.columns, row) for row in section.rows]
-    table = f'<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>'
+    table = f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
     note = f"<p class=note>{escape(section.note)}</p>" if section.note else ""
     name = section.title or {"error": "torque error"}.get(section.key, section.key.replace("_", " "))
     if len(rows) > LONG:

@@ -167,9 +167,7 @@ def test_rosbag2_folders_are_read_in_time_order(tmp_path: Path) -> None:
 
 
 LIST = "rosbag2_bagfile_information:\n  relative_file_paths:"
-LAUGHS = "a0: &a0 {x: 1}\n" + "".join(
-    f"a{k}: &a{k}\n  <<: [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12)
-)
+LAUGHS = "a0: &a0 {x: 1}\n" + "".join(f"a{k}: &a{k}\n  <<: [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12))
 METADATA = {
     "tag": "!!python/object/apply:os.system ['touch pwned']", "cycle": "a: &a [*a]", "open": "[", "binary": "\x00",
     "list": "- 1", "bomb": f"{LAUGHS}{LIST} [*a11, *a11]\n", "date": f"{LIST} []\nat: 2020-99-99\n",

@@ -16,9 +16,7 @@ SHIPPED = (Path(__file__).parents[2] / "robots" / "planar2.yaml").read_text()
 LAUGHS = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12)
 )
-MERGES = "a0: &a0 {x: 1}\n" + "".join(
-    f"a{k}: &a{k}\n  <<: [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12)
-)
+MERGES = "a0: &a0 {x: 1}\n" + "".join(f"a{k}: &a{k}\n  <<: [{', '.join([f'*a{k - 1}'] * 9)}]\n" for k in range(1, 12))
 FAULTS: dict[str, tuple[str, str]] = {
     "billion laughs": (LAUGHS + SHIPPED, "through aliases"),
     "billion merges": (MERGES + SHIPPED, "through aliases"),

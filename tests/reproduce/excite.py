@@ -48,11 +48,14 @@ def main(name: str, duration: float) -> None:
     gains = sorted(float(np.exp((mine.log_det - e.log_det) / base.count)) for e in judged)
     print(f"{name}, {duration:g} s, condition number of the weighted base regressor (columns of unit norm):")
     print(f"  20 random splines   {conditions[0]:.1f} to {conditions[-1]:.1f}, median {np.median(conditions):.1f}")
-    print(f"  elid excite         {mine.condition:.1f}: {np.median(conditions) / mine.condition:.2f} times better "
-          f"than the median, {conditions[0] / mine.condition:.2f} times than the best")
-    print(f"  standard errors     {gains[0]:.2f} to {gains[-1]:.2f} times smaller (geometric mean over "
-          f"{base.count} base parameters)")
-
+    print(
+        f"  elid excite         {mine.condition:.1f}: {np.median(conditions) / mine.condition:.2f} times better "
+        f"than the median, {conditions[0] / mine.condition:.2f} times than the best"
+    )
+    print(
+        f"  standard errors     {gains[0]:.2f} to {gains[-1]:.2f} times smaller (geometric mean over "
+        f"{base.count} base parameters)"
+    )
 
     _kept(robot, found)
 
@@ -67,9 +70,11 @@ def _kept(robot: Robot, found: Excitation) -> None:
     ratio = got.std_error / found.std_error
     ratio = ratio[np.isfinite(ratio)]
     true = (got.estimate - got.reference) / got.std_error
-    print(f"  a simulated log     standard errors found over those predicted: median {np.median(ratio):.2f}, "
-          f"10 to 90 % of the parameters {np.quantile(ratio, 0.1):.2f} to {np.quantile(ratio, 0.9):.2f}; "
-          f"true errors {np.sqrt(np.nanmean(true**2)):.2f} of them (rms)")
+    print(
+        f"  a simulated log     standard errors found over those predicted: median {np.median(ratio):.2f}, "
+        f"10 to 90 % of the parameters {np.quantile(ratio, 0.1):.2f} to {np.quantile(ratio, 0.9):.2f}; "
+        f"true errors {np.sqrt(np.nanmean(true**2)):.2f} of them (rms)"
+    )
 
 
 if __name__ == "__main__":

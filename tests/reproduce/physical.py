@@ -76,9 +76,11 @@ def main(logs: int) -> None:
             flush=True,
         )
     print(f"{feasible} of {logs} feasible; {impossible} had impossible base estimates before")
-    print(f"held-out error of all joints: worst log {100 * max(losses):+.3f} %, "
-          f"median {100 * float(np.median(losses)):+.3f} %; of single joints: worst {100 * max(worst):+.3f} %, "
-          f"median of each log's worst {100 * float(np.median(worst)):+.3f} %")
+    print(
+        f"held-out error of all joints: worst log {100 * max(losses):+.3f} %, "
+        f"median {100 * float(np.median(losses)):+.3f} %; of single joints: worst {100 * max(worst):+.3f} %, "
+        f"median of each log's worst {100 * float(np.median(worst)):+.3f} %"
+    )
 
 
 if __name__ == "__main__":

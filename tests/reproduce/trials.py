@@ -50,9 +50,7 @@ def arm3() -> Robot:
         values |= {"Ixy": tensor[0, 1], "Ixz": tensor[0, 2], "Iyz": tensor[1, 2]}
         values |= {"Jm": (1.5e-4, 1.2e-4, 0.6e-4)[i], "K": (9000.0, 7000.0, 3500.0)[i]}
         limits = Limits(position=(-1.4, 1.4), velocity=2.5, acceleration=12.0, torque=None)
-        joints.append(
-            Joint(f"joint{i + 1}", a=a, alpha=alpha, d=d, gear_ratio=100.0, parameters=values, limits=limits)
-        )
+        joints.append(Joint(f"joint{i + 1}", a=a, alpha=alpha, d=d, gear_ratio=100.0, parameters=values, limits=limits))
     return Robot("arm3", tuple(joints), gravity=(0.0, 0.0, -9.81))
 
 

@@ -285,4 +285,4 @@ def test_a_figure_for_a_telephone_is_narrower_and_as_whole(report: Report, plana
         page, telephone = (picture(figure, "svg", narrow=narrow).decode() for narrow in (False, True))
         widths = [float(re.search(r'viewBox="0 0 (\S+)', text)[1]) for text in (page, telephone)]  # type: ignore[index]
         assert widths[1] < 0.5 * widths[0]
-        assert telephone.count("<g id=\"axes_") == page.count("<g id=\"axes_")
+        assert telephone.count('<g id="axes_') == page.count('<g id="axes_')

@@ -121,8 +121,6 @@ def test_a_stiffness_of_a_rigid_joint_cannot_be_required(capsys: pytest.CaptureF
         (["identify", LOG, "--robot", "planar2", "--map", "thta=/x"], "theta"),
     ],
 )
-def test_a_typo_is_answered_by_what_was_meant(
-    line: list[str], meant: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_typo_is_answered_by_what_was_meant(line: list[str], meant: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(line) == 2
     assert f"did you mean '{meant}" in capsys.readouterr().err
