@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from elid_cli.diagnosis import Diagnosis
     from elid_cli.identification import JointError
-    from elid_cli.reports.diagnosis import Told
+    from elid_cli.reports.diagnosis_told import Told
 
 
 @verb(
@@ -86,7 +86,8 @@ def diagnose(
         from elid_cli.diagnosis.contributions import contributions
         from elid_cli.diagnosis.identified import identified
         from elid_cli.refined import remarks
-        from elid_cli.reports.diagnosis import Check, Told, diagnosis_report
+        from elid_cli.reports.diagnosis import diagnosis_report
+        from elid_cli.reports.diagnosis_told import Check, Told
         from elid_cli.robot_file import read_robot
         from elid_cli.validation import validate
 
