@@ -3,6 +3,7 @@
     python -m tests.reproduce.field_trials --arms 1 2 3 --joints 3 --db 90
     python -m tests.reproduce.field_trials --clean --arms 1 2 3 4 --counts 1.25e6 --torque-noise 0.003
     python -m tests.reproduce.field_trials --foreign
+    python -m tests.reproduce.field_trials --robot planar2 --arms 1 2 --db 75 --torque-noise 0.003
 
 One line per trial: what was said, and the held-out error over that of a fit which is told the truth's name and place.
 """
@@ -21,6 +22,7 @@ import numpy as np
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
 from elid_cli.robot import EffectSpec
+from elid_cli.robot_file import read_robot
 from elid_cli.signals import prepare
 from tests.reproduce.inverse_logs import FOREIGN, KNOWN, WHOLE, Laws, laws_of, log_of, make, recorded
 from tests.reproduce.trials import said, verdict
@@ -38,6 +40,9 @@ class Trial:
     """One log to make and to diagnose."""
 
     arm: int
+    """Seed of the arm, if it is a random one, and of its drives and motion."""
+    robot: str
+    """A robot that comes with elid, whose bodies are taken; else empty."""
     joints: int
     heavy: bool
     effects: tuple[tuple[str, int], ...]
@@ -65,7 +70,8 @@ def merged(parts: Sequence[Laws]) -> Laws:
 
 def one(trial: Trial) -> tuple[Trial, str, str, float, float, float]:
     """Return the trial, its verdict, what was said, seconds, the largest ratio to the floor, and after over told."""
-    made = make(trial.arm, trial.joints, rate=trial.rate, duration=trial.duration, heavy=trial.heavy)
+    bodies = read_robot(trial.robot) if trial.robot else None
+    made = make(trial.arm, trial.joints, rate=trial.rate, duration=trial.duration, heavy=trial.heavy, bodies_of=bodies)
     signals = log_of(made, merged([laws_of(e, made, k) for e, k in trial.effects]))
     log = recorded(
         made, signals, db=trial.db, counts=trial.counts, torque=trial.torque, colour=trial.colour, seed=trial.arm
@@ -101,6 +107,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--joints", type=int, default=3)
+    parser.add_argument("--robot", default="", help="bodies of a robot that comes with elid, instead of random ones")
     parser.add_argument("--heavy", action="store_true")
     parser.add_argument("--effect", nargs="*", default=[])
     parser.add_argument("--foreign", action="store_true")
@@ -124,8 +131,8 @@ def main() -> None:
             shares.append(share)
             what = "+".join(f"{e}@j{k + 1}" for e, k in trial.effects) or "clean"
             print(
-                f"{word:12s} arm {trial.arm:3d} {what:26s} {seconds:5.1f} s  ratio {ratio:5.2f}  told {share:4.2f}"
-                f"  {text}",
+                f"{word:12s} {trial.robot or 'arm'} {trial.arm:3d} {what:26s} {seconds:5.1f} s"
+                f"  ratio {ratio:5.2f}  told {share:4.2f}  {text}",
                 flush=True,
             )
     total = sum(tally.values())
@@ -137,17 +144,18 @@ def main() -> None:
 
 def trials(options: argparse.Namespace) -> list[Trial]:
     """Return the trials that the command line asks for."""
+    joints = read_robot(options.robot).n if options.robot else options.joints
     common = (
         options.rate, options.duration, options.db, options.counts, options.torque_noise, options.colour, options.told,
     )  # fmt: skip
     if options.clean:
-        return [Trial(arm, options.joints, options.heavy, (), *common) for arm in options.arms]
+        return [Trial(arm, options.robot, joints, options.heavy, (), *common) for arm in options.arms]
     names = options.effect or (FOREIGN if options.foreign else KNOWN)
     singles = [
-        Trial(arm, options.joints, options.heavy, ((name, k),), *common)
+        Trial(arm, options.robot, joints, options.heavy, ((name, k),), *common)
         for arm in options.arms
         for name in names
-        for k in ((options.joints - 1,) if name == "payload" else (0,) if name in WHOLE else range(options.joints))
+        for k in ((joints - 1,) if name == "payload" else (0,) if name in WHOLE else range(joints))
     ]
     if not options.pairs:
         return singles

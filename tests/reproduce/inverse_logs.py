@@ -137,10 +137,19 @@ def fourier(seed: int, n: int, t: Array, slow: bool = False) -> tuple[Array, Arr
     return q, dq, ddq
 
 
-def make(seed: int, n: int = 3, *, rate: float = 500.0, duration: float = 15.0, heavy: bool = False) -> Made:
-    """Return an arm with drives that suit it and a motion."""
+def make(
+    seed: int,
+    n: int = 3,
+    *,
+    rate: float = 500.0,
+    duration: float = 15.0,
+    heavy: bool = False,
+    bodies_of: Robot | None = None,
+) -> Made:
+    """Return an arm with drives that suit it and a motion; its bodies are random, or another robot's."""
+    n = n if bodies_of is None else bodies_of.n
     rng = np.random.default_rng([seed, n, 5])
-    plain = random_arm(seed, n, heavy)
+    plain = random_arm(seed, n, heavy) if bodies_of is None else _bodies(bodies_of)
     t = np.arange(round(duration * rate)) / rate
     q, dq, ddq = fourier(seed, n, t)
     rigid = _values(plain)
@@ -167,6 +176,15 @@ def make(seed: int, n: int = 3, *, rate: float = 500.0, duration: float = 15.0, 
     truth = replace(plain, joints=tuple(joints))
     bare = replace(plain, joints=tuple(replace(j, parameters={}) for j in plain.joints))
     return Made(bare, truth, t, q, dq, ddq, tuple(sizes))
+
+
+def _bodies(robot: Robot) -> Robot:
+    """Return a robot's bodies, without its drives."""
+    joints = (
+        replace(j, parameters={name: j.parameters[name] for name in LINK_PARAMETERS if name in j.parameters})
+        for j in robot.joints
+    )
+    return replace(robot, joints=tuple(joints), effects=())
 
 
 def log_of(made: Made, laws: Laws) -> dict[str, Array]:
