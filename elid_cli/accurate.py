@@ -165,12 +165,12 @@ def signal_to_noise(signals: Signals, model: Model) -> float:
 
 
 def values_of(setup: Setup, outcome: Outcome) -> Array:
-    """Return an outcome in the columns of the fit it started from, (p + e,); torque delays stay as they were fitted."""
+    """Return an outcome in the columns of the fit it started from, (p + e,)."""
     fit = setup.fit
     values = np.zeros(fit.triangles.width)
     values[setup.p_columns] = outcome.p
-    for k, extra in enumerate(fit.nuisances):
-        if extra.name == DELAY:
+    for k, extra in enumerate(fit.nuisances):  # a delay that is no unknown stays as it was fitted
+        if extra.name == DELAY and fit.model.parameters + k not in setup.p_columns:
             values[fit.model.parameters + k] = fit.solution.values[fit.model.parameters + k]
     return values
 

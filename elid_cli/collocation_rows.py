@@ -33,6 +33,8 @@ class Layout:
     p_columns: NDArray[np.intp]
     """Columns of the fit that are unknowns, in the order of p."""
     setting: Setting
+    rates: Sequence[Array] = ()
+    """Per piece: rate of the measured torque in every row, N·m/s (N/s), (rows, instants)."""
 
 
 @dataclass(frozen=True)
@@ -164,19 +166,21 @@ class RobotEquations:
         return self._folded[1]
 
     def _extra_columns(self, motion: Motion, z: Array, states: States) -> dict[int, Array]:
-        """Return columns of offsets and effects by their place in p, each (rows, instants)."""
+        """Return columns of delays, offsets and effects by their place in p, each (rows, instants)."""
         found: dict[int, Array] = {}
         number = self._model.parameters
         shape = (len(self._layout.rows), motion.samples)
         for extra in self._fit.nuisances:
-            if extra.name != DELAY and number in self._place:
+            if number in self._place:
                 values = np.zeros(shape)
+                rates = self._layout.rates[states.piece] if extra.name == DELAY else None
                 for row in extra.rows:
                     target = row if row in self._row and row.kind != "sum" else None
                     if row.kind == "sum" and not self._model.robot.joints[row.joint].elastic:
                         target = row
                     if target is not None:
-                        values[self._row[target]] = 1.0
+                        k = self._row[target]
+                        values[k] = 1.0 if rates is None else rates[k, states.first : states.first + motion.samples]
                 found[self._place[number]] = values
             number += extra.width
         if self._fit.effects is None:

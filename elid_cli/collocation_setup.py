@@ -31,6 +31,8 @@ SHAPE_SPREAD = 0.7
 """Prior standard deviation of a shape's logarithm about what the robot file gives."""
 LOOSER = 3.0
 """Amplitudes of effects are held this many times more loosely than in the default fit, whose noise is larger."""
+_WINDOWS, _NOISY = (5, 11, 21, 41, 81), 0.1
+"""Samples that a torque's rate is taken over, and how much of it may be noise."""
 _POINTS, _FEWEST = 15, 5
 """Points per knot interval, at most and at least."""
 _SHORTEST = 12
@@ -40,6 +42,18 @@ _SHORTEST = 12
 def _points(stride: int) -> int:
     """Return the collocation points of a knot interval: equally many samples lie around each."""
     return max(d for d in range(1, min(_POINTS, stride) + 1) if stride % d == 0)
+
+
+def _rate(torque: Array, noise: float, dt: float) -> Array:
+    """Return the rate of a torque (N,) by local cubics, as short as its noise lets them be."""
+    from scipy.signal import savgol_coeffs, savgol_filter
+
+    for width in _WINDOWS:
+        rate: Array = savgol_filter(torque, width, 3, deriv=1, delta=dt)
+        scatter = noise * float(np.linalg.norm(savgol_coeffs(width, 3, deriv=1, delta=dt)))
+        if scatter < _NOISY * float(np.sqrt(np.mean(rate**2))):
+            break
+    return rate
 
 
 class Setup:
@@ -57,9 +71,11 @@ class Setup:
         self.rows = tuple(item.row for item in fit.model.equations.rows)
         self.p_columns = fit.solution.basis
         self.setting = self._setting()
-        self._delay = self._delays()
-        self.equations = RobotEquations(Layout(fit, self.channels, self.rows, self.p_columns, self.setting))
+        self._delay, self._free = self._delays()
+        self._rates: list[Array] = []
         self.pieces = [p for s in signals.segments if (p := self._piece(s)) is not None]
+        layout = Layout(fit, self.channels, self.rows, self.p_columns, self.setting, self._rates)
+        self.equations = RobotEquations(layout)
         self.effects = _given(fit)
         self.z_start = free_shapes(self.effects)
         self.start = Iterate(
@@ -106,12 +122,14 @@ class Setup:
             coefficients.append(np.ascontiguousarray(spline.coefficients.T))
         return Iterate(coefficients, now.p.copy(), now.z.copy())
 
-    def _delays(self) -> Array:
-        delays = np.zeros(self.fit.model.robot.n)
+    def _delays(self) -> tuple[Array, NDArray[np.bool_]]:
+        """Return every torque channel's delay in the fit, s, and whether it is an unknown here too, (n,) each."""
+        delays, free = np.zeros(self.fit.model.robot.n), np.zeros(self.fit.model.robot.n, dtype=bool)
         for k, extra in enumerate(self.fit.nuisances):
             if extra.name == DELAY:
-                delays[next(iter(extra.rows)).joint] = self.fit.solution.values[self.fit.model.parameters + k]
-        return delays
+                joint, column = next(iter(extra.rows)).joint, self.fit.model.parameters + k
+                delays[joint], free[joint] = self.fit.solution.values[column], column in self.p_columns
+        return delays, free
 
     def _piece(self, segment: Segment) -> Piece | None:
         intervals = self._intervals(segment)
@@ -144,23 +162,31 @@ class Setup:
         )
 
     def _right_side(self, part: slice) -> tuple[Array, Array]:
-        """Return torque averaged over the samples around each point, and the rows' weights there."""
+        """Return torque averaged over the samples around each point, and the rows' weights there.
+
+        Keeps the torque's rate: u(t - delay) is taken at the fit's delay and to first order about it.
+        """
         signals = self.fit.signals
         every = self.setting.stride // self.setting.points
-        torque, mask = [], []
+        torque, mask, rates = [], [], []
         for row in self.rows:
             raw = signals.tau[part, row.joint]
             known = np.isfinite(raw)
             t = np.arange(len(raw)) * signals.dt
             acting = np.interp(t - self._delay[row.joint], t[known], raw[known]) if known.any() else np.zeros(len(raw))
             mean = acting.reshape(-1, every).mean(axis=1)
+            rate = _rate(acting, float(np.nan_to_num(signals.noise.tau[row.joint])), signals.dt)
+            rate = rate.reshape(-1, every).mean(axis=1) if self._free[row.joint] else np.zeros_like(mean)
             count = known.reshape(-1, every).all(axis=1).astype(float)
             if row.kind == "link":
                 torque.append(np.zeros_like(mean))
                 mask.append(np.ones_like(mean))
+                rates.append(np.zeros_like(mean))
                 continue
-            torque.append(mean)
+            torque.append(mean + self._delay[row.joint] * rate)
             mask.append(count)
+            rates.append(rate)
+        self._rates.append(np.array(rates))
         return np.array(torque), np.array(mask)
 
     def first_rho(self) -> Array:
