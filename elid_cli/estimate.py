@@ -27,7 +27,7 @@ from elid_cli.nuisance import DELAY
 from elid_cli.observation import Observation
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
-from elid_cli.stiffness import unsupported_stiffness
+from elid_cli.stiffness import deflections_noise, unsupported_stiffness, with_pull
 from elid_cli.tilt import LEVEL, STEEPEST, TILT, declared_tilt, levelled, tilted, untilted
 from elid_cli.verdicts import classes_in_log, judge, shortfall, suspicious, torque_scale
 
@@ -79,6 +79,8 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
     whole, robot = robot, robot.stiffened(signals.unlinked)
     fit, tilt = _levelled_fit(robot, signals, options)
     refused = unsupported_stiffness(fit)
+    pulled = with_pull(fit.model, fit.triangles, fit.solution, fit.covariance, deflections_noise(fit))
+    fit = replace(fit, covariance=pulled)
     found = unlinked_named(_as_described(assemble(fit, options, refused), robot, tilt), whole)
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))

@@ -32,7 +32,7 @@ from elid_cli.robot import Robot
 from elid_cli.robot_text import fingerprint
 from elid_cli.signals import Noise, Signals
 from elid_cli.solve import Solution
-from elid_cli.stiffness import stiffness_in_noise
+from elid_cli.stiffness import stiffness_in_noise, with_pull
 
 Array = NDArray[np.float64]
 
@@ -64,6 +64,8 @@ def identify_reduced(robot: Robot, logs: Sequence[ReducedLog]) -> tuple[Identifi
     judged = _as_fit(model, base, logs, fit)
     noise = _mean_square([log.facts.deflection_noise for log in logs], [log.facts.instants for log in logs])
     refused = stiffness_in_noise(model, fit.triangles, fit.solution.basis, noise)
+    pulled = with_pull(model, fit.triangles, judged.solution, judged.covariance, noise)
+    judged = replace(judged, covariance=pulled)
     found = assemble(judged, EstimateOptions(), refused)
     found = replace(found, settings={**found.settings, **_counts(logs, fit)})
     alike = [log for log in logs if np.array_equal(log.reference, robot.reference(), equal_nan=True)]

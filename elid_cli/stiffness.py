@@ -15,6 +15,7 @@ from elid_cli.fitting import Fit
 from elid_cli.model import Kind, Model, Row
 from elid_cli.reduction import Triangle, Triangles
 from elid_cli.signals import Signals
+from elid_cli.solve import Solution
 
 Array = NDArray[np.float64]
 
@@ -25,8 +26,12 @@ LARGEST_SHARE = 0.2
 
 def unsupported_stiffness(fit: Fit) -> dict[str, str]:
     """Return stiffness parameters that this log cannot support, with the reason."""
-    noise = np.array([deflection_noise(fit.signals, k) for k in range(fit.model.robot.n)])
-    return stiffness_in_noise(fit.model, fit.triangles, fit.solution.basis, noise)
+    return stiffness_in_noise(fit.model, fit.triangles, fit.solution.basis, deflections_noise(fit))
+
+
+def deflections_noise(fit: Fit) -> Array:
+    """Return the standard deviation of encoder noise in every filtered deflection, rad (m), (n,)."""
+    return np.array([deflection_noise(fit.signals, k) for k in range(fit.model.robot.n)])
 
 
 def stiffness_in_noise(model: Model, triangles: Triangles, basis: NDArray[np.intp], noise: Array) -> dict[str, str]:
@@ -51,6 +56,37 @@ def stiffness_in_noise(model: Model, triangles: Triangles, basis: NDArray[np.int
             reason = f"{min(share, 1.0):.0%} of the deflection that would tell it is encoder noise in {joint.name}"
             refused[f"K{k + 1}"] = reason
     return refused
+
+
+def with_pull(model: Model, triangles: Triangles, solution: Solution, covariance: Array, noise: Array) -> Array:
+    """Return the covariance of the basis, (r, r), with what noise in the deflections pulls the stiffnesses by.
+
+    A stiffness comes out smaller by the noise's share in the deciding deflection (errors in variables: attenuation),
+    and what its column is correlated with moves along. As the share is known roughly only, it widens the errors instead
+    of correcting the values.
+
+    Parameters
+    ----------
+    model, triangles, solution, covariance
+        The robot, the reduced logs, what was solved for and its covariance.
+    noise
+        Standard deviation of encoder noise in the filtered deflection, rad (m), (n,).
+    """
+    wider = covariance.copy()
+    for k, joint in enumerate(model.robot.joints):
+        if not joint.elastic:
+            continue
+        place = np.flatnonzero(solution.basis == model.index[f"K{k + 1}"])
+        left = deciding_deflection(model, triangles, solution.basis, k) if len(place) else None
+        if left is None or not left > 0 or not np.isfinite(noise[k]):
+            continue
+        own = int(place[0])
+        if not covariance[own, own] > 0:
+            continue
+        pull = min(float(noise[k] ** 2 / left), 1.0) * float(solution.values[solution.basis[own]])
+        moved = covariance[:, own] / covariance[own, own] * pull
+        wider += np.outer(moved, moved)
+    return wider
 
 
 def deciding_deflection(model: Model, triangles: Triangles, basis: NDArray[np.intp], joint: int) -> float | None:

@@ -90,7 +90,8 @@ def judge(
             reasons[name] = f"{spread}: {why(members, robot, signals)}"
         elif deviation[k] > WEAK * size:
             verdicts.append("weak")
-            reasons[name] = f"known to {deviation[k] / size:.0%} only: {why(members, robot, signals)}"
+            of = " of what would show in the torque" if size > abs(estimate[k]) else ""
+            reasons[name] = f"known to {deviation[k] / size:.0%}{of} only: {why(members, robot, signals)}"
         elif freedom < LEAST_FREEDOM:
             verdicts.append("weak")
             reasons[name] = f"the log is so short that its standard error is itself uncertain ({freedom:.1f} to spare)"

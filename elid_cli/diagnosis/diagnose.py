@@ -12,6 +12,7 @@ from elid_cli.base import find_base
 from elid_cli.diagnosis.answer import Diagnosis
 from elid_cli.diagnosis.held_out import held_out_gain
 from elid_cli.diagnosis.quarters import Survival, judged
+from elid_cli.diagnosis.retimed import retimed
 from elid_cli.diagnosis.said import result
 from elid_cli.diagnosis.screen import sensible
 from elid_cli.diagnosis.search import Found, beside, search
@@ -94,7 +95,8 @@ def diagnose(
     }
     plain = reweighted(reduce(log.training, (), log.fold), log.base.count).values[: model.parameters]
     declared = [d.effect for d in declared_effects(model.robot, scene_of(model, signals, plain))]
-    found, refuted = _surviving(search(log, declared, library, progress), len(declared))
+    searched = retimed(search(log, declared, library, progress), len(declared))
+    found, refuted = _surviving(searched, len(declared))
     known = len(declared) + found.kept
     found = with_whole_curves(found, known, progress, asked=options.accurate)
     named, curves = found.after, list[Effect]()

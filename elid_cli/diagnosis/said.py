@@ -15,7 +15,7 @@ from elid_cli.diagnosis.screen import Candidate
 from elid_cli.diagnosis.search import Found, Step, Term
 from elid_cli.diagnosis.state import Log, State
 from elid_cli.diagnosis.stretches import spans
-from elid_cli.diagnosis.triage import Organised, RowState, judged_rows, organise, rows_of, words
+from elid_cli.diagnosis.triage import MATTERS, Organised, RowState, judged_rows, organise, rows_of, words
 from elid_cli.estimate import JointError, Nuisance
 from elid_cli.model import Row
 from elid_cli.refined import refined_robot, representative
@@ -28,6 +28,10 @@ from elid_cli.validation import validate
 Array = NDArray[np.float64]
 
 
+UNSEEN = 3.0
+"""Held-out error over the floor from which a row that is quiet elsewhere is not."""
+HELD_OUT = "held-out stretches"
+"""What such a row's residual follows."""
 _SIDES = {"load": "link", "drive": "motor"}
 """What lies in a row of a joint with a torque sensor."""
 
@@ -46,12 +50,14 @@ def result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence
     fitted = {e.joint for e in after.effects if e.name == SKEW}
     seen = tuple(_seen(robot, after, skew) for skew in found.skews if skew.joint not in fitted)
     extra = tuple(_curve(after, len(after.effects) - len(curves) + k) for k in range(len(curves)))
+    last_error = _floored(validations[1].error, after)
     unexplained = _unexplained(named, rows_of(named), found.remaining)
+    unexplained += _unseen(last_error, rows_after, unexplained)
     return Diagnosis(
         robot=robot,
         refined=last,
         before=_floored(validations[0].error, before),
-        after=_floored(validations[1].error, after),
+        after=last_error,
         effects=(*seen, *effects, *terms),
         also_possible=_rivals(after, declared, found.steps, effects),
         nuisances=(*_nuisances(after), *(_kept(after, k) for k in range(declared - found.kept, declared))),
@@ -156,9 +162,8 @@ def _errors(state: State, number: int) -> dict[str, float]:
     """Return standard errors of an effect's named parameters by first-order propagation of its coefficients."""
     place = state.place(number)
     where = [np.flatnonzero(state.solution.basis == c) for c in range(place.start, place.stop)]
-    if any(not len(w) for w in where):
-        return {}
-    index = [int(w[0]) for w in where]
+    free = [k for k, w in enumerate(where) if len(w)]  # the others are held at what the rest makes of them: 0
+    index = [int(where[k][0]) for k in free]
     covariance = state.covariance[np.ix_(index, index)]
     centre = state.coefficients(number)
     names = state.named(number)
@@ -167,6 +172,7 @@ def _errors(state: State, number: int) -> dict[str, float]:
         step = 1e-4 * max(abs(float(centre[k])), 1e-9)
         moved_ = state.renamed(number, centre + step * np.eye(len(centre))[k])
         jacobian[:, k] = [(moved_[n] - names[n]) / step for n in names]
+    jacobian = jacobian[:, free]
     spread = np.sqrt(np.maximum(np.einsum("ak,kl,al->a", jacobian, covariance, jacobian), 0.0))
     return {name: float(s) for name, s in zip(names, spread, strict=True) if s > 0}
 
@@ -218,6 +224,25 @@ def _kept(state: State, number: int) -> Nuisance:
     return Nuisance(effect.name, joint, state.named(number), _errors(state, number))
 
 
+def _unseen(
+    errors: Mapping[str, JointError], rows: Sequence[RowState], told: Sequence[Unexplained]
+) -> tuple[Unexplained, ...]:
+    """Return rows that obey the model where the search looks, and not on the held-out stretches.
+
+    Something that happens within a held-out stretch alone is for nobody to find, but it must not be called noise.
+    """
+    known = {(item.joint, item.rows) for item in told} | {(r.joint, r.rows) for r in rows if r.high}
+    found = []
+    for name, error in errors.items():
+        sides = (("sum", error.rms, error.floor), ("motor", error.spring_rms, error.spring_floor))
+        for kind, rms, floor in sides:
+            if rms is None or not floor or rms <= UNSEEN * floor or rms <= MATTERS * error.torque_rms:
+                continue
+            if not known & {(name, kind), (name, "link"), (name, "sum")}:
+                found.append(Unexplained(name, kind, HELD_OUT, 0.0, rms, rms / floor, ()))
+    return tuple(found)
+
+
 def _unexplained(state: State, rows: Sequence[RowState], remaining: Sequence[Candidate]) -> tuple[Unexplained, ...]:
     names = state.log.model.robot.joint_names
     found = []
@@ -235,7 +260,8 @@ def _unexplained(state: State, rows: Sequence[RowState], remaining: Sequence[Can
             ),
             key=lambda pair: -pair[1],
         )
-        near = tuple((c.effect.name, None if c.effect.whole_robot else names[joint], part) for c, part in taken[:3])
+        best_of = {(c.effect.name, None if c.effect.whole_robot else names[joint]): part for c, part in taken[::-1]}
+        near = tuple((*whose, part) for whose, part in reversed(best_of.items()) if part > 0)[:3]
         side = "link" if item.rows == "sum" and _quiet(rows, item.joint) else _SIDES.get(item.rows, item.rows)
         found.append(Unexplained(item.joint, side, best.variable, best.share, item.rms, item.ratio, near))
     return tuple(found)

@@ -110,11 +110,18 @@ def shape_of(flat: Flat) -> MessageShape:
     return MessageShape(widths, strings, starts)
 
 
+_PARTS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
+_STAMPS = (*_PARTS, *((whole, "") for whole, _ in _PARTS))
+"""Names of a stamp's seconds and nanoseconds; seconds alone where a message has nothing else."""
+
+
 def stamp_of(flat: Flat) -> int:
     """Return the header stamp in ns, 0 where the message has none."""
     for prefix in ("header.stamp", "stamp", "header.timestamp", "timestamp"):
-        for whole, part in (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos")):
-            seconds, parts = flat.get(f"{prefix}.{whole}", [None])[0], flat.get(f"{prefix}.{part}", [0.0])[0]
+        for whole, part in _STAMPS:
+            if f"{prefix}.{whole}" not in flat or (part and f"{prefix}.{part}" not in flat):
+                continue
+            seconds, parts = flat[f"{prefix}.{whole}"][0], flat[f"{prefix}.{part}"][0] if part else 0.0
             if isinstance(seconds, float) and isinstance(parts, float) and abs(seconds) < 1e10 and abs(parts) < 1e10:
                 return int(seconds) * 1_000_000_000 + int(parts)
     return 0

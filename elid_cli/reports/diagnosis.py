@@ -77,7 +77,11 @@ def _outcome(told: Told) -> list[str]:
     """Return in words where the model after stands, and what the missing effects had moved."""
     found = told.found
     worst = _worst(found)
-    words = [f"after: every row within {number_text(worst, 3)} of its floor"] if worst <= AT_FLOOR else []
+    words = [
+        f"after: every row within {number_text(worst, 3)} of its floor"
+        if worst <= AT_FLOOR
+        else f"after: more than the sensors' noise is left, up to {number_text(worst, 3)} times the floor"
+    ]
     moved = [m for m in found.moved if abs(m.deviations) > MOVED]
     if moved:
         named = ", ".join(f"{m.name} {m.deviations:+.0f} sd" for m in moved[:NAMED])
@@ -87,7 +91,7 @@ def _outcome(told: Told) -> list[str]:
         words.append(
             f"mean error against the robot file's parameters: {number_text(first, 3)} → {number_text(last, 3)} %"
         )
-    return words or ["after: more than the sensors' noise is left"]
+    return words
 
 
 def _worst(found: Diagnosis) -> float:

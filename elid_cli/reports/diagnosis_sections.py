@@ -7,6 +7,7 @@ from math import isnan
 
 from elid_cli.diagnosis import Diagnosis, FoundEffect, Unexplained
 from elid_cli.diagnosis.contributions import Contribution
+from elid_cli.diagnosis.said import HELD_OUT
 from elid_cli.diagnosis.triage import Organised
 from elid_cli.identification import JointError
 from elid_cli.report import Cell, Column, KeyValues, Mark, Quantity, Section, Table, Text, Tone, number_text, percent
@@ -20,6 +21,8 @@ FOLLOWS = 0.05
 """Share of a residual's variance that must follow a variable for the variable to be named."""
 NEAR = 0.005
 """Share of the residual that an effect must take away to be called near."""
+STICKING = "reversals"
+"""What the residual of a motor that sticks or creeps follows."""
 _KEPT = "; fitted along all the same, as no two encoders have the same zero"
 CURVES = (
     "gain of a friction curve of several terms: of what the held-out stretches show beyond noise when the trajectory is"
@@ -194,12 +197,15 @@ def unexplained_section(found: Diagnosis) -> list[Section]:
 
 def _left(robot: Robot, item: Unexplained) -> str:
     size = f"{number_text(item.rms, 3)} {torque_unit(robot, item.joint)}, {number_text(item.ratio, 3)} times its floor"
+    if item.variable == HELD_OUT:
+        return f"{size} on the held-out stretches, where the search does not look, and noise elsewhere"
     follows = f"; follows {variable_words(item.variable)} ({share_words(item.share)})" if item.share > FOLLOWS else ""
+    sticks = "; leave slow motion out: --min-velocity 0.03" if follows and item.variable == STICKING else ""
     near = ", ".join(
         f"{whose(effect, joint)} {share_words(gain)}" for effect, joint, gain in item.nearest if gain > NEAR
     )
     said = f"nearest, and what they take of parts left out: {near}" if near else "no effect comes near"
-    return f"{size}{follows}; {said}"
+    return f"{size}{follows}{sticks}; {said}"
 
 
 def share_words(fraction: float) -> str:

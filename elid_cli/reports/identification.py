@@ -187,7 +187,8 @@ def base_table(found: Identification) -> Table:
 def _verdict_note(found: Identification) -> str:
     if all(verdict == "supported" for verdict in found.verdict):
         return "this log supports every one of them"
-    return "weak: known to worse than 30 %; refused: not known at all; the others this log supports"
+    weak = "weak: known to worse than 30 % of itself and of what would show in the torque"
+    return f"{weak}; refused: not known at all; the others this log supports"
 
 
 def error_table(

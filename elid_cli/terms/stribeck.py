@@ -78,9 +78,13 @@ class Stribeck(Effect):
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
-        """Whether the velocity is one that a log resolves: below it there is the motor's sticking only."""
+        """Whether the velocity is one that a log resolves.
+
+        Below it there is the motor's sticking only; a curve that does not fade within the speeds of the log is Coulomb
+        and viscous friction.
+        """
         top = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.98))
-        return super().plausible(scene, joint, values) and values["velocity"] > SLOWEST * top
+        return super().plausible(scene, joint, values) and SLOWEST * top < values["velocity"] < top
 
     @classmethod
     def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
