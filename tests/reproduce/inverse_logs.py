@@ -387,8 +387,12 @@ def laws_of(effect: str, made: Made, k: int) -> Laws:
         case "link_viscous":
             link(lambda w: 0.6 * fv * w.dq[:, k])
         case "gravity_direction":
-            g = 9.81
-            laws.gravity = (g * 0.02, -g * 0.025, -g * float(np.sqrt(1 - 0.02**2 - 0.025**2)))
+            down = np.array(made.truth.gravity)
+            size = float(np.linalg.norm(down))
+            first, second = np.argsort(np.abs(down), kind="stable")[:2]  # the horizontal axes of the base
+            turned = down * float(np.sqrt(1 - 0.02**2 - 0.025**2))
+            turned[[first, second]] += size * np.array([0.02, -0.025])
+            laws.gravity = (float(turned[0]), float(turned[1]), float(turned[2]))
         case "payload":
             last = made.truth.joints[-1].parameters
             m, r = 0.25 * last["m"], np.array([0.03, 0.02, 0.05])
