@@ -9,6 +9,8 @@ from elid_cli.comparison import Change, Comparison, Saved
 from elid_cli.report import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, Tone, number_text, percent
 
 SHOWN = 20
+WORSE, NOTABLE = 3.0, 0.01
+"""Held-out error over that of the first result, and of the torque, from which a model is said to lack something."""
 
 
 def comparison_report(comparisons: Sequence[Comparison], sigmas: float) -> Report:
@@ -21,6 +23,7 @@ def comparison_report(comparisons: Sequence[Comparison], sigmas: float) -> Repor
     for k, comparison in enumerate(comparisons, start=2):
         sections += _moved(comparison, k, sigmas)
     sections += _errors(results)
+    sections += [Text(f"warning{k}", line, "warning") for k, line in enumerate(_doubts(results))]
     payload = {
         "robot": results[0].robot,
         "files": [r.file for r in results],
@@ -78,6 +81,26 @@ def _errors(results: Sequence[Saved]) -> list[Section]:
     columns = (Column("joint", "joint"), *(Column(f"r{k}", f"result {k}", align="right") for k in _numbers(results)))
     rows: list[tuple[Cell, ...]] = [(joint, *(percent(r.error.get(joint)) for r in results)) for joint in joints]
     return [Table("error", columns, tuple(rows), title="held-out error, share of torque")]
+
+
+def _doubts(results: Sequence[Saved]) -> list[str]:
+    """Return what makes a comparison mean less than it says."""
+    first, *others = results
+    doubts = [
+        f"{other.file} is of {other.robot or 'another robot'} and {first.file} of {first.robot}:"
+        " parameters of one name may be others"
+        for other in others
+        if other.robot != first.robot or other.error.keys() != first.error.keys()
+    ]
+    for other in others:
+        for joint, share in other.error.items():
+            before = first.error.get(joint)
+            if before and share > WORSE * before and share > NOTABLE:
+                doubts.append(
+                    f"{joint}: the torque is predicted {number_text(share / before, 2)} times as badly in {other.file}"
+                    " as in the first: its model lacks something there (elid diagnose), and its parameters bear it"
+                )
+    return doubts
 
 
 def _numbers(results: Sequence[Saved]) -> range:
