@@ -32,6 +32,8 @@ WITHIN_NOISE = 0.1
 NEARLY, REST = 0.3, 0.3
 """The same, where no more than the second of what the terms alone leave beyond noise remains: splines round off the
 jump of friction at every reversal, which no curve mends."""
+OBEYED = 0.03
+"""The same that terms alone may leave to be all there is."""
 FAR_OFF, HOPELESS = 5.0, 1.0
 """The same of the terms alone, and with a whole curve at every joint, from which on other forms need not be tried: what
 the log lacks is something else, or its jumps are too sharp for the splines."""
@@ -72,7 +74,7 @@ def with_whole_curves(found: Found, declared: int, progress: Progress | None = N
     tell = progress or (lambda label, part: None)
     tell(LABEL, 0.0)
     alone = collocated(state, state.effects, known(state))
-    if alone is None or alone.excess > FAR_OFF:
+    if alone is None or alone.excess > FAR_OFF or _obeyed(alone):
         return found
     # what one joint of a robot shows another may have as well, too faint for the search
     for tried in [{**curves, **hidden}, curves] if hidden and curves else [{**curves, **hidden}]:
@@ -94,6 +96,11 @@ def _hidden(state: State, kinds: Sequence[type[Effect]]) -> dict[int, tuple[Shap
             if joint not in taken and not state.log.signals.still[joint] and kind.applies(state.log.model.robot, joint):
                 hidden[-1 - joint] = kind.whole_curves(state.scene, joint, (1.0, 1.0))
     return {k: shapes for k, shapes in hidden.items() if shapes}
+
+
+def _obeyed(alone: Collocated) -> bool:
+    """Whether the terms alone let training and held-out stretches obey the model: there is nothing to complete."""
+    return alone.excess < OBEYED and 0.5 * (alone.cost - alone.noise) < NET
 
 
 def _supported(whole: Collocated, alone: Collocated) -> bool:
