@@ -10,6 +10,7 @@ from elid_cli.diagnosis.stiffness_by_load import with_load
 from elid_cli.diagnosis.stretches import FOLDS
 from elid_cli.estimate import Fit, assemble
 from elid_cli.identification import EstimateOptions, FittedEffect, Identification, JointError
+from elid_cli.stiffness import deflections_noise, with_pull
 
 
 def identified(state: State, error: Mapping[str, JointError], declared: int = 0) -> Identification:
@@ -36,6 +37,9 @@ def identified(state: State, error: Mapping[str, JointError], declared: int = 0)
         state.solution,
         state.covariance,
     )
+    if state.known is None:  # a collocation holds the trajectory to the equations: its deflections are no noise
+        noise = deflections_noise(fit)
+        fit = replace(fit, covariance=with_pull(fit.model, fit.triangles, fit.solution, fit.covariance, noise))
     found = assemble(fit, EstimateOptions(folds=FOLDS, offsets=False))
     whole = {"instants": log.observation.instants, "masked": [float(share) for share in log.observation.masked]}
     names = log.model.robot.joint_names
