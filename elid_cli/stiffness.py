@@ -62,8 +62,10 @@ def with_pull(model: Model, triangles: Triangles, solution: Solution, covariance
     """Return the covariance of the basis, (r, r), with what noise in the deflections pulls the stiffnesses by.
 
     A stiffness comes out smaller by the noise's share in the deciding deflection (errors in variables: attenuation),
-    and what its column is correlated with moves along. As the share is known roughly only, it widens the errors instead
-    of correcting the values.
+    and what its column is correlated with moves along. The share is known roughly only (smoothing takes some of the
+    noise away, and how much depends on its colour): anything from nothing to all of it, so that the errors are widened
+    by the standard deviation of a uniform distribution instead of correcting the values. More logs do not make it
+    smaller.
 
     Parameters
     ----------
@@ -83,7 +85,7 @@ def with_pull(model: Model, triangles: Triangles, solution: Solution, covariance
         own = int(place[0])
         if not covariance[own, own] > 0:
             continue
-        pull = min(float(noise[k] ** 2 / left), 1.0) * float(solution.values[solution.basis[own]])
+        pull = min(float(noise[k] ** 2 / left), 1.0) * float(solution.values[solution.basis[own]]) / np.sqrt(3.0)
         moved = covariance[:, own] / covariance[own, own] * pull
         wider += np.outer(moved, moved)
     return wider

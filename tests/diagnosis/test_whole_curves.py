@@ -75,11 +75,3 @@ def test_a_joint_without_the_curve_gets_none() -> None:
     second = replace(whole, effects=tuple(e for e in whole.effects if e.joint == "joint2"))
     found = diagnosed(second, 6, rates=True)
     assert [e.joint for e in found.effects] == ["joint2", "joint2"]
-
-
-def test_a_curve_of_one_term_stays_one() -> None:
-    whole = with_friction(read_robot("planar2"), known=True)
-    fading = [e for e in whole.effects if e.parameters["exponent"] > 0]
-    single = tuple(replace(e, parameters={**e.parameters, "amplitude": 0.2}) for e in fading)
-    found = diagnosed(replace(whole, effects=single), 5)
-    assert len({(e.effect, e.joint) for e in found.effects}) == len(found.effects)

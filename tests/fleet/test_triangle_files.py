@@ -143,9 +143,18 @@ def test_merged_logs_agree_with_the_logs_read_as_one(place: Path) -> None:
     assert np.abs(merged.std_error[both] / together.std_error[both] - 1).max() < 0.6
 
 
-def test_the_same_log_twice_halves_the_variance(place: Path) -> None:
+def test_the_same_log_four_times_halves_the_standard_errors(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for what encoder noise pulls the stiffnesses by, which more logs do not make smaller."""
     robot = read_robot("puma560")
     log = reduce_jobs(jobs(place, "b.h5"))[0]
+    whole = [identify_reduced(robot, [log] * count)[0].std_error for count in (1, 4)]
+    monkeypatch.setattr("elid_cli.merging.with_pull", lambda model, triangles, solution, covariance, noise: covariance)
+    alone = [identify_reduced(robot, [log] * count)[0].std_error for count in (1, 4)]
+    known = np.isfinite(whole).all(axis=0) & np.isfinite(alone).all(axis=0)
+    pulls = [np.sqrt(a[known] ** 2 - b[known] ** 2) for a, b in zip(whole, alone, strict=True)]
+    moved = pulls[0] > 0.1 * whole[0][known]
+    assert moved.any()
+    assert np.median(pulls[1][moved] / pulls[0][moved]) == pytest.approx(1.0, rel=0.15)
     once, _ = identify_reduced(robot, [log])
     four, _ = identify_reduced(robot, [log] * 4)
     known = np.isfinite(once.estimate) & np.isfinite(four.estimate)
