@@ -14,11 +14,13 @@ from elid_cli.reports.diagnosis_sections import (
     unexplained_section,
 )
 from elid_cli.reports.diagnosis_told import Told, referenced
-from elid_cli.reports.identification import AT_FLOOR
+from elid_cli.reports.identification import AT_FLOOR, torque_unit
 from elid_cli.reports.inputs import Items, command, heading, nuisance_items, recorded_items, span_words, used_items
 
 MOVED = 3.0
 """Shift of a base parameter, in standard deviations, that is worth a word."""
+WORSE = 1.1
+"""Error after over that before on another log from which it speaks against what was found."""
 NAMED = 5
 """How many moved base parameters are named."""
 
@@ -47,6 +49,7 @@ def diagnosis_report(told: Told) -> Report:
             )
             for k, check in enumerate(told.checks)
         ),
+        *(Text(f"against{k}", line, "warning") for k, line in enumerate(_against(told))),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *told.after.warnings))),
         *_meaning(told),
     ]
@@ -113,6 +116,19 @@ def _next(told: Told) -> str:
     if not told.lookup:
         return command("diagnose", recording, told.robot_argument, "--lookup")
     return command("identify", recording, told.robot_argument)
+
+
+def _against(told: Told) -> list[str]:
+    """Return what other logs say against the model after."""
+    found, said = [], "what was found may not hold beyond the log that it was found in"
+    for check in told.checks:
+        for joint, after in check.after.items():
+            before = check.before[joint].rms
+            if after.rms > WORSE * before:
+                unit = torque_unit(told.found.robot, joint)
+                sizes = f"{number_text(before, 3)} → {number_text(after.rms, 3)} {unit}"
+                found.append(f"{_files(check.recording)}: {joint} is predicted worse than before, {sizes}: {said}")
+    return found
 
 
 def _files(recording: Recording) -> str:
