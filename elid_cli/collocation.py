@@ -45,6 +45,8 @@ class Piece:
     mask: Array
     start: Array
     """Coefficients to start from, (intervals + 5, channels)."""
+    rate: Array
+    """Rate of the right-hand side, N·m/s (N/s), (rows, instants); 0 where its delay is no unknown."""
 
     @property
     def intervals(self) -> int:

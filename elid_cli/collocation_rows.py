@@ -34,7 +34,7 @@ class Layout:
     """Columns of the fit that are unknowns, in the order of p."""
     setting: Setting
     rates: Sequence[Array] = ()
-    """Per piece: rate of the measured torque in every row, N·m/s (N/s), (rows, instants)."""
+    """Per piece: rate of the measured torque in every row, N·m/s (N/s), (rows, instants); 0 where no delay is free."""
 
 
 @dataclass(frozen=True)

@@ -45,11 +45,12 @@ def _points(stride: int) -> int:
 
 
 def _rate(torque: Array, noise: float, dt: float) -> Array:
-    """Return the rate of a torque (N,) by local cubics, as short as its noise lets them be."""
+    """Return the rate of a torque (N,) by local cubics, as short as its noise lets them be and no longer than it."""
     from scipy.signal import savgol_coeffs, savgol_filter
 
-    for width in _WINDOWS:
-        rate: Array = savgol_filter(torque, width, 3, deriv=1, delta=dt)
+    rate = np.zeros_like(torque)
+    for width in (w for w in _WINDOWS if w <= len(torque)):
+        rate = savgol_filter(torque, width, 3, deriv=1, delta=dt)
         scatter = noise * float(np.linalg.norm(savgol_coeffs(width, 3, deriv=1, delta=dt)))
         if scatter < _NOISY * float(np.sqrt(np.mean(rate**2))):
             break
@@ -72,9 +73,9 @@ class Setup:
         self.p_columns = fit.solution.basis
         self.setting = self._setting()
         self._delay, self._free = self._delays()
-        self._rates: list[Array] = []
         self.pieces = [p for s in signals.segments if (p := self._piece(s)) is not None]
-        layout = Layout(fit, self.channels, self.rows, self.p_columns, self.setting, self._rates)
+        rates = tuple(p.rate for p in self.pieces)
+        layout = Layout(fit, self.channels, self.rows, self.p_columns, self.setting, rates)
         self.equations = RobotEquations(layout)
         self.effects = _given(fit)
         self.z_start = free_shapes(self.effects)
@@ -151,7 +152,7 @@ class Setup:
             sigma = max(float(noise), 1e-9 * float(np.nanstd(smooth[c])) + 1e-15)
             weight[c] = np.where(np.isfinite(raw), 1.0 / sigma, 0.0)
         start = fit_spline(smooth, stride, signals.dt).spline.coefficients[:, : intervals + 5].T
-        torque, mask = self._right_side(part)
+        torque, mask, rate = self._right_side(part)
         shape = (len(self.channels), intervals, stride)
         return Piece(
             measured.reshape(shape),
@@ -159,35 +160,34 @@ class Setup:
             torque.reshape(len(self.rows), intervals, self.setting.points),
             mask.reshape(len(self.rows), intervals, self.setting.points),
             np.ascontiguousarray(start),
+            rate,
         )
 
-    def _right_side(self, part: slice) -> tuple[Array, Array]:
-        """Return torque averaged over the samples around each point, and the rows' weights there.
+    def _right_side(self, part: slice) -> tuple[Array, Array, Array]:
+        """Return torque averaged over the samples around each point, the rows' weights there and the torque's rate.
 
-        Keeps the torque's rate: u(t - delay) is taken at the fit's delay and to first order about it.
+        The rate is 0 but where the delay is an unknown: u(t - delay) is taken at the fit's delay and to first order
+        about it.
         """
         signals = self.fit.signals
         every = self.setting.stride // self.setting.points
-        torque, mask, rates = [], [], []
-        for row in self.rows:
-            raw = signals.tau[part, row.joint]
+        instants = (part.stop - part.start) // every
+        torque, mask, rate = np.zeros((3, len(self.rows), instants))
+        for number, row in enumerate(self.rows):
+            if row.kind == "link":
+                mask[number] = 1.0
+                continue
+            raw, delay = signals.tau[part, row.joint], self._delay[row.joint]
             known = np.isfinite(raw)
             t = np.arange(len(raw)) * signals.dt
-            acting = np.interp(t - self._delay[row.joint], t[known], raw[known]) if known.any() else np.zeros(len(raw))
-            mean = acting.reshape(-1, every).mean(axis=1)
-            rate = _rate(acting, float(np.nan_to_num(signals.noise.tau[row.joint])), signals.dt)
-            rate = rate.reshape(-1, every).mean(axis=1) if self._free[row.joint] else np.zeros_like(mean)
-            count = known.reshape(-1, every).all(axis=1).astype(float)
-            if row.kind == "link":
-                torque.append(np.zeros_like(mean))
-                mask.append(np.ones_like(mean))
-                rates.append(np.zeros_like(mean))
-                continue
-            torque.append(mean + self._delay[row.joint] * rate)
-            mask.append(count)
-            rates.append(rate)
-        self._rates.append(np.array(rates))
-        return np.array(torque), np.array(mask)
+            acting = np.interp(t - delay, t[known], raw[known]) if known.any() else np.zeros(len(raw))
+            mask[number] = known.reshape(-1, every).all(axis=1)
+            torque[number] = acting.reshape(-1, every).mean(axis=1)
+            if self._free[row.joint]:
+                noise = float(np.nan_to_num(signals.noise.tau[row.joint]))
+                rate[number] = _rate(acting, noise, signals.dt).reshape(-1, every).mean(axis=1)
+                torque[number] += delay * rate[number]
+        return torque, mask, rate
 
     def first_rho(self) -> Array:
         """Return the noise of every row that is assumed at first, N·m (N), (rows,)."""

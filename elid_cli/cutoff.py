@@ -15,10 +15,11 @@ import numpy as np
 
 from elid_cli.base import BaseParameters
 from elid_cli.errors import DataError
+from elid_cli.excerpts import excerpts
 from elid_cli.fitting import Fit, fit_log
 from elid_cli.identification import EstimateOptions
 from elid_cli.model import Model
-from elid_cli.signals import DEFAULT_CUTOFF, Signals, excerpts
+from elid_cli.signals import DEFAULT_CUTOFF, Signals
 
 LOWER = (7.0, 5.0, 3.5)
 """Cut-offs tried besides the usual one, Hz."""

@@ -24,7 +24,8 @@ from elid_cli.logs import read_recording
 from elid_cli.recording import Recording
 from elid_cli.reduced_log import ReducedLog, without_positions
 from elid_cli.robot import Robot
-from elid_cli.signals import SignalOptions, Signals, prepare
+from elid_cli.signal_options import SignalOptions
+from elid_cli.signals import Signals, prepare
 
 Progress: TypeAlias = Callable[[float], None]
 Answer: TypeAlias = bytes | tuple[str, str, str, str]

@@ -17,7 +17,8 @@ from elid_cli.model import Model, Row
 from elid_cli.observation import Observation, observe
 from elid_cli.recording import Recording, Segment
 from elid_cli.robot import Robot
-from elid_cli.signals import SignalOptions, prepare
+from elid_cli.signal_options import SignalOptions
+from elid_cli.signals import prepare
 
 Array = NDArray[np.float64]
 

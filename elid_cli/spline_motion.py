@@ -10,14 +10,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.excerpts import in_parts
 from elid_cli.motion import Motion
 from elid_cli.recording import Segment
 from elid_cli.smoothing import Spline
 
 Array = NDArray[np.float64]
-
-STRETCH = 65536
-"""Samples evaluated at a time where all are passed over."""
 
 
 @dataclass(frozen=True)
@@ -141,10 +139,8 @@ class SplineMotion(Motion):
 
     def _whole(self, side: int, derivative: int) -> Array:
         out = np.full((self.samples, self._joints), np.nan)
-        for segment in self.segments:
-            for start in range(segment.start, segment.stop, STRETCH):
-                stop = min(start + STRETCH, segment.stop)
-                out[start:stop] = self.evaluated(start, stop, derivative + 1, first=derivative)[side, 0].T
+        for part in in_parts(self.segments):
+            out[part] = self.evaluated(part.start, part.stop, derivative + 1, first=derivative)[side, 0].T
         return out
 
     @cached_property

@@ -13,7 +13,8 @@ from elid_cli.commands.progress import Progress
 if TYPE_CHECKING:
     from elid_cli.recording import Recording
     from elid_cli.robot import Robot
-    from elid_cli.signals import SignalOptions, Signals
+    from elid_cli.signal_options import SignalOptions
+    from elid_cli.signals import Signals
 
 
 def load_recording(
@@ -64,7 +65,7 @@ def sharp(conditioning: Conditioning, recording: Recording) -> Conditioning:
 
 def signal_options(conditioning: Conditioning) -> SignalOptions:
     """Return the core's options."""
-    from elid_cli.signals import SignalOptions
+    from elid_cli.signal_options import SignalOptions
 
     return SignalOptions(
         cutoff=conditioning.cutoff,

@@ -130,7 +130,8 @@ def identify_arrays() -> dict[str, float]:
     from elid_cli.estimate import identify
     from elid_cli.memory import keep_freed_memory
     from elid_cli.model import Model
-    from elid_cli.signals import SignalOptions, prepare
+    from elid_cli.signal_options import SignalOptions
+    from elid_cli.signals import prepare
 
     robot = made.rigid(made.puma())
     recording = made.recording(robot, SAMPLES / 1000)

@@ -11,7 +11,8 @@ from elid_cli.accurate import astray
 from elid_cli.estimate import EstimateOptions, identify
 from elid_cli.link_equation import TwoWays, with_both_regressions
 from elid_cli.recording import Recording, Segment
-from elid_cli.signals import SignalOptions, prepare
+from elid_cli.signal_options import SignalOptions
+from elid_cli.signals import prepare
 from tests.estimate.test_identify import PLANAR, found, noisy, planar_log
 
 

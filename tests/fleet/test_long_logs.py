@@ -12,6 +12,7 @@ import pytest
 
 from elid_cli.errors import LogError
 from elid_cli.estimate import identify
+from elid_cli.excerpts import excerpts
 from elid_cli.log_reduction import reduce_log
 from elid_cli.logs import read_recording
 from elid_cli.longrun import KernelSum, Persistence
@@ -23,7 +24,8 @@ from elid_cli.observation import observe
 from elid_cli.recording import Segment
 from elid_cli.reduction import factor_of
 from elid_cli.robot_file import read_robot
-from elid_cli.signals import SignalOptions, excerpts, prepare
+from elid_cli.signal_options import SignalOptions
+from elid_cli.signals import prepare
 from elid_cli.smoothing import fit_spline
 
 ROOT = Path(__file__).parents[2]

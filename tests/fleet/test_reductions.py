@@ -17,7 +17,8 @@ from elid_cli.nuisance import delay_columns, offset_columns
 from elid_cli.observation import Observation, observe
 from elid_cli.reduction import folds_of, reduce
 from elid_cli.robot_file import read_robot
-from elid_cli.signals import SignalOptions, prepare
+from elid_cli.signal_options import SignalOptions
+from elid_cli.signals import prepare
 from elid_cli.solve import WEIGHT_ITERATIONS, reweighted, solve, weights_of
 from elid_cli.student import student_quantile
 

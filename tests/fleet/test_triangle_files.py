@@ -24,7 +24,8 @@ from elid_cli.merging import identify_reduced
 from elid_cli.recording import Recording, Segment
 from elid_cli.robot_file import read_robot
 from elid_cli.robot_text import text_of
-from elid_cli.signals import SignalOptions, prepare
+from elid_cli.signal_options import SignalOptions
+from elid_cli.signals import prepare
 from elid_cli.triangle_file import is_triangle_file, read_triangles, write_triangles
 
 LOGS = Path(__file__).parents[2] / "sample_logs"

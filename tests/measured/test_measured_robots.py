@@ -14,7 +14,8 @@ from elid_cli.estimate import EstimateOptions, identify
 from elid_cli.identification import Identification
 from elid_cli.logs import read_recording
 from elid_cli.robot_file import read_robot
-from elid_cli.signals import SignalOptions, prepare
+from elid_cli.signal_options import SignalOptions
+from elid_cli.signals import prepare
 from elid_cli.validation import validate
 
 DATA = Path(__file__).parents[3] / "shared" / "data"

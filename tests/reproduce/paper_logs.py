@@ -12,7 +12,8 @@ from elid_cli.paper import RateNoise, identify_paper
 from elid_cli.recording import Recording
 from elid_cli.reference import ReferenceOptions
 from elid_cli.robot import EffectSpec, Robot
-from elid_cli.signals import SignalOptions, prepare
+from elid_cli.signal_options import SignalOptions
+from elid_cli.signals import prepare
 from elid_cli.simulation import ControlOptions, Simulation, SimulationOptions, run
 
 Array = NDArray[np.float64]

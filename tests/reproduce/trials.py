@@ -25,7 +25,8 @@ from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.recording import Recording, Segment
 from elid_cli.robot import EffectSpec, Joint, Limits, Robot
 from elid_cli.robot_file import fingerprint, read_robot
-from elid_cli.signals import SignalOptions, prepare
+from elid_cli.signal_options import SignalOptions
+from elid_cli.signals import prepare
 from elid_cli.simulation import SimulationOptions, run
 from elid_cli.terms import effect_classes
 

@@ -1,0 +1,30 @@
+"""How to make signals from a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class SignalOptions:
+    """How to make signals from a recording; None: chosen from the data."""
+
+    cutoff: float | None = None
+    """Cut-off of the parallel low-pass filter, Hz."""
+    rate: float | None = None
+    """Rate after decimation, Hz."""
+    min_velocity: float | None = None
+    """Speed below which a motor counts as reversing or stuck, rad/s (m/s)."""
+    slow_motion: bool = False
+    """Keep slow motion, in which friction shows most: what a diagnosis needs more than an estimate."""
+    knots: float | None = None
+    """Knot spacing of the splines, s."""
+    measured_velocity: bool = True
+    """Use measured velocities where they agree with the positions."""
+    smoothing: Literal["spline", "butterworth"] = "spline"
+    """`butterworth` is the classical way: zero-phase Butterworth filter and central differences."""
+    butterworth: float = 20.0
+    """Cut-off of the Butterworth filter on positions, Hz."""
+    order: int = 4
+    """Order of the Butterworth filter."""
