@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from elid_cli.base import find_base
 from elid_cli.diagnosis.answer import Diagnosis
 from elid_cli.diagnosis.held_out import held_out_gain
+from elid_cli.diagnosis.known_values import by_known_values
 from elid_cli.diagnosis.quarters import Survival, judged
 from elid_cli.diagnosis.retimed import retimed
 from elid_cli.diagnosis.said import result
@@ -98,6 +99,7 @@ def diagnose(
     searched = retimed(search(log, declared, library, progress), len(declared))
     found, refuted = _surviving(searched, len(declared))
     known = len(declared) + found.kept
+    found = by_known_values(found, known)
     found = with_whole_curves(found, known, progress, asked=options.accurate)
     named, curves = found.after, list[Effect]()
     if options.lookup:

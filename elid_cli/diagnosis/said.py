@@ -183,10 +183,11 @@ def _rivals(state: State, declared: int, steps: Sequence[Step], effects: Sequenc
     rivals: dict[tuple[str, str | None], Rival] = {}
     for number, (step, effect) in enumerate(zip(steps, effects, strict=True), start=declared):
         own = state.effects[number]
-        for twin in type(own).same_here(state.scene, own.joint):
-            if (twin, effect.joint) not in named:
-                record = effect_classes()[twin].record
-                rivals[twin, effect.joint] = Rival(twin, effect.joint, effect.effect, effect.gain, {}, record)
+        for twin in type(own).same_here(state.scene, own.joint, effect.parameters):
+            place = (twin.effect, robot.joint_names[twin.joint])
+            if place not in named:
+                record = effect_classes()[twin.effect].record
+                rivals[place] = Rival(*place, effect.effect, effect.gain, dict(twin.values), record)
         for candidate in step.rivals:
             joint = None if candidate.effect.whole_robot else robot.joint_names[candidate.effect.joint]
             key = (candidate.effect.name, joint)

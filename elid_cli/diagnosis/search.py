@@ -48,6 +48,8 @@ PASSED = 0.6
 """Part of the cut-off up to which frequencies are named."""
 ELSEWHERE = 0.05
 """Relative drop of a residual from which an effect counts as helping a row that it does not act on."""
+MOST_ELSEWHERE = 0.5
+"""Part of the squared residual that an effect must take from other rows where its own hold nothing but noise."""
 STEPS = 14
 """Most candidates that are fitted in full …"""
 REFUSALS = 8
@@ -309,6 +311,8 @@ def _worthwhile(old: State, new: State, candidate: Candidate) -> bool:
     rows = touched(old, new, candidate.columns.rows)
     if judged and predicted_better(old, new, rows) is None:
         return False
+    if _strays(old, new, candidate, rows):
+        return False
     if any(_improves(old, new, row, candidate.effect) for row in rows):
         return True
     gained = candidate.gain.likelihood / max(candidate.gain.count, 1)
@@ -318,6 +322,20 @@ def _worthwhile(old: State, new: State, candidate: Candidate) -> bool:
         if row in old.triangles.rows
     ]
     return gained > 0.5 * SMALLEST_VARIANCE and max(torque, default=0.0) > 1.0
+
+
+def _strays(old: State, new: State, candidate: Candidate, rows: Sequence[Row]) -> bool:
+    """Whether an effect is nothing but a help to unexplained rows elsewhere, of which it leaves the most.
+
+    A gain of one joint's torque shows in other joints alone, and explains all that is wrong there. What does not, while
+    its own rows hold noise only, bends parameters that joints share towards something else.
+    """
+    before = old.ratios()
+    own = [row for row in candidate.columns.rows if row in before]
+    helped = [row for row in rows if row not in own and before[row] >= FLOOR_RATIO]
+    if not helped or any(before[row] >= FLOOR_RATIO for row in own):
+        return False
+    return not any(new.rms(row) ** 2 < (1 - MOST_ELSEWHERE) * old.rms(row) ** 2 for row in helped)
 
 
 def touched(old: State, new: State, own: Iterable[Row]) -> list[Row]:

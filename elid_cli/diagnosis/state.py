@@ -36,10 +36,12 @@ CURVE_HEIGHT = 0.01
 _SETTLED = 0.002
 """Part of a sample within which shifts count as settled."""
 _SHIFTING = 5
-_AGREED = 1e-3
-"""Relative change of an amplitude below which columns from the model and the fit agree …"""
-_AGREEING = 12
+_AGREED = 1e-4
+"""Change of an effect's torque, as a part of it, below which columns from the model and the fit agree …"""
+_AGREEING = 30
 """… and most fits until they do."""
+_LEVELLING = 12
+"""Most fits until gravity is turned as far as the tilt's column says."""
 
 
 @dataclass(frozen=True)
@@ -247,7 +249,7 @@ def refreshed(state: State) -> State:
 def _levelled(state: State) -> State:
     """Return the state with gravity turned until nothing is left for the tilt's column to say."""
     place = [k for k, effect in enumerate(state.effects) if effect.name == TILT]
-    for _ in range(_AGREEING if place else 0):
+    for _ in range(_LEVELLING if place else 0):
         more = state.coefficients(place[0])
         if np.abs(more).max() < LEVEL:
             break
@@ -259,15 +261,27 @@ def _levelled(state: State) -> State:
 
 
 def agreed(state: State) -> State:
-    """Return the state fitted with columns from its own parameters, repeatedly where effects depend on them closely."""
+    """Return the state fitted with columns from its own parameters, repeatedly where effects depend on them closely.
+
+    What must settle is the effect's torque: of a gain, gain and parameters may drift together while the gain alone
+    hardly changes.
+    """
     model = [k for k, effect in enumerate(state.effects) if effect.from_model]
     for _ in range(_AGREEING if model else 1):
-        old = [state.coefficients(k) for k in model]
+        old = state
         state = fit(state.log, state.effects, scene_of(state.log.model, state.log.signals, state.standard))
-        new = [state.coefficients(k) for k in model]
-        if all(np.abs(a - b).max() <= _AGREED * np.abs(b).max() for a, b in zip(old, new, strict=True)):
+        if all(_unchanged(old, state, k) for k in model):
             break
     return state
+
+
+def _unchanged(old: State, new: State, number: int) -> bool:
+    """Whether the torque of effect `number` is the same in two states of the same log."""
+    for row, columns in new.columns[number].rows.items():
+        before, after = old.coefficients(number) @ old.columns[number].rows[row], new.coefficients(number) @ columns
+        if float(np.linalg.norm(after - before)) > _AGREED * float(np.linalg.norm(after)):
+            return False
+    return True
 
 
 def without(state: State, number: int) -> State:

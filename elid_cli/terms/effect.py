@@ -57,6 +57,15 @@ class RowKey(NamedTuple):
     joint: int
 
 
+class Same(NamedTuple):
+    """Another effect that is the same in every row of a log."""
+
+    effect: str
+    joint: int
+    values: Mapping[str, float]
+    """Its named parameters as far as they follow."""
+
+
 @dataclass(frozen=True)
 class Scene:
     """What effects are computed from: the motion, the torques and the model as far as it is known.
@@ -180,7 +189,7 @@ class Effect(ABC):
         return [()]
 
     @classmethod
-    def same_here(cls, scene: Scene, joint: int) -> tuple[str, ...]:
+    def same_here(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Same, ...]:
         """Return the twins that this log shows no difference from at all, whatever their size."""
         return ()
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.terms.effect import Columns, Effect, Parameter, Scene
+from elid_cli.terms.effect import Columns, Effect, Parameter, Same, Scene
 from elid_cli.terms.rows import spring_rows
 
 Array = NDArray[np.float64]
@@ -49,10 +49,10 @@ class EncoderOffset(Effect):
         return abs(values["offset"]) < LARGEST and not scene.stiffness[joint] <= 0
 
     @classmethod
-    def same_here(cls, scene: Scene, joint: int) -> tuple[str, ...]:
+    def same_here(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Same, ...]:
         """Return backlash where the load hardly ever changes sides: the gap is then crossed once for all."""
         load = scene.load[:, joint]
-        return ("backlash",) if abs(float(np.mean(np.sign(load)))) > ONE_SIDED else ()
+        return (Same("backlash", joint, {}),) if abs(float(np.mean(np.sign(load)))) > ONE_SIDED else ()
 
     def columns(self, scene: Scene) -> Columns:
         """Return the constant in both rows of the transmission."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.robot import Robot
-from elid_cli.terms.effect import Columns, Effect, Parameter, Scene
+from elid_cli.terms.effect import Columns, Effect, Parameter, Same, Scene
 from elid_cli.terms.rows import motor_row
 
 Array = NDArray[np.float64]
@@ -49,6 +49,13 @@ class TorqueGain(Effect):
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
         """Whether the gain is one of a torque constant and not the last per cent that smoothing takes."""
         return super().plausible(scene, joint, values) and abs(values["gain"]) > LEAST
+
+    @classmethod
+    def same_here(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Same, ...]:
+        """Return the gain of the other joint of two: with all parameters scaled along, either explains the other."""
+        if scene.robot.n != 2:
+            return ()
+        return (Same(cls.name, 1 - joint, {"gain": 1.0 / (1.0 + values["gain"]) - 1.0}),)
 
     def columns(self, scene: Scene) -> Columns:
         """Return the predicted torque in the motor row."""
