@@ -8,6 +8,10 @@ from typing import Any
 
 import pytest
 
+from elid_cli.comparison import Estimate, Saved, compare
+from elid_cli.report import Text
+from elid_cli.reports.comparison import NOTABLE, WORSE, comparison_report
+
 
 def result(**changes: float | None) -> dict[str, Any]:
     values = {"K1": 3000.0, "m1 - 4*Izz1": -30.8, "fv1": 0.2, "fs2": None} | changes
@@ -75,3 +79,54 @@ def test_wrong_files_are_one_error(elid, folder: Path, files, words) -> None:
     assert done.returncode == 2
     assert words in done.stderr
     assert len(done.stderr.splitlines()) <= 3
+
+
+def saved(file: str, robot: str = "arm", **error: float) -> Saved:
+    return Saved(file, robot, {"K1": Estimate(3000.0, 30.0, "N·m")}, error)
+
+
+def warned(*results: Saved) -> list[str]:
+    """Return the warnings of a comparison."""
+    sections = comparison_report(compare(results), 3.0).sections
+    return [s.text for s in sections if isinstance(s, Text) and s.role == "warning"]
+
+
+def test_results_of_one_robot_predicted_alike_raise_no_doubt() -> None:
+    assert warned(saved("a", joint1=0.012), saved("b", joint1=0.014), saved("c", joint1=0.002)) == []
+
+
+@pytest.mark.parametrize(
+    "other", [saved("b", "other", joint1=0.01), saved("b", joint2=0.01), saved("b", joint1=0.01, joint2=0.01)]
+)
+def test_results_of_other_robots_or_joints_are_doubted(other: Saved) -> None:
+    (line,) = warned(saved("a", joint1=0.01), other, saved("c", joint1=0.01))
+    assert line.startswith(f"b is of {other.robot} and a of arm: parameters of one name may be others")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "doubted"),
+    [
+        (0.01, 0.01 * WORSE * 1.05, True),
+        (0.01, 0.01 * WORSE * 0.95, False),
+        (0.1 * NOTABLE, 1.05 * NOTABLE, True),
+        (0.1 * NOTABLE, 0.95 * NOTABLE, False),  # both predict well
+        (0.2, 0.01, False),
+        (0.0, 0.5, False),
+    ],
+)
+def test_a_model_that_predicts_much_worse_is_doubted(before: float, after: float, doubted: bool) -> None:
+    first, other = saved("a", joint1=before, joint2=0.01), saved("b", joint1=after, joint2=0.011)
+    lines = warned(first, other)
+    assert len(lines) == doubted
+    assert all(line.startswith("joint1: the torque is predicted") and "times as badly in b" in line for line in lines)
+
+
+def test_doubts_are_printed_as_warnings(elid, folder: Path) -> None:
+    worse = result() | {"robot": "planar3", "error": {"joint1": {"rms": 9.0, "relative": 0.12}}}
+    (folder / "worse.json").write_text(json.dumps(worse))
+    done = elid("compare", "a.json", "worse.json", cwd=folder)
+    assert done.returncode == 0
+    said = " ".join(done.stdout.split())
+    assert "worse.json is of planar3 and a.json of planar2" in said
+    assert "joint1: the torque is predicted 10 times as badly in worse.json" in said
+    assert "is of" not in elid("compare", "a.json", "same.json", cwd=folder).stdout

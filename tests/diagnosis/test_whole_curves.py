@@ -1,18 +1,23 @@
 """Friction curves of two terms: the term that hides under the noise is told by collocation, and only where it is."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from elid_cli.base import find_base
-from elid_cli.diagnosis import Diagnosis, diagnose
+from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose, whole_curves
+from elid_cli.diagnosis.collocated import Collocated, collocated
 from elid_cli.diagnosis.conditioning import options_for
 from elid_cli.model import Model
 from elid_cli.robot import Robot
 from elid_cli.robot_file import read_robot
 from elid_cli.signals import prepare
+from elid_cli.terms.effect import DIRECTION_WIDTH
 from elid_cli.validation import validate
+from tests.reproduce import inverse_logs
+from tests.reproduce.inverse_logs import Laws, World
 from tests.reproduce.own_case import error
 from tests.reproduce.paper_logs import FRICTION, log_of, motion_of, with_friction
 
@@ -75,3 +80,35 @@ def test_a_joint_without_the_curve_gets_none() -> None:
     second = replace(whole, effects=tuple(e for e in whole.effects if e.joint == "joint2"))
     found = diagnosed(second, 6, rates=True)
     assert [e.joint for e in found.effects] == ["joint2", "joint2"]
+
+
+@pytest.mark.parametrize("looked_at", [False, True], ids=["the model is obeyed", "completed all the same"])
+def test_a_curve_of_one_term_stays_one(looked_at: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where that term alone obeys the model no other is tried; and were it tried, the log would not show it."""
+    made = inverse_logs.make(6, 1, rate=500.0, duration=8.0)
+    friction, velocity = made.truth.joints[0].parameters["fs"], 0.1 * made.sizes[0].speed
+
+    def curve(world: World) -> np.ndarray:
+        direction = np.tanh(world.dtheta / DIRECTION_WIDTH)
+        fading = 0.8 * np.exp(-np.abs(world.dtheta) / velocity)
+        return friction * (direction * (1.0 + fading) - np.sign(world.dtheta))
+
+    signals = inverse_logs.log_of(made, Laws(motor=[curve]))
+    log = inverse_logs.recorded(made, signals, db=NOISE, counts=0.0, torque=0.0, colour=0.0, seed=6)
+    tried: list[int] = []
+
+    def counted(*arguments: Any) -> Collocated | None:
+        tried.append(len(arguments[1]))
+        return collocated(*arguments)
+
+    monkeypatch.setattr(whole_curves, "collocated", counted)
+    if looked_at:
+        monkeypatch.setattr(whole_curves, "_obeyed", lambda alone: False)
+    found = diagnose(made.robot, prepare(log, made.robot, options_for(500.0)), DiagnoseOptions(only=("stribeck",)))
+    assert tried[0] == 1
+    assert (len(tried) > 1) == looked_at
+    (effect,) = found.effects
+    assert (effect.effect, effect.joint, effect.collocated) == ("stribeck", "j1", False)
+    assert effect.parameters["exponent"] == 1.0
+    assert effect.parameters["velocity"] == pytest.approx(velocity, rel=0.05)
+    assert effect.parameters["amplitude"] == pytest.approx(0.8 * friction, rel=0.05)

@@ -220,10 +220,26 @@ def test_the_usual_size_is_plausible(name: str, planar_scene: Scene) -> None:
         ("velocity_coupling", {"viscous": 1.0, "coulomb": 1.0, "other": 1.0}),
         ("velocity_coupling", {"viscous": 1.0, "coulomb": 1.0, "other": 3.0}),
         ("kinematic_error", {"amplitude": 0.5, "phase": 0.0, "order": 9.0}),
+        ("stribeck", {"amplitude": 1.0, "velocity": 30.0, "exponent": 1.0}),
+        ("stribeck", {"amplitude": 1.0, "velocity": 2e-3, "exponent": 1.0}),
     ],
 )
 def test_what_physics_forbids_is_not_plausible(name: str, values: dict[str, float], planar_scene: Scene) -> None:
     assert not LIBRARY[name].plausible(planar_scene, 0, values)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 2.0, -1.0])
+@pytest.mark.parametrize("joint", [0, 1])
+def test_a_friction_curve_fades_within_the_speeds_of_the_log(exponent: float, joint: int, planar_scene: Scene) -> None:
+    """One that does not is Coulomb and viscous friction; below the slowest speeds there is only sticking."""
+    top = float(np.quantile(np.abs(planar_scene.motion.dtheta[:, joint]), 0.98))
+    plausible = {
+        part: LIBRARY["stribeck"].plausible(
+            planar_scene, joint, {"amplitude": 0.5, "velocity": part * top, "exponent": exponent}
+        )
+        for part in (0.01, 0.02, 0.1, 0.5, 0.98, 1.02, 3.0)
+    }
+    assert [part for part, is_so in plausible.items() if is_so] == [0.02, 0.1, 0.5, 0.98]
 
 
 @pytest.mark.parametrize("name", LIBRARY)
