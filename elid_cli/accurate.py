@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.collocation import Iterate
-from elid_cli.collocation_setup import Setup
+from elid_cli.collocation_setup import Setup, signal_to_noise
 from elid_cli.effects import FittedEffects
 from elid_cli.fitting import Fit
 from elid_cli.gauss_newton import Outcome, iterate
-from elid_cli.model import Model
 from elid_cli.nuisance import DELAY
 from elid_cli.shape_scan import other_valleys
-from elid_cli.signals import Signals
 
 Array = NDArray[np.float64]
 
@@ -95,7 +93,7 @@ def _with_knots(coarse: Setup) -> _Knotted:
     decide all of it, and finer knots cost little.
     """
     found = best_of(coarse)
-    if coarse.coarser == 1:
+    if coarse.coarser == 1 or coarse.noisy:  # finer ones would follow the positions' noise
         return _Knotted(coarse, found, np.zeros(coarse.fit.triangles.width))
     fine = Setup(coarse.fit)
     start = fine.start_from(coarse, found.end)
@@ -125,9 +123,9 @@ def astray(ratio: float) -> float:
 
     An empirical rule for positions so noisy that the cost has several valleys along an inertia, each narrower than
     they lie apart: on motions 1-8 of the paper's robot, with nothing but position noise, errors were one standard error
-    at 60 dB, 2.3 at 50 dB and 12 at 40 dB, rms. Noise of the torque fills the valleys, so the rule fades with it.
+    at 60 dB, rms, and twice that at 40 dB. Noise of the torque fills the valleys, so the rule fades with it.
     """
-    return float(max(1.0, 10.0 ** ((STRAIGHT - ratio) / 20.0)))
+    return float(max(1.0, 10.0 ** ((STRAIGHT - ratio) / 66.0)))
 
 
 def best_of(setup: Setup) -> Outcome:
@@ -150,18 +148,6 @@ def from_start(setup: Setup, start: Iterate) -> tuple[float, Outcome]:
     setup.problem.rho = setup.first_rho()
     outcome = iterate(setup.problem, start, setup.prior, STEPS)
     return setup.common_cost(outcome.end), outcome
-
-
-def signal_to_noise(signals: Signals, model: Model) -> float:
-    """Return the signal-to-noise ratio of the worst joint's positions, dB."""
-    worst = np.inf
-    for k in range(model.robot.n):
-        if signals.still[k]:
-            continue
-        size = float(np.nanstd(signals.motion.q[:, k]))
-        noise = float(np.nanmax([signals.noise.q[k], signals.noise.theta[k], 1e-12]))
-        worst = min(worst, 20 * np.log10(max(size, 1e-300) / noise))
-    return float(worst)
 
 
 def values_of(setup: Setup, outcome: Outcome) -> Array:

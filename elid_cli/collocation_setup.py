@@ -11,8 +11,10 @@ from elid_cli.collocation import Equations, Iterate, Piece, Problem, Setting
 from elid_cli.collocation_rows import Layout, RobotEquations, free_shapes
 from elid_cli.effects import FittedEffects, amplitude_prior, declared_effects
 from elid_cli.fitting import Fit
+from elid_cli.model import Model
 from elid_cli.nuisance import DELAY
 from elid_cli.recording import Segment
+from elid_cli.signals import Signals
 from elid_cli.smoothing import DEGREE, basis, fit_spline
 
 Array = NDArray[np.float64]
@@ -27,6 +29,10 @@ MODEL_ERROR = 2e-5
 """Standard deviation of the equations' own error, as a share of the rms torque of the joint."""
 NOISE_SHARE = 4e-4
 """The same as a share of the spring's torque noise: a trajectory known so badly cannot obey the equations closer."""
+NOISY = 57.0
+"""Signal-to-noise ratio of the positions, dB, below which the cost has many valleys along an inertia …"""
+WIDER, SOFTER = 1.5, 2.5
+"""… so that coarse knots are so much wider, and the equations so much softer, that few of them are left."""
 SHAPE_SPREAD = 0.7
 """Prior standard deviation of a shape's logarithm about what the robot file gives."""
 LOOSER = 3.0
@@ -57,13 +63,26 @@ def _rate(torque: Array, noise: float, dt: float) -> Array:
     return rate
 
 
+def signal_to_noise(signals: Signals, model: Model) -> float:
+    """Return the signal-to-noise ratio of the worst joint's positions, dB."""
+    worst = np.inf
+    for k in range(model.robot.n):
+        if signals.still[k]:
+            continue
+        size = float(np.nanstd(signals.motion.q[:, k]))
+        noise = float(np.nanmax([signals.noise.q[k], signals.noise.theta[k], 1e-12]))
+        worst = min(worst, 20 * np.log10(max(size, 1e-300) / noise))
+    return float(worst)
+
+
 class Setup:
     """A fit turned into a collocation problem, its knots as fine as they may be or coarser by a whole number."""
 
     def __init__(self, fit: Fit, *, coarse: bool = False) -> None:
         self.fit = fit
+        self.noisy = signal_to_noise(fit.signals, fit.model) < NOISY
         finest = self._finest(fit.signals.dt)
-        self.coarser = max(1, int(COARSE / (finest * fit.signals.dt) + 1e-9))
+        self.coarser = max(1, int(COARSE * (WIDER if self.noisy else 1.0) / (finest * fit.signals.dt) + 1e-9))
         self._stride = finest * self.coarser if coarse else finest
         signals, robot = fit.signals, fit.model.robot
         channels = [("q", k) for k in range(robot.n) if not signals.still[k]]
@@ -193,13 +212,14 @@ class Setup:
         """Return the noise of every row that is assumed at first, N·m (N), (rows,)."""
         signals = self.fit.signals
         every = self.setting.stride // self.setting.points
+        share = NOISE_SHARE * (SOFTER if self.noisy else 1.0)
         rho = []
         for row in self.rows:
             torque = signals.tau[:, row.joint]
             size = float(np.sqrt(np.nanmean(torque**2))) if np.isfinite(torque).any() else 1.0
             noise = 0.0 if row.kind == "link" else float(np.nan_to_num(signals.noise.tau[row.joint]))
             rho.append(
-                np.hypot(max(MODEL_ERROR * size, NOISE_SHARE * self._spring_noise(row.joint)), noise / np.sqrt(every))
+                np.hypot(max(MODEL_ERROR * size, share * self._spring_noise(row.joint)), noise / np.sqrt(every))
             )
         floor: Array = np.maximum(np.array(rho), 1e-9)
         return floor

@@ -55,10 +55,21 @@ def test_a_stiffness_between_close_regressions_stays() -> None:
 
 def test_noisy_positions_widen_accurate_errors() -> None:
     assert astray(100.0) == 1.0
-    assert 2.5 < astray(50.0) < 3.5
+    assert astray(40.0) == pytest.approx(2.0, abs=0.05)
     result = found(noisy(1, 60.0), accurate=True, guards=False)
     score = (result.estimate - result.reference) / result.std_error
     assert np.sqrt(np.mean(score**2)) < 2.5
+
+
+def test_positions_a_hundredth_noise_ask_for_wide_knots() -> None:
+    # with knots as close as for good encoders the cost has many valleys along an inertia: errors of twelve deviations
+    log = noisy(1, 40.0)
+    result, usual = found(log, accurate=True, guards=False), found(log, guards=False)
+    assert any("knots every 30 ms" in note for note in result.notes)
+    score = (result.estimate - result.reference) / result.std_error
+    assert np.isfinite(result.estimate).all()
+    assert np.sqrt(np.mean(score**2)) < 1.5
+    assert result.normalised_mean_error() < 0.5 * usual.normalised_mean_error()
 
 
 def test_a_noisy_torque_asks_for_coarse_knots() -> None:
