@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.errors import RobotError
-from elid_cli.model import Model
+from elid_cli.model import BASE_TERMS, Model
 from elid_cli.motion import random_motion
+from elid_cli.recent import Recent
 
 Array = NDArray[np.float64]
 Class = Literal["independent", "combined", "unidentifiable"]
@@ -176,6 +177,9 @@ def leftmost(columns: Array, tolerance: float, *, null: float | None = None) -> 
     )
 
 
+_BASES: Recent[BaseParameters] = Recent(16)
+
+
 def find_base(model: Model, seed: int = 0) -> BaseParameters:
     """Return the structural base parameters of a robot, from random states and without data.
 
@@ -184,6 +188,12 @@ def find_base(model: Model, seed: int = 0) -> BaseParameters:
     RobotError
         If nothing of the robot can be identified (no column differs from zero).
     """
+    if model.terms != BASE_TERMS:
+        return _found(model, seed)
+    return _BASES.of((model.robot.structure, seed), lambda: _found(model, seed))
+
+
+def _found(model: Model, seed: int) -> BaseParameters:
     robot = model.robot
     motion = random_motion(robot.n, robot.elastic, _STATES + model.parameters, seed)
     dense = model.dense(motion, model.estimation)

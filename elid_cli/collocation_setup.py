@@ -218,9 +218,7 @@ class Setup:
             torque = signals.tau[:, row.joint]
             size = float(np.sqrt(np.nanmean(torque**2))) if np.isfinite(torque).any() else 1.0
             noise = 0.0 if row.kind == "link" else float(np.nan_to_num(signals.noise.tau[row.joint]))
-            rho.append(
-                np.hypot(max(MODEL_ERROR * size, share * self._spring_noise(row.joint)), noise / np.sqrt(every))
-            )
+            rho.append(np.hypot(max(MODEL_ERROR * size, share * self._spring_noise(row.joint)), noise / np.sqrt(every)))
         floor: Array = np.maximum(np.array(rho), 1e-9)
         return floor
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from elid_cli.kinematics import JointState, chain
 from elid_cli.motion import Motion
+from elid_cli.recent import Recent
 from elid_cli.robot import Robot
 from elid_cli.terms.base_term import BaseTerm, ChainMotion, MotorState
 from elid_cli.terms.coulomb import Coulomb
@@ -72,6 +73,10 @@ class Plan:
 
     program: Program
     rows: tuple[RowPlan, ...]
+
+
+_PLANS: Recent[Plan] = Recent(16)
+"""Tracing and compiling takes as long as 20 000 samples do; a fleet or a diagnosis asks for the same rows often."""
 
 
 class Model:
@@ -150,6 +155,12 @@ class Model:
         return dense
 
     def _plan(self, *, paper: bool, sensors: tuple[int, ...] = ()) -> Plan:
+        if self.terms != BASE_TERMS:
+            return self._traced(paper=paper, sensors=sensors)
+        key = (self.robot.structure, paper, sensors)
+        return _PLANS.of(key, lambda: self._traced(paper=paper, sensors=sensors))
+
+    def _traced(self, *, paper: bool, sensors: tuple[int, ...]) -> Plan:
         graph = Graph(_INPUTS * self.robot.n)
         values = self.trace(graph, paper=paper, sensors=sensors)
         rows: list[RowPlan] = []

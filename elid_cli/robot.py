@@ -168,6 +168,12 @@ class Robot:
         return len(self.joints)
 
     @property
+    def structure(self) -> str:
+        """Everything that the form of the equations depends on: all of the robot but the values of its parameters."""
+        joints = tuple(replace(joint, parameters={}, limits=Limits()) for joint in self.joints)
+        return repr((joints, self.gravity, self.dh))
+
+    @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, base to tip."""
         return tuple(joint.name for joint in self.joints)

@@ -24,7 +24,7 @@ def in_turn(parts: dict[str, Callable[[], object]], rounds: int = ROUNDS) -> dic
     return {name: float(np.median(found)) for name, found in times.items()}
 
 
-def pin_loop(robot, samples: int) -> Callable[[], object]:  # type: ignore[no-untyped-def]
+def pin_loop(robot, samples: int) -> Callable[[], np.ndarray]:  # type: ignore[no-untyped-def]
     """Return Pinocchio's joint torque regressor in a Python loop into one array, for the robot's geometry."""
     import pinocchio as pin
 
@@ -39,9 +39,10 @@ def pin_loop(robot, samples: int) -> Callable[[], object]:  # type: ignore[no-un
     table = np.empty((samples * n, 10 * n))
     regressor = pin.computeJointTorqueRegressor
 
-    def loop() -> None:
+    def loop() -> np.ndarray:
         for k in range(samples):
             table[k * n : k * n + n] = regressor(model, data, q[k], v[k], a[k])
+        return table
 
     return loop
 
@@ -162,6 +163,29 @@ def identify_arrays() -> dict[str, float]:
     }
 
 
+def by_hand() -> dict[str, float]:
+    """CPU seconds of what one writes without a tool: Pinocchio's loop, rotor and friction columns, numpy's lstsq.
+
+    The same number of samples and joints as `identify_arrays`; nothing is filtered, judged or checked.
+    """
+    import made
+
+    robot = made.rigid(made.puma())
+    loop = pin_loop(robot, SAMPLES)
+    n = robot.n
+    dq, ddq = np.random.default_rng(1).uniform(-1, 1, (2, SAMPLES, n))
+    tau = np.random.default_rng(2).uniform(-1, 1, SAMPLES * n)
+
+    def solved() -> None:
+        bodies = loop()
+        drives = np.zeros((SAMPLES, n, 3, n))
+        for k in range(n):
+            drives[:, k, :, k] = np.stack([ddq[:, k], np.sign(dq[:, k]), dq[:, k]], axis=1)
+        np.linalg.lstsq(np.hstack([bodies, drives.reshape(SAMPLES * n, 3 * n)]), tau, rcond=None)
+
+    return in_turn({"hand": solved}, 3)
+
+
 def hdf5_arrays(path: str) -> dict[str, float]:
     """CPU seconds of an HDF5 log to arrays that have been looked at, against h5py's whole read."""
     import h5py
@@ -234,5 +258,5 @@ def mcap_decode(path: str) -> dict[str, float]:
 
 CASES: dict[str, Callable[..., dict[str, float]]] = {
     f.__name__: f
-    for f in (rigid_regressor, elastic_reduction, identify_arrays, hdf5_arrays, read_and_filter, mcap_decode)
+    for f in (rigid_regressor, elastic_reduction, identify_arrays, by_hand, hdf5_arrays, read_and_filter, mcap_decode)
 }
