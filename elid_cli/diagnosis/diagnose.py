@@ -20,6 +20,7 @@ from elid_cli.diagnosis.search import Found, beside, search
 from elid_cli.diagnosis.state import Log, fit, refreshed, without
 from elid_cli.diagnosis.stretches import folds
 from elid_cli.diagnosis.whole_curves import with_whole_curves
+from elid_cli.diagnosis.windows import one_of_many
 from elid_cli.effects import declared_effects, scene_of
 from elid_cli.model import Model
 from elid_cli.observation import observe
@@ -119,7 +120,10 @@ def _surviving(found: Found, declared: int) -> tuple[Found, tuple[Survival, ...]
 
 
 def _supported(found: Found, declared: int) -> Found:
-    """Drop effects that the held-out stretches do not support, or whose values the others have made impossible."""
+    """Drop effects that the held-out stretches do not support, or whose values the others have made impossible.
+
+    What acts for a moment need not show in the held-out stretches, but it must stand out from all other moments.
+    """
     state, steps = found.after, list(found.steps)
     changed = True
     while changed and steps:
@@ -127,7 +131,9 @@ def _supported(found: Found, declared: int) -> Found:
         for k, step in enumerate(steps):
             possible = sensible(state.effects[declared + k], state.scene, state.named(declared + k))
             if possible and step.candidate.effect.local:
-                continue
+                possible = not one_of_many(state, declared + k)
+                if possible:
+                    continue
             if not possible or held_out_gain(state, declared + k) < step.candidate.effect.least_gain:
                 state = refreshed(without(state, declared + k))
                 gone = steps.pop(k).candidate

@@ -20,6 +20,7 @@ from elid_cli.covariance import long_run, residuals
 from elid_cli.diagnosis.encoders import link_load
 from elid_cli.diagnosis.search import Found, touched
 from elid_cli.diagnosis.state import State, fit, refreshed, without
+from elid_cli.diagnosis.windows import acting
 from elid_cli.errors import DataError
 from elid_cli.model import Row
 from elid_cli.reduction import reduce
@@ -178,13 +179,8 @@ def _survival(effect: str, joint: str | None, compared: Sequence[_Compared]) -> 
 
 def _acting(state: State, number: int) -> NDArray[np.intp]:
     """Return the quarter of every instant at which an effect acts, (M,): of the time it acts; others belong to none."""
-    rows = state.columns[number].rows
-    size = np.zeros(state.log.observation.instants)
-    for row, values in rows.items():
-        power = np.sum(values**2, axis=0) * state.log.observation.group(row).use
-        size = np.maximum(size, power / max(float(power.max(initial=0.0)), 1e-300))
-    acts = np.flatnonzero(size > SPEAKS)
-    fold = np.full(len(size), QUARTERS, dtype=np.intp)
+    acts = np.flatnonzero(acting(state, number))
+    fold = np.full(state.log.observation.instants, QUARTERS, dtype=np.intp)
     fold[acts] = quarter_of(len(acts))
     return fold
 

@@ -15,7 +15,8 @@ from elid_cli.diagnosis.screen import Candidate
 from elid_cli.diagnosis.search import Found, Step, Term
 from elid_cli.diagnosis.state import Log, State
 from elid_cli.diagnosis.stretches import spans
-from elid_cli.diagnosis.triage import MATTERS, Organised, RowState, judged_rows, organise, rows_of, words
+from elid_cli.diagnosis.triage import Organised, RowState, judged_rows, organise, rows_of, words
+from elid_cli.diagnosis.unseen import away_from_changes, unseen
 from elid_cli.estimate import JointError, Nuisance
 from elid_cli.model import Row
 from elid_cli.refined import refined_robot, representative
@@ -28,10 +29,6 @@ from elid_cli.validation import validate
 Array = NDArray[np.float64]
 
 
-UNSEEN = 3.0
-"""Held-out error over the floor from which a row that is quiet elsewhere is not."""
-HELD_OUT = "held-out stretches"
-"""What such a row's residual follows."""
 _SIDES = {"load": "link", "drive": "motor"}
 """What lies in a row of a joint with a torque sensor."""
 
@@ -52,7 +49,7 @@ def result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence
     extra = tuple(_curve(after, len(after.effects) - len(curves) + k) for k in range(len(curves)))
     last_error = _floored(validations[1].error, after)
     unexplained = _unexplained(named, rows_of(named), found.remaining)
-    unexplained += _unseen(last_error, rows_after, unexplained)
+    unexplained += unseen(away_from_changes(last_error, validations[1], after, chosen), rows_after, unexplained)
     return Diagnosis(
         robot=robot,
         refined=last,
@@ -223,25 +220,6 @@ def _kept(state: State, number: int) -> Nuisance:
     effect = state.effects[number]
     joint = state.log.model.robot.joint_names[effect.joint]
     return Nuisance(effect.name, joint, state.named(number), _errors(state, number))
-
-
-def _unseen(
-    errors: Mapping[str, JointError], rows: Sequence[RowState], told: Sequence[Unexplained]
-) -> tuple[Unexplained, ...]:
-    """Return rows that obey the model where the search looks, and not on the held-out stretches.
-
-    Something that happens within a held-out stretch alone is for nobody to find, but it must not be called noise.
-    """
-    known = {(item.joint, item.rows) for item in told} | {(r.joint, r.rows) for r in rows if r.high}
-    found = []
-    for name, error in errors.items():
-        sides = (("sum", error.rms, error.floor), ("motor", error.spring_rms, error.spring_floor))
-        for kind, rms, floor in sides:
-            if rms is None or not floor or rms <= UNSEEN * floor or rms <= MATTERS * error.torque_rms:
-                continue
-            if not known & {(name, kind), (name, "link"), (name, "sum")}:
-                found.append(Unexplained(name, kind, HELD_OUT, 0.0, rms, rms / floor, ()))
-    return tuple(found)
 
 
 def _unexplained(state: State, rows: Sequence[RowState], remaining: Sequence[Candidate]) -> tuple[Unexplained, ...]:

@@ -10,8 +10,8 @@ import pytest
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
 from elid_cli.diagnosis.answer import Unexplained
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.diagnosis.said import HELD_OUT, UNSEEN, _unseen
 from elid_cli.diagnosis.triage import MATTERS, RowState
+from elid_cli.diagnosis.unseen import HELD_OUT, UNSEEN, unseen
 from elid_cli.estimate import JointError
 from elid_cli.model import Kind
 from elid_cli.reports.diagnosis_sections import _left
@@ -88,6 +88,16 @@ def test_a_payload_gripped_within_a_held_out_stretch_is_timed_there(start: float
     assert payload.shape[0] == effect.parameters["start"]  # what is written is what was fitted
 
 
+def test_the_time_that_gripping_takes_is_not_called_unexplained() -> None:
+    """A load is taken up within 60 ms here and at once in the model: right in the middle of a held-out stretch."""
+    made = make(42, 2, rate=RATE, duration=15.0)
+    found = diagnosed(made, laws_of("payload", made, 1), "payload", seed=42)
+    assert [e.effect for e in found.effects] == ["payload"]
+    assert found.effects[0].parameters["start"] == pytest.approx(8.25, abs=0.05)
+    assert found.after["j2"].rms > UNSEEN * (found.after["j2"].floor or 0.0)  # what is reported holds those moments
+    assert found.unexplained == ()
+
+
 def errors(**changes: float | None) -> dict[str, JointError]:
     """Return the held-out error of one joint, at its floor but for the changes."""
     plain = JointError(0.1, 0.01, 0.1, 0.01, torque_rms=10.0, floor=0.1, spring_floor=0.1)
@@ -109,7 +119,7 @@ def errors(**changes: float | None) -> dict[str, JointError]:
     ],
 )
 def test_held_out_rows_count_from_three_floors_that_matter(changes: dict[str, float | None], rows: list[str]) -> None:
-    items = _unseen(errors(**changes), (), ())
+    items = unseen(errors(**changes), (), ())
     assert [(item.joint, item.rows, item.variable) for item in items] == [("j1", row, HELD_OUT) for row in rows]
     assert all(item.ratio == pytest.approx(item.rms / 0.1) for item in items)
 
@@ -124,5 +134,5 @@ def test_what_is_told_already_is_not_told_again(joint: str, row: Kind, left: lis
     told = Unexplained(joint, row, "q", 0.5, 0.4, 4.0, ())
     state = RowState(joint, row, rms=0.4, share=0.04, ratio=4.0)
     assert state.high
-    assert [item.rows for item in _unseen(high, (), (told,))] == left
-    assert [item.rows for item in _unseen(high, (state,), ())] == left
+    assert [item.rows for item in unseen(high, (), (told,))] == left
+    assert [item.rows for item in unseen(high, (state,), ())] == left

@@ -89,3 +89,14 @@ def test_a_plain_arm_gets_no_effect() -> None:
     assert not found.triage
     assert max(row.share for row in found.rows_after) < 0.01
     assert np.isfinite([row.ratio for row in found.rows_after]).all()
+
+
+def test_one_of_many_reversals_is_no_contact() -> None:
+    """Friction that builds up over a distance leaves a bump at every reversal; a push from outside happens once."""
+    made = make(43, 2, rate=RATE)
+    log = recorded(
+        made, log_of(made, laws_of("presliding", made, 1)), db=90.0, counts=0.0, torque=0.0, colour=0.0, seed=43
+    )
+    found = diagnose(made.robot, prepare(log, made.robot, options_for(RATE)))
+    assert "contact" not in {e.effect for e in found.effects}
+    assert "j2" in {item.joint for item in found.unexplained}
