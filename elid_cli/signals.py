@@ -17,7 +17,7 @@ from elid_cli.motion import Motion
 from elid_cli.moving import at_rest, constant, extremes, held, stationary, top_speed
 from elid_cli.recording import Recording, Segment
 from elid_cli.robot import Robot
-from elid_cli.signal_options import SignalOptions
+from elid_cli.signal_options import SignalOptions as SignalOptions
 from elid_cli.smoothed import channels_of, filtered, splined
 from elid_cli.torque_sensors import sensors_of
 

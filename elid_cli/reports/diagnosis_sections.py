@@ -7,8 +7,8 @@ from math import isnan
 
 from elid_cli.diagnosis import Diagnosis, FoundEffect, Unexplained
 from elid_cli.diagnosis.contributions import Contribution
-from elid_cli.diagnosis.unseen import HELD_OUT
 from elid_cli.diagnosis.triage import Organised
+from elid_cli.diagnosis.unseen import HELD_OUT
 from elid_cli.identification import JointError
 from elid_cli.report import Cell, Column, KeyValues, Mark, Quantity, Section, Table, Text, Tone, number_text, percent
 from elid_cli.reports.diagnosis_told import Told
