@@ -14,21 +14,14 @@ from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters
 from elid_cli.covariance import residuals, sandwich
-from elid_cli.effects import (
-    SHAPE_SPREAD,
-    FittedEffects,
-    amplitude_prior,
-    declared_effects,
-    extra_of,
-    fit_declared,
-    scene_of,
-    shape_columns,
-)
+from elid_cli.effects import FittedEffects, amplitude_prior, declared_effects
 from elid_cli.identification import EstimateOptions
 from elid_cli.model import Model
 from elid_cli.nuisance import delay_columns, offset_columns, reading_columns, significant
 from elid_cli.observation import Observation, observe
 from elid_cli.reduction import Extra, Triangles, folds_of, reduce
+from elid_cli.scenes import extra_of, scene_of
+from elid_cli.shape_fit import SHAPE_SPREAD, fit_declared, shape_columns
 from elid_cli.signals import Signals
 from elid_cli.solve import Solution, reweighted, solve
 

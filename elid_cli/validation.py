@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters, find_base
-from elid_cli.effects import extra_of, resolve, scene_of
+from elid_cli.effects import resolve
 from elid_cli.errors import RobotError
 from elid_cli.identification import JointError, SensorError
 from elid_cli.model import Model, Row
 from elid_cli.observation import Observation, observe
 from elid_cli.robot import Robot
+from elid_cli.scenes import extra_of, scene_of
 from elid_cli.shifts import corrected, declared_shifts, unshifted_robot
 from elid_cli.signals import Signals
 from elid_cli.tilt import TILT, declared_tilt, levelled

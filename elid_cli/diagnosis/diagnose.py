@@ -21,11 +21,12 @@ from elid_cli.diagnosis.state import Log, fit, refreshed, without
 from elid_cli.diagnosis.stretches import folds
 from elid_cli.diagnosis.whole_curves import with_whole_curves
 from elid_cli.diagnosis.windows import one_of_many
-from elid_cli.effects import declared_effects, scene_of
+from elid_cli.effects import declared_effects
 from elid_cli.model import Model
 from elid_cli.observation import observe
 from elid_cli.reduction import reduce
 from elid_cli.robot import Robot
+from elid_cli.scenes import scene_of
 from elid_cli.shifts import corrected, declared_shifts
 from elid_cli.signals import Signals
 from elid_cli.solve import reweighted

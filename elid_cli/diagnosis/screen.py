@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from elid_cli.diagnosis.projected import Gain
 from elid_cli.diagnosis.state import State, fit
-from elid_cli.effects import extra_of, scene_of
 from elid_cli.reduction import Extra
+from elid_cli.scenes import extra_of, scene_of
 from elid_cli.terms.effect import Effect, Scene
 
 Array = NDArray[np.float64]

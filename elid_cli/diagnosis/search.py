@@ -12,10 +12,11 @@ from elid_cli.diagnosis.encoders import Skew, looked_again, visible_skew
 from elid_cli.diagnosis.screen import FOLDS_LOST, Candidate, score, screen, sensible
 from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.stretches import FOLDS
-from elid_cli.effects import Declared, fit_declared
+from elid_cli.effects import Declared
 from elid_cli.model import Row
 from elid_cli.reduction import Extra
 from elid_cli.robot import EffectSpec
+from elid_cli.shape_fit import fit_declared
 from elid_cli.shifts import SKEW
 from elid_cli.terms.effect import Effect
 

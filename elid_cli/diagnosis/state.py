@@ -14,13 +14,13 @@ from elid_cli.covariance import sandwich
 from elid_cli.diagnosis.projected import Projected, project
 from elid_cli.diagnosis.stretches import FOLDS
 from elid_cli.diagnosis.whitening import whiteners
-from elid_cli.effects import extra_of, scene_of
 from elid_cli.floor import Floor, noise_floor
 from elid_cli.model import Model, Row
 from elid_cli.nuisance import DELAY, delay_columns, significant
 from elid_cli.observation import Observation, observe
 from elid_cli.reduction import Extra, Triangles, reduce
 from elid_cli.robot import Robot
+from elid_cli.scenes import extra_of, scene_of
 from elid_cli.shifts import NAMES, Shifts, corrected
 from elid_cli.signals import Signals
 from elid_cli.solve import Solution, reweighted, solve

@@ -13,8 +13,8 @@ from elid_cli.diagnosis.conditioning import options_for
 from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.projected import Projected, Stretch
 from elid_cli.diagnosis.state import State, fit, refreshed
-from elid_cli.effects import extra_of
 from elid_cli.model import Row
+from elid_cli.scenes import extra_of
 from elid_cli.signals import prepare
 from elid_cli.terms import effect_classes
 from tests.reproduce.inverse_logs import laws_of, log_of, make, recorded

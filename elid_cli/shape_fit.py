@@ -1,0 +1,234 @@
+"""Fitting the effects that a robot file declares.
+
+An effect is linear in its amplitudes; its shapes are refined by variable projection (Golub and Pereyra 1973): the
+amplitudes and all base parameters are eliminated, and what remains is a small search over shapes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.effects import Declared, FittedEffects, amplitude_prior
+from elid_cli.model import Row
+from elid_cli.observation import Observation
+from elid_cli.reduction import Extra, full_columns
+from elid_cli.scenes import extra_of
+from elid_cli.signals import Signals
+from elid_cli.terms.effect import Scene
+
+Array = NDArray[np.float64]
+
+SHAPE_SPREAD = 0.5
+"""Prior standard deviation of a shape's logarithm about its start: holds shapes that the log does not show."""
+_SCAN = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Moves of a shape's logarithm that are tried before the refinement."""
+_SCANNED = 3
+"""Shapes of one joint up to which all combinations are tried."""
+_STARTS = 3
+"""Valleys of the grid that are refined."""
+_STEP = 1e-3
+"""Relative step of the shapes' finite differences."""
+
+
+def fit_declared(
+    observation: Observation,
+    signals: Signals,
+    scene: Scene,
+    effects: Sequence[Declared],
+    weights: Mapping[Row, float],
+    others: Sequence[Extra] = (),
+    spread: float = SHAPE_SPREAD,
+) -> FittedEffects:
+    """Refine the shapes of effects together, with all linear parameters eliminated.
+
+    Parameters
+    ----------
+    observation, signals, scene
+        The log.
+    effects
+        What to fit, with starting shapes.
+    weights
+        Weight of every row group (one over its noise), as in a `Solution`.
+    others
+        Further linear columns that are eliminated as well (nuisances).
+    spread
+        Standard deviation of the prior on a shape's logarithm about its start.
+    """
+    projection = _Projection(observation, weights, others)
+    cache: dict[tuple[int, tuple[float, ...]], Extra] = {}
+
+    def extra(number: int, shape: tuple[float, ...]) -> Extra:
+        key = (number, shape)
+        if key not in cache:
+            effect = type(effects[number].effect)(effects[number].effect.joint, shape)
+            cache[key] = extra_of(effect, scene, signals)
+        return cache[key]
+
+    places = [(i, k) for i, item in enumerate(effects) for k in item.free]
+    start = [item.effect.shape for item in effects]
+    if places:
+        first = np.array([start[i][k] for i, k in places])
+        logarithmic = first > 0
+        scale = np.where(logarithmic, 1.0, np.maximum(np.abs(first), 1.0))
+        bounds = _bounds(effects, places, logarithmic, scale)
+
+        def shapes(z: Array) -> list[tuple[float, ...]]:
+            values = np.where(logarithmic, np.exp(np.where(logarithmic, z, 0.0)), z * scale)
+            lists = [list(s) for s in start]
+            for value, (i, k) in zip(values, places, strict=True):
+                lists[i][k] = float(value)
+            return [tuple(s) for s in lists]
+
+        begin = np.where(logarithmic, np.log(np.where(logarithmic, first, 1.0)), first / scale)
+        begin = np.clip(begin, bounds[0] + 1e-9, bounds[1] - 1e-9)
+
+        def cost(z: Array) -> Array:
+            columns = [extra(i, shape) for i, shape in enumerate(shapes(z))]
+            return np.concatenate([projection.residual(columns, effects), (z - begin) / spread])
+
+        owners = [effects[i].effect.joint for i, _ in places]
+        found = _search(cost, begin, owners, bounds)
+        start = shapes(found)
+    fitted = tuple(
+        replace(item, effect=type(item.effect)(item.effect.joint, shape))
+        for item, shape in zip(effects, start, strict=True)
+    )
+    return FittedEffects(fitted, tuple(extra(i, shape) for i, shape in enumerate(start)), scene)
+
+
+def _search(cost: Callable[[Array], Array], begin: Array, owners: Sequence[int], bounds: tuple[Array, Array]) -> Array:
+    """Return the shapes of least cost: a grid and refinement from its valleys joint after joint, then all together.
+
+    Shapes of one joint trade against each other, so their cost has more than one valley; those of different joints
+    hardly meet.
+    """
+    best = begin
+    for joint in sorted(set(owners)):
+        mine = np.array([k for k, owner in enumerate(owners) if owner == joint])
+
+        def inner(part: Array, mine: NDArray[np.intp] = mine, held: Array = best) -> Array:
+            whole = held.copy()
+            whole[mine] = part
+            return cost(whole)
+
+        limits = (bounds[0][mine], bounds[1][mine])
+        starts = _valleys(inner, begin[mine], limits) if len(mine) <= _SCANNED else [begin[mine]]
+        refined = [_refine(inner, start, limits) for start in starts]
+        best = best.copy()
+        best[mine] = min(refined, key=lambda item: item[1])[0]
+    return _refine(cost, best, bounds)[0] if len(set(owners)) > 1 else best
+
+
+def _refine(cost: Callable[[Array], Array], start: Array, bounds: tuple[Array, Array]) -> tuple[Array, float]:
+    from scipy.optimize import least_squares
+
+    step = np.full(len(start), _STEP)
+    found = least_squares(cost, start, bounds=bounds, diff_step=step, x_scale=0.3, max_nfev=25)
+    return np.asarray(found.x), float(found.cost)
+
+
+def _valleys(cost: Callable[[Array], Array], begin: Array, bounds: tuple[Array, Array]) -> list[Array]:
+    """Return the lowest grid points that are no neighbours of each other, at most `_STARTS`."""
+    moves = list(product(_SCAN, repeat=len(begin)))
+    points = [np.clip(begin + np.array(move), bounds[0] + 1e-9, bounds[1] - 1e-9) for move in moves]
+    values = np.array([float(np.sum(cost(point) ** 2)) for point in points])
+    found: list[Array] = []
+    for k in np.argsort(values):
+        if all(np.max(np.abs(points[k] - other)) > 0.6 for other in found):
+            found.append(points[k])
+        if len(found) == _STARTS:
+            break
+    return found
+
+
+def _bounds(
+    effects: Sequence[Declared], places: Sequence[tuple[int, int]], logarithmic: NDArray[np.bool_], scale: Array
+) -> tuple[Array, Array]:
+    low, high = np.full(len(places), -np.inf), np.full(len(places), np.inf)
+    for number, (i, k) in enumerate(places):
+        spec = effects[i].effect.shapes[k]
+        if logarithmic[number]:
+            low[number] = np.log(spec.low) if spec.low > 0 else -30.0
+            high[number] = np.log(spec.high) if np.isfinite(spec.high) else 30.0
+        else:
+            low[number], high[number] = spec.low / scale[number], spec.high / scale[number]
+    return low, high
+
+
+class _Projection:
+    """Weighted equations of a log with their base columns eliminated once."""
+
+    def __init__(self, observation: Observation, weights: Mapping[Row, float], others: Sequence[Extra]) -> None:
+        self._groups = [g for g in observation.groups if weights.get(g.row, 0.0) > 0 and g.count]
+        self._weights = weights
+        parameters = observation.parameters
+        width = parameters + sum(extra.width for extra in others)
+        rows, targets = [], []
+        for group in self._groups:
+            index, columns = full_columns(group, others, parameters)
+            part = np.zeros((group.count, width))
+            part[:, index] = weights[group.row] * columns[:, group.use].T
+            rows.append(part)
+            targets.append(weights[group.row] * group.target[group.use])
+        system = np.concatenate(rows)
+        norms = np.linalg.norm(system, axis=0)
+        live = norms > 0
+        left, singular, _ = np.linalg.svd(system[:, live] / norms[live], full_matrices=False)
+        self._base = left[:, singular > 1e-8 * singular[0]]
+        self._target = self._rest(np.concatenate(targets))
+
+    def _rest(self, values: Array) -> Array:
+        rest: Array = values - self._base @ (self._base.T @ values)
+        return rest
+
+    def residual(self, extras: Sequence[Extra], effects: Sequence[Declared]) -> Array:
+        """Return the weighted residual with everything linear eliminated, the amplitudes' prior last, (rows,)."""
+        columns = []
+        for extra in extras:
+            for d in range(extra.width):
+                parts = [
+                    self._weights[g.row] * extra.rows[g.row][d][g.use] if g.row in extra.rows else np.zeros(g.count)
+                    for g in self._groups
+                ]
+                columns.append(np.concatenate(parts))
+        if not columns:
+            return self._target
+        block, target = self._rest(np.array(columns).T), self._target
+        prior = amplitude_prior(effects, 0, block.shape[1])
+        if prior is not None:
+            block, target = np.concatenate([block, prior[:, :-1]]), np.concatenate([target, prior[:, -1]])
+        norms = np.linalg.norm(block, axis=0)
+        block = block[:, norms > 0] / norms[norms > 0]
+        solution = np.linalg.lstsq(block, target, rcond=1e-8)[0]
+        residual: Array = target - block @ solution
+        return residual
+
+
+def shape_columns(fitted: FittedEffects, signals: Signals, coefficients: Sequence[Array]) -> list[Extra]:
+    """Return the columns of the shapes' logarithms (or values) at the fit: what their uncertainty costs the rest.
+
+    Parameters
+    ----------
+    fitted
+        Fitted effects.
+    signals
+        The log.
+    coefficients
+        Fitted amplitudes of each effect, (d,).
+    """
+    extras = []
+    for item, base, values in zip(fitted.effects, fitted.extras, coefficients, strict=True):
+        for k in item.free:
+            shape = list(item.effect.shape)
+            step = _STEP * max(abs(shape[k]), 1e-6)
+            shape[k] += step
+            moved = extra_of(type(item.effect)(item.effect.joint, shape), fitted.scene, signals)
+            relative = abs(item.effect.shape[k]) or 1.0
+            rows = {row: ((values @ (moved.rows[row] - base.rows[row])) * (relative / step))[None] for row in base.rows}
+            extras.append(Extra(f"shape of {item.effect.name}", rows, ("",)))
+    return extras
