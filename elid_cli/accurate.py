@@ -22,6 +22,11 @@ MOVED = 10.0
 """Standard errors of the default estimate from which on a move must be borne out by held-out torque."""
 LOWEST_SIGNAL = 30.0
 """Signal-to-noise ratio of the positions, dB, below which the iteration is not started."""
+NOISY_TORQUES = 0.5
+"""Part of the equations' variance that is noise of the torques from which on, where positions are noisy, too, nothing
+but noise leads the iteration."""
+COLLAPSED = 0.2
+"""Part of the default estimate below which a stiffness has collapsed."""
 UNBENT, STRAIGHT = 84.0, 60.0
 """Signal-to-noise ratios of the positions, dB, from which on `widening` and `astray` have nothing to add."""
 LEAST_PRICE = 0.2
@@ -66,11 +71,14 @@ def collocate(fit: Fit) -> Accurate | Refusal:
     coarse = Setup(fit, coarse=True)
     if not coarse.pieces:
         return Refusal("no segment is long enough")
+    share = coarse.torque_share()
+    if coarse.noisy and share > NOISY_TORQUES:
+        return Refusal(f"positions are {ratio:.0f} dB above their noise, too few for torques as noisy as these")
     best = _with_knots(coarse)
     answer = judged(best.setup, best.outcome)
     if isinstance(answer, Refusal):
         return answer
-    factor = astray(ratio) ** (1.0 - coarse.torque_share())
+    factor = astray(ratio) ** (1.0 if coarse.noisy else 1.0 - share)
     apart = best.apart[fit.solution.basis]
     covariance = factor**2 * (answer.covariance + np.outer(apart, apart))
     return replace(answer, covariance=covariance, widened=factor)
@@ -123,7 +131,7 @@ def astray(ratio: float) -> float:
 
     An empirical rule for positions so noisy that the cost has several valleys along an inertia, each narrower than
     they lie apart: on motions 1-8 of the paper's robot, with nothing but position noise, errors were one standard error
-    at 60 dB, rms, and twice that at 40 dB. Noise of the torque fills the valleys, so the rule fades with it.
+    at 60 dB, rms, and twice that at 40 dB. Noise of the torque fills the valleys: above 57 dB the rule fades with it.
     """
     return float(max(1.0, 10.0 ** ((STRAIGHT - ratio) / 66.0)))
 
@@ -161,6 +169,15 @@ def values_of(setup: Setup, outcome: Outcome) -> Array:
     return values
 
 
+def _collapsed(fit: Fit, values: Array) -> str:
+    """Return the stiffness that fell to a small part of the default estimate, if one did."""
+    before = fit.solution.values
+    for k, name in enumerate(fit.model.names):
+        if name.startswith("K") and k in fit.solution.basis and before[k] > 0 and values[k] < COLLAPSED * before[k]:
+            return name
+    return ""
+
+
 def judged(setup: Setup, outcome: Outcome) -> Accurate | Refusal:
     """Accept or refuse an outcome."""
     fit = setup.fit
@@ -170,6 +187,9 @@ def judged(setup: Setup, outcome: Outcome) -> Accurate | Refusal:
     if not np.isfinite(outcome.p).all() or not np.isfinite(covariance).all() or np.any(np.diag(covariance) < 0):
         return Refusal("its errors are not finite")
     values = values_of(setup, outcome)
+    fallen = _collapsed(fit, values)
+    if fallen:
+        return Refusal(f"{fallen} fell towards 0, where with all inertias 0 the link's equation holds for any motion")
     transform = fit.transform
     known = fit.solution.estimable(transform)
     used = transform[:, fit.solution.basis]

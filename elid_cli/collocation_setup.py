@@ -82,7 +82,8 @@ class Setup:
         self.fit = fit
         self.noisy = signal_to_noise(fit.signals, fit.model) < NOISY
         finest = self._finest(fit.signals.dt)
-        self.coarser = max(1, int(COARSE * (WIDER if self.noisy else 1.0) / (finest * fit.signals.dt) + 1e-9))
+        wanted = COARSE * (WIDER if self.noisy else 1.0) / (finest * fit.signals.dt)
+        self.coarser = max(1, round(wanted) if self.noisy else int(wanted + 1e-9))
         self._stride = finest * self.coarser if coarse else finest
         signals, robot = fit.signals, fit.model.robot
         channels = [("q", k) for k in range(robot.n) if not signals.still[k]]

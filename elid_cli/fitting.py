@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from elid_cli.base import BaseParameters
 from elid_cli.covariance import residuals, sandwich
 from elid_cli.effects import FittedEffects, amplitude_prior, declared_effects
+from elid_cli.heldout import held_out
 from elid_cli.identification import EstimateOptions
 from elid_cli.model import Model
-from elid_cli.nuisance import delay_columns, offset_columns, reading_columns, significant
+from elid_cli.nuisance import OFFSET, delay_columns, offset_columns, reading_columns, significant
 from elid_cli.observation import Observation, observe
 from elid_cli.reduction import Extra, Triangles, folds_of, reduce
 from elid_cli.scenes import extra_of, scene_of
@@ -87,11 +88,38 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
         if last or not nuisances:
             break
         nuisances = significant(observation, solution, nuisances, signals, effects.extras if effects else ())
+        nuisances = _borne_out(model, base, observation, nuisances, effects, fold)
     covariance = _covariance(base, observation, signals, nuisances, effects, triangles, solution)
     covariance *= (
         _few(freedom(observation, signals, len(solution.basis)), len(solution.basis) / len(triangles.rows)) ** 2
     )
     return Fit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
+
+
+def _borne_out(
+    model: Model,
+    base: BaseParameters,
+    observation: Observation,
+    nuisances: list[Extra],
+    effects: FittedEffects | None,
+    fold: NDArray[np.intp],
+) -> list[Extra]:
+    """Return the nuisances without torque offsets that predict left-out torque no better than none.
+
+    Noise in accelerations pulls a mass towards 0, and an offset then takes up its weight: significant, and wrong.
+    """
+    for extra in [e for e in nuisances if e.name == OFFSET]:
+        name = model.robot.joint_names[next(iter(extra.rows)).joint]
+        fewer = [e for e in nuisances if e is not extra]
+        errors = []
+        for chosen in (nuisances, fewer):
+            triangles = _reduced(observation, chosen, effects, fold)
+            solution = reweighted(triangles, base.count + triangles.extras)
+            found = held_out(model.robot, triangles, solution).get(name)
+            errors.append(0.0 if found is None else found.rms)
+        if errors[1] < errors[0]:
+            nuisances = fewer
+    return nuisances
 
 
 def reshaped(fit: Fit, effects: FittedEffects, options: EstimateOptions) -> Fit:

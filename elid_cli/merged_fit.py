@@ -140,7 +140,7 @@ def significant(stock: Stock, solution: Solution, covariance: Array, nuisances: 
     kept = []
     for k, nuisance in enumerate(nuisances):
         where = np.flatnonzero(solution.basis == stock.parameters + k)
-        if not len(where):
+        if not len(where) or not solution.determined(stock.parameters + k):
             continue
         value = abs(float(solution.values[stock.parameters + k]))
         deviation = float(np.sqrt(covariance[where[0], where[0]]))

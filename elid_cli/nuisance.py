@@ -95,7 +95,8 @@ def significant(
     kept = []
     for k, extra in enumerate(extras):
         where = np.flatnonzero(solution.basis == observation.parameters + k)
-        if not len(where):
+        # an offset that stands for a weight as well is none: a joint that slides up and down cannot tell the two apart
+        if not len(where) or not solution.determined(observation.parameters + k):
             continue
         value = abs(float(solution.values[observation.parameters + k]))
         deviation = float(np.sqrt(covariance[where[0], where[0]]))

@@ -55,6 +55,12 @@ class Solution:
         """Columns that are not zero, in the basis or dependent on it, in ascending order."""
         return np.sort(np.concatenate([self.basis, self.others[self.dependence.any(axis=0)]]))
 
+    def determined(self, column: int) -> bool:
+        """Whether the data determine one column's coefficient by itself; columns of the basis may stand for sums."""
+        unit = np.zeros((1, len(self.values)))
+        unit[0, column] = 1.0
+        return bool(self.estimable(unit)[0])
+
     def estimable(self, transform: Array) -> NDArray[np.bool_]:
         """Return which rows of `transform` (b, p + e) the data determine, (b,)."""
         gap = transform[:, self.others] - transform[:, self.basis] @ self.dependence

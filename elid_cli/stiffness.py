@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 _ROWS: tuple[Kind, ...] = ("motor", "spring")
 LARGEST_SHARE = 0.2
 """Share of the deciding deflection's energy that noise may have: K is then pulled by as much."""
+COLLAPSED = 0.5
+"""Share from which so little is left of K in the fit that what the spring passes on falls to the rotor."""
 
 
 def unsupported_stiffness(fit: Fit) -> dict[str, str]:
@@ -55,6 +57,8 @@ def stiffness_in_noise(model: Model, triangles: Triangles, basis: NDArray[np.int
         if share > LARGEST_SHARE:
             reason = f"{min(share, 1.0):.0%} of the deflection that would tell it is encoder noise in {joint.name}"
             refused[f"K{k + 1}"] = reason
+        if share > COLLAPSED:
+            refused[f"Jm{k + 1}"] = f"{reason}: without K the motor row takes the link's inertia for the rotor's"
     return refused
 
 

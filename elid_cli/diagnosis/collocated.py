@@ -19,6 +19,7 @@ from elid_cli.identification import EstimateOptions
 from elid_cli.model import Model
 from elid_cli.recording import Segment
 from elid_cli.robot import EffectSpec
+from elid_cli.scenes import scene_of
 from elid_cli.shape_scan import other_valleys
 from elid_cli.signals import Signals
 from elid_cli.terms.effect import Effect
@@ -95,7 +96,10 @@ def _collocated(
     if not np.isfinite(outcome.p).all() or not np.isfinite(outcome.covariance).all() or len(outcome.costs) < 2:
         return None
     training, noise = setup.common_cost(outcome.end), setup.noise_cost()
-    judge = Setup(replace(fitted, signals=_stretch(log, log.fold < 0)))
+    # columns that come from torques must come from those of the stretches that are judged
+    left = _stretch(log, log.fold < 0)
+    scene = scene_of(model, left, fitted.solution.values[: model.parameters])
+    judge = Setup(replace(fitted, signals=left, effects=replace(fitted.effects, scene=scene)))
     if not judge.pieces:
         return None
     factor = widening(signal_to_noise(signals, model))

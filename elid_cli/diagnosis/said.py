@@ -29,6 +29,7 @@ from elid_cli.validation import validate
 Array = NDArray[np.float64]
 
 
+GAIN = "torque_gain"
 _SIDES = {"load": "link", "drive": "motor"}
 """What lies in a row of a joint with a torque sensor."""
 
@@ -199,7 +200,21 @@ def _rivals(state: State, declared: int, steps: Sequence[Step], effects: Sequenc
                 candidate.values,
                 candidate.effect.record,
             )
+    for rival in _gains_up_to_a_factor(robot, effects):
+        rivals.setdefault((rival.effect, rival.joint), rival)
     return tuple(rivals.values())
+
+
+def _gains_up_to_a_factor(robot: Robot, effects: Sequence[FoundEffect]) -> tuple[Rival, ...]:
+    """Return the gain of the one joint without, where all others have one: a common factor moves it to any of them."""
+    gains = {e.joint: e for e in effects if e.effect == GAIN}
+    without_ = [name for name in robot.joint_names if name not in gains]
+    if len(gains) < 2 or len(without_) != 1:
+        return ()
+    record = effect_classes()[GAIN].record
+    first = next(iter(gains.values()))
+    values = {"gain": 1.0 / (1.0 + first.parameters["gain"]) - 1.0}
+    return (Rival(GAIN, without_[0], GAIN, first.gain, values, record),)
 
 
 def _nuisances(state: State) -> tuple[Nuisance, ...]:

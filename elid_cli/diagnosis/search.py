@@ -51,6 +51,8 @@ ELSEWHERE = 0.05
 """Relative drop of a residual from which an effect counts as helping a row that it does not act on."""
 MOST_ELSEWHERE = 0.5
 """Part of the squared residual that an effect must take from other rows where its own hold nothing but noise."""
+MUCH_LEFT = 5.0
+"""Ratio to the floor from which what is left in such a row is another matter than the effect's."""
 STEPS = 14
 """Most candidates that are fitted in full …"""
 REFUSALS = 8
@@ -331,12 +333,16 @@ def _strays(old: State, new: State, candidate: Candidate, rows: Sequence[Row]) -
     A gain of one joint's torque shows in other joints alone, and explains all that is wrong there. What does not, while
     its own rows hold noise only, bends parameters that joints share towards something else.
     """
-    before = old.ratios()
+    before, after = old.ratios(), new.ratios()
     own = [row for row in candidate.columns.rows if row in before]
     helped = [row for row in rows if row not in own and before[row] >= FLOOR_RATIO]
     if not helped or any(before[row] >= FLOOR_RATIO for row in own):
         return False
-    return not any(new.rms(row) ** 2 < (1 - MOST_ELSEWHERE) * old.rms(row) ** 2 for row in helped)
+    if min(after[row] for row in helped) < MUCH_LEFT:
+        return False
+    # of what is there beyond noise
+    beyond = {row: old.rms(row) ** 2 * (1.0 - before[row] ** -2) for row in helped}
+    return not any(old.rms(row) ** 2 - new.rms(row) ** 2 > MOST_ELSEWHERE * beyond[row] for row in helped)
 
 
 def touched(old: State, new: State, own: Iterable[Row]) -> list[Row]:

@@ -238,6 +238,8 @@ def refreshed(state: State) -> State:
     """Return the state fitted again with the scene of its own parameters, late channels moved by what was found."""
     for _ in range(_SHIFTING):
         state = _levelled(agreed(state))
+        if np.any(state.log.tilt) and any(effect.from_model for effect in state.effects):
+            state = agreed(state)  # levelling leaves the columns of a fit without effects
         shifts, change = _shifts(state)
         if change <= _SETTLED * state.log.signals.dt:
             break

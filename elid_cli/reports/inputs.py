@@ -82,7 +82,7 @@ def effect_text(
     parts = []
     for name, value in values.items():
         unit, scale = units.get(name, "").removeprefix("1"), 1.0
-        if slides:
+        if slides and name != "phase":
             unit = unit.replace("N·m·s/rad", "N·s/m").replace("N·m", "N").replace("rad", "m")
         if unit == "s" and abs(value) < 0.1:
             unit, scale = "ms", 1e3
