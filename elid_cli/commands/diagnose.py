@@ -132,13 +132,13 @@ def diagnose(
 def _check(told: Told, gates: Gates, broken: Sequence[str]) -> None:
     """Raise `LimitError` where a limit is broken, or the model after is worse than allowed on any log."""
     from elid_cli.commands.emit import LimitError
-    from elid_cli.commands.gates import check_gates
+    from elid_cli.commands.gates import broken_gates
 
-    if broken:
-        raise LimitError("; ".join(broken))
-    check_gates(gates, told.found.after)
+    everything = [*broken, *broken_gates(gates, told.found.after)]
     for check in told.checks:
-        check_gates(gates, _in(check.recording.files[0], check.after))
+        everything += broken_gates(gates, _in(check.recording.files[0], check.after))
+    if everything:
+        raise LimitError("; ".join(everything))
 
 
 def _lacks(found: Diagnosis) -> list[str]:

@@ -32,7 +32,16 @@ def check_gates(
     gates: Gates, error: Mapping[str, JointError] | None = None, classes: Mapping[str, str] | None = None
 ) -> None:
     """Raise `LimitError` where a limit is broken: joints above ``--max-error``, parameters not independent."""
-    broken = []
+    broken = broken_gates(gates, error, classes)
+    if broken:
+        raise LimitError("; ".join(broken))
+
+
+def broken_gates(
+    gates: Gates, error: Mapping[str, JointError] | None = None, classes: Mapping[str, str] | None = None
+) -> list[str]:
+    """Return the limits that are broken, in words."""
+    broken: list[str] = []
     if gates.max_error is not None and error is not None:
         broken += [
             f"{joint}: torque error {100 * e.relative:.3g} % exceeds --max-error {100 * gates.max_error:.3g} %"
@@ -45,5 +54,4 @@ def check_gates(
             for name in gates.require_independent
             if classes[name] != "independent"
         ]
-    if broken:
-        raise LimitError("; ".join(broken))
+    return broken

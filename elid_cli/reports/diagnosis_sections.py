@@ -15,7 +15,7 @@ from elid_cli.reports.diagnosis_told import Told
 from elid_cli.reports.diagnosis_words import curve_words, variable_words, whose
 from elid_cli.reports.identification import AT_FLOOR, torque_unit
 from elid_cli.reports.inputs import effect_text
-from elid_cli.robot import Robot
+from elid_cli.robot import LINK_PARAMETERS, Robot
 
 ALIKE = 1.1
 """Ratio of the residuals of sum and motor row up to which both hold the same."""
@@ -127,7 +127,11 @@ def _unit(robot: Robot, contribution: Contribution) -> str:
 def _meaning_of(robot: Robot, effect: FoundEffect) -> str:
     if effect.effect == "lookup":
         return f"a smooth curve over {curve_words(effect.parameters)}; it describes what is left and explains nothing"
-    return f"{effect.summary}: {effect_text(robot, effect.effect, effect.joint, effect.parameters, effect.std_error)}"
+    text = effect_text(robot, effect.effect, effect.joint, effect.parameters, effect.std_error)
+    absent = [name for name in LINK_PARAMETERS if name not in effect.parameters] if effect.effect == "payload" else []
+    if absent:
+        text += f"; taken as 0: {', '.join(absent)}, which this motion shows in sums with the others only"
+    return f"{effect.summary}: {text}"
 
 
 def _also_possible(found: Diagnosis) -> list[Section]:
