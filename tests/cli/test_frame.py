@@ -152,10 +152,17 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+def interruptible() -> None:
+    """Let Control-C act in a child even where this process was started in the background, which ignores it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_control_c_is_quiet_and_130(elid, tmp_path: Path) -> None:
     report = tmp_path / "report.md"
     command = [sys.executable, "-c", SLOW, "effects", "--report", str(report)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=interruptible
+    ) as process:
         assert process.stderr is not None
         process.stderr.readline()
         process.send_signal(signal.SIGINT)

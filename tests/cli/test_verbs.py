@@ -267,12 +267,18 @@ def waiting_in(pipe: int) -> int:
     return struct.unpack("i", fcntl.ioctl(pipe, termios.FIONREAD, b"\0" * 4))[0]
 
 
+def interruptible() -> None:
+    """Let Control-C act in a child even where this process was started in the background, which ignores it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def test_control_c_while_reading_is_quiet(place: Path, tmp_path: Path) -> None:
     found = tmp_path / "found.yaml"
     command = [*Elid.command, "identify", "-", "--robot", str(place / ROBOT), "--write-robot", str(found)]
     with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment()
-    ) as process:
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment(),
+        preexec_fn=interruptible,
+    ) as process:  # fmt: skip
         assert process.stdin is not None
         process.stdin.write(spindle_log().encode()[:1000])
         process.stdin.flush()
