@@ -1,0 +1,37 @@
+"""What is reported beside an effect in the transmission: a stiffness that knows of it, and units of sliding joints."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from elid_cli.diagnosis import DiagnoseOptions, diagnose
+from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.identified import identified
+from elid_cli.reports.inputs import effect_text
+from elid_cli.robot_file import read_robot
+from elid_cli.signals import prepare
+from tests.reproduce.inverse_logs import laws_of, log_of, make, recorded
+
+
+@pytest.mark.parametrize("effect", ["backlash", "kinematic_error"])
+def test_the_stiffness_beside_a_bent_spring_is_the_fits_own(effect: str) -> None:
+    """A line through the raw deflection knows nothing of a gap, and gave half the stiffness."""
+    made = make(41, 2, rate=500.0)
+    log = recorded(made, log_of(made, laws_of(effect, made, 0)), db=90.0, counts=0.0, torque=0.003, colour=0.0, seed=41)
+    found = diagnose(made.robot, prepare(log, made.robot, options_for(500.0)), DiagnoseOptions(only=(effect,)))
+    assert [(e.effect, e.joint) for e in found.effects] == [(effect, "j1")]
+    told = identified(found.state_after, found.after, 0)
+    place = [told.base.parameters[k] for k in told.base.leaders].index("K1")
+    assert told.estimate[place] == pytest.approx(made.truth.joints[0].parameters["K"], rel=0.02)
+    assert "deflection against the torque" not in told.reasons.get("K1", "")
+
+
+def test_a_phase_is_an_angle_at_a_sliding_joint_too() -> None:
+    robot = read_robot("planar2")
+    first, second = robot.joints
+    slides = replace(robot, joints=(replace(first, type="prismatic"), second))
+    text = effect_text(slides, "kinematic_error", first.name, {"amplitude": 2e-5, "phase": 0.5}, {})
+    assert "phase 0.5 rad" in text
+    assert "amplitude 2.000e-05 m," in text
