@@ -142,7 +142,8 @@ def _check(told: Told, gates: Gates, broken: Sequence[str]) -> None:
 
 
 def _lacks(found: Diagnosis) -> list[str]:
-    return [f"{e.joint or found.robot.name}: the model lacks {e.effect}" for e in found.effects]
+    # the terms of one curve are one effect
+    return list(dict.fromkeys(f"{e.joint or found.robot.name}: the model lacks {e.effect}" for e in found.effects))
 
 
 def _leaves(found: Diagnosis) -> list[str]:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.dynamics import Dynamics
-from elid_cli.errors import RobotError, did_you_mean
+from elid_cli.effects import resolve
+from elid_cli.errors import RobotError
 from elid_cli.motion import Motion
 from elid_cli.robot import EffectSpec, Robot
-from elid_cli.terms import effect_classes
 from elid_cli.terms.effect import Columns, Effect, MemoryEffect, OscillatorEffect, Scene
 
 Array = NDArray[np.float64]
@@ -124,31 +124,15 @@ def active_effects(robot: Robot, scene: Scene) -> list[ActiveEffect]:
 
 
 def _active(robot: Robot, spec: EffectSpec, scene: Scene) -> ActiveEffect:
-    library = effect_classes()
-    where = f"{robot.name}: effect {spec.effect}"
-    if spec.effect not in library:
-        raise RobotError(f"{robot.name}: no effect named {spec.effect!r}", hint=did_you_mean(spec.effect, library))
-    kind = library[spec.effect]
-    if spec.joint is not None and spec.joint not in robot.joint_names:
-        raise RobotError(f"{where}: no joint named {spec.joint!r}", hint=did_you_mean(spec.joint, robot.joint_names))
-    if spec.joint is None and not kind.whole_robot and robot.n > 1:
-        raise RobotError(f"{where}: no joint", hint=f"joint: {robot.joint_names[0]}")
-    joint = 0 if spec.joint is None or kind.whole_robot else robot.joint_names.index(spec.joint)
-    if not kind.applies(robot, joint):
-        raise RobotError(f"{where}: does not apply to {robot.joints[joint].name}, whose transmission is rigid")
-    names = kind.parameter_names()
-    unknown = [name for name in spec.parameters if name not in names]
-    if unknown:
-        raise RobotError(
-            f"{where}: no parameter {unknown[0]!r}", detail=f"it has {', '.join(names)}",
-            hint=did_you_mean(unknown[0], names),
-        )  # fmt: skip
+    kind, joint = resolve(robot, spec)
     try:
         coefficients, shape = kind.coefficients(scene, joint, spec.parameters)
     except KeyError as problem:
         given = ", ".join(spec.parameters) or "none"
         raise RobotError(
-            f"{where}: needs {problem.args[0]!r}", detail=f"given: {given}", hint=f"it has {', '.join(names)}"
+            f"{robot.name}: effect {spec.effect}: needs {problem.args[0]!r}",
+            detail=f"given: {given}",
+            hint=f"it has {', '.join(kind.parameter_names())}",
         ) from None
     effect = kind(joint, shape)
     coefficients = np.asarray(coefficients, dtype=float)
