@@ -36,7 +36,8 @@ WIDER, SOFTER = 1.5, 2.5
 SHAPE_SPREAD = 0.7
 """Prior standard deviation of a shape's logarithm about what the robot file gives."""
 LOOSER = 3.0
-"""Amplitudes of effects are held this many times more loosely than in the default fit, whose noise is larger."""
+"""Amplitudes that the robot file gives are held this many times more loosely than in the default fit, whose noise is
+larger."""
 _WINDOWS, _NOISY = (5, 11, 21, 41, 81), 0.1
 """Samples that a torque's rate is taken over, and how much of it may be noise."""
 _POINTS, _FEWEST = 15, 5
@@ -290,4 +291,5 @@ def _given(fit: Fit) -> FittedEffects | None:
     if fit.effects is None:
         return None
     declared = declared_effects(fit.model.robot, fit.effects.scene)
-    return replace(fit.effects, effects=tuple(replace(e, spread=LOOSER * e.spread) for e in declared))
+    looser = (replace(e, spread=np.where(e.mean != 0, LOOSER, 1.0) * e.spread) for e in declared)
+    return replace(fit.effects, effects=tuple(looser))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.longrun import KernelSum, Persistence, small_sample
+from elid_cli.model import Row
 from elid_cli.observation import Observation
 from elid_cli.reduction import Extra, full_columns
 from elid_cli.solve import Solution
@@ -52,6 +53,23 @@ def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extr
     meat = summed(scores[place[solution.basis]], observation.stretch, memory.bandwidth)
     covariance: Array = solution.inverse @ (solution.inverse.T @ meat @ solution.inverse) @ solution.inverse.T
     return covariance
+
+
+def lasting_weights(observation: Observation, solution: Solution, extras: Sequence[Extra] = ()) -> dict[Row, float]:
+    """Return the weight of every row group with which its instants count for as much as they would if independent.
+
+    A residual that lasts for many instants says once what it shows in all of them. One far below its weight's, as
+    without any noise, says nothing of the kind.
+    """
+    found = residuals(observation, solution.values, extras)
+    weights = dict(solution.weights)
+    for group in observation.groups:
+        weight = weights.get(group.row, 0.0)
+        if weight > 0 and group.count:
+            residual = weight * np.where(group.use, found[(group.row.kind, group.row.joint)], 0.0)
+            lasting = float(long_run(residual[:, None], observation.stretch)[0, 0]) / group.count
+            weights[group.row] = weight / np.sqrt(max(lasting, 1.0))
+    return weights
 
 
 def long_run(scores: Array, stretch: NDArray[np.intp]) -> Array:

@@ -45,6 +45,11 @@ def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:
     return kind, joint
 
 
+FRICTIONS = 3.0
+"""Prior standard deviation of an amplitude that the file does not give, over the friction's rms: terms of one curve
+that nearly cancel may each be larger than the friction."""
+
+
 @dataclass(frozen=True)
 class Declared:
     """An effect of the robot file with the shape fitted so far."""
@@ -55,6 +60,8 @@ class Declared:
     """Amplitudes that the file gives, 0 where it gives none, (d,); empty: nothing is known of them."""
     spread: Array = field(default_factory=lambda: np.zeros(0))
     """Prior standard deviation of the amplitudes, (d,); infinite where nothing is known."""
+    start: Effect | None = None
+    """The effect in the shape that the file gives, None: as it is."""
 
     @property
     def free(self) -> tuple[int, ...]:
@@ -91,12 +98,13 @@ def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:
             if not grid:
                 continue
             shape = grid[len(grid) // 2]
-        found.append(Declared(spec, kind(joint, shape), mean, _amplitude_spread(kind, joint, mean, scene)))
+        effect = kind(joint, shape)
+        found.append(Declared(spec, effect, mean, _amplitude_spread(kind, joint, mean, scene), effect))
     return tuple(found)
 
 
 def _amplitude_spread(kind: type[Effect], joint: int, mean: Array, scene: Scene) -> Array:
-    """Return how far amplitudes may lie from what the file gives: by its own size, or by that of the friction."""
+    """Return how far amplitudes may lie from what the file gives: by its own size, or by some times the friction."""
     spread = np.where(mean != 0, np.abs(mean), np.inf)
     if kind.place == "motor":
         names = {name: k for k, name in enumerate(scene.robot.parameter_names())}
@@ -107,7 +115,7 @@ def _amplitude_spread(kind: type[Effect], joint: int, mean: Array, scene: Scene)
             )
         )
         units = np.array([p.unit in ("N·m", "N") for p in kind.amplitudes])
-        spread = np.where(units & ~(mean != 0) & (level > 0), level, spread)
+        spread = np.where(units & ~(mean != 0) & (level > 0), FRICTIONS * level, spread)
     return spread
 
 

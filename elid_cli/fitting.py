@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters
-from elid_cli.covariance import residuals, sandwich
+from elid_cli.covariance import lasting_weights, residuals, sandwich
 from elid_cli.effects import FittedEffects, amplitude_prior, declared_effects
 from elid_cli.heldout import held_out
 from elid_cli.identification import EstimateOptions
@@ -32,8 +33,8 @@ STICKING = 2.5
 """Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""
 MANY = 400.0
 """Independent instants beyond which Student's t is the normal distribution."""
-EFFECT_ROUNDS = 2
-"""Rounds of fitting shapes and everything else in turn."""
+READING_ROUNDS = 2
+"""Rounds of fitting a stiffness and the gain of its torque sensor in turn."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,11 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
     if options.offsets and len(observation.independent) < len(observation.groups):
         nuisances += _reading_columns(model, base, observation, nuisances, effects)
     for last in (False, True):
-        effects, triangles, solution = _fit_effects(model, base, observation, signals, nuisances, effects, fold)
+        if effects:
+            steps = (_Step.REFINE, _Step.REFINE) if last else (_Step.SCAN, _Step.RESCAN, _Step.REFINE)
+            effects = _shaped(model, base, observation, signals, nuisances, effects, steps)
+        triangles = _reduced(observation, nuisances, effects, fold)
+        solution = reweighted(triangles, base.count + triangles.extras)
         if last or not nuisances:
             break
         nuisances = significant(observation, solution, nuisances, signals, effects.extras if effects else ())
@@ -170,7 +175,7 @@ def _reading_columns(
     declared = {(item.spec.effect, item.effect.joint) for item in (effects.effects if effects else ())}
     known = [*nuisances, *(effects.extras if effects else ())]
     stiffness = np.zeros(len(elastic))
-    for _ in range(EFFECT_ROUNDS):
+    for _ in range(READING_ROUNDS):
         extras = [*known, *reading_columns(observation, stiffness, declared)] if np.any(stiffness) else known
         triangles = reduce(observation, extras)
         values = reweighted(triangles, base.count + triangles.extras).values
@@ -191,24 +196,39 @@ def _start_effects(
     return FittedEffects(effects, extras, scene)
 
 
-def _fit_effects(
+class _Step(Enum):
+    """One fit of the shapes, between two of everything else."""
+
+    SCAN = "all valleys of the cost about what the file gives"
+    RESCAN = "the same with what the residual's colour leaves of the rows"
+    REFINE = "the valley it is in"
+
+
+def _shaped(
     model: Model,
     base: BaseParameters,
     observation: Observation,
     signals: Signals,
     nuisances: Sequence[Extra],
-    effects: FittedEffects | None,
-    fold: NDArray[np.intp],
-) -> tuple[FittedEffects | None, Triangles, Solution]:
-    """Return effects with refined shapes, the triangles with their columns, and the solution."""
-    for _ in range(EFFECT_ROUNDS if effects else 0):
-        assert effects is not None
+    effects: FittedEffects,
+    steps: Sequence[_Step],
+) -> FittedEffects:
+    """Return effects with refined shapes.
+
+    Which valley of the cost is right is a matter of a few standard deviations, in which rows with a slow residual, as
+    that of a stiff spring's torque, count for far less than their number, and what the file gives counts as it stands.
+    """
+    for step in steps:
         triangles = _reduced(observation, nuisances, effects)
         solution = reweighted(triangles, base.count + triangles.extras)
         scene = scene_of(model, signals, solution.values[: model.parameters])
-        effects = fit_declared(observation, signals, scene, effects.effects, solution.weights, nuisances)
-    triangles = _reduced(observation, nuisances, effects, fold)
-    return effects, triangles, reweighted(triangles, base.count + triangles.extras)
+        weights, items = solution.weights, effects.effects
+        if step is not _Step.REFINE:
+            items = tuple(replace(item, effect=item.start or item.effect) for item in items)
+        if step is _Step.RESCAN:
+            weights = lasting_weights(observation, solution, [*nuisances, *effects.extras])
+        effects = fit_declared(observation, signals, scene, items, weights, nuisances, scan=step is not _Step.REFINE)
+    return effects
 
 
 def _reduced(

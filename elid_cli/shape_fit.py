@@ -29,7 +29,7 @@ _SCAN = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Moves of a shape's logarithm that are tried before the refinement."""
 _SCANNED = 3
 """Shapes of one joint up to which all combinations are tried."""
-_STARTS = 3
+_STARTS = 5
 """Valleys of the grid that are refined."""
 _STEP = 1e-3
 """Relative step of the shapes' finite differences."""
@@ -43,6 +43,8 @@ def fit_declared(
     weights: Mapping[Row, float],
     others: Sequence[Extra] = (),
     spread: float = SHAPE_SPREAD,
+    *,
+    scan: bool = True,
 ) -> FittedEffects:
     """Refine the shapes of effects together, with all linear parameters eliminated.
 
@@ -58,6 +60,8 @@ def fit_declared(
         Further linear columns that are eliminated as well (nuisances).
     spread
         Standard deviation of the prior on a shape's logarithm about its start.
+    scan
+        Whether other valleys of the cost are looked for, too.
     """
     projection = _Projection(observation, weights, others)
     cache: dict[tuple[int, tuple[float, ...]], Extra] = {}
@@ -92,7 +96,7 @@ def fit_declared(
             return np.concatenate([projection.residual(columns, effects), (z - begin) / spread])
 
         owners = [effects[i].effect.joint for i, _ in places]
-        found = _search(cost, begin, owners, bounds)
+        found = _search(cost, begin, owners, bounds) if scan else _refine(cost, begin, bounds)[0]
         start = shapes(found)
     fitted = tuple(
         replace(item, effect=type(item.effect)(item.effect.joint, shape))
