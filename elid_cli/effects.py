@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -76,6 +76,9 @@ class FittedEffects:
     effects: tuple[Declared, ...]
     extras: tuple[Extra, ...]
     scene: Scene
+    others: tuple[Mapping[int, Effect], ...] = ()
+    """One joint's effects, by place in `effects`, in shapes of another valley of the cost that explain the log
+    about as well."""
 
 
 def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:

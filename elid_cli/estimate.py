@@ -215,7 +215,7 @@ def assemble(
         nuisances=nuisances,
         effects=_effects(fit),
         warnings=tuple(warnings),
-        notes=(lacking,) if lacking else (),
+        notes=(*((lacking,) if lacking else ()), *_alike(fit)),
         estimator=options.estimator,
         triangles=fit.triangles,
         weights=solution.weights,
@@ -243,6 +243,21 @@ def _nuisances(fit: Fit) -> tuple[tuple[Nuisance, ...], Array]:
             delays[joint] = value
         found.append(Nuisance(extra.name, robot.joints[joint].name, {kind: value}, {kind: _deviation(fit, p + k)}))
     return tuple(found), delays
+
+
+def _alike(fit: Fit) -> list[str]:
+    """Return a sentence for each other valley of the effects' shapes that explains the log as well."""
+    said = []
+    for other in fit.effects.others if fit.effects else ():
+        assert fit.effects is not None
+        shapes = [
+            f"{effect.name} {effect.shapes[k].name} {effect.shape[k]:.3g} {effect.shapes[k].unit}"
+            for place, effect in other.items()
+            for k in fit.effects.effects[place].free
+        ]
+        joint = fit.model.robot.joint_names[next(iter(other.values())).joint]
+        said.append(f"{joint}: {', '.join(shapes)} would explain this log about as well; standard errors reach to that")
+    return said
 
 
 def _effects(fit: Fit) -> tuple[FittedEffect, ...]:

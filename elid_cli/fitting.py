@@ -33,6 +33,8 @@ STICKING = 2.5
 """Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""
 MANY = 400.0
 """Independent instants beyond which Student's t is the normal distribution."""
+VALLEY = 2.0
+"""Standard errors to the answer in another valley that explains the log as well."""
 READING_ROUNDS = 2
 """Rounds of fitting a stiffness and the gain of its torque sensor in turn."""
 
@@ -98,7 +100,28 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
     covariance *= (
         _few(freedom(observation, signals, len(solution.basis)), len(solution.basis) / len(triangles.rows)) ** 2
     )
+    if effects:
+        covariance += _between_valleys(observation, signals, nuisances, effects, solution)
     return Fit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
+
+
+def _between_valleys(
+    observation: Observation, signals: Signals, nuisances: Sequence[Extra], effects: FittedEffects, solution: Solution
+) -> Array:
+    """Return what is to be added to the covariance (r, r) for other shapes of the effects that explain the log as well.
+
+    An interval of 95 % then reaches to the answer in each of them.
+    """
+    added = np.zeros((len(solution.basis), len(solution.basis)))
+    for other in effects.others:
+        extras = list(effects.extras)
+        for place, effect in other.items():
+            extras[place] = extra_of(effect, effects.scene, signals)
+        triangles = _reduced(observation, nuisances, replace(effects, extras=tuple(extras)))
+        values = solve(triangles, solution.weights, basis=solution.basis).values
+        apart = (values - solution.values)[solution.basis] / VALLEY
+        added += np.outer(apart, apart)
+    return added
 
 
 def _borne_out(
@@ -130,7 +153,7 @@ def _borne_out(
 def reshaped(fit: Fit, effects: FittedEffects, options: EstimateOptions) -> Fit:
     """Return the fit with effects in other shapes, their columns and everything linear fitted anew."""
     extras = tuple(extra_of(item.effect, effects.scene, fit.signals) for item in effects.effects)
-    effects = replace(effects, extras=extras)
+    effects = replace(effects, extras=extras, others=())
     triangles = _reduced(fit.observation, fit.nuisances, effects, folds_of(fit.observation, options.folds))
     solution = reweighted(triangles, fit.base.count + triangles.extras)
     return replace(fit, effects=effects, triangles=triangles, solution=solution)
@@ -227,7 +250,8 @@ def _shaped(
             items = tuple(replace(item, effect=item.start or item.effect) for item in items)
         if step is _Step.RESCAN:
             weights = lasting_weights(observation, solution, [*nuisances, *effects.extras])
-        effects = fit_declared(observation, signals, scene, items, weights, nuisances, scan=step is not _Step.REFINE)
+        found = fit_declared(observation, signals, scene, items, weights, nuisances, scan=step is not _Step.REFINE)
+        effects = replace(found, others=found.others if step is _Step.RESCAN else effects.others)
     return effects
 
 

@@ -19,7 +19,7 @@ from elid_cli.observation import Observation
 from elid_cli.reduction import Extra, full_columns
 from elid_cli.scenes import extra_of
 from elid_cli.signals import Signals
-from elid_cli.terms.effect import Scene
+from elid_cli.terms.effect import Effect, Scene
 
 Array = NDArray[np.float64]
 
@@ -31,6 +31,10 @@ _SCANNED = 3
 """Shapes of one joint up to which all combinations are tried."""
 _STARTS = 5
 """Valleys of the grid that are refined."""
+_APART = 0.6
+"""Distance of shapes' logarithms from which on they lie in different valleys."""
+_ALIKE = 6.0
+"""Cost above the least up to which a valley may be the right one: 95 % of chi-square of two shapes."""
 _STEP = 1e-3
 """Relative step of the shapes' finite differences."""
 
@@ -41,7 +45,7 @@ def fit_declared(
     scene: Scene,
     effects: Sequence[Declared],
     weights: Mapping[Row, float],
-    others: Sequence[Extra] = (),
+    nuisances: Sequence[Extra] = (),
     spread: float = SHAPE_SPREAD,
     *,
     scan: bool = True,
@@ -56,14 +60,14 @@ def fit_declared(
         What to fit, with starting shapes.
     weights
         Weight of every row group (one over its noise), as in a `Solution`.
-    others
-        Further linear columns that are eliminated as well (nuisances).
+    nuisances
+        Further linear columns that are eliminated as well.
     spread
         Standard deviation of the prior on a shape's logarithm about its start.
     scan
         Whether other valleys of the cost are looked for, too.
     """
-    projection = _Projection(observation, weights, others)
+    projection = _Projection(observation, weights, nuisances)
     cache: dict[tuple[int, tuple[float, ...]], Extra] = {}
 
     def extra(number: int, shape: tuple[float, ...]) -> Extra:
@@ -75,6 +79,7 @@ def fit_declared(
 
     places = [(i, k) for i, item in enumerate(effects) for k in item.free]
     start = [item.effect.shape for item in effects]
+    others: list[dict[int, Effect]] = []
     if places:
         first = np.array([start[i][k] for i, k in places])
         logarithmic = first > 0
@@ -96,22 +101,30 @@ def fit_declared(
             return np.concatenate([projection.residual(columns, effects), (z - begin) / spread])
 
         owners = [effects[i].effect.joint for i, _ in places]
-        found = _search(cost, begin, owners, bounds) if scan else _refine(cost, begin, bounds)[0]
+        found, alike = _search(cost, begin, owners, bounds) if scan else (_refine(cost, begin, bounds)[0], [])
         start = shapes(found)
-    fitted = tuple(
-        replace(item, effect=type(item.effect)(item.effect.joint, shape))
-        for item, shape in zip(effects, start, strict=True)
-    )
-    return FittedEffects(fitted, tuple(extra(i, shape) for i, shape in enumerate(start)), scene)
+        for mine, part in alike:
+            z = found.copy()
+            z[mine] = part
+            moved = {places[k][0] for k in mine}
+            others.append({i: _reshaped(effects[i], shapes(z)[i]).effect for i in moved})
+    fitted = tuple(_reshaped(item, shape) for item, shape in zip(effects, start, strict=True))
+    return FittedEffects(fitted, tuple(extra(i, shape) for i, shape in enumerate(start)), scene, tuple(others))
 
 
-def _search(cost: Callable[[Array], Array], begin: Array, owners: Sequence[int], bounds: tuple[Array, Array]) -> Array:
-    """Return the shapes of least cost: a grid and refinement from its valleys joint after joint, then all together.
+def _reshaped(item: Declared, shape: tuple[float, ...]) -> Declared:
+    return replace(item, effect=type(item.effect)(item.effect.joint, shape))
 
-    Shapes of one joint trade against each other, so their cost has more than one valley; those of different joints
-    hardly meet.
+
+def _search(
+    cost: Callable[[Array], Array], begin: Array, owners: Sequence[int], bounds: tuple[Array, Array]
+) -> tuple[Array, list[tuple[NDArray[np.intp], Array]]]:
+    """Return the shapes of least cost, and (places, shapes) of other valleys that cost hardly more.
+
+    A grid and refinement from its valleys joint after joint, then all together: shapes of one joint trade against each
+    other, so their cost has more than one valley; those of different joints hardly meet.
     """
-    best = begin
+    best, alike = begin, list[tuple[NDArray[np.intp], Array]]()
     for joint in sorted(set(owners)):
         mine = np.array([k for k, owner in enumerate(owners) if owner == joint])
 
@@ -123,9 +136,17 @@ def _search(cost: Callable[[Array], Array], begin: Array, owners: Sequence[int],
         limits = (bounds[0][mine], bounds[1][mine])
         starts = _valleys(inner, begin[mine], limits) if len(mine) <= _SCANNED else [begin[mine]]
         refined = [_refine(inner, start, limits) for start in starts]
+        part, least = min(refined, key=lambda item: item[1])
         best = best.copy()
-        best[mine] = min(refined, key=lambda item: item[1])[0]
-    return _refine(cost, best, bounds)[0] if len(set(owners)) > 1 else best
+        best[mine] = part
+        apart = [p for p, c in refined if 2 * (c - least) < _ALIKE and np.max(np.abs(p - part)) > _APART]
+        alike += [(mine, other) for k, other in enumerate(apart) if not _among(other, apart[:k])]
+    return (_refine(cost, best, bounds)[0] if len(set(owners)) > 1 else best), alike
+
+
+def _among(point: Array, others: Sequence[Array]) -> bool:
+    """Whether a point lies in the valley of one of the others."""
+    return any(np.max(np.abs(point - other)) <= _APART for other in others)
 
 
 def _refine(cost: Callable[[Array], Array], start: Array, bounds: tuple[Array, Array]) -> tuple[Array, float]:
@@ -143,7 +164,7 @@ def _valleys(cost: Callable[[Array], Array], begin: Array, bounds: tuple[Array, 
     values = np.array([float(np.sum(cost(point) ** 2)) for point in points])
     found: list[Array] = []
     for k in np.argsort(values):
-        if all(np.max(np.abs(points[k] - other)) > 0.6 for other in found):
+        if not _among(points[k], found):
             found.append(points[k])
         if len(found) == _STARTS:
             break

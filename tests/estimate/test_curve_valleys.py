@@ -1,0 +1,84 @@
+"""Friction curves of two terms (eq. 43): their shapes' cost has several valleys, and noise hides which is right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elid_cli.base import find_base
+from elid_cli.covariance import lasting_weights
+from elid_cli.estimate import EstimateOptions, Identification, identify
+from elid_cli.fitting import fit_log
+from elid_cli.model import Model
+from elid_cli.observation import Observation
+from elid_cli.robot import EffectSpec
+from elid_cli.signals import prepare
+from tests.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
+
+FADING, RISING = (-0.25, 0.0537), (-0.3, 0.06)
+"""Amplitude, in Coulomb frictions, and velocity, rad/s, of the two terms."""
+
+
+def curve(made: Made, joint: int) -> Laws:
+    size = made.truth.joints[joint].parameters["fs"]
+
+    def friction(world: World) -> np.ndarray:
+        speed = np.abs(world.dtheta[:, joint])
+        terms = FADING[0] * np.exp(-speed / FADING[1]) + RISING[0] * np.exp(-RISING[1] / np.maximum(speed, 1e-9))
+        torque = np.zeros_like(world.dtheta)
+        torque[:, joint] = size * np.sign(world.dtheta[:, joint]) * terms
+        return torque
+
+    return Laws(motor=[friction])
+
+
+def fitted(seed: int, db: float) -> Identification:
+    made = make(seed, 2, rate=500.0, duration=12.0)
+    log = recorded(made, log_of(made, curve(made, 0)), db=db, counts=0.0, torque=0.0, colour=0.0, seed=seed)
+    specs = tuple(
+        EffectSpec("stribeck", made.robot.joint_names[0], {"velocity": 0.1, "exponent": e}) for e in (1.0, -1.0)
+    )
+    robot = replace(made.robot, effects=specs)
+    found = identify(robot, prepare(log, robot), EstimateOptions(guards=False))
+    return replace(found, reference=found.base.values(made.truth.reference()))
+
+
+@pytest.mark.parametrize(("seed", "db"), [(3, 80.0), (6, 80.0), (6, 70.0)])
+def test_a_valley_that_explains_the_log_as_well_is_named_and_within_the_errors(seed: int, db: float) -> None:
+    found = fitted(seed, db)
+    assert any("j1: stribeck velocity" in note and "as well" in note for note in found.notes)
+    score = (found.estimate - found.reference) / found.std_error
+    assert np.nanmax(np.abs(score)) < 3.5
+
+
+def test_a_curve_that_the_log_shows_has_one_valley() -> None:
+    found = fitted(2, 80.0)
+    assert not any("as well" in note for note in found.notes)
+    score = (found.estimate - found.reference) / found.std_error
+    assert np.nanmax(np.abs(score)) < 2.5
+
+
+def with_slow_error(observation: Observation, size: float) -> Observation:
+    """Return the equations with an error of the first row that goes once up and down."""
+    first, *rest = observation.groups
+    slow = size * np.sin(np.linspace(0.0, 2 * np.pi, observation.instants))
+    return replace(observation, groups=(replace(first, target=first.target + slow), *rest))
+
+
+def test_instants_of_a_slow_residual_count_for_less() -> None:
+    made = make(2, 2, rate=500.0, duration=12.0)
+    log = recorded(made, log_of(made, Laws()), db=100.0, counts=0.0, torque=0.003, colour=0.0, seed=2)
+    signals = prepare(log, made.robot)
+    model = Model(made.robot)
+    fit = fit_log(model, find_base(model), signals, EstimateOptions())
+    first = fit.observation.groups[0].row
+    plain = lasting_weights(fit.observation, fit.solution, fit.extras)[first]
+    share = (plain / fit.solution.weights[first]) ** 2
+    independent = 2 * signals.filter.cutoff / fit.observation.rate
+    assert share == pytest.approx(independent, rel=0.4)  # white torque noise below the filter's cut-off
+    slow = with_slow_error(fit.observation, 3.0 / fit.solution.weights[first])
+    assert lasting_weights(slow, fit.solution, fit.extras)[first] < 0.1 * plain
+    small = replace(fit.solution, weights={row: 1e-3 * weight for row, weight in fit.solution.weights.items()})
+    assert lasting_weights(fit.observation, small, fit.extras) == small.weights  # nothing to speak of
