@@ -9,6 +9,7 @@ residual's colour, are least on average is taken.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from elid_cli.base import BaseParameters
 from elid_cli.errors import DataError
 from elid_cli.excerpts import excerpts
-from elid_cli.fitting import Fit, fit_log
+from elid_cli.fitting import Fit, fit_log, fit_part
 from elid_cli.identification import EstimateOptions
 from elid_cli.model import Model
 from elid_cli.signals import DEFAULT_CUTOFF, Signals
@@ -48,13 +49,13 @@ def fit_best(model: Model, base: BaseParameters, signals: Signals, options: Esti
     shown = replace(signals, segments=excerpts(signals.segments, signals.dt))
     whole = len(shown.segments) == len(signals.segments) and shown.duration == signals.duration
     usual = fit_log(model, base, signals, options)
-    if not _hinted(model, base, usual, options):
+    if not _hinted(base, usual, options):
         return usual
     best, least = usual, -WORTH
     shorter = usual if whole else fit_log(model, base, shown, options)
     before = -TREND
     for cutoff in LOWER:
-        other = _tried(model, base, shown, options, cutoff)
+        other = _tried(base, shown, cutoff, lambda lower: fit_log(model, base, lower, options))
         gain = np.inf if other is None else _compared(other, shorter)
         if other is not None and gain < least:
             best, least = other, gain
@@ -66,13 +67,18 @@ def fit_best(model: Model, base: BaseParameters, signals: Signals, options: Esti
     return fit_log(model, base, signals.refiltered(best.signals.filter.cutoff), options)
 
 
-def _hinted(model: Model, base: BaseParameters, usual: Fit, options: EstimateOptions) -> bool:
-    """Whether a part of a long log speaks for a lower cut-off; of a log that is not long, nobody asks."""
+def _hinted(base: BaseParameters, usual: Fit, options: EstimateOptions) -> bool:
+    """Whether a part of a long log speaks for a lower cut-off; of a log that is not long, nobody asks.
+
+    Which reversals count and which nuisances there are has been decided by the whole log; gains of joint torque sensors
+    need a fit of their own.
+    """
     signals = usual.signals
     part = replace(signals, segments=excerpts(signals.segments, signals.dt, HINT, shortest=SHORTEST))
     if part.duration == signals.duration:
         return True
-    other = _tried(model, base, part, options, LOWER[0])
+    like = (lambda s: fit_log(usual.model, base, s, options)) if signals.sensed.any() else lambda s: fit_part(usual, s)
+    other = _tried(base, part, LOWER[0], like)
     if other is None:
         return True
     # a part's standard errors are larger by the root of how much fewer instants it holds
@@ -80,14 +86,14 @@ def _hinted(model: Model, base: BaseParameters, usual: Fit, options: EstimateOpt
     return bool(_compared(other, usual) - 0.5 * np.log(all_ / held) < HINTED)
 
 
-def _tried(model: Model, base: BaseParameters, signals: Signals, options: EstimateOptions, cutoff: float) -> Fit | None:
+def _tried(base: BaseParameters, signals: Signals, cutoff: float, fit: Callable[[Signals], Fit]) -> Fit | None:
     """Return the fit at a cut-off, or None where too little is left to judge it by."""
     signals = signals.refiltered(cutoff)
     instants = 2.0 * cutoff * len(signals.outputs) / signals.rate
-    if cutoff >= DEFAULT_CUTOFF or instants * model.robot.n < ENOUGH * base.count:
+    if cutoff >= DEFAULT_CUTOFF or instants * len(signals.still) < ENOUGH * base.count:
         return None
     try:
-        return fit_log(model, base, signals, options)
+        return fit(signals)
     except DataError:
         return None
 

@@ -97,12 +97,26 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
         nuisances = significant(observation, solution, nuisances, signals, effects.extras if effects else ())
         nuisances = _borne_out(model, base, observation, nuisances, effects, fold)
     covariance = _covariance(base, observation, signals, nuisances, effects, triangles, solution)
-    covariance *= (
-        _few(freedom(observation, signals, len(solution.basis)), len(solution.basis) / len(triangles.rows)) ** 2
-    )
+    covariance *= _few(observation, signals, triangles, solution) ** 2
     if effects:
         covariance += _between_valleys(observation, signals, nuisances, effects, solution)
     return Fit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
+
+
+def fit_part(fit: Fit, signals: Signals) -> Fit:
+    """Fit a part of a log with what a fit to all of it decided: the reversals that count and the nuisances.
+
+    Of robots without declared effects and torque sensors.
+    """
+    model, base = fit.model, fit.base
+    observation = observe(model, signals).unmasked(fit.observation.gliding)
+    kept = {(extra.name, row.joint) for extra in fit.nuisances for row in extra.rows}
+    columns = [*delay_columns(observation), *offset_columns(observation)]
+    nuisances = [extra for extra in columns if (extra.name, next(iter(extra.rows)).joint) in kept]
+    triangles = reduce(observation, nuisances)
+    solution = reweighted(triangles, base.count + triangles.extras)
+    covariance = sandwich(observation, solution, nuisances) * _few(observation, signals, triangles, solution) ** 2
+    return Fit(model, base, signals, observation, tuple(nuisances), None, triangles, solution, covariance)
 
 
 def _between_valleys(
@@ -174,16 +188,18 @@ def freedom(observation: Observation, signals: Signals, fitted: int) -> float:
     return max(share * min(counts) - fitted / len(counts), 1.0)
 
 
-def _few(degrees: float, fitted: float) -> float:
-    """Return the factor on standard errors with so many degrees of freedom left of a row by `fitted` parameters.
+def _few(observation: Observation, signals: Signals, triangles: Triangles, solution: Solution) -> float:
+    """Return the factor on standard errors of a log that is short.
 
     Student's t is wider than the normal distribution, and a fit takes its parameters' share of the residual away.
     """
+    fitted = len(solution.basis)
+    degrees = freedom(observation, signals, fitted)
     if not np.isfinite(degrees):
         return 1.0
     from elid_cli.student import student_quantile
 
-    return student_quantile(degrees, 0.975) / 1.96 * float(np.sqrt(1 + fitted / degrees))
+    return student_quantile(degrees, 0.975) / 1.96 * float(np.sqrt(1 + fitted / len(triangles.rows) / degrees))
 
 
 def _reading_columns(

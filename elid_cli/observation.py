@@ -98,6 +98,15 @@ class Observation:
         share: Array = hidden / np.maximum(self.known.sum(axis=1), 1)
         return share
 
+    @property
+    def gliding(self) -> NDArray[np.bool_]:
+        """Joints whose reversals count, (n,)."""
+        found = np.zeros(self.robot.n, dtype=bool)
+        for group in self.groups:
+            if group.row.kind in ("sum", "motor", "drive"):
+                found[group.row.joint] |= bool((group.use & self.reversing[group.row.joint]).any())
+        return found
+
     def unmasked(self, joints: NDArray[np.bool_]) -> Observation:
         """Return the observation with the reversals of some joints (n,) counted as well."""
 

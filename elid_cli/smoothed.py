@@ -7,7 +7,7 @@ distorted. Measured velocities join the fit where they agree with the positions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,20 +121,46 @@ def _choose(
     if len(candidates) == 1:
         return np.full(n, candidates[0], dtype=np.intp)
     sides = 1 if _alike(channels) and not rates else 2
-    scores = np.zeros((len(candidates), sides * n))
-    for length, spans in _of_equal_length(excerpts(segments, dt), together=not rates):
-        part = np.concatenate([channel[span].T for span in spans for channel in channels[:sides]])
-        noise = np.array([white_noise(channel) for channel in part]) if rates else np.zeros(0)
-        for row, stride in enumerate(candidates):
+    groups = [
+        (length, np.concatenate([channel[span].T for span in spans for channel in channels[:sides]]), spans)
+        for length, spans in _of_equal_length(excerpts(segments, dt), together=not rates)
+    ]
+    noise = [np.array([white_noise(channel) for channel in part]) if rates else np.zeros(0) for _, part, _ in groups]
+
+    def score(stride: int, asked: NDArray[np.bool_]) -> Array:
+        """Return Akaike's criterion of the channels `asked` for, (sides * n,); the others' is 0."""
+        total = np.zeros(sides * n)
+        for (length, part, spans), scatter in zip(groups, noise, strict=True):
             if length <= (WIDEST - 1) * stride:
-                scores[row] = np.inf
+                total[:] = np.inf
             elif rates:
-                scores[row] += _fused_score(part, [(r, r.values[:, spans[0]]) for r in rates], noise, stride, dt)
+                total += _fused_score(part, [(r, r.values[:, spans[0]]) for r in rates], scatter, stride, dt)
             else:
-                scores[row] += fit_spline(part, stride, dt).aicc.reshape(len(spans), -1).sum(axis=0)
-    best = np.argmin(scores, axis=0)
+                chosen = part if asked.all() else part[np.tile(asked, len(spans))]
+                total[asked] += fit_spline(chosen, stride, dt).aicc.reshape(len(spans), -1).sum(axis=0)
+        return total
+
+    best = _least(score, candidates, sides * n)
     finest = np.minimum(best[:n], best[-n:])
     return np.array([candidates[k] for k in finest], dtype=np.intp)
+
+
+def _least(score: Callable[[int, NDArray[np.bool_]], Array], candidates: Sequence[int], count: int) -> NDArray[np.intp]:
+    """Return the place of each channel's best candidate, (count,): of every second one, then of the best's neighbours.
+
+    The criterion falls while a spline sheds what noise alone decides, and rises once it sheds the motion.
+    """
+    scores = np.full((len(candidates), count), np.inf)
+    everyone = np.ones(count, dtype=bool)
+    for row in range(0, len(candidates), 2):
+        scores[row] = score(candidates[row], everyone)
+    first = np.argmin(scores, axis=0)
+    for row in range(1, len(candidates), 2):
+        asked = np.abs(first - row) == 1
+        if asked.any():
+            scores[row, asked] = score(candidates[row], asked)[asked]
+    best: NDArray[np.intp] = np.argmin(scores, axis=0)
+    return best
 
 
 def _of_equal_length(segments: Sequence[Segment], *, together: bool) -> Iterator[tuple[int, list[slice]]]:

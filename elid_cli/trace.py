@@ -240,6 +240,17 @@ class Program:
 
         None where the program does anything else with them.
         """
+        key = tuple(inputs)
+        if key not in self._copied:
+            self._copied[key] = self._copied_anew(key)
+        return self._copied[key]
+
+    @cached_property
+    def _copied(self) -> dict[tuple[int, ...], list[tuple[int, int]] | None]:
+        """What was asked before: a log asks at every cut-off of its filter."""
+        return {}
+
+    def _copied_anew(self, inputs: Sequence[int]) -> list[tuple[int, int]] | None:
         asked = {slot: position for position, slot in enumerate(inputs)}
         if any(operand in asked for _, a, b, _ in self.instructions for operand in (a, b) if isinstance(operand, int)):
             return None
