@@ -31,6 +31,7 @@ class ActiveEffect:
         self.coefficients = coefficients
         self.values = values
         self._amplitudes: list[float] = coefficients.tolist()
+        self._plain = not isinstance(effect, MemoryEffect | OscillatorEffect)
         self._state = 0.0
         self._drive: float | None = None
 
@@ -42,14 +43,18 @@ class ActiveEffect:
         """Return (side, joint, torque) of every row it acts on; `state` is an oscillator's."""
         effect = self.effect
         columns: Columns
-        if isinstance(effect, MemoryEffect):
-            columns = effect.columns_of(scene, np.array([self._advanced(scene)]))
-        elif isinstance(effect, OscillatorEffect):
-            columns = effect.columns_of(scene, np.array(state)[:, None])
-        else:
+        if self._plain:
             columns = effect.columns(scene)
+        elif isinstance(effect, MemoryEffect):
+            columns = effect.columns_of(scene, np.array([self._advanced(scene)]))
+        else:
+            assert isinstance(effect, OscillatorEffect)
+            columns = effect.columns_of(scene, np.array(state)[:, None])
+        if len(self._amplitudes) == 1:
+            (amplitude,) = self._amplitudes
+            return [(key.side, key.joint, amplitude * column.item()) for key, column in columns.items()]
         return [
-            (key.side, key.joint, sum(c * float(v) for c, v in zip(self._amplitudes, column[:, 0], strict=True)))
+            (key.side, key.joint, sum(c * v for c, v in zip(self._amplitudes, column[:, 0].tolist(), strict=True)))
             for key, column in columns.items()
         ]
 

@@ -103,7 +103,8 @@ class Scene:
 
     def direction(self, joint: int) -> Array:
         """Return the rounded sign of motor velocity, shape (N,)."""
-        rounded: Array = np.tanh(self.motion.dtheta[:, joint] / direction_widths(self.robot)[joint])
+        width = DIRECTION_WIDTH if self.robot.joints[joint].revolute else ARM * DIRECTION_WIDTH
+        rounded: Array = np.tanh(self.motion.dtheta[:, joint] / width)
         return rounded
 
     def deflection(self, joint: int) -> Array:
