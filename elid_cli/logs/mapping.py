@@ -45,9 +45,10 @@ class SignalMap:
     field: str = ""
     joints: Mapping[str, str | int] | None = None
     """The robot's joint -> its name (or index) in the log; None: the same names."""
-    factor: float = 1.0
+    factor: tuple[float, ...] | float = 1.0
     """SI value of one unit."""
     unit: str = ""
+    """One unit, or one per joint, as written."""
     scale: tuple[float, ...] | float = 1.0
     offset: tuple[float, ...] | float = 0.0
     sign: tuple[float, ...] | float = 1.0
@@ -60,7 +61,8 @@ class SignalMap:
 
     def gain(self, robot: Robot) -> Array:
         """Return the factor from raw to SI joint-side values, shape (n,)."""
-        gain = self.factor * np.broadcast_to(self.scale, robot.n) * np.broadcast_to(self.sign, robot.n)
+        gain = np.broadcast_to(self.factor, robot.n) * np.broadcast_to(self.scale, robot.n)
+        gain = gain * np.broadcast_to(self.sign, robot.n)
         if self.motor_side:
             ratios = robot.gear_ratios
             gain = gain * ratios if self.signal in TORQUES else gain / ratios
@@ -68,8 +70,9 @@ class SignalMap:
 
     @property
     def turn(self) -> float:
-        """One turn in the log's own unit."""
-        return 2 * math.pi / self.factor
+        """One turn in the log's own unit, which is the same at all joints."""
+        factor = self.factor[0] if isinstance(self.factor, tuple) else self.factor
+        return 2 * math.pi / factor
 
     def offsets(self, robot: Robot) -> Array:
         """Return the offsets in SI units at the joint, shape (n,)."""
@@ -185,13 +188,16 @@ def _signal(name: str, spec: Mapping[str, Any], robot: Robot, where: str) -> Sig
     if add and (add not in SIGNALS or add == name):
         others = [signal for signal in SIGNALS if signal != name]
         raise UsageError(f"{where}: add: unknown signal {add!r}", hint=did_you_mean(add, others))
-    unit = _text(spec.get("unit", ""), where, "unit")
+    unit, factor = _units(spec.get("unit", ""), name, robot, where)
+    unwrap = _flag(spec.get("unwrap", False), where, "unwrap")
+    if unwrap and isinstance(factor, tuple) and len(set(factor)) > 1:
+        raise UsageError(f"{where}: unwrap: needs one unit for all joints", detail=f"found {unit}")
     return SignalMap(
         signal=name,
         source=_places(spec["from"], robot, where),
         field=_text(spec.get("field", ""), where, "field"),
         joints=_joints(spec.get("joints"), robot, where),
-        factor=_unit_factor(name, unit, where) if unit else 1.0,
+        factor=factor,
         unit=unit,
         scale=_per_joint(spec.get("scale", 1.0), robot, f"{where}: scale"),
         offset=_per_joint(spec.get("offset", 0.0), robot, f"{where}: offset"),
@@ -199,7 +205,7 @@ def _signal(name: str, spec: Mapping[str, Any], robot: Robot, where: str) -> Sig
         motor_side=side == "motor",
         add=add,
         time=_text(spec.get("time", ""), where, "time"),
-        unwrap=_flag(spec.get("unwrap", False), where, "unwrap"),
+        unwrap=unwrap,
     )
 
 
@@ -260,6 +266,23 @@ def _number(value: Any, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise UsageError(f"{where}: expected a finite number", detail=f"found {value!r:.60}")
     return float(value)
+
+
+def _units(value: Any, name: str, robot: Robot, where: str) -> tuple[str, tuple[float, ...] | float]:
+    """Return the unit as written and the SI value of one, or one per joint."""
+    if isinstance(value, Mapping):
+        for joint in value:
+            if joint not in robot.joint_names:
+                raise UsageError(f"{where}: unit: no joint {joint!r}", hint=did_you_mean(str(joint), robot.joint_names))
+        value = [value.get(joint, "") for joint in robot.joint_names]
+    if isinstance(value, list):
+        if len(value) != robot.n:
+            what = f"{where}: unit: {len(value)} units for {robot.n} joint{'s' if robot.n > 1 else ''}"
+            raise UsageError(what, hint="one unit, or one per joint of --robot")
+        units = [_text(item, where, "unit") for item in value]
+        return ", ".join(units), tuple(_unit_factor(name, unit, where) if unit else 1.0 for unit in units)
+    unit = _text(value, where, "unit")
+    return unit, _unit_factor(name, unit, where) if unit else 1.0
 
 
 def _unit_factor(signal: str, unit: str, where: str) -> float:
