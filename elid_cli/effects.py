@@ -61,7 +61,12 @@ class Declared:
     spread: Array = field(default_factory=lambda: np.zeros(0))
     """Prior standard deviation of the amplitudes, (d,); infinite where nothing is known."""
     start: Effect | None = None
-    """The effect in the shape that the file gives, None: as it is."""
+    """The effect in the shape that the file gives; None where it gives none."""
+
+    @property
+    def searched_with(self) -> tuple[int, str]:
+        """Effects of one kind at one joint trade against each other: their shapes are searched together."""
+        return (-1 if self.effect.whole_robot else self.effect.joint, self.effect.name)
 
     @property
     def free(self) -> tuple[int, ...]:
@@ -94,15 +99,18 @@ def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:
         kind, joint = resolve(robot, spec)
         values = {p.name: 0.0 for p in kind.amplitudes} | dict(spec.parameters)
         mean = np.zeros(len(kind.amplitudes))
+        given = True
         try:
             mean, shape = kind.coefficients(scene, joint, values)
         except KeyError:
+            given = False
             grid = kind.grid(scene, joint)
             if not grid:
                 continue
             shape = grid[len(grid) // 2]
         effect = kind(joint, shape)
-        found.append(Declared(spec, effect, mean, _amplitude_spread(kind, joint, mean, scene), effect))
+        spread = _amplitude_spread(kind, joint, mean, scene)
+        found.append(Declared(spec, effect, mean, spread, effect if given else None))
     return tuple(found)
 
 

@@ -28,7 +28,9 @@ from elid_cli.observation import Observation
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
 from elid_cli.stiffness import deflections_noise, unsupported_stiffness, with_pull
+from elid_cli.terms.effect import Effect
 from elid_cli.tilt import LEVEL, STEEPEST, TILT, declared_tilt, levelled, tilted, untilted
+from elid_cli.valleys import in_other_valleys, own_shapes, told_apart
 from elid_cli.verdicts import classes_in_log, judge, shortfall, suspicious, torque_scale
 
 __all__ = [
@@ -148,6 +150,12 @@ def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused
     # held-out stretches are judged with the columns of the shapes that were found
     own = fit if answer.effects is None else reshaped(fit, answer.effects, options)
     better = replace(own, solution=solution, covariance=answer.covariance)
+    if fit.effects and own.effects:  # the collocation knows of its own valley only
+        candidates = in_other_valleys(own.effects, [*own_shapes(fit.effects), *fit.effects.others])
+        effects, wider = told_apart(
+            own.observation, own.signals, own.nuisances, candidates, own.solution, answer.covariance, answer.values
+        )
+        better = replace(better, effects=effects, covariance=wider)
     note = f"--accurate: spline collocation, {answer.steps} steps, knots every {answer.knots * 1e3:.0f} ms"
     if answer.widened > 1.05:
         note += f", standard errors widened by {answer.widened:.2g}"
@@ -249,15 +257,21 @@ def _alike(fit: Fit) -> list[str]:
     """Return a sentence for each other valley of the effects' shapes that explains the log as well."""
     said = []
     for other in fit.effects.others if fit.effects else ():
-        assert fit.effects is not None
-        shapes = [
-            f"{effect.name} {effect.shapes[k].name} {effect.shape[k]:.3g} {effect.shapes[k].unit}"
-            for place, effect in other.items()
-            for k in fit.effects.effects[place].free
-        ]
-        joint = fit.model.robot.joint_names[next(iter(other.values())).joint]
-        said.append(f"{joint}: {', '.join(shapes)} would explain this log about as well; standard errors reach to that")
+        first = next(iter(other.values()))
+        joint = fit.model.robot.joints[first.joint]
+        shapes = [f"{effect.name} {_shape(effect, slides=not joint.revolute)}" for effect in other.values()]
+        where = "" if first.whole_robot else f"{joint.name}: "
+        said.append(f"{where}{' with '.join(shapes)} would explain this log as well; standard errors reach to that")
     return said
+
+
+def _shape(effect: Effect, *, slides: bool) -> str:
+    """Return the shape of an effect as text."""
+    texts = []
+    for shape, value in zip(effect.shapes, effect.shape, strict=True):
+        unit = shape.unit.replace("rad", "m") if slides else shape.unit
+        texts.append(f"{shape.name} {value:.3g}" + (f" {unit}" if unit != "1" else ""))
+    return ", ".join(texts)
 
 
 def _effects(fit: Fit) -> tuple[FittedEffect, ...]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters
 from elid_cli.covariance import lasting_weights, residuals, sandwich
-from elid_cli.effects import FittedEffects, amplitude_prior, declared_effects
+from elid_cli.effects import FittedEffects, declared_effects
 from elid_cli.heldout import held_out
 from elid_cli.identification import EstimateOptions
 from elid_cli.model import Model
@@ -26,6 +26,7 @@ from elid_cli.scenes import extra_of, scene_of
 from elid_cli.shape_fit import SHAPE_SPREAD, fit_declared, shape_columns
 from elid_cli.signals import Signals
 from elid_cli.solve import Solution, reweighted, solve
+from elid_cli.valleys import reduced, told_apart
 
 Array = NDArray[np.float64]
 
@@ -33,8 +34,6 @@ STICKING = 2.5
 """Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""
 MANY = 400.0
 """Independent instants beyond which Student's t is the normal distribution."""
-VALLEY = 2.0
-"""Standard errors to the answer in another valley that explains the log as well."""
 READING_ROUNDS = 2
 """Rounds of fitting a stiffness and the gain of its torque sensor in turn."""
 
@@ -90,7 +89,7 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
         if effects:
             steps = (_Step.REFINE, _Step.REFINE) if last else (_Step.SCAN, _Step.RESCAN, _Step.REFINE)
             effects = _shaped(model, base, observation, signals, nuisances, effects, steps)
-        triangles = _reduced(observation, nuisances, effects, fold)
+        triangles = reduced(observation, nuisances, effects, fold)
         solution = reweighted(triangles, base.count + triangles.extras)
         if last or not nuisances:
             break
@@ -99,7 +98,7 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
     covariance = _covariance(base, observation, signals, nuisances, effects, triangles, solution)
     covariance *= _few(observation, signals, triangles, solution) ** 2
     if effects:
-        covariance += _between_valleys(observation, signals, nuisances, effects, solution)
+        effects, covariance = told_apart(observation, signals, nuisances, effects, solution, covariance)
     return Fit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
 
 
@@ -119,25 +118,6 @@ def fit_part(fit: Fit, signals: Signals) -> Fit:
     return Fit(model, base, signals, observation, tuple(nuisances), None, triangles, solution, covariance)
 
 
-def _between_valleys(
-    observation: Observation, signals: Signals, nuisances: Sequence[Extra], effects: FittedEffects, solution: Solution
-) -> Array:
-    """Return what is to be added to the covariance (r, r) for other shapes of the effects that explain the log as well.
-
-    An interval of 95 % then reaches to the answer in each of them.
-    """
-    added = np.zeros((len(solution.basis), len(solution.basis)))
-    for other in effects.others:
-        extras = list(effects.extras)
-        for place, effect in other.items():
-            extras[place] = extra_of(effect, effects.scene, signals)
-        triangles = _reduced(observation, nuisances, replace(effects, extras=tuple(extras)))
-        values = solve(triangles, solution.weights, basis=solution.basis).values
-        apart = (values - solution.values)[solution.basis] / VALLEY
-        added += np.outer(apart, apart)
-    return added
-
-
 def _borne_out(
     model: Model,
     base: BaseParameters,
@@ -155,7 +135,7 @@ def _borne_out(
         fewer = [e for e in nuisances if e is not extra]
         errors = []
         for chosen in (nuisances, fewer):
-            triangles = _reduced(observation, chosen, effects, fold)
+            triangles = reduced(observation, chosen, effects, fold)
             solution = reweighted(triangles, base.count + triangles.extras)
             found = held_out(model.robot, triangles, solution).get(name)
             errors.append(0.0 if found is None else found.rms)
@@ -168,7 +148,7 @@ def reshaped(fit: Fit, effects: FittedEffects, options: EstimateOptions) -> Fit:
     """Return the fit with effects in other shapes, their columns and everything linear fitted anew."""
     extras = tuple(extra_of(item.effect, effects.scene, fit.signals) for item in effects.effects)
     effects = replace(effects, extras=extras, others=())
-    triangles = _reduced(fit.observation, fit.nuisances, effects, folds_of(fit.observation, options.folds))
+    triangles = reduced(fit.observation, fit.nuisances, effects, folds_of(fit.observation, options.folds))
     solution = reweighted(triangles, fit.base.count + triangles.extras)
     return replace(fit, effects=effects, triangles=triangles, solution=solution)
 
@@ -258,7 +238,7 @@ def _shaped(
     that of a stiff spring's torque, count for far less than their number, and what the file gives counts as it stands.
     """
     for step in steps:
-        triangles = _reduced(observation, nuisances, effects)
+        triangles = reduced(observation, nuisances, effects)
         solution = reweighted(triangles, base.count + triangles.extras)
         scene = scene_of(model, signals, solution.values[: model.parameters])
         weights, items = solution.weights, effects.effects
@@ -269,20 +249,6 @@ def _shaped(
         found = fit_declared(observation, signals, scene, items, weights, nuisances, scan=step is not _Step.REFINE)
         effects = replace(found, others=found.others if step is _Step.RESCAN else effects.others)
     return effects
-
-
-def _reduced(
-    observation: Observation,
-    nuisances: Sequence[Extra],
-    effects: FittedEffects | None,
-    fold: NDArray[np.intp] | None = None,
-) -> Triangles:
-    """Return triangles with the columns of nuisances and effects, and what is known of the effects' amplitudes."""
-    if effects is None:
-        return reduce(observation, nuisances, fold)
-    triangles = reduce(observation, (*nuisances, *effects.extras), fold)
-    first = triangles.parameters + sum(extra.width for extra in nuisances)
-    return replace(triangles, prior=amplitude_prior(effects.effects, first, triangles.width))
 
 
 def _amplitudes(

@@ -20,6 +20,7 @@ from elid_cli.reduction import Extra, full_columns
 from elid_cli.scenes import extra_of
 from elid_cli.signals import Signals
 from elid_cli.terms.effect import Effect, Scene
+from elid_cli.valleys import APART
 
 Array = NDArray[np.float64]
 
@@ -28,13 +29,11 @@ SHAPE_SPREAD = 0.5
 _SCAN = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Moves of a shape's logarithm that are tried before the refinement."""
 _SCANNED = 3
-"""Shapes of one joint up to which all combinations are tried."""
+"""Shapes searched together up to which all combinations are tried."""
 _STARTS = 5
 """Valleys of the grid that are refined."""
-_APART = 0.6
-"""Distance of shapes' logarithms from which on they lie in different valleys."""
-_ALIKE = 6.0
-"""Cost above the least up to which a valley may be the right one: 95 % of chi-square of two shapes."""
+_ALIKE = 60.0
+"""Cost above the least up to which a valley is worth a look (`valleys.told_apart`)."""
 _STEP = 1e-3
 """Relative step of the shapes' finite differences."""
 
@@ -100,7 +99,8 @@ def fit_declared(
             columns = [extra(i, shape) for i, shape in enumerate(shapes(z))]
             return np.concatenate([projection.residual(columns, effects), (z - begin) / spread])
 
-        owners = [effects[i].effect.joint for i, _ in places]
+        groups = sorted({effects[i].searched_with for i, _ in places})
+        owners = [groups.index(effects[i].searched_with) for i, _ in places]
         found, alike = _search(cost, begin, owners, bounds) if scan else (_refine(cost, begin, bounds)[0], [])
         start = shapes(found)
         for mine, part in alike:
@@ -121,12 +121,12 @@ def _search(
 ) -> tuple[Array, list[tuple[NDArray[np.intp], Array]]]:
     """Return the shapes of least cost, and (places, shapes) of other valleys that cost hardly more.
 
-    A grid and refinement from its valleys joint after joint, then all together: shapes of one joint trade against each
-    other, so their cost has more than one valley; those of different joints hardly meet.
+    A grid and refinement from its valleys owner after owner, then all together: shapes of effects of one kind at one
+    joint trade against each other, so their cost has more than one valley; those of others hardly meet.
     """
     best, alike = begin, list[tuple[NDArray[np.intp], Array]]()
-    for joint in sorted(set(owners)):
-        mine = np.array([k for k, owner in enumerate(owners) if owner == joint])
+    for one in sorted(set(owners)):
+        mine = np.array([k for k, owner in enumerate(owners) if owner == one])
 
         def inner(part: Array, mine: NDArray[np.intp] = mine, held: Array = best) -> Array:
             whole = held.copy()
@@ -139,14 +139,14 @@ def _search(
         part, least = min(refined, key=lambda item: item[1])
         best = best.copy()
         best[mine] = part
-        apart = [p for p, c in refined if 2 * (c - least) < _ALIKE and np.max(np.abs(p - part)) > _APART]
+        apart = [p for p, c in refined if 2 * (c - least) < _ALIKE and np.max(np.abs(p - part)) > APART]
         alike += [(mine, other) for k, other in enumerate(apart) if not _among(other, apart[:k])]
     return (_refine(cost, best, bounds)[0] if len(set(owners)) > 1 else best), alike
 
 
 def _among(point: Array, others: Sequence[Array]) -> bool:
     """Whether a point lies in the valley of one of the others."""
-    return any(np.max(np.abs(point - other)) <= _APART for other in others)
+    return any(np.max(np.abs(point - other)) <= APART for other in others)
 
 
 def _refine(cost: Callable[[Array], Array], start: Array, bounds: tuple[Array, Array]) -> tuple[Array, float]:

@@ -9,13 +9,13 @@ import pytest
 
 from elid_cli.base import find_base
 from elid_cli.covariance import lasting_weights
-from elid_cli.estimate import EstimateOptions, Identification, identify
+from elid_cli.estimate import EstimateOptions, Identification, _alike, identify
 from elid_cli.fitting import fit_log
 from elid_cli.model import Model
 from elid_cli.observation import Observation
 from elid_cli.robot import EffectSpec
 from elid_cli.signals import prepare
-from tests.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
+from tests.reproduce.inverse_logs import Laws, Made, World, laws_of, log_of, make, recorded
 
 FADING, RISING = (-0.25, 0.0537), (-0.3, 0.06)
 """Amplitude, in Coulomb frictions, and velocity, rad/s, of the two terms."""
@@ -34,30 +34,58 @@ def curve(made: Made, joint: int) -> Laws:
     return Laws(motor=[friction])
 
 
-def fitted(seed: int, db: float) -> Identification:
+def fitted(seed: int, db: float, joint: int = 0) -> Identification:
     made = make(seed, 2, rate=500.0, duration=12.0)
-    log = recorded(made, log_of(made, curve(made, 0)), db=db, counts=0.0, torque=0.0, colour=0.0, seed=seed)
-    specs = tuple(
-        EffectSpec("stribeck", made.robot.joint_names[0], {"velocity": 0.1, "exponent": e}) for e in (1.0, -1.0)
-    )
+    log = recorded(made, log_of(made, curve(made, joint)), db=db, counts=0.0, torque=0.0, colour=0.0, seed=seed)
+    name = made.robot.joint_names[joint]
+    specs = tuple(EffectSpec("stribeck", name, {"velocity": 0.1, "exponent": e}) for e in (1.0, -1.0))
     robot = replace(made.robot, effects=specs)
     found = identify(robot, prepare(log, robot), EstimateOptions(guards=False))
     return replace(found, reference=found.base.values(made.truth.reference()))
 
 
-@pytest.mark.parametrize(("seed", "db"), [(3, 80.0), (6, 80.0), (6, 70.0)])
-def test_a_valley_that_explains_the_log_as_well_is_named_and_within_the_errors(seed: int, db: float) -> None:
-    found = fitted(seed, db)
-    assert any("j1: stribeck velocity" in note and "as well" in note for note in found.notes)
+@pytest.mark.parametrize(
+    ("seed", "joint", "db"), [(3, 0, 80.0), (6, 0, 80.0), (6, 0, 70.0), (7, 1, 80.0), (8, 1, 70.0), (9, 1, 80.0)]
+)
+def test_a_valley_that_explains_the_log_as_well_is_named_and_within_the_errors(
+    seed: int, joint: int, db: float
+) -> None:
+    """In some of these logs the wrong valley costs ten less than the right one: less than the cost scatters by."""
+    found = fitted(seed, db, joint)
+    assert any(f"j{joint + 1}: stribeck velocity" in note and "as well" in note for note in found.notes)
     score = (found.estimate - found.reference) / found.std_error
     assert np.nanmax(np.abs(score)) < 3.5
 
 
+def test_an_effect_without_a_given_shape_keeps_what_was_found() -> None:
+    """Nothing is known of a ripple's order before the log speaks: no round of the fit may go back to a first guess."""
+    made = make(1, 2, rate=500.0, duration=12.0)
+    signals = log_of(made, laws_of("torque_ripple", made, 0))
+    log = recorded(made, signals, db=90.0, counts=0.0, torque=0.0, colour=0.0, seed=1)
+    robot = replace(made.robot, effects=(EffectSpec("torque_ripple", made.robot.joint_names[0], {}),))
+    (effect,) = identify(robot, prepare(log, robot), EstimateOptions(guards=False)).effects
+    assert effect.parameters["order"] == pytest.approx(14.0, rel=0.02)
+
+
+def test_a_sliding_joints_other_shapes_are_in_metres() -> None:
+    made = make(6, 2, rate=500.0, duration=12.0)
+    log = recorded(made, log_of(made, curve(made, 0)), db=80.0, counts=0.0, torque=0.0, colour=0.0, seed=6)
+    specs = tuple(EffectSpec("stribeck", "j1", {"velocity": 0.1, "exponent": e}) for e in (1.0, -1.0))
+    robot = replace(made.robot, effects=specs)
+    model = Model(robot)
+    fit = fit_log(model, find_base(model), prepare(log, robot), EstimateOptions())
+    slides = replace(robot, joints=(replace(robot.joints[0], type="prismatic"), *robot.joints[1:]))
+    (note, *_) = _alike(replace(fit, model=Model(slides)))
+    assert note.startswith("j1: stribeck velocity")
+    assert "m/s, exponent 1 with" in note
+
+
 def test_a_curve_that_the_log_shows_has_one_valley() -> None:
-    found = fitted(2, 80.0)
+    found = fitted(2, 130.0)
     assert not any("as well" in note for note in found.notes)
-    score = (found.estimate - found.reference) / found.std_error
-    assert np.nanmax(np.abs(score)) < 2.5
+    (fading, rising) = (effect.parameters["velocity"] for effect in found.effects)
+    assert fading == pytest.approx(FADING[1], rel=0.05)
+    assert rising == pytest.approx(RISING[1], rel=0.05)
 
 
 def with_slow_error(observation: Observation, size: float) -> Observation:

@@ -11,7 +11,7 @@ from elid_cli import cutoff
 from elid_cli.base import BaseParameters
 from elid_cli.cutoff import HINT
 from elid_cli.estimate import EstimateOptions, fit_log, identify
-from elid_cli.fitting import Fit
+from elid_cli.fitting import Fit, fit_part
 from elid_cli.model import Model
 from elid_cli.recording import Recording, Segment
 from elid_cli.robot import Robot
@@ -42,7 +42,12 @@ def asked(
         fits.append((signals.duration, signals.filter.cutoff))
         return fit_log(model, base, signals, options)
 
+    def part(fit: Fit, signals: Signals) -> Fit:
+        fits.append((signals.duration, signals.filter.cutoff))
+        return fit_part(fit, signals)
+
     monkeypatch.setattr(cutoff, "HINT", hint)
+    monkeypatch.setattr(cutoff, "fit_part", part)
     monkeypatch.setattr(cutoff, "fit_log", seen)
     robot, log = logged(db, torque)
     found = identify(robot, prepare(log, robot), EstimateOptions(guards=False))
