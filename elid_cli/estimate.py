@@ -152,8 +152,10 @@ def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused
     better = replace(own, solution=solution, covariance=answer.covariance)
     if fit.effects and own.effects:  # the collocation knows of its own valley only
         candidates = in_other_valleys(own.effects, [*own_shapes(fit.effects), *fit.effects.others])
+        # the columns of the answer's covariance, and what the rows of the fit say at the shapes that were found
+        at_its_shapes = replace(fit.solution, values=own.solution.values, weights=own.solution.weights)
         effects, wider = told_apart(
-            own.observation, own.signals, own.nuisances, candidates, own.solution, answer.covariance, answer.values
+            own.observation, own.signals, own.nuisances, candidates, at_its_shapes, answer.covariance, answer.values
         )
         better = replace(better, effects=effects, covariance=wider)
     note = f"--accurate: spline collocation, {answer.steps} steps, knots every {answer.knots * 1e3:.0f} ms"
