@@ -30,7 +30,6 @@ from elid_cli.signals import Signals
 from elid_cli.stiffness import deflections_noise, unsupported_stiffness, with_pull
 from elid_cli.terms.effect import Effect
 from elid_cli.tilt import LEVEL, STEEPEST, TILT, declared_tilt, levelled, tilted, untilted
-from elid_cli.valleys import in_other_valleys, own_shapes, told_apart
 from elid_cli.verdicts import classes_in_log, judge, shortfall, suspicious, torque_scale
 
 __all__ = [
@@ -150,14 +149,6 @@ def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused
     # held-out stretches are judged with the columns of the shapes that were found
     own = fit if answer.effects is None else reshaped(fit, answer.effects, options)
     better = replace(own, solution=solution, covariance=answer.covariance)
-    if fit.effects and own.effects:  # the collocation knows of its own valley only
-        candidates = in_other_valleys(own.effects, [*own_shapes(fit.effects), *fit.effects.others])
-        # the columns of the answer's covariance, and what the rows of the fit say at the shapes that were found
-        at_its_shapes = replace(fit.solution, values=own.solution.values, weights=own.solution.weights)
-        effects, wider = told_apart(
-            own.observation, own.signals, own.nuisances, candidates, at_its_shapes, answer.covariance, answer.values
-        )
-        better = replace(better, effects=effects, covariance=wider)
     note = f"--accurate: spline collocation, {answer.steps} steps, knots every {answer.knots * 1e3:.0f} ms"
     if answer.widened > 1.05:
         note += f", standard errors widened by {answer.widened:.2g}"
