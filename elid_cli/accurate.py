@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.collocation import Iterate
+from elid_cli.collocation_rows import free_shapes
 from elid_cli.collocation_setup import Setup, signal_to_noise
 from elid_cli.effects import FittedEffects
 from elid_cli.fitting import Fit
 from elid_cli.gauss_newton import Outcome, iterate
 from elid_cli.nuisance import DELAY
 from elid_cli.shape_scan import other_valleys
+from elid_cli.terms.effect import Effect
+from elid_cli.valleys import APART, REACH, explains_as_well, in_other_valleys, own_shapes
 
 Array = NDArray[np.float64]
 
@@ -48,6 +52,8 @@ class Accurate:
     knots: float
     widened: float = 1.0
     """Factor by which standard errors were widened beyond the covariance at the end."""
+    others: tuple[Mapping[int, Effect], ...] = ()
+    """Shapes of the effects in other valleys of the cost that explain the log as well (`FittedEffects.others`)."""
     far: str = ""
     """What moved by more than `MOVED` standard errors of the default estimate, which may not know its own bias: such
     an answer needs better evidence."""
@@ -81,7 +87,14 @@ def collocate(fit: Fit) -> Accurate | Refusal:
     factor = astray(ratio) ** (1.0 if coarse.noisy else 1.0 - share)
     apart = best.apart[fit.solution.basis]
     covariance = factor**2 * (answer.covariance + np.outer(apart, apart))
-    return replace(answer, covariance=covariance, widened=factor)
+    effects, others = answer.effects, list[Mapping[int, Effect]]()
+    for rival in best.rivals:
+        moved = (values_of(best.setup, rival) - answer.values)[fit.solution.basis] / REACH
+        covariance += np.outer(moved, moved)
+        shapes = best.setup.equations.final_effects(rival.z)
+        if effects is not None and shapes is not None:
+            others += in_other_valleys(effects, own_shapes(shapes)).others
+    return replace(answer, covariance=covariance, widened=factor, others=tuple(others))
 
 
 @dataclass(frozen=True)
@@ -92,6 +105,8 @@ class _Knotted:
     outcome: Outcome
     apart: Array
     """What the knots decide: fine ones' answer minus coarse ones', in the fit's columns (p + e,)."""
+    rivals: tuple[Outcome, ...] = ()
+    """Outcomes in other valleys of the shapes that explain the log as well."""
 
 
 def _with_knots(coarse: Setup) -> _Knotted:
@@ -100,9 +115,9 @@ def _with_knots(coarse: Setup) -> _Knotted:
     Between two knots a trajectory is free in as many ways as torques are noisy: where none is, the equations of motion
     decide all of it, and finer knots cost little.
     """
-    found = best_of(coarse)
+    found, rivals = best_of(coarse)
     if coarse.coarser == 1 or coarse.noisy:  # finer ones would follow the positions' noise
-        return _Knotted(coarse, found, np.zeros(coarse.fit.triangles.width))
+        return _Knotted(coarse, found, np.zeros(coarse.fit.triangles.width), rivals)
     fine = Setup(coarse.fit)
     start = fine.start_from(coarse, found.end)
     outcome = from_start(fine, start)[1]
@@ -111,10 +126,12 @@ def _with_knots(coarse: Setup) -> _Knotted:
     gain = fine.problem.deviance(start, least) - fine.problem.deviance(outcome.end, least)
     share = fine.torque_share()
     if gain < max(LEAST_PRICE, share) * (counts[0] - counts[1]):
-        return _Knotted(coarse, found, (1.0 - share) * (values_of(fine, outcome) - values_of(coarse, found)))
+        apart = (1.0 - share) * (values_of(fine, outcome) - values_of(coarse, found))
+        return _Knotted(coarse, found, apart, rivals)
+    rivals = ()
     if fine.z_start.size:
-        outcome = min(outcome, best_of(fine), key=lambda item: fine.common_cost(item.end))
-    return _Knotted(fine, outcome, values_of(fine, outcome) - values_of(coarse, found))
+        outcome, rivals = best_of(fine, outcome)
+    return _Knotted(fine, outcome, values_of(fine, outcome) - values_of(coarse, found), rivals)
 
 
 def widening(ratio: float) -> float:
@@ -136,19 +153,53 @@ def astray(ratio: float) -> float:
     return float(max(1.0, 10.0 ** ((STRAIGHT - ratio) / 66.0)))
 
 
-def best_of(setup: Setup) -> Outcome:
-    """Return the outcome of least cost among those that start from several valleys of the shapes of effects."""
-    found = from_start(setup, setup.start)
+def best_of(setup: Setup, *known: Outcome) -> tuple[Outcome, tuple[Outcome, ...]]:
+    """Return the outcome of least cost among those known and those that start from several valleys of the shapes.
+
+    With it those in other valleys that explain the log as well.
+    """
+    tried = [(setup.common_cost(outcome.end), outcome) for outcome in known]
+    tried.append(from_start(setup, setup.start))
     if setup.z_start.size:  # noise leads the default fit far astray at times
         start = Iterate(setup.start.coefficients, setup.start.p.copy(), setup.z_start.copy())
-        found = min(found, from_start(setup, start), key=lambda item: item[0])
+        tried.append(from_start(setup, start))
+        tried += [from_start(setup, replace(start, z=z)) for z in _named_by(setup.fit)]
     for _ in range(ROUNDS):
+        found = min(tried, key=lambda item: item[0])
         others = [from_start(setup, start) for start in other_valleys(setup, found[1].end)]
-        better = min(others, key=lambda item: item[0], default=found)
-        if not better[0] < found[0]:
+        tried += others
+        if not min(others, key=lambda item: item[0], default=found)[0] < found[0]:
             break
-        found = better
-    return found[1]
+    best = min(tried, key=lambda item: item[0])[1]
+    return best, tuple(_rivals(setup, best, [outcome for _, outcome in tried]))
+
+
+def _named_by(fit: Fit) -> list[Array]:
+    """Return the shapes in other valleys that a fit could not tell from its own."""
+    if fit.effects is None:
+        return []
+    found = []
+    for other in fit.effects.others:
+        items = [replace(e, effect=other.get(k, e.effect)) for k, e in enumerate(fit.effects.effects)]
+        found.append(free_shapes(replace(fit.effects, effects=tuple(items))))
+    return found
+
+
+def _rivals(setup: Setup, best: Outcome, tried: Sequence[Outcome]) -> list[Outcome]:
+    """Return the outcomes in other valleys than the best one's that explain the log as well, one of each valley."""
+    if not len(best.z):
+        return []
+    own = setup.common_costs(best.end)
+    stretch = np.repeat(np.arange(len(own)), [len(part) for part in own])
+    found: list[Outcome] = []
+    for outcome in tried:
+        known = [best, *found]
+        if not np.isfinite(outcome.p).all() or min(float(np.max(np.abs(outcome.z - k.z))) for k in known) <= APART:
+            continue
+        theirs = setup.common_costs(outcome.end)
+        if explains_as_well(np.concatenate(theirs) - np.concatenate(own), stretch):
+            found.append(outcome)
+    return found
 
 
 def from_start(setup: Setup, start: Iterate) -> tuple[float, Outcome]:

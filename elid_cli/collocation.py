@@ -149,13 +149,20 @@ class Problem:
 
     def cost(self, now: Iterate) -> float:
         """Return the Huber cost."""
-        total = 0.0
+        return float(sum(part.sum() for part in self.costs(now)))
+
+    def costs(self, now: Iterate) -> list[Array]:
+        """Return the Huber cost of every knot interval, (intervals,) of each piece."""
+        found = []
         for number, piece in enumerate(self.pieces):
             misfit = self.misfit(piece, now.coefficients[number])
-            total += float(np.sum(misfit**2))
             scaled = np.abs(self._residual(number, now)) / self.rho[:, None] * self._mask(number)
-            total += float(np.sum(np.where(scaled < HUBER, scaled**2, 2 * HUBER * scaled - HUBER**2)))
-        return total
+            huber = np.where(scaled < HUBER, scaled**2, 2 * HUBER * scaled - HUBER**2)
+            found.append(
+                np.einsum("cjs,cjs->j", misfit, misfit)
+                + huber.reshape(len(huber), piece.intervals, -1).sum(axis=(0, 2))
+            )
+        return found
 
     def deviance(self, now: Iterate, least: Array) -> float:
         """Return minus twice the logarithm of the likelihood, the equations' noise as their residual shows it.

@@ -268,12 +268,16 @@ class Setup:
 
     def common_cost(self, now: Iterate) -> float:
         """Return the cost of unknowns with the noise and the weights that were assumed at first, to compare by."""
+        return float(sum(part.sum() for part in self.common_costs(now))) + self.prior(now)[0]
+
+    def common_costs(self, now: Iterate) -> list[Array]:
+        """Return the same of every knot interval, (intervals,) of each piece, without what is known beforehand."""
         held = self.problem.rho
         self.problem.rho = self.first_rho()
         self.problem.trust(self.start)
-        cost = self.problem.cost(now) + self.prior(now)[0]
+        costs = self.problem.costs(now)
         self.problem.rho = held
-        return cost
+        return costs
 
     def noise_cost(self) -> float:
         """Return the cost that noise alone makes: of the positions, and of the torques where they are noisy."""

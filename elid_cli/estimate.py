@@ -148,7 +148,8 @@ def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused
     solution = replace(fit.solution, values=answer.values)
     # held-out stretches are judged with the columns of the shapes that were found
     own = fit if answer.effects is None else reshaped(fit, answer.effects, options)
-    better = replace(own, solution=solution, covariance=answer.covariance)
+    effects = replace(own.effects, others=answer.others) if own.effects else None
+    better = replace(own, effects=effects, solution=solution, covariance=answer.covariance)
     note = f"--accurate: spline collocation, {answer.steps} steps, knots every {answer.knots * 1e3:.0f} ms"
     if answer.widened > 1.05:
         note += f", standard errors widened by {answer.widened:.2g}"

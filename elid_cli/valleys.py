@@ -55,13 +55,11 @@ def told_apart(
     effects: FittedEffects,
     solution: Solution,
     covariance: Array,
-    answer: Array | None = None,
 ) -> tuple[FittedEffects, Array]:
     """Return the effects with those other shapes that explain the log as well, and a covariance (r, r) that knows them.
 
-    An interval of 95 % then reaches from the answer, by default the solution's values, to that with each of them.
+    An interval of 95 % then reaches to the answer with each of them.
     """
-    answer = solution.values if answer is None else answer
     best = _squares(observation, nuisances, effects, solution)
     kept, wider = [], covariance.copy()
     for other in effects.others:
@@ -70,12 +68,17 @@ def told_apart(
         moved = _with(effects, other, signals)
         found = solve(reduced(observation, nuisances, moved), solution.weights, basis=solution.basis)
         more = _squares(observation, nuisances, moved, found) - best
-        scatter = np.sqrt(float(long_run((more - more.mean())[:, None], observation.stretch)[0, 0]))
-        if more.sum() < max(AS_WELL, SCATTER * scatter):
+        if explains_as_well(more, observation.stretch):
             kept.append(other)
-            apart = (found.values - answer)[solution.basis] / REACH
+            apart = (found.values - solution.values)[solution.basis] / REACH
             wider += np.outer(apart, apart)
     return replace(effects, others=tuple(kept)), wider
+
+
+def explains_as_well(more: Array, stretch: NDArray[np.intp]) -> bool:
+    """Whether a cost that is so much larger at every instant (M,) may be so by chance."""
+    scatter = np.sqrt(float(long_run((more - more.mean())[:, None], stretch)[0, 0]))
+    return bool(more.sum() < max(AS_WELL, SCATTER * scatter))
 
 
 def in_other_valleys(effects: FittedEffects, candidates: Iterable[Mapping[int, Effect]]) -> FittedEffects:
