@@ -1,0 +1,35 @@
+"""Knot spacings are looked for in two passes, which must find what trying all of them finds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elid_cli.excerpts import excerpts
+from elid_cli.recording import Segment
+from elid_cli.signal_options import SignalOptions
+from elid_cli.smoothed import KNOTS, _choose, _spacings
+from elid_cli.smoothing import fit_spline
+
+DT, SAMPLES = 2e-3, 6000
+
+
+def moved(seed: int, noise: float) -> np.ndarray:
+    """Return positions (N, 4) of two slow joints and two that follow vibrations, with noise."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(SAMPLES) * DT
+    slow = [np.sin(rng.uniform(0.5, 2) * t + rng.uniform(0, 6)) for _ in range(2)]
+    fast = [s + 0.02 * np.sin(rng.uniform(20, 60) * t) for s in slow]
+    return np.array([*slow, *fast]).T + noise * rng.standard_normal((SAMPLES, 4))
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-4, 1e-2])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_two_passes_find_the_least_of_all_spacings(seed: int, noise: float) -> None:
+    values = moved(seed, noise)
+    whole = (Segment(0, SAMPLES),)
+    assert excerpts(whole, DT) == whole
+    candidates = _spacings(DT, SignalOptions(), KNOTS[0])
+    scores = np.array([fit_spline(values.T, stride, DT).aicc for stride in candidates])
+    chosen = _choose((values, values), whole, DT, 4, SignalOptions(), ())
+    assert chosen.tolist() == [candidates[k] for k in np.argmin(scores, axis=0)]
