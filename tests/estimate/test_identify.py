@@ -93,7 +93,7 @@ def test_a_mistyped_parameter_of_a_declared_effect_is_refused() -> None:
 def test_declared_stribeck_friction_is_fitted() -> None:
     spec = EffectSpec("stribeck", "joint2", {"amplitude": 1.0, "velocity": 0.2, "exponent": 1.0})
     true = replace(PLANAR, effects=(spec,))
-    options = SimulationOptions(duration=8.9, seed=2, control=ControlOptions(continuous=True))
+    options = SimulationOptions(duration=6.0, seed=2, control=ControlOptions(continuous=True))
     log = simulate(true, options)
     declared = replace(PLANAR, effects=(replace(spec, parameters={"velocity": 0.1, "exponent": 1.0}),))
     result = found(log, declared)
