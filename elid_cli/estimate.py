@@ -28,8 +28,8 @@ from elid_cli.observation import Observation
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
 from elid_cli.stiffness import deflections_noise, unsupported_stiffness, with_pull
-from elid_cli.terms.effect import Effect
 from elid_cli.tilt import LEVEL, STEEPEST, TILT, declared_tilt, levelled, tilted, untilted
+from elid_cli.valleys import sentences
 from elid_cli.verdicts import classes_in_log, judge, shortfall, suspicious, torque_scale
 
 __all__ = [
@@ -217,7 +217,7 @@ def assemble(
         nuisances=nuisances,
         effects=_effects(fit),
         warnings=tuple(warnings),
-        notes=(*((lacking,) if lacking else ()), *_alike(fit)),
+        notes=(*((lacking,) if lacking else ()), *(sentences(fit.effects, robot) if fit.effects else ())),
         estimator=options.estimator,
         triangles=fit.triangles,
         weights=solution.weights,
@@ -245,27 +245,6 @@ def _nuisances(fit: Fit) -> tuple[tuple[Nuisance, ...], Array]:
             delays[joint] = value
         found.append(Nuisance(extra.name, robot.joints[joint].name, {kind: value}, {kind: _deviation(fit, p + k)}))
     return tuple(found), delays
-
-
-def _alike(fit: Fit) -> list[str]:
-    """Return a sentence for each other valley of the effects' shapes that explains the log as well."""
-    said = []
-    for other in fit.effects.others if fit.effects else ():
-        first = next(iter(other.values()))
-        joint = fit.model.robot.joints[first.joint]
-        shapes = [f"{effect.name} {_shape(effect, slides=not joint.revolute)}" for effect in other.values()]
-        where = "" if first.whole_robot else f"{joint.name}: "
-        said.append(f"{where}{' with '.join(shapes)} would explain this log as well; standard errors reach to that")
-    return said
-
-
-def _shape(effect: Effect, *, slides: bool) -> str:
-    """Return the shape of an effect as text."""
-    texts = []
-    for shape, value in zip(effect.shapes, effect.shape, strict=True):
-        unit = shape.unit.replace("rad", "m") if slides else shape.unit
-        texts.append(f"{shape.name} {value:.3g}" + (f" {unit}" if unit != "1" else ""))
-    return ", ".join(texts)
 
 
 def _effects(fit: Fit) -> tuple[FittedEffect, ...]:

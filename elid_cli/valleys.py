@@ -17,6 +17,7 @@ from elid_cli.covariance import long_run, residuals
 from elid_cli.effects import FittedEffects, amplitude_prior
 from elid_cli.observation import Observation
 from elid_cli.reduction import Extra, Triangles, reduce
+from elid_cli.robot import Robot
 from elid_cli.scenes import extra_of
 from elid_cli.signals import Signals
 from elid_cli.solve import Solution, solve
@@ -94,6 +95,25 @@ def own_shapes(effects: FittedEffects) -> list[Mapping[int, Effect]]:
         if item.free:
             found.setdefault(item.searched_with, {})[place] = item.effect
     return list(found.values())
+
+
+def sentences(effects: FittedEffects, robot: Robot) -> list[str]:
+    """Return a sentence for each of the other shapes that explain the log as well."""
+    said = []
+    for other in effects.others:
+        first = next(iter(other.values()))
+        joint = robot.joints[first.joint]
+        shapes = [f"{effect.name} {_shape(effect, slides=not joint.revolute)}" for effect in other.values()]
+        where = "" if first.whole_robot else f"{joint.name}: "
+        said.append(f"{where}{' with '.join(shapes)} would explain this log as well; standard errors reach to that")
+    return said
+
+
+def _shape(effect: Effect, *, slides: bool) -> str:
+    return ", ".join(
+        f"{shape.name} {value:.3g} {shape.unit_at(slides=slides)}".rstrip()
+        for shape, value in zip(effect.shapes, effect.shape, strict=True)
+    )
 
 
 def _apart(one: Effect, other: Effect) -> bool:

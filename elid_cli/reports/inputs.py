@@ -77,13 +77,11 @@ def effect_text(
 ) -> str:
     """Return an effect's parameters with units and standard errors: ``amplitude 0.25 ± 0.02 N·m, velocity …``."""
     kind = effect_classes().get(effect)
-    units = {} if kind is None else {p.name: p.unit for p in (*kind.amplitudes, *kind.shapes)}
     slides = joint in robot.joint_names and not robot.joints[robot.joint_names.index(joint)].revolute
+    units = {} if kind is None else {p.name: p.unit_at(slides=slides) for p in (*kind.amplitudes, *kind.shapes)}
     parts = []
     for name, value in values.items():
-        unit, scale = units.get(name, "").removeprefix("1"), 1.0
-        if slides and name != "phase":
-            unit = unit.replace("N·m·s/rad", "N·s/m").replace("N·m", "N").replace("rad", "m")
+        unit, scale = units.get(name, ""), 1.0
         if unit == "s" and abs(value) < 0.1:
             unit, scale = "ms", 1e3
         error = errors.get(name)

@@ -49,6 +49,13 @@ class Parameter:
     fixed: bool = False
     """Of a shape: chosen from the grid and never refined (an exponent, the number of another joint)."""
 
+    def unit_at(self, *, slides: bool) -> str:
+        """Return the unit at a joint that slides or turns, empty for a number; a phase is an angle at both."""
+        unit = self.unit.removeprefix("1")
+        if slides and self.name != "phase":
+            unit = unit.replace("N·m·s/rad", "N·s/m").replace("N·m", "N").replace("rad", "m")
+        return unit
+
 
 class RowKey(NamedTuple):
     """A row of eq. (13): the link or motor equation of joint `joint` (from 0)."""

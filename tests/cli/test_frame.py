@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import interruptible
 
 from elid_cli import __version__
 from elid_cli.commands.group import summaries
@@ -150,11 +151,6 @@ def effect_classes():
 elid_cli.terms.effect_classes = effect_classes
 sys.exit(main(sys.argv[1:]))
 """
-
-
-def interruptible() -> None:
-    """Let Control-C act in a child even where this process was started in the background, which ignores it."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def test_control_c_is_quiet_and_130(elid, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import JOINT, Elid, environment, spindle_log
+from conftest import JOINT, Elid, environment, interruptible, spindle_log
 
 LOG, ROBOT = "run 07.csv", "spindle.yaml"
 TRUTH = {"Izz1 + Jm1": 0.6, "fs1": 0.4, "fv1": 0.3}
@@ -265,11 +265,6 @@ def test_a_first_sign_of_life_within_half_a_second(place: Path) -> None:
 def waiting_in(pipe: int) -> int:
     """Return how many bytes lie in a pipe."""
     return struct.unpack("i", fcntl.ioctl(pipe, termios.FIONREAD, b"\0" * 4))[0]
-
-
-def interruptible() -> None:
-    """Let Control-C act in a child even where this process was started in the background, which ignores it."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def test_control_c_while_reading_is_quiet(place: Path, tmp_path: Path) -> None:

@@ -1,17 +1,41 @@
 """A torque delay that the default fit imagines is an unknown of the collocation, which puts it right."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
 import pytest
 
-from elid_cli.robot_file import read_robot
-from tests.reproduce.paper_logs import by_elid, motion_of, with_friction
+from elid_cli import fitting
+from elid_cli.accurate import Accurate, collocate
+from elid_cli.base import find_base
+from elid_cli.estimate import EstimateOptions, fit_log
+from elid_cli.model import Model
+from elid_cli.nuisance import DELAY
+from elid_cli.reduction import Extra
+from elid_cli.signals import prepare
+from tests.reproduce.inverse_logs import Laws, log_of, make, recorded
+
+IMAGINED = 3e-4
 
 
-def test_a_delay_that_is_none_ends_at_none() -> None:
-    """Where friction's shapes are unknown, the default fit takes a part of the curve for a delay of 0.3 ms."""
-    robot = read_robot("planar2")
-    motion = motion_of(with_friction(robot, known=True), 5, 5.0)
-    found = by_elid(with_friction(robot, known=False), motion, 80.0, 5, rates=False, accurate=True)
-    assert found.estimator == "accurate"
-    assert found.normalised_mean_error() < 0.02
-    for nuisance in found.nuisances:
-        assert nuisance.parameters["delay"] == pytest.approx(0.0, abs=2e-5)
+def all_delays(observation: Any, solution: Any, extras: Sequence[Extra], *rest: Any) -> list[Extra]:
+    return [extra for extra in extras if extra.name == DELAY]
+
+
+def test_a_delay_that_is_none_ends_at_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = make(2, 2, rate=500.0, duration=8.0)
+    log = recorded(made, log_of(made, Laws()), db=90.0, counts=0.0, torque=0.0, colour=0.0, seed=2)
+    model = Model(made.robot)
+    monkeypatch.setattr(fitting, "significant", all_delays)
+    fit = fit_log(model, find_base(model), prepare(log, made.robot), EstimateOptions())
+    delays = model.parameters + np.arange(made.robot.n)
+    assert set(delays) <= set(fit.solution.basis)
+    values = fit.solution.values.copy()
+    values[delays] = IMAGINED
+    answer = collocate(replace(fit, solution=replace(fit.solution, values=values)))
+    assert isinstance(answer, Accurate)
+    assert np.abs(answer.values[delays]).max() < 0.05 * IMAGINED

@@ -10,13 +10,13 @@ import pytest
 from elid_cli.accurate import _named_by
 from elid_cli.base import find_base
 from elid_cli.covariance import lasting_weights
-from elid_cli.estimate import EstimateOptions, Identification, _alike, identify
-from elid_cli.fitting import fit_log
+from elid_cli.estimate import EstimateOptions, Identification, identify
+from elid_cli.fitting import Fit, fit_log
 from elid_cli.model import Model
 from elid_cli.observation import Observation
-from elid_cli.robot import EffectSpec
-from elid_cli.signals import prepare
-from elid_cli.valleys import explains_as_well
+from elid_cli.robot import EffectSpec, Robot
+from elid_cli.signals import Signals, prepare
+from elid_cli.valleys import explains_as_well, sentences
 from tests.reproduce.inverse_logs import Laws, Made, World, laws_of, log_of, make, recorded
 
 FADING, RISING = (-0.25, 0.0537), (-0.3, 0.06)
@@ -36,14 +36,25 @@ def curve(made: Made, joint: int) -> Laws:
     return Laws(motor=[friction])
 
 
-def fitted(seed: int, db: float, joint: int = 0) -> Identification:
+def logged(seed: int, db: float, joint: int = 0) -> tuple[Made, Robot, Signals]:
+    """Return an arm, the robot file that declares the two terms by a guess of their velocity, and a log."""
     made = make(seed, 2, rate=500.0, duration=12.0)
     log = recorded(made, log_of(made, curve(made, joint)), db=db, counts=0.0, torque=0.0, colour=0.0, seed=seed)
     name = made.robot.joint_names[joint]
     specs = tuple(EffectSpec("stribeck", name, {"velocity": 0.1, "exponent": e}) for e in (1.0, -1.0))
     robot = replace(made.robot, effects=specs)
-    found = identify(robot, prepare(log, robot), EstimateOptions(guards=False))
+    return made, robot, prepare(log, robot)
+
+
+def fitted(seed: int, db: float, joint: int = 0) -> Identification:
+    made, robot, signals = logged(seed, db, joint)
+    found = identify(robot, signals, EstimateOptions(guards=False))
     return replace(found, reference=found.base.values(made.truth.reference()))
+
+
+def fit_of(robot: Robot, signals: Signals) -> Fit:
+    model = Model(robot)
+    return fit_log(model, find_base(model), signals, EstimateOptions())
 
 
 @pytest.mark.parametrize(
@@ -60,12 +71,7 @@ def test_a_valley_that_explains_the_log_as_well_is_named_and_within_the_errors(
 
 
 def test_the_collocation_tries_the_valleys_that_the_fit_could_not_tell_apart() -> None:
-    made = make(9, 2, rate=500.0, duration=12.0)
-    log = recorded(made, log_of(made, curve(made, 1)), db=80.0, counts=0.0, torque=0.0, colour=0.0, seed=9)
-    specs = tuple(EffectSpec("stribeck", "j2", {"velocity": 0.1, "exponent": e}) for e in (1.0, -1.0))
-    robot = replace(made.robot, effects=specs)
-    model = Model(robot)
-    fit = fit_log(model, find_base(model), prepare(log, robot), EstimateOptions())
+    fit = fit_of(*logged(9, 80.0, 1)[1:])
     assert fit.effects is not None
     shapes = [[effect.shape[0] for effect in other.values()] for other in fit.effects.others]
     assert np.exp(_named_by(fit)) == pytest.approx(np.array(shapes))
@@ -96,16 +102,14 @@ def test_an_effect_without_a_given_shape_keeps_what_was_found() -> None:
 
 
 def test_a_sliding_joints_other_shapes_are_in_metres() -> None:
-    made = make(6, 2, rate=500.0, duration=12.0)
-    log = recorded(made, log_of(made, curve(made, 0)), db=80.0, counts=0.0, torque=0.0, colour=0.0, seed=6)
-    specs = tuple(EffectSpec("stribeck", "j1", {"velocity": 0.1, "exponent": e}) for e in (1.0, -1.0))
-    robot = replace(made.robot, effects=specs)
-    model = Model(robot)
-    fit = fit_log(model, find_base(model), prepare(log, robot), EstimateOptions())
+    _, robot, signals = logged(6, 80.0)
+    fit = fit_of(robot, signals)
+    assert fit.effects is not None
     slides = replace(robot, joints=(replace(robot.joints[0], type="prismatic"), *robot.joints[1:]))
-    (note, *_) = _alike(replace(fit, model=Model(slides)))
-    assert note.startswith("j1: stribeck velocity")
-    assert "m/s, exponent 1 with" in note
+    for same, unit in ((robot, "rad/s"), (slides, "m/s")):
+        (note, *_) = sentences(fit.effects, same)
+        assert note.startswith("j1: stribeck velocity")
+        assert f"{unit}, exponent 1 with" in note
 
 
 def test_a_curve_that_the_log_shows_has_one_valley() -> None:
@@ -127,8 +131,7 @@ def test_instants_of_a_slow_residual_count_for_less() -> None:
     made = make(2, 2, rate=500.0, duration=12.0)
     log = recorded(made, log_of(made, Laws()), db=100.0, counts=0.0, torque=0.003, colour=0.0, seed=2)
     signals = prepare(log, made.robot)
-    model = Model(made.robot)
-    fit = fit_log(model, find_base(model), signals, EstimateOptions())
+    fit = fit_of(made.robot, signals)
     first = fit.observation.groups[0].row
     plain = lasting_weights(fit.observation, fit.solution, fit.extras)[first]
     share = (plain / fit.solution.weights[first]) ** 2
