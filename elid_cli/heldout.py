@@ -9,9 +9,9 @@ import numpy as np
 
 from elid_cli.identification import Identification, JointError, SensorError
 from elid_cli.model import Row
-from elid_cli.reduction import Triangles
+from elid_cli.reduction import Triangles, factor_of
 from elid_cli.robot import Robot
-from elid_cli.solve import Solution, solve
+from elid_cli.solve import Solution, solve_system
 
 
 def held_out(
@@ -24,9 +24,13 @@ def held_out(
     """
     shift = 0.0 if before is None else solution.values - before.values
     squares: dict[Row, float] = dict.fromkeys(triangles.rows, 0.0)
-    for fold in range(triangles.folds):
-        others = [f for f in range(triangles.folds) if f != fold]
-        fitted = solve(triangles, solution.weights, others or None, len(solution.basis)).values + shift
+    folds = range(triangles.folds)
+    parts = [replace(triangles, prior=None).stacked(solution.weights, [fold]) for fold in folds]  # each reduced once
+    known = [] if triangles.prior is None else [triangles.prior]
+    for fold in folds:
+        others = [part for number, part in enumerate(parts) if number != fold or len(parts) == 1]
+        system = factor_of(np.concatenate([*others, *known]))
+        fitted = solve_system(system, triangles.parameters, solution.weights, len(solution.basis)).values + shift
         for row in triangles.rows:
             squares[row] += sum(t.squares(fitted) for t in triangles.of(row, [fold]))
     return joint_errors(robot, triangles, squares)

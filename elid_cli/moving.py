@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,8 @@ def constant(raw: Array, segments: Sequence[Segment]) -> NDArray[np.bool_]:
     """Return which channels hold one value only, (n,): splines of a constant vibrate at their ends by rounding."""
     constant = np.ones(raw.shape[1], dtype=bool)
     first = np.full(raw.shape[1], np.nan)
-    for part in in_parts(segments):
+    glance = [replace(s, stop=min(s.stop, s.start + GLANCE)) for s in segments[:1]]  # mostly enough
+    for part in (*in_parts(glance), *in_parts(segments)):
         values = raw[part]
         finite = np.isfinite(values)
         unset = np.isnan(first) & finite.any(axis=0)

@@ -65,7 +65,8 @@ class Observation:
     known: NDArray[np.bool_]
     """Instants at which a joint's torque is known, (n, M)."""
     reductions: list[object] = field(init=False, default_factory=list, repr=False, compare=False)
-    """What `reduction.reduce` made of it last: with some of those columns only, it need not be made again."""
+    """What `reduction.reduce` made of it last: with some of those columns only, or more instants, it need not be made
+    again."""
 
     @property
     def instants(self) -> int:
@@ -116,7 +117,9 @@ class Observation:
             known = self.known[group.row.joint]
             return replace(group, use=known & np.isfinite(group.target) if group.row.kind == "drive" else known)
 
-        return replace(self, groups=tuple(map(counted, self.groups)))
+        found = replace(self, groups=tuple(map(counted, self.groups)))
+        found.reductions[:] = self.reductions
+        return found
 
     def only(self, chosen: NDArray[np.bool_]) -> Observation:
         """Return the observation with the instants outside `chosen` (M,) masked."""

@@ -147,29 +147,65 @@ def reduce(
         Fold of every instant, (M,); default: one fold.
     """
     fold = np.zeros(observation.instants, dtype=np.intp) if fold is None else fold
-    for before, given, cut in cast(list[_Reduction], observation.reductions):
-        if set(map(id, extras)) <= set(map(id, given)) and np.array_equal(cut, fold):
-            return _with_fewer(before, given, extras)
+    for before in cast(list[_Reduction], observation.reductions):
+        if set(map(id, extras)) <= set(map(id, before.extras)) and np.array_equal(before.fold, fold):
+            grown = _grown(before, observation)
+            if grown is not None:
+                observation.reductions[:] = [grown]
+                return _with_fewer(grown.triangles, grown.extras, extras)
     count = int(fold.max()) + 1 if len(fold) else 1
     items = []
     for group in observation.groups:
-        index, columns = full_columns(group, extras, observation.parameters)
-        system = np.concatenate([columns, group.target[None]])
-        torque = group.target if group.row.kind in ("load", "spring") else observation.tau[group.row.joint]
+        index, parts = _parts(group, extras, observation.parameters)
         for number in range(count):
             use = np.flatnonzero(group.use & (fold == number))
-            if not len(use):
-                continue
-            factor = factor_of(system.take(use, axis=1).T)
-            items.append(Triangle(group.row, number, index, factor, len(use), float(np.sum(torque[use] ** 2))))
+            if len(use):
+                factor, power = _factor(None, parts, use), _power(observation, group, use)
+                items.append(Triangle(group.row, number, index, factor, len(use), power))
     rows = tuple(group.row for group in observation.groups if group.count)
     found = Triangles(tuple(items), observation.parameters, sum(e.width for e in extras), count, rows)
     if extras:
-        observation.reductions[:] = [(found, tuple(extras), fold)]
+        observation.reductions[:] = [_Reduction(found, tuple(extras), fold, observation.groups)]
     return found
 
 
-_Reduction = tuple[Triangles, Sequence[Extra], NDArray[np.intp]]
+@dataclass(frozen=True)
+class _Reduction:
+    """Triangles with what they were made of."""
+
+    triangles: Triangles
+    extras: Sequence[Extra]
+    fold: NDArray[np.intp]
+    groups: tuple[Equations, ...]
+
+
+def _grown(before: _Reduction, observation: Observation) -> _Reduction | None:
+    """Return the reduction with the instants that `observation` counts beyond it; None where it counts some no more."""
+    known = {(item.row, item.fold): item for item in before.triangles.items}
+    items = []
+    for old, group in zip(before.groups, observation.groups, strict=True):
+        added = group.use & ~old.use
+        if old.use is not group.use and (old.use & ~group.use).any():
+            return None
+        index, parts = _parts(group, before.extras, observation.parameters)
+        for number in range(before.triangles.folds):
+            item, use = known.get((group.row, number)), np.flatnonzero(added & (before.fold == number))
+            if len(use):
+                factor, power = _factor(item.factor if item else None, parts, use), _power(observation, group, use)
+                count = len(use) + (item.count if item else 0)
+                power += item.power if item else 0.0
+                item = Triangle(group.row, number, index, factor, count, power)
+            if item is not None:
+                items.append(item)
+    rows = tuple(group.row for group in observation.groups if group.count)
+    triangles = replace(before.triangles, items=tuple(items), rows=rows)
+    return replace(before, triangles=triangles, groups=observation.groups)
+
+
+def _power(observation: Observation, group: Equations, use: NDArray[np.intp]) -> float:
+    """Return the sum of squares of the measured torque of a row group's instants."""
+    torque = group.target if group.row.kind in ("load", "spring") else observation.tau[group.row.joint]
+    return float(np.sum(torque[use] ** 2))
 
 
 def _with_fewer(triangles: Triangles, given: Sequence[Extra], extras: Sequence[Extra]) -> Triangles:
@@ -194,6 +230,12 @@ def _with_fewer(triangles: Triangles, given: Sequence[Extra], extras: Sequence[E
 
 def full_columns(group: Equations, extras: Sequence[Extra], parameters: int) -> tuple[NDArray[np.intp], Array]:
     """Return (column numbers, columns (k, M)) of a row group with the extra columns that act on it."""
+    index, parts = _parts(group, extras, parameters)
+    return index, np.concatenate(parts[:-1])
+
+
+def _parts(group: Equations, extras: Sequence[Extra], parameters: int) -> tuple[NDArray[np.intp], list[Array]]:
+    """Return (column numbers, arrays (k, M) of columns, the last that of the target)."""
     index, columns = [group.index], [group.columns]
     place = parameters
     for extra in extras:
@@ -201,7 +243,31 @@ def full_columns(group: Equations, extras: Sequence[Extra], parameters: int) -> 
             index.append(np.arange(place, place + extra.width, dtype=np.intp))
             columns.append(extra.rows[group.row])
         place += extra.width
-    return np.concatenate(index), np.concatenate(columns)
+    return np.concatenate(index), [*columns, group.target[None]]
+
+
+def _factor(before: Array | None, parts: Sequence[Array], use: NDArray[np.intp]) -> Array:
+    """Return the R factor of a triangle, if there is one, and the instants `use` (m,) of columns (k, M).
+
+    The columns are gathered some thousand instants at a time: no copy of all of them is made.
+    """
+    width = sum(map(len, parts))
+    rows = 0 if before is None else len(before)
+    if rows + len(use) <= width:
+        found = np.concatenate([part.take(use, axis=1) for part in parts]).T
+        return np.ascontiguousarray(found) if before is None else np.concatenate([before, found])
+    factor = np.zeros((width, width), order="F")
+    if before is not None:
+        factor = onto(factor, np.array(before, order="F"))
+    for start in range(0, len(use), _SLICE):
+        here = use[start : start + _SLICE]
+        block = np.empty((len(here), width), order="F")
+        place = 0
+        for part in parts:  # "clip" spares a buffer: no instant lies outside
+            part.take(here, axis=1, out=block.T[place : place + len(part)], mode="clip")
+            place += len(part)
+        factor = onto(factor, block)
+    return np.ascontiguousarray(factor)
 
 
 def factor_of(system: Array) -> Array:

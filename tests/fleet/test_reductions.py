@@ -15,7 +15,7 @@ from elid_cli.model import Model
 from elid_cli.motion import random_motion
 from elid_cli.nuisance import delay_columns, offset_columns
 from elid_cli.observation import Observation, observe
-from elid_cli.reduction import folds_of, reduce
+from elid_cli.reduction import Triangles, folds_of, reduce
 from elid_cli.robot_file import read_robot
 from elid_cli.signal_options import SignalOptions
 from elid_cli.signals import prepare
@@ -60,11 +60,54 @@ def test_with_fewer_or_reordered_columns(observation: Observation, chosen: list[
     assert np.abs(one - other).max() < 1e-9 * np.abs(other).max()
 
 
-def test_other_masks_are_reduced_anew(observation: Observation) -> None:
+def same(a: Triangles, b: Triangles) -> bool:
+    """Return whether two reductions are of the same instants and say the same, to rounding."""
+    assert (a.rows, a.extras, a.folds) == (b.rows, b.extras, b.folds)
+    for one, other in zip(a.items, b.items, strict=True):
+        assert (one.row, one.fold, one.count) == (other.row, other.fold, other.count)
+        assert one.power == pytest.approx(other.power, rel=1e-12)
+        assert np.array_equal(one.index, other.index)
+        size = np.linalg.norm(other.factor, axis=0)
+        gap = one.factor.T @ one.factor - other.factor.T @ other.factor
+        assert np.abs(gap / np.outer(size, size)).max() < 1e-12
+    return True
+
+
+@pytest.mark.parametrize("joints", [[], [1], [0, 1, 2, 3, 4, 5]])
+def test_reversals_are_added_to_what_was_reduced_without_them(observation: Observation, joints: list[int]) -> None:
+    extras = [*delay_columns(observation), *offset_columns(observation)]
+    fold = folds_of(observation, 6)
+    masked = reduce(observation, extras, fold)
+    wider = observation.unmasked(np.isin(np.arange(6), joints))
+    grown = reduce(wider, extras, fold)
+    assert (sum(t.count for t in grown.items) > sum(t.count for t in masked.items)) == bool(joints)
+    assert same(grown, reduce(replace(wider), extras, fold))
+    some = [extras[k] for k in (3, 7)]
+    order = reduce(wider, some, fold)
+    assert [t.count for t in order.items] == [t.count for t in grown.items]
+    assert same(reduce(observation, extras, fold), masked)  # which of both is asked first makes no difference
+
+
+def test_a_fold_all_of_reversals_is_added_too(observation: Observation) -> None:
+    fold = folds_of(observation, 6)
     extras = offset_columns(observation)
-    masked = reduce(observation, extras)
-    other = reduce(observation.unmasked(np.ones(6, dtype=bool)), extras)
-    assert sum(t.count for t in other.items) > sum(t.count for t in masked.items)
+    empty = replace(observation, groups=tuple(replace(g, use=g.use & (fold != 2)) for g in observation.groups))
+    few = np.flatnonzero(fold == 3)[:7]  # fewer than columns: kept as they are until there are more
+    empty = replace(
+        empty,
+        groups=tuple(replace(g, use=g.use & (fold != 3) | np.isin(np.arange(len(fold)), few)) for g in empty.groups),
+    )
+    assert {t.fold for t in reduce(empty, extras, fold).items} == {0, 1, 3, 4, 5}
+    wider = empty.unmasked(np.ones(6, dtype=bool))
+    assert same(reduce(wider, extras, fold), reduce(replace(wider), extras, fold))
+
+
+def test_fewer_instants_are_reduced_anew(observation: Observation) -> None:
+    extras = offset_columns(observation)
+    reduce(observation, extras)
+    fewer = observation.only(np.arange(observation.instants) % 2 == 0)
+    fewer.reductions[:] = observation.reductions
+    assert same(reduce(fewer, extras), reduce(replace(fewer), extras))
 
 
 def test_weights_are_iterated_as_solving_every_time_would(observation: Observation) -> None:

@@ -1,4 +1,4 @@
-"""Item 4: clocks. The numbers are the good log's, or there are none."""
+"""Clocks. The numbers are the good log's, or there are none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Item 8: CSV as it is written in the field."""
+"""CSV as it is written in the field."""
 
 from __future__ import annotations
 

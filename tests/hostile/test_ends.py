@@ -1,4 +1,4 @@
-"""Item 13: full disks, closed pipes, Ctrl-C at any time, read-only folders: no partial output, the right status."""
+"""Full disks, closed pipes, Ctrl-C at any time, read-only folders: no partial output, the right status."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from hostile import ROBOT, elid, one_message
 from test_csv_files import saved, table
 
 COMMAND = (sys.executable, "-m", "elid_cli")
-ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+# on a full disk Python leaves half a .pyc file behind, on which every later import of that module would fail
+ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
 OLD = "name: the file that was there\n"
 
 

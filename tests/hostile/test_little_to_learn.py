@@ -1,4 +1,4 @@
-"""Item 10: motions and torques that tell little: what can be identified is, the rest is refused by name."""
+"""Motions and torques that tell little: what can be identified is, the rest is refused by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Item 3: schemas that are empty, unknown or IDL; JSON; custom messages by mapping; names and values apart."""
+"""Schemas that are empty, unknown or IDL; JSON; custom messages by mapping; names and values apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Item 11: robot files and mappings that are bombs, cycles, tags, folders, pipes, or of another robot."""
+"""Robot files and mappings that are bombs, cycles, tags, folders, pipes, or of another robot."""
 
 from __future__ import annotations
 

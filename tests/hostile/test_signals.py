@@ -29,9 +29,6 @@ def warned(log: Path, *words: str, code: int = 0) -> str:
     return done.err
 
 
-# Item 5
-
-
 def test_joints_in_another_order_and_extra_ones(tmp_path: Path) -> None:
     rows = table().rows
     used(saved(tmp_path, Table(NAMES[::-1], rows[:, ::-1]).text()), tolerance=1e-9)
@@ -45,9 +42,6 @@ def test_a_missing_joint_lists_the_names_seen_and_the_nearest(tmp_path: Path) ->
     other = Table(tuple(name.replace("joint", "Joint_") for name in NAMES), table().rows)
     refused(saved(tmp_path, other.text()), "no position for joint1", "nearest: 'theta.Joint_1'", "q.Joint_2")
     refused(saved(tmp_path, table().text()), "joint3", robot="puma560")
-
-
-# Item 6
 
 
 @pytest.mark.parametrize("fill", [0.0, np.nan], ids=["zero", "NaN"])
@@ -108,9 +102,6 @@ def test_repeated_samples_are_noticed(tmp_path: Path) -> None:
 def test_a_cut_torque_is_noticed(tmp_path: Path) -> None:
     cut = table().with_column("tau.joint1", lambda v: np.clip(v, -60, 60))
     warned(saved(tmp_path, cut.text()), "joint1: tau is exactly 60", "cut there")
-
-
-# Item 7
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
