@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,7 @@ def answer(elid, place: Place) -> dict[str, Any]:
 def report(elid, place: Place) -> Callable[..., str]:
     """Return the text that a diagnosis prints."""
 
+    @cache
     def text(log: str, *arguments: str, **env: str) -> str:
         done = elid("diagnose", log, "--robot", "arm.yaml", *FEW, *arguments, cwd=place, **env)
         assert (done.returncode, done.stderr) == (0, "")
@@ -133,7 +135,7 @@ def test_a_sufficient_model_is_called_so_with_its_floor(report) -> None:
 
 
 def test_nothing_is_lost_at_40_columns_or_in_ascii(report) -> None:
-    wide = report("stribeck.h5", COLUMNS="160")
+    wide = report("stribeck.h5")
     narrow = report("stribeck.h5", COLUMNS="40", NO_COLOR="1", PYTHONIOENCODING="ascii")
     assert narrow.isascii()
     assert "…" not in narrow
@@ -147,16 +149,19 @@ def test_nothing_is_lost_at_40_columns_or_in_ascii(report) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        (("--fail-on-effect",), 1, "joint1: the model lacks stribeck"),
-        (("--max-error", "0.1%"), 1, "exceeds --max-error 0.1 %"),
-        (("--max-error", "50%", "--check", "clean.h5"), 0, ""),
+        (
+            ("--fail-on-effect", "--max-error", "0.1%"),
+            1,
+            ("joint1: the model lacks stribeck", "exceeds --max-error 0.1 %"),
+        ),
+        (("--max-error", "50%", "--check", "clean.h5"), 0, ()),
     ],
 )
-def test_gates_print_the_whole_report_first(elid, place: Place, arguments, code: int, words: str) -> None:
+def test_gates_print_the_whole_report_first(elid, place: Place, arguments, code: int, words: tuple[str, ...]) -> None:
     done = elid("diagnose", "stribeck.h5", "--robot", "arm.yaml", *FEW, *arguments, cwd=place)
     assert done.returncode == code
     assert "Next: elid diagnose" in done.stdout
-    assert words in done.stderr
+    assert all(word in done.stderr for word in words), done.stderr
     assert bool(done.stderr) == bool(words)
 
 
