@@ -12,7 +12,8 @@ This module states the problem; `bordered` solves its linear systems, `gauss_new
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,17 +65,23 @@ class States:
     """First instant within the piece."""
 
 
-@dataclass(frozen=True)
-class Equations:
-    """What the robot contributes: residual of link and motor rows, and their parameter columns.
+class Equations(Protocol):
+    """What the robot contributes: the model's torques in link and motor rows, and their derivatives."""
 
-    `residual(states, p, z)` returns (rows, instants); `columns(states, z)` returns (rows, parameters, instants).
-    """
+    def residual(self, states: States, p: Array, z: Array) -> Array:
+        """Return the torques, (rows, instants)."""
 
-    residual: Callable[[States, Array, Array], Array]
-    columns: Callable[[States, Array], Array]
-    trust: Callable[[States], Array]
-    """Weight of every row at given states, (rows, instants): small where a motor reverses or sticks."""
+    def columns(self, states: States, z: Array) -> Array:
+        """Return the columns of p, (rows, parameters, instants)."""
+
+    def slopes(self, states: States, p: Array, z: Array, steps: Array) -> Array:
+        """Return derivatives by the states, by differences of `steps` (3, channels): (3, rows, channels, instants)."""
+
+    def shape_slopes(self, states: States, p: Array, z: Array) -> Array:
+        """Return derivatives by z, (rows, shapes, instants)."""
+
+    def trust(self, states: States) -> Array:
+        """Return the weight of every row, (rows, instants): small where a motor reverses or sticks."""
 
 
 Further = Callable[[States], Array]
@@ -223,12 +230,13 @@ class Problem:
         error = residual - torque
         scaled = np.abs(error) * mask / self.rho[:, None]
         weight = mask / self.rho[:, None] * np.where(scaled > HUBER, np.sqrt(HUBER / np.maximum(scaled, 1e-300)), 1.0)
-        slopes = self._slopes(here, now, residual)
+        steps = np.array(_STEPS)[:, None] * setting.scale
+        slopes = self.equations.slopes(here, now.p, now.z, steps)
         shaped = (slopes * weight[None, :, None]).reshape(3, rows, channels, count, setting.points)
         G = np.einsum("drcjp,dpl->jrplc", shaped, self._weights, optimize=True)
         columns = self.equations.columns(here, now.z)
         if len(now.z):
-            columns = np.concatenate([columns, self._shape_slopes(here, now, residual)], axis=1)
+            columns = np.concatenate([columns, self.equations.shape_slopes(here, now.p, now.z)], axis=1)
         if further is not None:
             columns = np.concatenate([columns, further(here)], axis=1)
         P = (columns * weight[:, None]).reshape(rows, -1, count, setting.points).transpose(2, 0, 3, 1)
@@ -238,25 +246,3 @@ class Problem:
             P.reshape(count, rows * setting.points, -1),
             r.reshape(count, -1),
         )
-
-    def _slopes(self, here: States, now: Iterate, residual: Array) -> Array:
-        """Return d residual / d state by forward differences, (3, rows, channels, instants)."""
-        channels, instants = here.values.shape[1:]
-        slopes = np.zeros((3, len(self.rho), channels, instants))
-        moved = here.values.copy()
-        for d in range(3):
-            for c in range(channels):
-                step = _STEPS[d] * self.setting.scale[d, c]
-                held = moved[d, c].copy()
-                moved[d, c] += step
-                slopes[d, :, c] = (self.equations.residual(replace(here, values=moved), now.p, now.z) - residual) / step
-                moved[d, c] = held
-        return slopes
-
-    def _shape_slopes(self, here: States, now: Iterate, residual: Array) -> Array:
-        slopes = np.zeros((len(self.rho), len(now.z), residual.shape[1]))
-        for k in range(len(now.z)):
-            moved = now.z.copy()
-            moved[k] += 1e-4
-            slopes[:, k] = (self.equations.residual(here, now.p, moved) - residual) / 1e-4
-        return slopes

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,15 +12,18 @@ from numpy.typing import NDArray
 from elid_cli.collocation import Setting, States
 from elid_cli.effects import Declared, FittedEffects
 from elid_cli.fitting import Fit
-from elid_cli.model import Row, inputs_of
+from elid_cli.model import Row
 from elid_cli.motion import Motion
 from elid_cli.nuisance import DELAY
-from elid_cli.terms.effect import DIRECTION_WIDTH, Effect, Scene
+from elid_cli.terms.effect import Effect, RowKey, Scene, direction_widths
 from elid_cli.trace import Graph, Program, Scalar, compile_program
+from elid_cli.turning import sine_and_cosine
 
 Array = NDArray[np.float64]
 
 _SLOW_WEIGHT = 0.05
+_SHAPE_STEP = 1e-4
+"""Step of differences in a shape's logarithm."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +77,25 @@ def shaped(effects: FittedEffects, z: Array) -> list[Effect]:
     return found
 
 
-def _inputs(motion: Motion) -> Array:
-    """Return the traced rows' inputs with sign(v) rounded, so that its slope is seen where a velocity changes sign."""
-    inputs = inputs_of(motion)
-    inputs[7::9] = np.tanh(motion.dtheta.T / DIRECTION_WIDTH)
-    return inputs
+_TOUCHED = {
+    ("q", 0): (0, 1, 2, 8), ("q", 1): (3,), ("q", 2): (4,),
+    ("theta", 0): (8,), ("theta", 1): (5, 7), ("theta", 2): (6,),
+}  # fmt: skip
+"""Inputs of a joint in a traced program (`model.inputs_of`) that a state and its derivatives stand in."""
+
+
+def _fill(rows: Array, motion: Motion, joint: int, slots: Collection[int], width: float) -> None:
+    """Write some of a joint's inputs (9, instants), the direction rounded so that a change of sign has a slope."""
+    if 2 in slots:
+        rows[2] = motion.q[:, joint]
+        sine_and_cosine(rows[2], rows[0], rows[1])
+    for slot, values in ((3, motion.dq), (4, motion.ddq), (5, motion.dtheta), (6, motion.ddtheta)):
+        if slot in slots:
+            rows[slot] = values[:, joint]
+    if 7 in slots:
+        rows[7] = np.tanh(motion.dtheta[:, joint] / width)
+    if 8 in slots:
+        rows[8] = motion.q[:, joint] - motion.theta[:, joint]
 
 
 class RobotEquations:
@@ -95,6 +113,8 @@ class RobotEquations:
             for k in np.flatnonzero(layout.fit.signals.still).tolist()
         }
         self._folded: tuple[bytes, Program] | None = None
+        self._widths = direction_widths(self._model.robot)
+        self._kept: dict[tuple[int, int, int], tuple[Array, Array, Array]] = {}
 
     def motion(self, states: States) -> Motion:
         """Return the motion of all joints at the collocation points."""
@@ -114,11 +134,138 @@ class RobotEquations:
         """Return the model's torques in link and motor rows, (rows, instants)."""
         motion = self.motion(states)
         out = np.empty((len(self._layout.rows), motion.samples))
-        self._program(p).run(_inputs(motion), out)
-        extra = self._extra_columns(motion, z, states)
-        for place, values in extra.items():
-            out += p[place] * values
+        self._program(p).run(self._inputs(motion), out)
+        if self._fit.effects is not None:
+            scene = self._scene(motion, states)
+            for effect, places in self._placed(z):
+                self._add(out, effect, places, scene, p)
+        for place, row, values in self._nuisances(states):
+            out[row] += p[place] * values
         return out
+
+    def slopes(self, states: States, p: Array, z: Array, steps: Array) -> Array:
+        """Return the derivatives of `residual` by the states from forward differences, (3, rows, channels, instants).
+
+        States that no row of the robot depends on together are moved at once (Curtis, Powell and Reid 1974); effects
+        may depend on any. Nuisances are the same at any state.
+        """
+        motion, program = self.motion(states), self._program(p)
+        inputs = self._inputs(motion)
+        before, after = np.empty((2, len(self._layout.rows), motion.samples))
+        program.run(inputs, before)
+        found = np.zeros((3, len(before), len(self._layout.channels), motion.samples))
+        present = np.empty_like(inputs)
+        for group in self._apart(program):
+            present[:] = inputs
+            for c, d, _ in group:
+                with self._moved(motion, c, d, steps[d, c]) as joint:
+                    rows = present[9 * joint : 9 * joint + 9]
+                    _fill(rows, motion, joint, self._slots(c, d), self._widths[joint])
+            program.run(present, after)
+            for c, d, touched in group:
+                found[d, touched, c] = (after[touched] - before[touched]) / steps[d, c]
+        if self._fit.effects is None:
+            return found
+        self._effects(motion, states, p, z, before)
+        for c in range(len(self._layout.channels)):
+            for d in range(3):
+                with self._moved(motion, c, d, steps[d, c]):
+                    self._effects(motion, states, p, z, after)
+                found[d, :, c] += (after - before) / steps[d, c]
+        return found
+
+    def _slots(self, channel: int, derivative: int) -> list[int]:
+        """Return which of its joint's inputs a derivative of a channel stands in."""
+        side, joint = self._layout.channels[channel]
+        sides = (side,) if self._model.robot.joints[joint].elastic else ("q", "theta")
+        return [slot for one in sides for slot in _TOUCHED[one, derivative]]
+
+    @contextmanager
+    def _moved(self, motion: Motion, channel: int, derivative: int, step: float) -> Iterator[int]:
+        """Move a derivative of a channel by a step for a while; yields the joint."""
+        side, joint = self._layout.channels[channel]
+        sides = (side,) if self._model.robot.joints[joint].elastic else ("q", "theta")
+        columns = [getattr(motion, "d" * derivative + one)[:, joint] for one in sides]
+        held = [column.copy() for column in columns]
+        for column in columns:
+            column += step
+        yield joint
+        for column, values in zip(columns, held, strict=True):
+            column[:] = values
+
+    def _apart(self, program: Program) -> list[list[tuple[int, int, NDArray[np.intp]]]]:
+        """Return (channel, derivative, rows that depend on it) in groups of which no row depends on two."""
+        groups: list[tuple[set[int], list[tuple[int, int, NDArray[np.intp]]]]] = []
+        for c, (_, joint) in enumerate(self._layout.channels):
+            for d in range(3):
+                asked = sum(1 << (9 * joint + slot) for slot in self._slots(c, d))
+                touched = [row for row, read in enumerate(program.reads) if read & asked]
+                if not touched:
+                    continue
+                item = (c, d, np.array(touched, dtype=np.intp))
+                for rows, members in groups:
+                    if rows.isdisjoint(touched):
+                        rows.update(touched)
+                        members.append(item)
+                        break
+                else:
+                    groups.append((set(touched), [item]))
+        return [members for _, members in groups]
+
+    def _effects(self, motion: Motion, states: States, p: Array, z: Array, out: Array) -> None:
+        """Write the torques of the effects alone, (rows, instants)."""
+        out[:] = 0.0
+        scene = self._scene(motion, states)
+        for effect, places in self._placed(z):
+            self._add(out, effect, places, scene, p)
+
+    def shape_slopes(self, states: States, p: Array, z: Array) -> Array:
+        """Return the derivatives of `residual` by the logarithms of the effects' shapes, (rows, shapes, instants)."""
+        scene = self._scene(self.motion(states), states)
+        found = np.zeros((len(self._layout.rows), len(z), scene.samples))
+        before = self._placed(z)
+        torques: dict[int, Array] = {}
+        for k in range(len(z)):
+            moved = z.copy()
+            moved[k] += _SHAPE_STEP
+            for number, (here, there) in enumerate(zip(before, self._placed(moved), strict=True)):
+                if here[0].shape == there[0].shape:
+                    continue
+                if number not in torques:
+                    torques[number] = np.zeros((len(found), scene.samples))
+                    self._add(torques[number], *here, scene, p)
+                after = np.zeros_like(torques[number])
+                self._add(after, *there, replace(scene, cache={}), p)
+                found[:, k] = (after - torques[number]) / _SHAPE_STEP
+        return found
+
+    def _inputs(self, motion: Motion) -> Array:
+        rows = np.empty((9 * self._model.robot.n, motion.samples))
+        for k, width in enumerate(self._widths):
+            _fill(rows[9 * k : 9 * k + 9], motion, k, range(9), width)
+        return rows
+
+    def _placed(self, z: Array) -> list[tuple[Effect, list[int]]]:
+        """Return the effects at shapes whose logarithms are z, with the places of their amplitudes in p, or -1."""
+        if self._fit.effects is None:
+            return []
+        found, column = [], self._model.parameters + sum(extra.width for extra in self._fit.nuisances)
+        for effect in shaped(self._fit.effects, z):
+            found.append((effect, [self._place.get(column + d, -1) for d in range(len(effect.amplitudes))]))
+            column += len(effect.amplitudes)
+        return found
+
+    def _add(self, out: Array, effect: Effect, places: Sequence[int], scene: Scene, p: Array) -> None:
+        """Add an effect's torques to those of the rows (rows, instants)."""
+        for key, rows in effect.columns(scene).items():
+            row = self._row_of(key)
+            for place, values in zip(places, rows, strict=True):
+                if place >= 0:
+                    out[row] += p[place] * values
+
+    def _row_of(self, key: RowKey) -> int:
+        elastic = self._model.robot.joints[key.joint].elastic
+        return self._row[Row(key.side, key.joint) if elastic else Row("sum", key.joint)]
 
     def trust(self, states: States) -> Array:
         """Return the weight of every row at given states: friction is undefined where a motor reverses or sticks."""
@@ -136,14 +283,19 @@ class RobotEquations:
         plan = self._model.equations
         columns = np.zeros((len(plan.rows), len(self._place), motion.samples))
         out = np.empty((plan.program.outputs, motion.samples))
-        plan.program.run(_inputs(motion), out)
+        plan.program.run(self._inputs(motion), out)
         rows = {item.row: out[item.slots] for item in plan.rows}
         for k, item in enumerate(plan.rows):
             for position, column in enumerate(item.columns):
                 if int(column) in self._place:
                     columns[k, self._place[int(column)]] = rows[item.row][position]
-        for place, values in self._extra_columns(motion, z, states).items():
-            columns[:, place] = values
+        for place, number, values in self._nuisances(states):
+            columns[number, place] = values
+        if self._fit.effects is not None:
+            scene = self._scene(motion, states)
+            for effect, places in self._placed(z):
+                kept = [d for d, place in enumerate(places) if place >= 0]
+                columns[:, [places[d] for d in kept]] = self._effect_rows(effect, scene)[kept].swapaxes(0, 1)
         return columns
 
     def _program(self, p: Array) -> Program:
@@ -165,40 +317,24 @@ class RobotEquations:
             self._folded = (key, compile_program(graph, outputs))
         return self._folded[1]
 
-    def _extra_columns(self, motion: Motion, z: Array, states: States) -> dict[int, Array]:
-        """Return columns of delays, offsets and effects by their place in p, each (rows, instants)."""
-        found: dict[int, Array] = {}
-        number = self._model.parameters
-        shape = (len(self._layout.rows), motion.samples)
-        for extra in self._fit.nuisances:
-            if number in self._place:
-                values = np.zeros(shape)
-                rates = self._layout.rates[states.piece] if extra.name == DELAY else None
-                for row in extra.rows:
-                    target = row if row in self._row and row.kind != "sum" else None
-                    if row.kind == "sum" and not self._model.robot.joints[row.joint].elastic:
-                        target = row
-                    if target is not None:
-                        k = self._row[target]
-                        values[k] = 1.0 if rates is None else rates[k, states.first : states.first + motion.samples]
-                found[self._place[number]] = values
-            number += extra.width
-        if self._fit.effects is None:
-            return found
-        scene = self._scene(motion, states)
-        for effect in shaped(self._fit.effects, z):
-            for d, values in enumerate(self._effect_rows(effect, scene)):
-                if number + d in self._place:
-                    found[self._place[number + d]] = values
-            number += len(effect.amplitudes)
-        return found
+    def _nuisances(self, states: States) -> Iterator[tuple[int, int, Array | float]]:
+        """Yield (place in p, row, values) of delays and offsets."""
+        here = slice(states.first, states.first + states.values.shape[2])
+        for number, extra in enumerate(self._fit.nuisances, start=self._model.parameters):
+            if number not in self._place:
+                continue
+            rates = self._layout.rates[states.piece] if extra.name == DELAY else None
+            for row in extra.rows:
+                known = row in self._row and row.kind != "sum"
+                if known or (row.kind == "sum" and not self._model.robot.joints[row.joint].elastic):
+                    k = self._row[row]
+                    yield self._place[number], k, 1.0 if rates is None else rates[k, here]
 
     def _effect_rows(self, effect: Effect, scene: Scene) -> Array:
         """Return an effect's columns, (amplitudes, rows, instants)."""
         out = np.zeros((len(effect.amplitudes), len(self._layout.rows), scene.motion.samples))
         for key, rows in effect.columns(scene).items():
-            elastic = self._model.robot.joints[key.joint].elastic
-            out[:, self._row[Row(key.side, key.joint) if elastic else Row("sum", key.joint)]] += rows
+            out[:, self._row_of(key)] += rows
         return out
 
     def scanned(self, z: Array) -> list[Scanned]:
@@ -237,14 +373,17 @@ class RobotEquations:
         assert self._fit.effects is not None
         scene = self._fit.effects.scene
         every = self._layout.setting.stride // self._layout.setting.points
-        begin = scene.starts[min(states.piece, len(scene.starts) - 1)] + states.first * every
-        index = begin + np.arange(motion.samples) * every
-        index = np.minimum(index, len(scene.tau) - 1)
+        where = (states.piece, states.first, motion.samples)
+        if where not in self._kept:
+            begin = scene.starts[min(states.piece, len(scene.starts) - 1)] + states.first * every
+            index = np.minimum(begin + np.arange(motion.samples) * every, len(scene.tau) - 1)
+            self._kept[where] = scene.tau[index], scene.predicted[index], scene.load[index]
+        tau, predicted, known = self._kept[where]
         stiffness = np.nan_to_num(scene.stiffness)
-        load = np.where(np.isfinite(scene.stiffness), stiffness * (motion.theta - motion.q), scene.load[index])
+        load = np.where(np.isfinite(scene.stiffness), stiffness * (motion.theta - motion.q), known)
         return replace(
-            scene, motion=motion, dt=scene.dt * every, tau=scene.tau[index], load=load,
-            predicted=scene.predicted[index], starts=(0,), temperature=None, cache={},
+            scene, motion=motion, dt=scene.dt * every, tau=tau, load=load,
+            predicted=predicted, starts=(0,), temperature=None, cache={},
         )  # fmt: skip
 
     def final_effects(self, z: Array) -> FittedEffects | None:

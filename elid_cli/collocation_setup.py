@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.collocation import Equations, Iterate, Piece, Problem, Setting
+from elid_cli.collocation import Iterate, Piece, Problem, Setting
 from elid_cli.collocation_rows import Layout, RobotEquations, free_shapes
 from elid_cli.effects import FittedEffects, amplitude_prior, declared_effects
 from elid_cli.fitting import Fit
@@ -103,10 +103,7 @@ class Setup:
         self.start = Iterate(
             [p.start for p in self.pieces], fit.solution.values[self.p_columns].copy(), free_shapes(fit.effects)
         )
-        rows = self.equations
-        self.problem = Problem(
-            self.setting, self.pieces, Equations(rows.residual, rows.columns, rows.trust), self.first_rho()
-        )
+        self.problem = Problem(self.setting, self.pieces, self.equations, self.first_rho())
 
     def _setting(self) -> Setting:
         signals, stride = self.fit.signals, self._stride

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import or_
 from typing import cast
 
 import numpy as np
@@ -189,6 +190,18 @@ class Program:
         """Inputs that the program reads."""
         operands = {operand for _, a, b, _ in self.instructions for operand in (a, b) if isinstance(operand, int)}
         return frozenset(slot for slot in operands | {source for _, source in self.copies} if slot < self.inputs)
+
+    @cached_property
+    def reads(self) -> tuple[int, ...]:
+        """Which inputs every output depends on, as a mask of bits per output."""
+        masks = {slot: 1 << slot for slot in range(self.inputs)}
+        for _, a, b, target in self.instructions:  # in their order: registers are used again
+            operands = (masks.get(operand, 0) for operand in (a, b) if isinstance(operand, int))
+            masks[target] = reduce(or_, operands, 0)
+        for target, source in self.copies:
+            masks[target] = masks.get(source, 0)
+        first = self.inputs + self.registers
+        return tuple(masks.get(first + output, 0) for output in range(self.outputs))
 
     @cached_property
     def _blockwise(self) -> Callable[[list[object]], None]:
