@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.longrun import KernelSum, Persistence, small_sample
+from elid_cli.longrun import TAKEN, KernelSum, Persistence, small_sample
 from elid_cli.model import Row
 from elid_cli.observation import Observation
 from elid_cli.reduction import Extra, full_columns
@@ -72,19 +72,22 @@ def lasting_weights(observation: Observation, solution: Solution, extras: Sequen
     return weights
 
 
-def long_run(scores: Array, stretch: NDArray[np.intp]) -> Array:
-    """Return the long-run covariance sum of zero-mean scores (M, r), summed over instants."""
+def long_run(scores: Array, stretch: NDArray[np.intp], taken: float = TAKEN) -> Array:
+    """Return the long-run covariance sum of zero-mean scores (M, r), summed over instants.
+
+    `taken` is that of `longrun.small_sample`.
+    """
     rows = np.ascontiguousarray(scores.T)
     memory = Persistence(len(rows))
     memory.feed(rows)
-    return summed(rows, stretch, memory.bandwidth)
+    return summed(rows, stretch, memory.bandwidth, taken)
 
 
-def summed(scores: Array, stretch: NDArray[np.intp], bandwidth: float) -> Array:
+def summed(scores: Array, stretch: NDArray[np.intp], bandwidth: float, taken: float = TAKEN) -> Array:
     """Return the kernel's sum over zero-mean scores (r, M), for as many fitted parameters."""
     width, instants = scores.shape
     total = KernelSum(width, bandwidth)
     starts = np.flatnonzero(np.diff(stretch, prepend=-1))
     for number, (start, stop) in enumerate(zip(starts, [*starts[1:], instants], strict=True)):
         total.feed(scores[:, start:stop], number)
-    return total.total() * small_sample(instants, width, bandwidth)
+    return total.total() * small_sample(instants, width, bandwidth, taken)

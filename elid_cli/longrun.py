@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 NARROWEST = 8.0
 """Least width of the kernel, instants."""
+TAKEN = 0.5
+"""Most of what is independent in a log that fitted parameters are taken to explain."""
 
 
 class Persistence:
@@ -120,8 +122,11 @@ class KernelSum:
         self._total += exact @ exact.T
 
 
-def small_sample(instants: int, width: int, bandwidth: float) -> float:
-    """Return the factor for `width` parameters fitted to `instants` that are correlated over `bandwidth` instants."""
+def small_sample(instants: int, width: int, bandwidth: float, taken: float = TAKEN) -> float:
+    """Return the factor for `width` parameters fitted to `instants` that are correlated over `bandwidth` instants.
+
+    They take their number out of what is independent, but no more than the part `taken` of it.
+    """
     correlation = max(1.0, 0.54 * bandwidth)
     effective = max(instants / correlation, width + 2.0)
-    return effective / (effective - min(width, 0.5 * effective))
+    return effective / (effective - min(width, taken * effective))
