@@ -117,6 +117,7 @@ def diagnose(
             judged,
             write_robot,
             lookup,
+            only,
         )
         report = diagnosis_report(told)
         if pictures_wanted(output):

@@ -111,8 +111,11 @@ def _next(told: Told) -> str:
         return command("validate", recording, told.written, "--held-out")
     if told.contributions:
         refined = ("--write-robot", f"{found.robot.name}-refined.yaml")
+        tried = [word for name in told.only for word in ("--only", name)]
         lookup = ("--lookup",) if told.lookup else ()
-        return command("diagnose", recording, told.robot_argument, *lookup, *refined)
+        return command("diagnose", recording, told.robot_argument, *tried, *lookup, *refined)
+    if told.only:
+        return command("diagnose", recording, told.robot_argument)
     if not told.lookup:
         return command("diagnose", recording, told.robot_argument, "--lookup")
     return command("identify", recording, told.robot_argument)

@@ -36,6 +36,8 @@ class Told:
     """The robot file that was written, if any."""
     lookup: bool = False
     """Whether a smooth curve was asked for."""
+    only: Sequence[str] = ()
+    """The effects that were tried, if not all."""
 
 
 def referenced(model: Identification) -> bool:
