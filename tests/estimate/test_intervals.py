@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elid_cli.accurate import astray
+from elid_cli.accurate import astray, told_by_coarse
 from elid_cli.estimate import EstimateOptions, identify
 from elid_cli.link_equation import TwoWays, with_both_regressions
 from elid_cli.recording import Recording, Segment
@@ -83,6 +83,25 @@ def test_a_noisy_torque_asks_for_coarse_knots() -> None:
     assert np.mean([score[result.base.names.index("Jm1")] for score in scores]) < 1.2
     exact = found(noisy(1, 90.0), accurate=True, guards=False)
     assert any("knots every 5 ms" in note for note in exact.notes)
+
+
+def test_coarse_knots_errors_reach_half_way_to_fine_knots_answer() -> None:
+    apart = np.array([0.0, 1.0, -2.0, 1.0])
+    assert told_by_coarse(apart, np.zeros(4), 0.0).tolist() == [1.0] * 4  # no noise of torques: fine ones are right
+    noisy_torques = told_by_coarse(apart, np.array([0.0, -1.0, 3.0, 2.0]), 1.0)
+    expected = [0.0, 0.5, 0.5 * (4 - 3), 0.0]  # no further than noise alone takes them apart
+    assert np.square(noisy_torques * apart) == pytest.approx(np.array(expected))
+
+
+def test_coarse_knots_know_what_they_cannot_follow() -> None:
+    # with 0.1 % of torque noise coarse knots stand, and lose two standard errors of a rotor's inertia
+    scores = []
+    for number in range(3):
+        result = found(noisy(number, 80.0, 0.001), accurate=True, guards=False)
+        assert any("knots every 20 ms" in note for note in result.notes)
+        scores.append((result.estimate - result.reference) / result.std_error)
+    assert np.sqrt(np.mean(np.square(scores))) < 1.2
+    assert np.abs(np.mean(scores, axis=0)).max() < 1.7
 
 
 def test_noise_of_positions_alone_lowers_the_cut_off() -> None:
