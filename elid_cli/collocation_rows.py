@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from elid_cli.collocation import Setting, States
 from elid_cli.effects import Declared, FittedEffects
 from elid_cli.fitting import Fit
-from elid_cli.model import Row
+from elid_cli.model import INPUTS, Row
 from elid_cli.motion import Motion
 from elid_cli.nuisance import DELAY
 from elid_cli.terms.effect import Effect, RowKey, Scene, direction_widths
 from elid_cli.trace import Graph, Program, Scalar, compile_program
-from elid_cli.turning import sine_and_cosine
+from elid_cli.traced_states import fill, moved_together, slots_of
 
 Array = NDArray[np.float64]
 
@@ -77,27 +77,6 @@ def shaped(effects: FittedEffects, z: Array) -> list[Effect]:
     return found
 
 
-_TOUCHED = {
-    ("q", 0): (0, 1, 2, 8), ("q", 1): (3,), ("q", 2): (4,),
-    ("theta", 0): (8,), ("theta", 1): (5, 7), ("theta", 2): (6,),
-}  # fmt: skip
-"""Inputs of a joint in a traced program (`model.inputs_of`) that a state and its derivatives stand in."""
-
-
-def _fill(rows: Array, motion: Motion, joint: int, slots: Collection[int], width: float) -> None:
-    """Write some of a joint's inputs (9, instants), the direction rounded so that a change of sign has a slope."""
-    if 2 in slots:
-        rows[2] = motion.q[:, joint]
-        sine_and_cosine(rows[2], rows[0], rows[1])
-    for slot, values in ((3, motion.dq), (4, motion.ddq), (5, motion.dtheta), (6, motion.ddtheta)):
-        if slot in slots:
-            rows[slot] = values[:, joint]
-    if 7 in slots:
-        rows[7] = np.tanh(motion.dtheta[:, joint] / width)
-    if 8 in slots:
-        rows[8] = motion.q[:, joint] - motion.theta[:, joint]
-
-
 class RobotEquations:
     """Link and motor rows of the robot at given states."""
 
@@ -114,6 +93,10 @@ class RobotEquations:
         }
         self._folded: tuple[bytes, Program] | None = None
         self._widths = direction_widths(self._model.robot)
+        self._slots = [
+            [slots_of(side, k, d, elastic=self._model.robot.joints[k].elastic) for d in range(3)]
+            for side, k in layout.channels
+        ]
         self._kept: dict[tuple[int, int, int], tuple[Array, Array, Array]] = {}
 
     def motion(self, states: States) -> Motion:
@@ -155,12 +138,11 @@ class RobotEquations:
         program.run(inputs, before)
         found = np.zeros((3, len(before), len(self._layout.channels), motion.samples))
         present = np.empty_like(inputs)
-        for group in self._apart(program):
+        for group in moved_together(program, self._slots):
             present[:] = inputs
             for c, d, _ in group:
                 with self._moved(motion, c, d, steps[d, c]) as joint:
-                    rows = present[9 * joint : 9 * joint + 9]
-                    _fill(rows, motion, joint, self._slots(c, d), self._widths[joint])
+                    fill(present, motion, joint, self._slots[c][d], self._widths[joint])
             program.run(present, after)
             for c, d, touched in group:
                 found[d, touched, c] = (after[touched] - before[touched]) / steps[d, c]
@@ -174,12 +156,6 @@ class RobotEquations:
                 found[d, :, c] += (after - before) / steps[d, c]
         return found
 
-    def _slots(self, channel: int, derivative: int) -> list[int]:
-        """Return which of its joint's inputs a derivative of a channel stands in."""
-        side, joint = self._layout.channels[channel]
-        sides = (side,) if self._model.robot.joints[joint].elastic else ("q", "theta")
-        return [slot for one in sides for slot in _TOUCHED[one, derivative]]
-
     @contextmanager
     def _moved(self, motion: Motion, channel: int, derivative: int, step: float) -> Iterator[int]:
         """Move a derivative of a channel by a step for a while; yields the joint."""
@@ -192,25 +168,6 @@ class RobotEquations:
         yield joint
         for column, values in zip(columns, held, strict=True):
             column[:] = values
-
-    def _apart(self, program: Program) -> list[list[tuple[int, int, NDArray[np.intp]]]]:
-        """Return (channel, derivative, rows that depend on it) in groups of which no row depends on two."""
-        groups: list[tuple[set[int], list[tuple[int, int, NDArray[np.intp]]]]] = []
-        for c, (_, joint) in enumerate(self._layout.channels):
-            for d in range(3):
-                asked = sum(1 << (9 * joint + slot) for slot in self._slots(c, d))
-                touched = [row for row, read in enumerate(program.reads) if read & asked]
-                if not touched:
-                    continue
-                item = (c, d, np.array(touched, dtype=np.intp))
-                for rows, members in groups:
-                    if rows.isdisjoint(touched):
-                        rows.update(touched)
-                        members.append(item)
-                        break
-                else:
-                    groups.append((set(touched), [item]))
-        return [members for _, members in groups]
 
     def _effects(self, motion: Motion, states: States, p: Array, z: Array, out: Array) -> None:
         """Write the torques of the effects alone, (rows, instants)."""
@@ -240,9 +197,9 @@ class RobotEquations:
         return found
 
     def _inputs(self, motion: Motion) -> Array:
-        rows = np.empty((9 * self._model.robot.n, motion.samples))
+        rows = np.empty((INPUTS * self._model.robot.n, motion.samples))
         for k, width in enumerate(self._widths):
-            _fill(rows[9 * k : 9 * k + 9], motion, k, range(9), width)
+            fill(rows, motion, k, range(INPUTS * k, INPUTS * (k + 1)), width)
         return rows
 
     def _placed(self, z: Array) -> list[tuple[Effect, list[int]]]:
@@ -306,7 +263,7 @@ class RobotEquations:
             for column, place in self._place.items():
                 if column < self._model.parameters:
                     values[self._model.names[column]] = float(p[place])
-            graph = Graph(9 * self._model.robot.n)
+            graph = Graph(INPUTS * self._model.robot.n)
             traced = self._model.trace(graph, paper=True)
             outputs: list[Scalar] = []
             for row in self._layout.rows:

@@ -42,7 +42,7 @@ _ORDER: tuple[Kind, ...] = ("link", "sum", "motor", *SENSOR_KINDS)
 
 BASE_TERMS: tuple[BaseTerm, ...] = (RigidBody(), Rotor(), Coulomb(), Viscous(), Spring())
 
-_INPUTS = 9
+INPUTS = 9
 """Inputs per joint: sin q, cos q, q, q', q'', θ', θ'', sign θ', q - θ."""
 
 
@@ -161,7 +161,7 @@ class Model:
         return _PLANS.of(key, lambda: self._traced(paper=paper, sensors=sensors))
 
     def _traced(self, *, paper: bool, sensors: tuple[int, ...]) -> Plan:
-        graph = Graph(_INPUTS * self.robot.n)
+        graph = Graph(INPUTS * self.robot.n)
         values = self.trace(graph, paper=paper, sensors=sensors)
         rows: list[RowPlan] = []
         outputs: list[Scalar] = []
@@ -215,7 +215,7 @@ def _symbols(graph: Graph, robot: Robot) -> tuple[list[JointState], list[MotorSt
     states, motors = [], []
     for k, joint in enumerate(robot.joints):
         sin, cos, q, dq, ddq, dtheta, ddtheta, direction, deflection = (
-            graph.input(_INPUTS * k + slot) for slot in range(_INPUTS)
+            graph.input(INPUTS * k + slot) for slot in range(INPUTS)
         )
         states.append(JointState(sin, cos, q, dq, ddq))
         if joint.elastic:
@@ -227,7 +227,7 @@ def _symbols(graph: Graph, robot: Robot) -> tuple[list[JointState], list[MotorSt
 
 def direction_inputs(joints: int) -> list[int]:
     """Return the numbers of the traced program's inputs that jump: each motor's direction."""
-    return [_INPUTS * k + 7 for k in range(joints)]
+    return [INPUTS * k + 7 for k in range(joints)]
 
 
 def inputs_of(motion: Motion, program: Program | None = None, out: Array | None = None) -> Array:
@@ -243,12 +243,12 @@ def inputs_of(motion: Motion, program: Program | None = None, out: Array | None 
         Written to where given, (9 n, N).
     """
     n = motion.q.shape[1]
-    rows = np.empty((n * _INPUTS, motion.samples)) if out is None else out
-    used = set(range(n * _INPUTS)) if program is None else program.used
+    rows = np.empty((n * INPUTS, motion.samples)) if out is None else out
+    used = set(range(n * INPUTS)) if program is None else program.used
     given = {3: motion.dq, 4: motion.ddq, 5: motion.dtheta, 6: motion.ddtheta}
     for k in range(n):
-        row = dict(enumerate(rows[k * _INPUTS : (k + 1) * _INPUTS]))
-        wanted = {slot for slot in row if k * _INPUTS + slot in used}
+        row = dict(enumerate(rows[k * INPUTS : (k + 1) * INPUTS]))
+        wanted = {slot for slot in row if k * INPUTS + slot in used}
         if wanted & {0, 1, 2, 8}:
             row[2][:] = motion.q[:, k]  # samples side by side first: functions of strided samples take longer
         if wanted & {0, 1}:
