@@ -19,7 +19,7 @@ from elid_cli.effects import FittedEffects, declared_effects
 from elid_cli.heldout import held_out
 from elid_cli.identification import EstimateOptions
 from elid_cli.model import Model
-from elid_cli.nuisance import DELAY, OFFSET, delay_columns, offset_columns, reading_columns, significant
+from elid_cli.nuisance import OFFSET, delay_columns, offset_columns, reading_columns, significant
 from elid_cli.observation import Observation, observe
 from elid_cli.reduction import Extra, Triangles, folds_of, reduce
 from elid_cli.scenes import extra_of, scene_of
@@ -77,7 +77,7 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
     delays, offsets = delay_columns(observation), offset_columns(observation)
     if options.mask is None:
         start = _start_effects(model, base, observation, signals)
-        observation = masked_as_needed(observation, base, [*delays, *offsets, *(start.extras if start else ())], fold)
+        observation = masked_as_needed(observation, base, [*delays, *offsets], start.extras if start else (), fold)
     nuisances = [*(delays if options.delays else ()), *(offsets if options.offsets else ())]
     effects = _start_effects(model, base, observation, signals)
     if options.offsets and len(observation.independent) < len(observation.groups):
@@ -294,19 +294,24 @@ def _covariance(
 
 
 def masked_as_needed(
-    observation: Observation, base: BaseParameters, extras: Sequence[Extra], fold: NDArray[np.intp]
+    observation: Observation,
+    base: BaseParameters,
+    nuisances: Sequence[Extra],
+    effects: Sequence[Extra],
+    fold: NDArray[np.intp],
 ) -> Observation:
     """Return the observation with reversals counted for the joints whose residual there is no larger than elsewhere.
 
     A motor that sticks has no defined friction while it does; one that glides through zero tells most about its
-    Coulomb friction just there. `extras` are nuisances and declared effects; folds are those of later reductions,
-    which then need not be made anew.
+    Coulomb friction just there. Joints with declared effects stay masked. Folds are those of later reductions, which
+    then need not be made anew.
     """
+    extras = [*nuisances, *effects]
     triangles = reduce(observation, extras, fold)
     values = reweighted(triangles, base.count + triangles.extras).values
     residual = residuals(observation, values, extras)
     glides = np.zeros(observation.robot.n, dtype=bool)
-    shaped = {row.joint for extra in extras if extra.name not in (DELAY, OFFSET) for row in extra.rows}
+    shaped = {row.joint for extra in effects for row in extra.rows}
     for k in range(observation.robot.n):
         # a friction curve is bent by what happens at standstill more than it learns there
         if k in shaped:

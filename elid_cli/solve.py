@@ -113,16 +113,20 @@ def solve_system(
     ------
     DataError
         If no column is excited.
+    ValueError
+        If a number is not finite.
     """
     from scipy.linalg.lapack import dgeqp3, dormqr, dtrtri, dtrtrs  # a third of the time of what wraps them
 
     columns, target, width = system[:, :-1], system[:, -1], system.shape[1] - 1
+    if not np.isfinite(system).all():
+        raise ValueError("the equations hold NaN or infinity")
     norms = np.linalg.norm(columns, axis=0)
     # a standard parameter's column that is zero but for rounding must not be scaled up to a direction of its own
     rounding = np.zeros(width)
     rounding[:parameters] = ROUNDING * norms[:parameters].max(initial=0.0)
-    live = np.flatnonzero(norms > rounding) if basis is None else basis
-    if not len(live) or not system.shape[0]:
+    live = np.flatnonzero(norms > rounding) if basis is None else basis[norms[basis] > 0]
+    if not len(live) or not system.shape[0] or rank == 0:
         raise DataError("the log excites no parameter", hint="check that torque and motion are in the log: elid info")
     reflected, order, tau, _, _ = dgeqp3(np.array(columns[:, live] / norms[live], order="F"), overwrite_a=1)
     order -= 1

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from elid_cli.base import find_base
+from elid_cli.bordered import covariance_at
 from elid_cli.collocation import Iterate, States, coefficients_to_states
 from elid_cli.collocation_setup import Setup
 from elid_cli.estimate import EstimateOptions
@@ -92,6 +93,18 @@ def test_columns_are_the_slopes_by_the_parameters(setup: Setup) -> None:
     for k in range(len(now.p)):
         after = setup.equations.residual(states, np.eye(len(now.p))[k], now.z)
         assert np.abs(after - columns[:, k]).max() <= 1e-12 * np.abs(columns).max()
+
+
+def test_what_is_known_beforehand_is_as_uncertain_as_it_is_assumed(setup: Setup) -> None:
+    """Residuals say nothing of it: their scores alone would make it exact."""
+    now = setup.start
+    size = len(now.p) + len(now.z)
+    plain = np.sqrt(np.diag(covariance_at(setup.problem, now, (np.zeros((size, size)), np.zeros(size)))))
+    for k in range(0, size, 3):
+        known = np.zeros((size, size))
+        known[k, k] = (1e6 / plain[k]) ** 2
+        told = np.sqrt(covariance_at(setup.problem, now, (known, np.zeros(size)))[k, k])
+        assert told == pytest.approx(1e-6 * plain[k], rel=1e-3)
 
 
 def test_what_an_output_reads() -> None:

@@ -15,6 +15,7 @@ from elid_cli.recording import Recording
 from elid_cli.reference import ReferenceOptions
 from elid_cli.robot import EffectSpec, Robot
 from elid_cli.robot_file import read_robot
+from elid_cli.signal_options import SignalOptions
 from elid_cli.signals import prepare
 from elid_cli.simulation import ControlOptions, SimulationOptions, simulate
 
@@ -185,3 +186,13 @@ def test_a_turned_motor_position_is_named() -> None:
     theta = log.theta.copy()
     theta[:, 1] *= -1
     assert any("theta of joint2 moves against q" in line for line in found(replace(log, theta=theta)).warnings)
+
+
+def test_reversals_of_a_joint_with_a_declared_effect_stay_masked() -> None:
+    """Also where the effect has the name of a nuisance."""
+    log, options = noisy(0, 100.0, 0.01), SignalOptions(cutoff=10.0)
+    for names in ((), ("torque_offset",), ("torque_offset", "torque_delay")):
+        effects = tuple(EffectSpec(name, f"joint{k + 1}") for k, name in enumerate(names))
+        robot = replace(PLANAR, effects=effects)
+        masked = identify(robot, prepare(log, robot, options), EstimateOptions(guards=False)).settings["masked"]
+        assert [share > 0 for share in masked] == [k < len(names) for k in range(2)]

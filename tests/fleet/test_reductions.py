@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters, find_base
+from elid_cli.errors import DataError
 from elid_cli.logs import read_recording
 from elid_cli.model import Model
 from elid_cli.motion import random_motion
@@ -19,7 +20,7 @@ from elid_cli.reduction import Triangles, folds_of, reduce
 from elid_cli.robot_file import read_robot
 from elid_cli.signal_options import SignalOptions
 from elid_cli.signals import prepare
-from elid_cli.solve import WEIGHT_ITERATIONS, reweighted, solve, weights_of
+from elid_cli.solve import WEIGHT_ITERATIONS, reweighted, solve, solve_system, weights_of
 from elid_cli.student import student_quantile
 
 Array = NDArray[np.float64]
@@ -108,6 +109,23 @@ def test_fewer_instants_are_reduced_anew(observation: Observation) -> None:
     fewer = observation.only(np.arange(observation.instants) % 2 == 0)
     fewer.reductions[:] = observation.reductions
     assert same(reduce(fewer, extras), reduce(replace(fewer), extras))
+
+
+def test_what_cannot_be_solved_is_left_out_or_refused() -> None:
+    generator = np.random.default_rng(0)
+    system = generator.standard_normal((20, 5))
+    system[:, 2] = 0.0
+    found = solve_system(system, 4, {}, basis=np.array([0, 2, 3]))
+    assert sorted(found.basis) == [0, 3]
+    expected = np.linalg.lstsq(system[:, [0, 3]], system[:, 4], rcond=None)[0]
+    assert found.values == pytest.approx([expected[0], 0.0, 0.0, expected[1]], rel=1e-12)
+    with pytest.raises(DataError, match="excites no parameter"):
+        solve_system(system, 4, {}, basis=np.array([2]))
+    for row, column in ((3, 1), (5, 4)):
+        broken = system.copy()
+        broken[row, column] = np.nan
+        with pytest.raises(ValueError, match="NaN"):
+            solve_system(broken, 4, {})
 
 
 def test_weights_are_iterated_as_solving_every_time_would(observation: Observation) -> None:
