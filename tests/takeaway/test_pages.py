@@ -12,13 +12,18 @@ from elid_cli.commands import main
 from elid_cli.robot_file import read_robot
 
 LOG = str(Path(__file__).parents[2] / "sample_logs" / "planar2_stribeck.h5")
+EFFECT = "stribeck@joint{}:amplitude={},velocity=0.15"
 
 
 @pytest.fixture(scope="module")
 def taken(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with everything that one diagnosis can leave behind."""
     folder = tmp_path_factory.mktemp("taken away")
-    line = ["diagnose", LOG, "--robot", "planar2", "--quiet", "--fail-on-effect"]
+    log = str(folder / "run.h5")
+    line = ["simulate", "--robot", "planar2", "--duration", "8", "--rate", "500", "--output", log, "--quiet"]
+    line += ["--effect", EFFECT.format(1, 1.5), "--effect", EFFECT.format(2, 0.8), "--torque-noise", "0.2%"]
+    assert main(line) == 0
+    line = ["diagnose", log, "--robot", "planar2", "--quiet", "--fail-on-effect"]
     line += [part for name in ("page.html", "comment.md", "result.json") for part in ("--report", str(folder / name))]
     line += ["--plot", str(folder / "figures"), "--plot-format", "svg", "--write-robot", str(folder / "refined.yaml")]
     assert main(line) == 1, "the log lacks an effect, and a limit says so after everything is written"
@@ -70,7 +75,8 @@ def test_a_validation_writes_a_page_and_png_figures(
     taken: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page, figures = tmp_path / "judged.html", tmp_path / "figures"
-    line = ["validate", LOG, "--robot", str(taken / "refined.yaml"), "--held-out", "--max-error", "1%"]
+    robot = str(taken / "refined.yaml")
+    line = ["validate", str(taken / "run.h5"), "--robot", robot, "--held-out", "--max-error", "1%"]
     assert main([*line, "--report", str(page), "--plot", str(figures), "--markdown"]) == 0
     assert capsys.readouterr().out.startswith("## planar2")
     text = page.read_text("utf-8")
