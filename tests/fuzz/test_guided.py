@@ -19,7 +19,7 @@ FOUND = Path(__file__).with_name("found")
 @pytest.mark.parametrize("target", ["mcap", "csv", "robot", "mapping"])
 def test_a_few_seconds_of_guided_fuzzing_find_nothing(tmp_path: Path, target: str) -> None:
     done = subprocess.run(
-        [sys.executable, str(GUIDED), target, "-max_total_time=4", "-seed=1", f"-artifact_prefix={tmp_path}/"],
+        [sys.executable, str(GUIDED), target, "-max_total_time=2", "-seed=1", f"-artifact_prefix={tmp_path}/"],
         capture_output=True, text=True, timeout=240, check=False, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
