@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.collocation import Iterate
+from elid_cli.collocation_errors import astray, told_by_coarse
 from elid_cli.collocation_rows import free_shapes
 from elid_cli.collocation_setup import Setup, signal_to_noise
 from elid_cli.effects import FittedEffects
@@ -31,8 +32,6 @@ NOISY_TORQUES = 0.5
 but noise leads the iteration."""
 COLLAPSED = 0.2
 """Part of the default estimate below which a stiffness has collapsed."""
-UNBENT, STRAIGHT = 84.0, 60.0
-"""Signal-to-noise ratios of the positions, dB, from which on `widening` and `astray` have nothing to add."""
 LEAST_PRICE = 0.2
 """Fall of minus twice the log-likelihood that each unknown of finer knots must bring, at least; 1 in noisy torques."""
 ROUNDS = 1
@@ -135,44 +134,6 @@ def _with_knots(coarse: Setup) -> _Knotted:
     if fine.z_start.size:
         outcome, rivals = best_of(fine, outcome)
     return _Knotted(fine, outcome, values_of(fine, outcome) - values_of(coarse, found), rivals)
-
-
-def told_by_coarse(apart: Array, freer: Array, share: float) -> Array:
-    """Return which part of fine ones' answer minus coarse ones' (p,) the latter's standard errors have to reach to.
-
-    Parameters
-    ----------
-    apart
-        Fine ones' answer minus coarse ones', (p,).
-    freer
-        Fine ones' variance minus coarse ones', (p,): by so much the two differ anyway.
-    share
-        Part of the equations' variance that is noise of the torques. Where none is, the coarse trajectory is what is
-        wrong. Where all is, it may be that (planar arm, 80 dB, torque noise of 0.1 %: two standard errors) or the fine
-        one, which follows the noise: the truth lies somewhere between, on average half the square of the way.
-    """
-    beyond = np.maximum(apart**2 - np.maximum(freer, 0.0), 0.0) / np.maximum(apart**2, 1e-300)
-    told: Array = np.maximum(1.0 - share, np.sqrt(0.5 * beyond))
-    return told
-
-
-def widening(ratio: float) -> float:
-    """Return the factor on standard errors of fine knots alone, at a signal-to-noise ratio of the positions, dB.
-
-    An empirical rule, for who does not compare with coarse knots: on eight logs of the paper's robot (plain friction,
-    motions 1-4) errors were 2.8 standard errors at 60 dB, 1.9 at 70 dB and 1.25 at 80 dB, rms.
-    """
-    return float(max(1.0, 10.0 ** ((UNBENT - ratio) / 50.0)))
-
-
-def astray(ratio: float) -> float:
-    """Return the factor on standard errors at a signal-to-noise ratio of the positions, dB, knots accounted for.
-
-    An empirical rule for positions so noisy that the cost has several valleys along an inertia, each narrower than
-    they lie apart: on motions 1-8 of the paper's robot, with nothing but position noise, errors were one standard error
-    at 60 dB, rms, and twice that at 40 dB. Noise of the torque fills the valleys: above 57 dB the rule fades with it.
-    """
-    return float(max(1.0, 10.0 ** ((STRAIGHT - ratio) / 66.0)))
 
 
 def best_of(setup: Setup, *known: Outcome) -> tuple[Outcome, tuple[Outcome, ...]]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from elid_cli.accurate import astray, told_by_coarse
+from elid_cli.collocation_errors import astray, told_by_coarse
 from elid_cli.estimate import EstimateOptions, identify
 from elid_cli.link_equation import TwoWays, with_both_regressions
 from elid_cli.recording import Recording, Segment
@@ -72,15 +73,18 @@ def test_positions_a_hundredth_noise_ask_for_wide_knots() -> None:
     assert result.normalised_mean_error() < 0.5 * usual.normalised_mean_error()
 
 
+def with_coarse_knots(db: float, torque: float) -> tuple[Sequence[str], np.ndarray]:
+    """Return base parameters and their errors in standard errors on three logs, which all ask for coarse knots."""
+    results = [found(noisy(number, db, torque), accurate=True, guards=False) for number in range(3)]
+    assert all(any("knots every 20 ms" in note for note in result.notes) for result in results)
+    return results[0].base.names, np.array([(r.estimate - r.reference) / r.std_error for r in results])
+
+
 def test_a_noisy_torque_asks_for_coarse_knots() -> None:
     # knots that follow the noise of a torque took a rotor's inertia 2 % too large, twice its standard error
-    scores = []
-    for number in range(3):
-        result = found(noisy(number, 90.0, 0.01), accurate=True, guards=False)
-        assert any("knots every 20 ms" in note for note in result.notes)
-        scores.append((result.estimate - result.reference) / result.std_error)
+    names, scores = with_coarse_knots(90.0, 0.01)
     assert np.sqrt(np.mean(np.square(scores))) < 1.4
-    assert np.mean([score[result.base.names.index("Jm1")] for score in scores]) < 1.2
+    assert np.mean(scores[:, names.index("Jm1")]) < 1.2
     exact = found(noisy(1, 90.0), accurate=True, guards=False)
     assert any("knots every 5 ms" in note for note in exact.notes)
 
@@ -95,11 +99,7 @@ def test_coarse_knots_errors_reach_half_way_to_fine_knots_answer() -> None:
 
 def test_coarse_knots_know_what_they_cannot_follow() -> None:
     # with 0.1 % of torque noise coarse knots stand, and lose two standard errors of a rotor's inertia
-    scores = []
-    for number in range(3):
-        result = found(noisy(number, 80.0, 0.001), accurate=True, guards=False)
-        assert any("knots every 20 ms" in note for note in result.notes)
-        scores.append((result.estimate - result.reference) / result.std_error)
+    _, scores = with_coarse_knots(80.0, 0.001)
     assert np.sqrt(np.mean(np.square(scores))) < 1.2
     assert np.abs(np.mean(scores, axis=0)).max() < 1.7
 
