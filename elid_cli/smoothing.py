@@ -27,6 +27,7 @@ _REFINED = 2
 """Refinements of splines seen through rates."""
 _RIDGE = 1e-10
 """Weight of the third-difference penalty relative to the positions: holds coefficients that no sample sees."""
+_THIRD = (-1.0, 3.0, -3.0, 1.0)
 
 
 @cache
@@ -348,8 +349,9 @@ def _factors(band: Array, ridge: Array) -> list[Array]:
     for k in range(band.shape[0]):
         lower = band[k].copy()
         if size > 3:
-            for position, value in enumerate(np.convolve([1.0, -3, 3, -1], [-1.0, 3, -3, 1])[3:]):
-                lower[position, : size - position] += ridge[k] * abs(value) * (-1) ** position
+            for a in range(4):  # differences within the spline only: one that reaches beyond pulls its ends to zero
+                for b in range(a, 4):
+                    lower[b - a, a : a + size - 3] += ridge[k] * _THIRD[a] * _THIRD[b]
         for offset in range(1, _ORDER):
             lower[offset, size - offset :] = 0.0
         factors.append(cholesky_banded(lower, lower=True, check_finite=False, overwrite_ab=True))

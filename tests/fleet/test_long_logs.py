@@ -26,7 +26,7 @@ from elid_cli.reduction import factor_of
 from elid_cli.robot_file import read_robot
 from elid_cli.signal_options import SignalOptions
 from elid_cli.signals import prepare
-from elid_cli.smoothing import fit_spline
+from elid_cli.smoothing import _RIDGE, DEGREE, basis, fit_spline
 
 ROOT = Path(__file__).parents[2]
 LOGS = ROOT / "sample_logs"
@@ -79,10 +79,16 @@ def test_splines_fitted_in_stretches_solve_the_normal_equations(samples: int, st
     fit = fit_spline(values, stride, 1e-3)
     rest = values - fit.spline.evaluate()
     assert fit.squares == pytest.approx(np.sum(rest**2, axis=1), rel=1e-9)
-    # the residual of least squares is orthogonal to every spline: also to the derivative of the fit itself
-    other = fit_spline(generator.standard_normal((2, samples)), stride, 1e-3).spline.evaluate()
-    # but for the small ridge that holds coefficients which no sample sees
-    assert np.abs(np.sum(rest * other, axis=1)).max() < 1e-4 * np.sqrt(np.sum(rest**2) * np.sum(other**2))
+    # the residual of least squares is orthogonal to every spline, but for the ridge on third differences
+    other = fit_spline(generator.standard_normal((2, samples)), stride, 1e-3).spline
+    bends = np.diff(fit.spline.coefficients, 3) * np.diff(other.coefficients, 3)
+    place = np.minimum(np.arange(samples) // stride, fit.spline.coefficients.shape[1] - DEGREE - 1)
+    seen = np.zeros(fit.spline.coefficients.shape[1])
+    np.add.at(seen, place[:, None] + np.arange(DEGREE + 1), basis(np.arange(samples) / stride - place, 0) ** 2)
+    product = np.sum(rest * other.evaluate(), axis=1)
+    assert np.abs(product - _RIDGE * seen.max() * bends.sum(axis=1)).max() < 1e-11 * np.sqrt(
+        np.sum(rest**2) * np.sum(other.evaluate() ** 2)
+    )
     holes = values.copy()
     holes[0, samples // 3 : samples // 3 + 20] = np.nan
     apart = fit_spline(holes, stride, 1e-3)
