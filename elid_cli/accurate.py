@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.bordered import variance_apart
 from elid_cli.collocation import Iterate
-from elid_cli.collocation_errors import astray, told_by_coarse
+from elid_cli.collocation_errors import astray, lost, told_by_coarse
 from elid_cli.collocation_rows import free_shapes
 from elid_cli.collocation_setup import Setup, signal_to_noise
 from elid_cli.effects import FittedEffects
@@ -125,11 +126,12 @@ def _with_knots(coarse: Setup) -> _Knotted:
     gain = fine.problem.deviance(start, least) - fine.problem.deviance(outcome.end, least)
     share = fine.torque_share()
     if gain < max(LEAST_PRICE, share) * (counts[0] - counts[1]):
-        size = len(found.p)
-        freer = np.zeros(coarse.fit.triangles.width)
-        freer[coarse.p_columns] = np.diag(outcome.covariance)[:size] - np.diag(found.covariance)[:size]
+        noise = np.zeros(coarse.fit.triangles.width)
+        noise[coarse.p_columns] = variance_apart(outcome.influence, found.influence)[: len(found.p)]
         apart = values_of(fine, outcome) - values_of(coarse, found)
-        return _Knotted(coarse, found, apart * told_by_coarse(apart, freer, share), rivals)
+        exact = np.array([row.kind == "link" for row in coarse.rows], dtype=bool)
+        left = lost(outcome.residual[exact], found.residual[exact])
+        return _Knotted(coarse, found, apart * told_by_coarse(apart, noise, share, left), rivals)
     rivals = ()
     if fine.z_start.size:
         outcome, rivals = best_of(fine, outcome)

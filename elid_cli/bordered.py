@@ -86,8 +86,10 @@ def reduced(problem: Problem, now: Iterate, prior: tuple[Array, Array], further:
     return Reduced(matrix, gradient, solutions)
 
 
-def covariance_at(problem: Problem, now: Iterate, prior: tuple[Array, Array]) -> Array:
-    """Return the covariance of (p, z) that the residuals' autocorrelation-aware scores show at `now`.
+def covariance_at(problem: Problem, now: Iterate, prior: tuple[Array, Array]) -> tuple[Array, list[Array]]:
+    """Return the covariance of (p, z) that the residuals' autocorrelation-aware scores show at `now`, and influences.
+
+    Influences are what each interval of knots moves (p, z) by, an array (intervals, p + z) per piece.
 
     Where the assumed noise alone makes a standard error larger than they do, it lies between the two, nearer to the
     former: a trajectory that is as free as this one takes a part of the noise out of the residuals, a quarter of the
@@ -97,11 +99,26 @@ def covariance_at(problem: Problem, now: Iterate, prior: tuple[Array, Array]) ->
     left = reduced(problem, now, prior)
     size = len(left.gradient)
     inverse = _inverse(left.matrix)
-    shown = _sandwich(problem, now, [solved[:, :size] for solved in left.solved], inverse)
+    shown, influence = _sandwich(problem, now, [solved[:, :size] for solved in left.solved], inverse)
     shown += inverse @ prior[0] @ inverse
     ratio = np.diag(inverse) / np.maximum(np.diag(shown), 1e-300)
     wider = np.where(np.isfinite(ratio) & (np.diag(shown) > 0), np.maximum(ratio, 1.0), 1.0) ** (0.5 * _ASSUMED)
-    return np.asarray(shown * wider[:, None] * wider[None])
+    return np.asarray(shown * wider[:, None] * wider[None]), influence
+
+
+def variance_apart(fine: Sequence[Array], coarse: Sequence[Array]) -> Array:
+    """Return the variance by which noise alone takes two answers to one log apart, (p + z,).
+
+    Influences of either on every piece; those with finer knots have a whole number of intervals to each of the others'.
+    """
+    from elid_cli.covariance import long_run
+
+    apart = [a.reshape(len(b), -1, b.shape[1]).sum(axis=1) - b for a, b in zip(fine, coarse, strict=True)]
+    stretch = np.repeat(np.arange(len(apart)), [len(part) for part in apart])
+    whole = np.concatenate(apart)
+    scale = np.maximum(np.sqrt(np.mean(whole**2, axis=0)), 1e-300)
+    variance: Array = np.diag(long_run(whole / scale, stretch, _TAKEN)) * scale**2
+    return variance
 
 
 def _inverse(matrix: Array) -> Array:
@@ -162,8 +179,11 @@ def _banded(blocks: Array, loads: Array, knots: int, channels: int) -> tuple[Arr
     return flat, gradient.reshape(-1)
 
 
-def _sandwich(problem: Problem, now: Iterate, solved: Sequence[Array], inverse: Array) -> Array:
-    """Return the covariance of (p, z) from the long-run covariance of their scores, interval by interval."""
+def _sandwich(problem: Problem, now: Iterate, solved: Sequence[Array], inverse: Array) -> tuple[Array, list[Array]]:
+    """Return the covariance of (p, z) from the long-run covariance of their scores, interval by interval.
+
+    With it what every interval moves them by, per piece.
+    """
     from elid_cli.covariance import long_run
 
     parts, stretch = [], []
@@ -187,4 +207,4 @@ def _sandwich(problem: Problem, now: Iterate, solved: Sequence[Array], inverse: 
     half = inverse / scale[None]
     meat = long_run(whole, np.concatenate(stretch).astype(np.intp), _TAKEN)
     covariance: Array = half @ meat @ half.T
-    return covariance
+    return covariance, [scores @ inverse for scores in parts]

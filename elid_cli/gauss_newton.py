@@ -39,6 +39,8 @@ class Outcome:
     rho: Array
     residual: Array
     """Root mean square of the rows' residuals, (rows,)."""
+    influence: list[Array]
+    """What each interval of knots moves (p, z) by, (intervals, p + z) per piece."""
 
     @property
     def end(self) -> Iterate:
@@ -100,5 +102,6 @@ def iterate(
         if number > eased + _GROW and before - cost < max(1e-6 * cost, _SETTLED):
             break
     _, matrix, gradient = prior(now)
-    covariance = covariance_at(problem, now, (matrix, gradient))
-    return Outcome(now.p, now.z, now.coefficients, covariance, tuple(costs), problem.rho, problem.spread(now))
+    covariance, influence = covariance_at(problem, now, (matrix, gradient))
+    end = now.p, now.z, now.coefficients, covariance
+    return Outcome(*end, tuple(costs), problem.rho, problem.spread(now), influence)

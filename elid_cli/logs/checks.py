@@ -53,7 +53,7 @@ def check(
     has: dict[str, NDArray[np.bool_]] = {
         s: np.isfinite(values[0]) if samples else np.zeros(robot.n, bool) for s, values in filled.items()
     }
-    fault = _Fault(robot, plan, raw, name)
+    fault = _Fault(robot, plan, raw, name, tuple(warnings))
     for j, joint in enumerate(robot.joints):
         if not has["q"][j] and not has["theta"][j]:
             fault.refuse("theta", joint.name, "no position")
@@ -130,6 +130,8 @@ class _Fault:
     plan: Plan
     raw: RawLog
     name: str
+    dropped: tuple[str, ...] = ()
+    """What was taken as not recorded, and why: sentences that begin with the signal and its joint."""
 
     def refuse(self, signal: str, joint: str, what: str) -> None:
         """Raise the LogError of one missing signal."""
@@ -152,7 +154,9 @@ class _Fault:
             seen = "which is empty, NaN or zero" + (" for it" if joint else " throughout")
         if joint in labels and signal != "tau":
             seen = "which is empty, NaN or never changes for it"
-        return f"{need}; it is read from {placement.places}, {seen}"
+        why = [said for said in self.dropped if said.startswith(f"{signal} of {joint}")]
+        more = f"; and {len(why) - LISTED} more" if len(why) > LISTED else ""
+        return f"{need}; it is read from {placement.places}, " + ("; ".join(why[:LISTED]) + more if why else seen)
 
     def _labels(self, placement: Placement) -> list[str]:
         """Return the joint names that the log has where a signal is read from."""

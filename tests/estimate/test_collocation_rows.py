@@ -99,11 +99,11 @@ def test_what_is_known_beforehand_is_as_uncertain_as_it_is_assumed(setup: Setup)
     """Residuals say nothing of it: their scores alone would make it exact."""
     now = setup.start
     size = len(now.p) + len(now.z)
-    plain = np.sqrt(np.diag(covariance_at(setup.problem, now, (np.zeros((size, size)), np.zeros(size)))))
+    plain = np.sqrt(np.diag(covariance_at(setup.problem, now, (np.zeros((size, size)), np.zeros(size)))[0]))
     for k in range(0, size, 3):
         known = np.zeros((size, size))
         known[k, k] = (1e6 / plain[k]) ** 2
-        told = np.sqrt(covariance_at(setup.problem, now, (known, np.zeros(size)))[k, k])
+        told = np.sqrt(covariance_at(setup.problem, now, (known, np.zeros(size)))[0][k, k])
         assert told == pytest.approx(1e-6 * plain[k], rel=1e-3)
 
 

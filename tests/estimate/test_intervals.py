@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elid_cli.collocation_errors import astray, told_by_coarse
+from elid_cli.bordered import variance_apart
+from elid_cli.collocation_errors import astray, lost, told_by_coarse
 from elid_cli.estimate import EstimateOptions, identify
 from elid_cli.link_equation import TwoWays, with_both_regressions
 from elid_cli.recording import Recording, Segment
@@ -89,12 +90,23 @@ def test_a_noisy_torque_asks_for_coarse_knots() -> None:
     assert any("knots every 5 ms" in note for note in exact.notes)
 
 
-def test_coarse_knots_errors_reach_half_way_to_fine_knots_answer() -> None:
-    apart = np.array([0.0, 1.0, -2.0, 1.0])
-    assert told_by_coarse(apart, np.zeros(4), 0.0).tolist() == [1.0] * 4  # no noise of torques: fine ones are right
-    noisy_torques = told_by_coarse(apart, np.array([0.0, -1.0, 3.0, 2.0]), 1.0)
-    expected = [0.0, 0.5, 0.5 * (4 - 3), 0.0]  # no further than noise alone takes them apart
+def test_coarse_knots_errors_reach_to_fine_knots_answer_as_far_as_they_lose_the_motion() -> None:
+    apart, noise = np.array([0.0, 1.0, -2.0, 1.0]), np.array([0.0, 0.0, 3.0, 2.0])
+    assert told_by_coarse(apart, noise, 0.0, 0.0).tolist() == [1.0] * 4  # no noise of torques: fine ones are right
+    assert told_by_coarse(apart, noise, 1.0, 0.0).tolist() == [0.0] * 4
+    noisy_torques = told_by_coarse(apart, noise, 1.0, 0.6)
+    expected = [0.0, 0.6, 0.6 * (4 - 3), 0.0]  # no further than noise alone takes them apart
     assert np.square(noisy_torques * apart) == pytest.approx(np.array(expected))
+    assert lost(np.array([2.0, 1.0]), np.array([1.0, 2.0])) == pytest.approx(0.75)
+    assert lost(np.zeros(0), np.zeros(0)) == 0.0  # no elastic joint
+
+
+def test_the_noise_that_takes_two_answers_apart_is_that_of_their_difference() -> None:
+    noise = np.random.default_rng(0).standard_normal((40_000, 2))
+    coarse = [noise[:24_000:2] + noise[1:24_000:2], noise[24_000::2] + noise[24_001::2]]
+    fine = [1.5 * noise[:24_000], 1.5 * noise[24_000:]]
+    assert variance_apart(fine, coarse) == pytest.approx(0.25 * 40_000 * np.ones(2), rel=0.1)
+    assert variance_apart([noise[:24_000], noise[24_000:]], coarse).max() < 1e-20
 
 
 def test_coarse_knots_know_what_they_cannot_follow() -> None:

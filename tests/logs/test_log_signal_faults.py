@@ -95,6 +95,13 @@ def test_a_joint_without_torque_is_read_with_a_warning(tmp_path: Path) -> None:
     refused(tmp_path / "log.csv", strict=True)
 
 
+@pytest.mark.parametrize(("value", "said"), [(0.0, "is zero throughout"), (2.5, "is 2.5 throughout while it moves")])
+def test_torques_that_say_nothing_are_refused_with_the_reason(tmp_path: Path, value: float, said: str) -> None:
+    error = refused(written(tmp_path, "log.csv", like(BASE, tau=np.full_like(BASE.tau, value))))
+    assert error.message.endswith("no torque")
+    assert said in (error.detail or "")
+
+
 def test_zero_velocities_and_link_torques_count_as_absent(tmp_path: Path) -> None:
     zero = np.zeros_like(BASE.q)
     got = read(written(tmp_path, "log.mcap", like(BASE, dq=zero, dtheta=zero, tau_link=zero)))
