@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli.bordered import variance_apart
 from elid_cli.collocation import Iterate
-from elid_cli.collocation_errors import astray, lost, told_by_coarse
+from elid_cli.collocation_errors import astray, lost, told_by_coarse, told_by_fine
 from elid_cli.collocation_rows import free_shapes
 from elid_cli.collocation_setup import Setup, signal_to_noise
 from elid_cli.effects import FittedEffects
@@ -104,7 +104,7 @@ class _Knotted:
     setup: Setup
     outcome: Outcome
     apart: Array
-    """What the knots decide: fine ones' answer minus coarse ones', in the fit's columns (p + e,)."""
+    """What the knots decide: what is in doubt of fine ones' answer minus coarse ones', in the fit's columns (p + e,)."""
     rivals: tuple[Outcome, ...] = ()
     """Outcomes in other valleys of the shapes that explain the log as well."""
 
@@ -125,17 +125,18 @@ def _with_knots(coarse: Setup) -> _Knotted:
     least = fine.first_rho()
     gain = fine.problem.deviance(start, least) - fine.problem.deviance(outcome.end, least)
     share = fine.torque_share()
+    exact = np.array([row.kind == "link" for row in coarse.rows], dtype=bool)
+    left = lost(outcome.residual[exact], found.residual[exact])
     if gain < max(LEAST_PRICE, share) * (counts[0] - counts[1]):
         noise = np.zeros(coarse.fit.triangles.width)
         noise[coarse.p_columns] = variance_apart(outcome.influence, found.influence)[: len(found.p)]
         apart = values_of(fine, outcome) - values_of(coarse, found)
-        exact = np.array([row.kind == "link" for row in coarse.rows], dtype=bool)
-        left = lost(outcome.residual[exact], found.residual[exact])
         return _Knotted(coarse, found, apart * told_by_coarse(apart, noise, share, left), rivals)
     rivals = ()
     if fine.z_start.size:
         outcome, rivals = best_of(fine, outcome)
-    return _Knotted(fine, outcome, values_of(fine, outcome) - values_of(coarse, found), rivals)
+    apart = values_of(fine, outcome) - values_of(coarse, found)
+    return _Knotted(fine, outcome, apart * told_by_fine(left, coarse.coarser), rivals)
 
 
 def best_of(setup: Setup, *known: Outcome) -> tuple[Outcome, tuple[Outcome, ...]]:

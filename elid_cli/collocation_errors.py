@@ -18,9 +18,10 @@ def lost(fine: Array, coarse: Array) -> float:
     """Return which part of the links' residuals coarse knots make: what finer ones take from any of them, squared.
 
     Root mean squares of the residuals of rows that no sensor's torque enters, (rows,): there is no noise to follow.
+    Without such a row, as of a robot with rigid joints, half of them.
     """
     part = 1.0 - (fine / np.maximum(coarse, 1e-300)) ** 2
-    return float(np.max(part, initial=0.0))
+    return float(np.max(part, initial=0.0)) if len(part) else 0.5
 
 
 def told_by_coarse(apart: Array, noise: Array, share: float, left: float) -> Array:
@@ -43,6 +44,17 @@ def told_by_coarse(apart: Array, noise: Array, share: float, left: float) -> Arr
     beyond = np.maximum(apart**2 - noise, 0.0) / np.maximum(apart**2, 1e-300)
     told: Array = np.maximum(1.0 - share, np.sqrt(left * beyond))
     return told
+
+
+def told_by_fine(left: float, finer: float) -> float:
+    """Return which part of fine ones' answer minus coarse ones' the former's standard errors have to reach to.
+
+    Knots so many times `finer` make a trajectory's errors smaller by that factor at least, where coarse ones make the
+    links' residuals (`lost`); where they do not, the fine ones may as well follow the noise. On random arms and the
+    planar one (80 to 100 dB, torque noise of 0 to 1 %, 68 logs) errors were 0.5 to 1.0 of such standard errors, rms by
+    case, and 0.2 to 1.0 of those that reach the whole way.
+    """
+    return max(1.0 / finer, 1.0 - left)
 
 
 def widening(ratio: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elid_cli.bordered import variance_apart
-from elid_cli.collocation_errors import astray, lost, told_by_coarse
+from elid_cli.collocation_errors import astray, lost, told_by_coarse, told_by_fine
 from elid_cli.estimate import EstimateOptions, identify
 from elid_cli.link_equation import TwoWays, with_both_regressions
 from elid_cli.recording import Recording, Segment
@@ -98,7 +98,14 @@ def test_coarse_knots_errors_reach_to_fine_knots_answer_as_far_as_they_lose_the_
     expected = [0.0, 0.6, 0.6 * (4 - 3), 0.0]  # no further than noise alone takes them apart
     assert np.square(noisy_torques * apart) == pytest.approx(np.array(expected))
     assert lost(np.array([2.0, 1.0]), np.array([1.0, 2.0])) == pytest.approx(0.75)
-    assert lost(np.zeros(0), np.zeros(0)) == 0.0  # no elastic joint
+    assert lost(np.array([2.0]), np.array([1.0])) == 0.0
+    assert lost(np.zeros(0), np.zeros(0)) == 0.5  # no elastic joint
+
+
+def test_fine_knots_errors_reach_a_part_of_the_way_to_coarse_knots_answer() -> None:
+    assert told_by_fine(0.0, 4.0) == 1.0  # as well as coarse ones: what takes them apart may be noise that is followed
+    assert told_by_fine(0.4, 4.0) == pytest.approx(0.6)
+    assert told_by_fine(0.99, 4.0) == 0.25
 
 
 def test_the_noise_that_takes_two_answers_apart_is_that_of_their_difference() -> None:
