@@ -104,7 +104,7 @@ class _Knotted:
     setup: Setup
     outcome: Outcome
     apart: Array
-    """What the knots decide: what is in doubt of fine ones' answer minus coarse ones', in the fit's columns (p + e,)."""
+    """What the knots decide: what is doubtful in fine ones' answer minus coarse ones', (p + e,)."""
     rivals: tuple[Outcome, ...] = ()
     """Outcomes in other valleys of the shapes that explain the log as well."""
 
