@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.collocation import ORDER, Further, Iterate, Problem
+from elid_cli.bspline import ORDER
+from elid_cli.collocation import Further, Iterate, Problem
 
 Array = NDArray[np.float64]
 

@@ -18,12 +18,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.smoothing import DEGREE, basis
+from elid_cli.bspline import DEGREE, ORDER, basis
 
 Array = NDArray[np.float64]
 
-ORDER = DEGREE + 1
-"""Splines that meet in a knot interval."""
 HUBER = 3.0
 """Residual in standard deviations beyond which an equation counts less."""
 _STEPS = (1e-6, 1e-6, 1e-4)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.bspline import DEGREE, basis
 from elid_cli.collocation import Iterate, Piece, Problem, Setting
 from elid_cli.collocation_rows import Layout, RobotEquations, free_shapes
 from elid_cli.effects import FittedEffects, amplitude_prior, declared_effects
@@ -15,7 +16,7 @@ from elid_cli.model import Model
 from elid_cli.nuisance import DELAY
 from elid_cli.recording import Segment
 from elid_cli.signals import Signals
-from elid_cli.smoothing import DEGREE, basis, fit_spline
+from elid_cli.smoothing import fit_spline
 
 Array = NDArray[np.float64]
 

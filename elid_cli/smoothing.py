@@ -8,19 +8,17 @@ the same optimum as a Rauch-Tung-Striebel smoother with that prior).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.bspline import DEGREE, ORDER, Spline, basis
+
 Array = NDArray[np.float64]
 
-DEGREE = 5
-_ORDER = DEGREE + 1
 _STRETCH = 32768
 """Samples taken at a time."""
 _REFINED = 2
@@ -28,130 +26,6 @@ _REFINED = 2
 _RIDGE = 1e-10
 """Weight of the third-difference penalty relative to the positions: holds coefficients that no sample sees."""
 _THIRD = (-1.0, 3.0, -3.0, 1.0)
-
-
-@cache
-def _polynomials() -> Array:
-    """Return the six quintic pieces of the uniform B-spline as polynomials of u in [0, 1], shape (6, 6).
-
-    Row l belongs to coefficient j + l of interval j; column k multiplies u**k (Cox-de Boor on integer knots).
-    """
-    pieces = np.zeros((1, 1))
-    pieces[0, 0] = 1.0
-    for degree in range(1, _ORDER):
-        grown = np.zeros((degree + 1, degree + 1))
-        for piece in range(degree + 1):
-            # B_d on interval `piece` of its support [0, d+1): x = piece' + u, with piece' counted from the left
-            left = degree - piece
-            if left < degree:  # x * B_{d-1}(x) / d
-                source = pieces[degree - 1 - left]
-                grown[piece, :degree] += left * source / degree
-                grown[piece, 1 : degree + 1] += source / degree
-            if left > 0:  # (d + 1 - x) * B_{d-1}(x - 1) / d
-                source = pieces[degree - left]
-                grown[piece, :degree] += (degree + 1 - left) * source / degree
-                grown[piece, 1 : degree + 1] -= source / degree
-        pieces = grown
-    return pieces
-
-
-def basis(u: Array, derivative: int = 0) -> Array:
-    """Return the six weights (or their derivatives by u) at local positions u in [0, 1], shape (len(u), 6)."""
-    powers = np.zeros((len(u), _ORDER))
-    for k in range(derivative, _ORDER):
-        factor = float(np.prod(np.arange(k - derivative + 1, k + 1)))
-        powers[:, k] = factor * u ** (k - derivative)
-    weights: Array = powers @ _polynomials().T
-    return weights
-
-
-@lru_cache(maxsize=64)
-def _pattern(stride: int, step: int, phase: int, orders: tuple[int, ...], width: float) -> tuple[int, int, Array]:
-    """Return what every `step`-th sample, from sample `phase` on, is made of, as far as it does not repeat.
-
-    Returns
-    -------
-    tuple
-        Knot intervals after which it repeats, p; instants in them, c; their weights by derivative (`orders`) and
-        instant, (p + 5, len(orders) * c).
-
-    """
-    repeat = math.lcm(stride, step)
-    intervals, count = repeat // stride, repeat // step
-    instants = phase + step * np.arange(count)
-    weights = np.zeros((len(orders), count, intervals + DEGREE))
-    for row, order in enumerate(orders):
-        here = basis(instants % stride / stride, order) / width**order
-        for k in range(_ORDER):
-            weights[row, np.arange(count), instants // stride + k] = here[:, k]
-    return intervals, count, np.ascontiguousarray(weights.reshape(len(orders) * count, -1).T)
-
-
-@dataclass(frozen=True)
-class Spline:
-    """Quintic splines of several channels on one segment.
-
-    `coefficients` is (channels, intervals + 5); sample k lies at local position (k mod stride)/stride of interval
-    k // stride.
-    """
-
-    coefficients: Array
-    samples: int
-    stride: int
-    dt: float
-
-    def evaluate(self, derivative: int = 0, shift: float = 0.0) -> Array:
-        """Return a derivative (0, 1, 2…) at the sample instants moved by `shift` seconds, (channels, samples).
-
-        Shifts beyond the segment's ends hold the end polynomial.
-        """
-        width = self.stride * self.dt
-        intervals = self.coefficients.shape[1] - DEGREE
-        if shift == 0.0:
-            weights = basis(np.arange(self.stride) / self.stride, derivative) / width**derivative
-            windows = np.lib.stride_tricks.sliding_window_view(self.coefficients, _ORDER, axis=1)
-            body: Array = np.matmul(windows, weights.T).reshape(self.coefficients.shape[0], -1)
-            if self.samples <= body.shape[1]:
-                return body[:, : self.samples]
-            end = windows[:, -1] @ basis(np.ones(1), derivative).T / width**derivative
-            return np.concatenate([body, end], axis=1)
-        position = (np.arange(self.samples) + shift / self.dt) / self.stride
-        interval = np.clip(np.floor(position).astype(np.intp), 0, intervals - 1)
-        weights = basis(position - interval, derivative) / width**derivative
-        parts = np.stack([self.coefficients[:, interval + k] * weights[:, k] for k in range(_ORDER)])
-        moved: Array = parts.sum(axis=0)
-        return moved
-
-    def between(self, start: int, stop: int, derivatives: int = 3, step: int = 1, first: int = 0) -> Array:
-        """Return values and derivatives at samples start, start + step… before stop.
-
-        Parameters
-        ----------
-        start, stop, step
-            Samples.
-        derivatives, first
-            Derivatives `first` to ``derivatives - 1`` are returned.
-
-        Returns
-        -------
-        Array
-            (derivatives - first, channels, instants).
-
-        """
-        orders = tuple(range(first, derivatives))
-        phase = start % step
-        intervals, count, weights = _pattern(self.stride, step, phase, orders, self.stride * self.dt)
-        begin, end = start // step, -((phase - stop) // step)  # numbers of the instants from `phase` on
-        number, last = begin // count, max(-(-end // count), begin // count + 1)
-        channels, size = self.coefficients.shape
-        wanted = slice(number * intervals, last * intervals + DEGREE)
-        coefficients = self.coefficients[:, wanted]
-        if wanted.stop > size:  # the last sample closes the last interval: what lies beyond has no weight there
-            coefficients = np.pad(coefficients, ((0, 0), (0, wanted.stop - size)))
-        windows = np.lib.stride_tricks.sliding_window_view(coefficients, intervals + DEGREE, axis=1)[:, ::intervals]
-        pieces = np.matmul(windows, weights).reshape(channels, last - number, len(orders), count)
-        body: Array = np.moveaxis(pieces, 2, 0).reshape(len(orders), channels, -1)
-        return body[:, :, begin - number * count : end - number * count]
 
 
 @dataclass(frozen=True)
@@ -219,7 +93,7 @@ def fit_spline(
     whole = bool(complete.all())
     samples = values.shape[1]
     intervals = max(1, -(-(samples - 1) // stride))
-    band = np.zeros((1 if whole else len(channels), _ORDER, intervals + DEGREE))
+    band = np.zeros((1 if whole else len(channels), ORDER, intervals + DEGREE))
     right = np.zeros((len(channels), intervals + DEGREE))
     observed: list[tuple[int, Array, Array]] = [(0, values, np.ones(len(channels))), *rates]
     ridge = np.zeros(len(band))
@@ -296,22 +170,22 @@ def _accumulate(
         weight = np.isfinite(part) * (ratio**2)[:, None]
         part = np.where(weight > 0, np.nan_to_num(part, posinf=0.0, neginf=0.0) * weight, 0.0)
     moments = part[:, : full * stride].reshape(channels, full, stride) @ design[:-1]
-    for a in range(_ORDER):
+    for a in range(ORDER):
         right[:, first + a : first + a + full] += moments[:, :, a]
     # the end point closes the last interval; other samples that are left over begin one
     closes = rest == 1 and first + full == right.shape[1] - DEGREE
     rows = design[-1:] if closes else design[:rest]
     interval = first + full - closes
     if rest:
-        right[:, interval : interval + _ORDER] += part[:, full * stride :] @ rows
+        right[:, interval : interval + ORDER] += part[:, full * stride :] @ rows
     if band is None:
         return
     products = (design[:-1, :, None] * design[:-1, None, :]).reshape(stride, -1)
     total = products.sum(axis=0)
     cross = None if whole else weight[:, : full * stride].reshape(channels, full, stride) @ products
-    for a in range(_ORDER):
-        for b in range(a, _ORDER):
-            added = total[_ORDER * a + b] if cross is None else cross[:, :, _ORDER * a + b]
+    for a in range(ORDER):
+        for b in range(a, ORDER):
+            added = total[ORDER * a + b] if cross is None else cross[:, :, ORDER * a + b]
             band[:, b - a, first + a : first + a + full] += added
             if rest:
                 band[:, b - a, interval + a] += weight[:, full * stride :] @ (rows[:, a] * rows[:, b])
@@ -352,7 +226,7 @@ def _factors(band: Array, ridge: Array) -> list[Array]:
             for a in range(4):  # differences within the spline only: one that reaches beyond pulls its ends to zero
                 for b in range(a, 4):
                     lower[b - a, a : a + size - 3] += ridge[k] * _THIRD[a] * _THIRD[b]
-        for offset in range(1, _ORDER):
+        for offset in range(1, ORDER):
             lower[offset, size - offset :] = 0.0
         factors.append(cholesky_banded(lower, lower=True, check_finite=False, overwrite_ab=True))
     return factors

@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.bspline import Spline
 from elid_cli.excerpts import in_parts
 from elid_cli.motion import Motion
 from elid_cli.recording import Segment
-from elid_cli.smoothing import Spline
 
 Array = NDArray[np.float64]
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from elid_cli.diagnosis.screen import Candidate, score
-from elid_cli.diagnosis.search import predicted_better
 from elid_cli.diagnosis.state import State, fit
 from elid_cli.diagnosis.triage import HIGH
+from elid_cli.diagnosis.worth import predicted_better
 from elid_cli.model import Kind, Row
 from elid_cli.terms.effect import Effect
 from elid_cli.terms.lookup import VARIABLES, Lookup, Rows

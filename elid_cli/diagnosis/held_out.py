@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from elid_cli.diagnosis.search import touched
 from elid_cli.diagnosis.state import State, without
+from elid_cli.diagnosis.worth import touched
 from elid_cli.reduction import Triangles, reduce
 
 

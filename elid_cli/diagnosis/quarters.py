@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from elid_cli.covariance import long_run, residuals
 from elid_cli.diagnosis.encoders import link_load
-from elid_cli.diagnosis.search import Found, touched
+from elid_cli.diagnosis.search import Found
 from elid_cli.diagnosis.state import State, fit, refreshed, without
 from elid_cli.diagnosis.windows import acting
+from elid_cli.diagnosis.worth import touched
 from elid_cli.errors import DataError
 from elid_cli.model import Row
 from elid_cli.reduction import reduce

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from elid_cli.smoothing import basis, fit_spline
+from elid_cli.bspline import basis
+from elid_cli.smoothing import fit_spline
 
 DT = 1e-3
 STRIDE = 2

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elid_cli.bspline import DEGREE, basis
 from elid_cli.errors import LogError
 from elid_cli.estimate import identify
 from elid_cli.excerpts import excerpts
@@ -26,7 +27,7 @@ from elid_cli.reduction import factor_of
 from elid_cli.robot_file import read_robot
 from elid_cli.signal_options import SignalOptions
 from elid_cli.signals import prepare
-from elid_cli.smoothing import _RIDGE, DEGREE, basis, fit_spline
+from elid_cli.smoothing import _RIDGE, fit_spline
 
 ROOT = Path(__file__).parents[2]
 LOGS = ROOT / "sample_logs"

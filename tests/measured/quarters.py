@@ -22,9 +22,9 @@ from elid_cli.diagnosis.conditioning import options_for
 from elid_cli.diagnosis.held_out import held_out_triangles
 from elid_cli.diagnosis.quarters import QUARTERS, quarter_of
 from elid_cli.diagnosis.screen import score, sensible
-from elid_cli.diagnosis.search import touched
 from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.stretches import FOLDS
+from elid_cli.diagnosis.worth import touched
 from elid_cli.logs import read_recording
 from elid_cli.robot_file import read_robot
 from elid_cli.signals import prepare
