@@ -19,6 +19,7 @@ from elid_cli.identification import Identification, Verdict
 from elid_cli.model import Row
 from elid_cli.observation import Observation
 from elid_cli.signals import Signals
+from elid_cli.stiffness import deflection_noise, pull
 
 Array = NDArray[np.float64]
 
@@ -46,6 +47,7 @@ class LinkStiffness:
 
     value: float
     deviation: float
+    """With what noise of the encoders in the deflection pulls the value by (`stiffness.pull`)."""
     explained: float
     """Part of the variance of the bodies' torque that spring, damping and link friction explain."""
 
@@ -91,10 +93,10 @@ def link_stiffness(
     known = np.isfinite(columns).all(axis=0) & np.isfinite(load)
     if known.sum() < LEAST or not np.any(load[known]):
         return None
-    return _fitted(columns[:, known].T, load[known], observation.stretch[known])
+    return _fitted(columns[:, known].T, load[known], observation.stretch[known], deflection_noise(signals, joint))
 
 
-def _fitted(columns: Array, load: Array, stretch: NDArray[np.intp]) -> LinkStiffness:
+def _fitted(columns: Array, load: Array, stretch: NDArray[np.intp], noise: float) -> LinkStiffness:
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0] = 1.0
     unit = columns / scale
@@ -105,7 +107,9 @@ def _fitted(columns: Array, load: Array, stretch: NDArray[np.intp]) -> LinkStiff
     spread = float(np.sqrt(max((inverse @ meat @ inverse)[0, 0], 0.0)))
     variance = float(np.var(load))
     explained = 1.0 - float(np.var(rest)) / variance if variance > 0 else 0.0
-    return LinkStiffness(float(fitted[0] / scale[0]), spread / float(scale[0]), explained)
+    value = float(fitted[0] / scale[0])
+    left = float(scale[0] ** 2 / inverse[0, 0]) / len(load) if inverse[0, 0] > 0 else 0.0
+    return LinkStiffness(value, float(np.hypot(spread / scale[0], pull(value, noise, left))), explained)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import cast
@@ -17,6 +18,7 @@ from elid_cli.merged_fit import MergedFit, Stock
 from elid_cli.model import Model, Plan, Row
 from elid_cli.pile import Growing
 from elid_cli.reduction import factor_of
+from elid_cli.stiffness import pull
 
 Array = NDArray[np.float64]
 
@@ -164,8 +166,11 @@ class _Scores:
         return scores
 
 
-def merged_stiffness(systems: Sequence[LinkSystem]) -> LinkStiffness | None:
-    """Return the stiffness that the links' equations of several logs give together."""
+def merged_stiffness(systems: Sequence[LinkSystem], noise: float) -> LinkStiffness | None:
+    """Return the stiffness that the links' equations of several logs give together.
+
+    `noise` is the standard deviation of the encoders' in the filtered deflection, rad (m).
+    """
     if not systems:
         return None
     factor = factor_of(np.concatenate([s.factor for s in systems]))
@@ -180,7 +185,9 @@ def merged_stiffness(systems: Sequence[LinkSystem]) -> LinkStiffness | None:
     torque, ones = factor[:, -1], factor[:, -2]
     variance = float(torque @ torque) / count - (float(torque @ ones) / count) ** 2
     left = float(rest @ rest) / count - (float(rest @ ones) / count) ** 2
-    return LinkStiffness(float(fitted[0]), spread, 1.0 - left / variance if variance > 0 else 0.0)
+    pulled = pull(float(fitted[0]), noise, 1.0 / (float(inverse[0, 0]) * count) if inverse[0, 0] > 0 else 0.0)
+    explained = 1.0 - left / variance if variance > 0 else 0.0
+    return LinkStiffness(float(fitted[0]), math.hypot(spread, pulled), explained)
 
 
 def merged_ways(model: Model, stock: Stock, fit: MergedFit, standard: Array, joint: int) -> TwoWays | None:

@@ -15,7 +15,7 @@ from elid_cli.estimate import assemble, unlinked_named
 from elid_cli.fitting import Fit
 from elid_cli.heldout import joint_errors
 from elid_cli.identification import EstimateOptions, Identification
-from elid_cli.link_equation import with_both_regressions, with_link_stiffness
+from elid_cli.link_equation import LinkStiffness, with_both_regressions, with_link_stiffness
 from elid_cli.link_reduction import merged_stiffness, merged_ways
 from elid_cli.log_reduction import FOLDS
 from elid_cli.log_scores import lifted, spread_of
@@ -71,9 +71,11 @@ def identify_reduced(robot: Robot, logs: Sequence[ReducedLog]) -> tuple[Identifi
     alike = [log for log in logs if np.array_equal(log.reference, robot.reference(), equal_nan=True)]
     standard = found.standard
     found = with_both_regressions(found, lambda joint: merged_ways(model, stock, fit, standard, joint))
-    found = with_link_stiffness(
-        found, lambda joint: merged_stiffness([s for log in alike if (s := log.links[joint])]), base.classes
-    )
+
+    def by_links(joint: int) -> LinkStiffness | None:
+        return merged_stiffness([s for log in alike if (s := log.links[joint])], float(noise[joint]))
+
+    found = with_link_stiffness(found, by_links, base.classes)
     found = unlinked_named(found, whole)
     if any("tau_link" in log.recording.sources for log in logs):
         found = replace(found, notes=(*found.notes, UNREAD))

@@ -8,6 +8,8 @@ velocity, which viscous friction takes off along.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -89,10 +91,25 @@ def with_pull(model: Model, triangles: Triangles, solution: Solution, covariance
         own = int(place[0])
         if not covariance[own, own] > 0:
             continue
-        pull = min(float(noise[k] ** 2 / left), 1.0) * float(solution.values[solution.basis[own]]) / np.sqrt(3.0)
-        moved = covariance[:, own] / covariance[own, own] * pull
+        value = float(solution.values[solution.basis[own]])
+        moved = covariance[:, own] / covariance[own, own] * pull(value, float(noise[k]), left)
         wider += np.outer(moved, moved)
     return wider
+
+
+def pull(value: float, noise: float, left: float) -> float:
+    """Return by how much noise in the deflection pulls a stiffness, a standard deviation, N·m/rad (N/m).
+
+    Parameters
+    ----------
+    value
+        The stiffness.
+    noise
+        Standard deviation of encoder noise in the filtered deflection, rad (m).
+    left
+        Mean square of the deflection that the other columns leave, rad² (m²).
+    """
+    return min(noise**2 / left, 1.0) * value / math.sqrt(3.0) if left > 0 else value
 
 
 def deciding_deflection(model: Model, triangles: Triangles, basis: NDArray[np.intp], joint: int) -> float | None:

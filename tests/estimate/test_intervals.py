@@ -8,13 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elid_cli.base import find_base
 from elid_cli.bordered import variance_apart
 from elid_cli.collocation_errors import astray, lost, told_by_coarse, told_by_fine
 from elid_cli.estimate import EstimateOptions, identify
-from elid_cli.link_equation import TwoWays, with_both_regressions
+from elid_cli.link_equation import TwoWays, link_stiffness, with_both_regressions
+from elid_cli.link_reduction import merged_stiffness
+from elid_cli.log_reduction import reduce_log
+from elid_cli.model import Model
+from elid_cli.observation import observe
 from elid_cli.recording import Recording, Segment
+from elid_cli.reference import ReferenceOptions
 from elid_cli.signal_options import SignalOptions
 from elid_cli.signals import prepare
+from elid_cli.simulation import ControlOptions, SimulationOptions, simulate
+from elid_cli.stiffness import deflection_noise, pull
 from tests.estimate.test_identify import PLANAR, found, noisy, planar_log
 
 
@@ -53,6 +61,45 @@ def test_a_stiffness_between_close_regressions_stays() -> None:
     told = with_both_regressions(result, lambda joint: TwoWays(1500.0, 2200.0) if joint == 1 else None)
     assert told.verdict[-1] == "supported"
     assert told.estimate[-1] == pytest.approx(np.sqrt(1500.0 * 2200.0))
+
+
+def test_noise_in_the_deflection_pulls_a_stiffness_by_its_share() -> None:
+    assert pull(1000.0, 1e-6, 1e-11) == pytest.approx(100.0 / np.sqrt(3.0))
+    assert pull(1000.0, 1e-6, 1e-13) == pytest.approx(1000.0 / np.sqrt(3.0))
+    assert pull(1000.0, 1e-6, 0.0) == 1000.0
+
+
+@pytest.mark.parametrize("db", [70.0, 90.0, 110.0])
+def test_a_links_equation_knows_the_encoders_noise(db: float) -> None:
+    stiff = replace(
+        PLANAR,
+        joints=tuple(replace(j, parameters={**j.parameters, "K": 1e3 * j.parameters["K"]}) for j in PLANAR.joints),
+    )
+    options = SimulationOptions(
+        duration=8.9, reference=ReferenceOptions(amplitude=0.75), control=ControlOptions(continuous=True)
+    )
+    exact = simulate(stiff, options)
+    generator = np.random.default_rng(1)
+    noise = 10 ** (-db / 20) * exact.q.std(axis=0)
+    log = replace(
+        exact,
+        q=exact.q + noise * generator.standard_normal(exact.q.shape),
+        theta=exact.theta + noise * generator.standard_normal(exact.q.shape),
+    )
+    signals = prepare(log, stiff)
+    model = Model(stiff)
+    base, observation = find_base(model), observe(model, signals)
+    system = reduce_log(stiff, signals, log, {}).links
+    for joint in range(2):
+        told = link_stiffness(base, observation, signals, stiff.reference(), joint)
+        assert told is not None
+        true = 1e3 * PLANAR.joints[joint].parameters["K"]
+        assert abs(told.value - true) < 2.0 * told.deviation or told.deviation > 0.3 * told.value
+        assert told.deviation > 0.3 * told.value if db == 70.0 else db == 90.0 or told.deviation < 0.05 * told.value
+        assert system[joint] is not None
+        reduced = merged_stiffness([system[joint]], deflection_noise(signals, joint))
+        assert reduced is not None
+        assert reduced.deviation == pytest.approx(told.deviation, rel=0.2)
 
 
 def test_noisy_positions_widen_accurate_errors() -> None:
