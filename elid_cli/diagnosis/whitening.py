@@ -111,7 +111,8 @@ def _autoregression(series: Array, least: float) -> tuple[Array, Array]:
     covariances = []
     for lag in range(ORDER + 1):
         late, early = series[:, :, lag:], series[:, :, : instants - lag]
-        covariances.append(np.einsum("apm,bpm->ab", late, early) / late[0].size)
+        # of as many instants whatever the lag: sums of fewer, each by its own number, need not be any process's
+        covariances.append(np.einsum("apm,bpm->ab", late, early) / series[0].size)
     covariances[0] = covariances[0] + least**2 * np.eye(r)
     scale = np.sqrt(np.diag(covariances[0]))
     unit = [c / np.outer(scale, scale) for c in covariances]

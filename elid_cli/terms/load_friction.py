@@ -25,6 +25,6 @@ class LoadFriction(Effect):
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the coefficient in the motor row."""
         j = self.joint
-        # a rigid joint has no deflection to tell its load from
-        load = scene.load[:, j] if scene.robot.joints[j].elastic else scene.predicted[:, j]
+        # a rigid joint has no deflection to tell its load from; what the model predicts lacks this very friction
+        load = scene.load[:, j] if scene.robot.joints[j].elastic else scene.tau[:, j]
         return motor_row(j, np.abs(load) * scene.direction(j))

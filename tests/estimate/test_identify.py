@@ -196,3 +196,20 @@ def test_reversals_of_a_joint_with_a_declared_effect_stay_masked() -> None:
         robot = replace(PLANAR, effects=effects)
         masked = identify(robot, prepare(log, robot, options), EstimateOptions(guards=False)).settings["masked"]
         assert [share > 0 for share in masked] == [k < len(names) for k in range(2)]
+
+
+@pytest.mark.parametrize("coefficient", [0.1, 0.2])
+def test_load_friction_of_a_rigid_joint_leaves_its_parameters_alone(coefficient: float) -> None:
+    # with the load that the model predicts without it they came out larger by 1 / (1 - coefficient²)
+    joints = (PLANAR.joints[0], replace(PLANAR.joints[1], transmission="rigid"))
+    robot = replace(PLANAR, joints=joints)
+    known, asked = (
+        replace(robot, effects=(EffectSpec("load_friction", "joint2", values),))
+        for values in ({"coefficient": coefficient}, {})
+    )
+    log = simulate(known, SimulationOptions(duration=8.0, control=ControlOptions(continuous=True)))
+    found = identify(asked, prepare(log, asked), EstimateOptions(guards=False))
+    own = [k for k, name in enumerate(found.base.names) if name in ("Jm2", "fs2", "fv2")]
+    assert len(own) == 3
+    assert np.abs(found.relative_error()[own]).max() < 1e-3
+    assert found.effects[0].parameters["coefficient"] == pytest.approx(coefficient, rel=1e-3)
