@@ -32,7 +32,9 @@ CUTOFF = 20.0
 """Hz."""
 ORDER = 5
 SLOWEST = 0.5
-"""Speed, rad/s (m/s), below which a motor row is not used."""
+"""Speed, rad/s, below which a motor row is not used."""
+SLIDING = 0.1
+"""The same for a sliding joint, of which the paper has none, as a part of its largest speed."""
 _SETTLING = 0.2
 """Seconds that the causal filter takes to settle, dropped at every segment's start."""
 
@@ -58,7 +60,10 @@ def identify_paper(
     model = Model(robot)
     base = find_base(model)
     classical = classical_signals(signals, robot, noise)
-    slow = np.abs(classical.motion.dtheta) < SLOWEST
+    speed = np.abs(classical.motion.dtheta)
+    revolute = np.array([joint.revolute for joint in robot.joints], dtype=bool)
+    slowest = np.where(revolute, SLOWEST, SLIDING * speed.max(axis=0))
+    slow = speed < slowest
     observation = _without(observe(model, classical, model.equations, mask=False), slow[classical.outputs].T)
     fold = folds_of(observation, options.folds)
     triangles = reduce(observation, (), fold)
@@ -97,7 +102,7 @@ def identify_paper(
             "cutoff": CUTOFF,
             "rate": 1.0 / classical.dt,
             "instants": observation.instants,
-            "min_velocity": [SLOWEST] * robot.n,
+            "min_velocity": slowest.tolist(),
             "estimator": "paper",
             "folds": options.folds,
         },

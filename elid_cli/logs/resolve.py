@@ -113,7 +113,8 @@ def place(
         return chosen
     columns, joints = chosen
     pick = Pick(channel.source, channel.field, columns, _stamps(spec, channel, by_source, time))
-    return Placement(spec, (pick,), (joints,), channel.address, unnamed=not channel.labels and robot.n > 1)
+    unnamed = not channel.labels and robot.n > 1 and spec.joints is None
+    return Placement(spec, (pick,), (joints,), channel.address, unnamed=unnamed)
 
 
 def _place_each(
@@ -232,7 +233,9 @@ def _columns(spec: SignalMap, channel: Channel, robot: Robot) -> tuple[tuple[int
     elif channel.width == robot.n:
         pairs = [(j, j) for j in range(robot.n)]
     else:
-        return f"{channel.address} holds {channel.width} unnamed values per sample for {robot.n} joints"
+        which = ", ".join(f"{name}: {k}" for k, name in enumerate(robot.joint_names[: channel.width][:LISTED]))
+        said = f"{channel.address} holds {channel.width} unnamed values per sample for {robot.n} joints"
+        return f"{said}; which are whose says joints: {{{which}}} in a mapping"
     beyond = [name for name, _ in pairs if isinstance(name, int) and not 0 <= name < channel.width]
     if beyond:
         return f"{channel.address} holds {channel.width} values per sample, counted from 0: no {beyond[0]}"

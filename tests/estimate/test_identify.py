@@ -213,3 +213,12 @@ def test_load_friction_of_a_rigid_joint_leaves_its_parameters_alone(coefficient:
     assert len(own) == 3
     assert np.abs(found.relative_error()[own]).max() < 1e-3
     assert found.effects[0].parameters["coefficient"] == pytest.approx(coefficient, rel=1e-3)
+
+
+def test_the_papers_estimator_takes_sliding_joints() -> None:
+    # 0.5 m/s is faster than most of them ever move
+    emps = read_robot("emps")
+    log = simulate(emps, SimulationOptions(duration=10.0, control=ControlOptions(continuous=True)))
+    assert np.abs(np.gradient(log.q[:, 0], log.t)).max() < 0.5
+    result = identify(emps, prepare(log, emps), EstimateOptions(estimator="paper"))
+    assert np.nan_to_num(result.relative_error(), nan=1.0).max() < 0.02

@@ -330,3 +330,21 @@ def test_held_samples_are_noticed(tmp_path: Path) -> None:
 def test_a_good_log_raises_no_suspicion(tmp_path: Path) -> None:
     assert read(written(tmp_path, "log.csv", recording())).warnings == ()
     assert read(canonical(tmp_path / "log.mcap")).warnings == ()
+
+
+def test_values_without_names_are_told_apart_by_the_mapping(tmp_path: Path) -> None:
+    import h5py
+
+    path = tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        for name, values in (("t", BASE.t), ("q", BASE.q[:, :2]), ("theta", BASE.theta[:, ::-1]), ("tau", BASE.tau)):
+            file[name] = values
+    error = refused(path, mapping={"q": {"from": "/q"}}, strict=True)
+    assert "joints: {shoulder: 0, elbow: 1}" in (error.detail or "")
+    places = {"shoulder": 2, "elbow": 1, "wrist": 0}
+    got = read(path, mapping={"q": {"from": "/q", "joints": {"shoulder": 0, "elbow": 1}},
+                              "theta": {"from": "/theta", "joints": places}})  # fmt: skip
+    assert np.array_equal(got.theta, BASE.theta)
+    assert np.array_equal(got.q[:, :2], BASE.q[:, :2])
+    assert not any("theta" in note and "no names" in note for note in got.notes)
+    assert any("tau" in note and "no names" in note for note in got.notes)
