@@ -156,7 +156,8 @@ class _Fault:
             seen = "which is empty, NaN or never changes for it"
         why = [said for said in self.dropped if said.startswith(f"{signal} of {joint}")]
         more = f"; and {len(why) - LISTED} more" if len(why) > LISTED else ""
-        return f"{need}; it is read from {placement.places}, " + ("; ".join(why[:LISTED]) + more if why else seen)
+        told = "; " + "; ".join(why[:LISTED]) + more if why else f", {seen}"
+        return f"{need}; it is read from {placement.places}{told}"
 
     def _labels(self, placement: Placement) -> list[str]:
         """Return the joint names that the log has where a signal is read from."""

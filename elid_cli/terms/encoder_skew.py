@@ -15,6 +15,8 @@ from elid_cli.terms.shifted import shifted
 
 Array = NDArray[np.float64]
 
+LEAST = 0.01
+"""Part of the sample time below which a skew is none."""
 STEP = 1e-4
 """s; shift by which the derivative of the bodies' torques is taken."""
 
@@ -49,6 +51,12 @@ class EncoderSkew(Effect):
     def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
         """Invert `named`."""
         return np.array([values["skew"] * float(scene.stiffness[joint])]), ()
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether it is a skew that a log can have: one of nanoseconds stands for something else."""
+        large = "skew" not in values or abs(values["skew"]) >= LEAST * scene.dt
+        return large and super().plausible(scene, joint, values)
 
     def columns(self, scene: Scene) -> Columns:
         """Return the link's velocity in both rows of the transmission, and what the bodies need more in link rows."""

@@ -378,3 +378,9 @@ def test_a_lookup_is_a_cubic_spline(planar_scene: Scene) -> None:
         rest = target - basis @ np.linalg.lstsq(basis, target, rcond=1e-9)[0]
         assert np.std(rest) < 0.01 * np.std(target)
     assert Lookup.grid(planar_scene, 0) == []
+
+
+def test_a_skew_of_nanoseconds_is_none(planar_scene: Scene) -> None:
+    kind = effect_classes()["encoder_skew"]
+    for part, expected in ((0.001, False), (-0.003, False), (0.1, True), (-3.0, True)):
+        assert kind.plausible(planar_scene, 0, {"skew": part * planar_scene.dt}) is expected
