@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from elid_cli.fitting import STICKING
 from elid_cli.model import Row
-from elid_cli.nuisance import SIGNIFICANT
+from elid_cli.nuisance import beyond_doubt
 from elid_cli.reduction import Triangle, Triangles, factor_of
 from elid_cli.solve import Solution, reweighted
 
@@ -137,14 +137,11 @@ def glides(stock: Stock, steady: Triangles, values: Array, nuisances: Sequence[i
 
 def significant(stock: Stock, solution: Solution, covariance: Array, nuisances: Sequence[int], dt: float) -> list[int]:
     """Return the nuisances whose coefficient is significant; a delay must be no longer than one sample (`nuisance`)."""
-    kept = []
-    for k, nuisance in enumerate(nuisances):
+    values, deviations = np.full((2, len(nuisances)), np.nan)
+    for k in range(len(nuisances)):
         where = np.flatnonzero(solution.basis == stock.parameters + k)
-        if not len(where) or not solution.determined(stock.parameters + k):
-            continue
-        value = abs(float(solution.values[stock.parameters + k]))
-        deviation = float(np.sqrt(covariance[where[0], where[0]]))
-        short = nuisance >= stock.joints or value <= 1.05 * dt + 2 * deviation
-        if value > SIGNIFICANT * deviation and short:
-            kept.append(nuisance)
-    return kept
+        if len(where) and solution.determined(stock.parameters + k):
+            values[k] = solution.values[stock.parameters + k]
+            deviations[k] = np.sqrt(covariance[where[0], where[0]])
+    delays = np.array([nuisance < stock.joints for nuisance in nuisances], dtype=bool)
+    return [k for k, firm in zip(nuisances, beyond_doubt(values, deviations, delays, dt), strict=True) if firm]

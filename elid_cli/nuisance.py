@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 SIGNIFICANT = 4.0
 """Standard deviations a nuisance must differ from zero to be corrected."""
+LIKELY = 2.0
+"""The same for a delay that agrees, within as many, with one beyond doubt: the channels of a log are sampled alike."""
 DELAY = "torque_delay"
 OFFSET = "torque_offset"
 READING_GAIN = "sensor_gain"
@@ -92,15 +94,33 @@ def significant(
     that follow the nuisances in the solution.
     """
     covariance = sandwich(observation, solution, (*extras, *others))
-    kept = []
-    for k, extra in enumerate(extras):
+    values, deviations = np.full((2, len(extras)), np.nan)
+    for k in range(len(extras)):
         where = np.flatnonzero(solution.basis == observation.parameters + k)
         # an offset that stands for a weight as well is none: a joint that slides up and down cannot tell the two apart
-        if not len(where) or not solution.determined(observation.parameters + k):
-            continue
-        value = abs(float(solution.values[observation.parameters + k]))
-        deviation = float(np.sqrt(covariance[where[0], where[0]]))
-        short = extra.name != DELAY or value <= 1.05 * signals.dt + 2 * deviation
-        if value > SIGNIFICANT * deviation and short:
-            kept.append(extra)
+        if len(where) and solution.determined(observation.parameters + k):
+            values[k] = solution.values[observation.parameters + k]
+            deviations[k] = np.sqrt(covariance[where[0], where[0]])
+    delays = np.array([extra.name == DELAY for extra in extras], dtype=bool)
+    return [e for e, firm in zip(extras, beyond_doubt(values, deviations, delays, signals.dt), strict=True) if firm]
+
+
+def beyond_doubt(values: Array, deviations: Array, delays: NDArray[np.bool_], dt: float) -> NDArray[np.bool_]:
+    """Return which nuisances are significant, (k,).
+
+    Parameters
+    ----------
+    values, deviations
+        Coefficients and their standard deviations, (k,); NaN where the log does not determine them.
+    delays
+        Those that are delays, s, (k,).
+    dt
+        Sample time, s: a delay may be no longer.
+    """
+    size = np.abs(values)
+    short = ~delays | (size <= 1.05 * dt + 2 * deviations)
+    kept: NDArray[np.bool_] = short & (size > SIGNIFICANT * deviations)
+    for k in np.flatnonzero(delays & short & ~kept & (size > LIKELY * deviations)):
+        apart = np.abs(values[k] - values) <= LIKELY * np.hypot(deviations[k], deviations)
+        kept[k] = bool(np.any(apart & delays & short & (size > SIGNIFICANT * deviations)))
     return kept
