@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli.bordered import variance_apart
 from elid_cli.collocation import Iterate
-from elid_cli.collocation_errors import astray, lost, told_by_coarse, told_by_fine
+from elid_cli.collocation_errors import astray, lost, told_by_coarse
 from elid_cli.collocation_rows import free_shapes
 from elid_cli.collocation_setup import Setup, signal_to_noise
 from elid_cli.effects import FittedEffects
@@ -136,7 +136,7 @@ def _with_knots(coarse: Setup) -> _Knotted:
     if fine.z_start.size:
         outcome, rivals = best_of(fine, outcome)
     apart = values_of(fine, outcome) - values_of(coarse, found)
-    return _Knotted(fine, outcome, apart * told_by_fine(left, coarse.coarser), rivals)
+    return _Knotted(fine, outcome, apart, rivals)
 
 
 def best_of(setup: Setup, *known: Outcome) -> tuple[Outcome, tuple[Outcome, ...]]:

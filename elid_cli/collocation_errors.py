@@ -46,17 +46,6 @@ def told_by_coarse(apart: Array, noise: Array, share: float, left: float) -> Arr
     return told
 
 
-def told_by_fine(left: float, finer: float) -> float:
-    """Return which part of fine ones' answer minus coarse ones' the former's standard errors have to reach to.
-
-    Knots so many times `finer` make a trajectory's errors smaller by that factor at least, where coarse ones make the
-    links' residuals (`lost`); where they do not, the fine ones may as well follow the noise. On random arms and the
-    planar one (80 to 100 dB, torque noise of 0 to 1 %, 68 logs) errors were 0.5 to 1.0 of such standard errors, rms by
-    case, and 0.2 to 1.0 of those that reach the whole way.
-    """
-    return max(1.0 / finer, 1.0 - left)
-
-
 def widening(ratio: float) -> float:
     """Return the factor on standard errors of fine knots alone, at a signal-to-noise ratio of the positions, dB.
 

@@ -153,7 +153,8 @@ class Setup:
 
     def _piece(self, segment: Segment) -> Piece | None:
         intervals = self._intervals(segment)
-        if intervals < _SHORTEST:
+        # the same stretches whatever the knots: answers of coarse and of fine ones are compared piece by piece
+        if intervals * self.setting.stride < _SHORTEST * self._finest(self.fit.signals.dt) * self.coarser:
             return None
         signals, recording, stride = self.fit.signals, self.fit.signals.recording, self.setting.stride
         assert recording is not None

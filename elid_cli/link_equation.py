@@ -69,8 +69,8 @@ def link_stiffness(
         Joint number from 0.
     """
     rows = {group.row: group for group in observation.groups}
-    if Row("motor", joint) not in rows or Row("sum", joint) not in rows:
-        return None
+    if Row("motor", joint) not in rows or Row("sum", joint) not in rows or signals.still[joint]:
+        return None  # of a joint that is held the deflection is one more constant
     total = rows[Row("sum", joint)]
     own = {f"{kind}{joint + 1}" for kind in ("Jm", "fs", "fv", "K")}
     values = dict(zip(base.leaders.tolist(), base.values(reference), strict=True))

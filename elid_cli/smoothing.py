@@ -228,7 +228,11 @@ def _factors(band: Array, ridge: Array) -> list[Array]:
                     lower[b - a, a : a + size - 3] += ridge[k] * _THIRD[a] * _THIRD[b]
         for offset in range(1, ORDER):
             lower[offset, size - offset :] = 0.0
-        factors.append(cholesky_banded(lower, lower=True, check_finite=False, overwrite_ab=True))
+        try:
+            factors.append(cholesky_banded(lower, lower=True, check_finite=False))
+        except np.linalg.LinAlgError:  # fewer than three samples: no third difference holds a parabola
+            lower[0] += ridge[k]
+            factors.append(cholesky_banded(lower, lower=True, check_finite=False))
     return factors
 
 

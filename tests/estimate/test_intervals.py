@@ -10,7 +10,7 @@ import pytest
 
 from elid_cli.base import find_base
 from elid_cli.bordered import variance_apart
-from elid_cli.collocation_errors import astray, lost, told_by_coarse, told_by_fine
+from elid_cli.collocation_errors import astray, lost, told_by_coarse
 from elid_cli.estimate import EstimateOptions, identify
 from elid_cli.link_equation import TwoWays, link_stiffness, with_both_regressions
 from elid_cli.link_reduction import merged_stiffness
@@ -147,12 +147,6 @@ def test_coarse_knots_errors_reach_to_fine_knots_answer_as_far_as_they_lose_the_
     assert lost(np.array([2.0, 1.0]), np.array([1.0, 2.0])) == pytest.approx(0.75)
     assert lost(np.array([2.0]), np.array([1.0])) == 0.0
     assert lost(np.zeros(0), np.zeros(0)) == 0.5  # no elastic joint
-
-
-def test_fine_knots_errors_reach_a_part_of_the_way_to_coarse_knots_answer() -> None:
-    assert told_by_fine(0.0, 4.0) == 1.0  # as well as coarse ones: what takes them apart may be noise that is followed
-    assert told_by_fine(0.4, 4.0) == pytest.approx(0.6)
-    assert told_by_fine(0.99, 4.0) == 0.25
 
 
 def test_the_noise_that_takes_two_answers_apart_is_that_of_their_difference() -> None:

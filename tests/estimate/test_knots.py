@@ -47,3 +47,10 @@ def test_the_end_of_a_spline_is_as_good_as_its_middle_wherever_the_last_interval
     spread = error.std(axis=0)[:, -5:]
     assert spread.max() < 0.8e-4  # of samples by themselves: 1e-4
     assert np.abs(error.mean(axis=0)[:, -5:]).max() < 4.0 / np.sqrt(200) * spread.max()
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 5])
+@pytest.mark.parametrize("stride", [1, 4, 50])
+def test_a_few_samples_have_a_spline(samples: int, stride: int) -> None:
+    fit = fit_spline(np.ones((2, samples)), stride, DT)
+    assert np.isfinite(fit.spline.evaluate()).all()
