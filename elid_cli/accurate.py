@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.bordered import variance_apart
+from elid_cli.bordered import driven, variance_apart
 from elid_cli.collocation import Iterate
 from elid_cli.collocation_errors import astray, lost, told_by_coarse
 from elid_cli.collocation_rows import free_shapes
@@ -129,7 +129,8 @@ def _with_knots(coarse: Setup) -> _Knotted:
     left = lost(outcome.residual[exact], found.residual[exact])
     if gain < max(LEAST_PRICE, share) * (counts[0] - counts[1]):
         noise = np.zeros(coarse.fit.triangles.width)
-        noise[coarse.p_columns] = variance_apart(outcome.influence, found.influence)[: len(found.p)]
+        alone = variance_apart(outcome.influence, found.influence, driven(coarse.problem))
+        noise[coarse.p_columns] = alone[: len(found.p)]
         apart = values_of(fine, outcome) - values_of(coarse, found)
         return _Knotted(coarse, found, apart * told_by_coarse(apart, noise, share, left), rivals)
     rivals = ()

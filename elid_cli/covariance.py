@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.longrun import TAKEN, KernelSum, Persistence, small_sample
+from elid_cli.longrun import TAKEN, KernelSum, Persistence, small_sample, uncertain
 from elid_cli.model import Row
 from elid_cli.observation import Observation
 from elid_cli.reduction import Extra, full_columns
@@ -50,7 +50,9 @@ def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extr
     # of each column's own scores: any rotation of them by the order of the pivots would change the width
     memory = Persistence(len(live))
     memory.feed(scores)
-    meat = summed(scores[place[solution.basis]], observation.stretch, memory.bandwidth)
+    rows = sum(1 for weight in solution.weights.values() if weight > 0.0)
+    meat = summed(scores[place[solution.basis]], observation.stretch, memory.bandwidth, rows)
+    meat *= uncertain(observation.instants, memory.bandwidth)
     covariance: Array = solution.inverse @ (solution.inverse.T @ meat @ solution.inverse) @ solution.inverse.T
     return covariance
 
@@ -72,22 +74,26 @@ def lasting_weights(observation: Observation, solution: Solution, extras: Sequen
     return weights
 
 
-def long_run(scores: Array, stretch: NDArray[np.intp], taken: float = TAKEN) -> Array:
+def long_run(scores: Array, stretch: NDArray[np.intp], rows: int = 1, taken: float = TAKEN) -> Array:
     """Return the long-run covariance sum of zero-mean scores (M, r), summed over instants.
 
-    `taken` is that of `longrun.small_sample`.
+    `rows` and `taken` are those of `longrun.small_sample`.
     """
-    rows = np.ascontiguousarray(scores.T)
-    memory = Persistence(len(rows))
-    memory.feed(rows)
-    return summed(rows, stretch, memory.bandwidth, taken)
+    return summed(np.ascontiguousarray(scores.T), stretch, bandwidth_of(scores), rows, taken)
 
 
-def summed(scores: Array, stretch: NDArray[np.intp], bandwidth: float, taken: float = TAKEN) -> Array:
+def bandwidth_of(scores: Array) -> float:
+    """Return the kernel's bandwidth for scores (M, r), instants."""
+    memory = Persistence(scores.shape[1])
+    memory.feed(np.ascontiguousarray(scores.T))
+    return memory.bandwidth
+
+
+def summed(scores: Array, stretch: NDArray[np.intp], bandwidth: float, rows: int = 1, taken: float = TAKEN) -> Array:
     """Return the kernel's sum over zero-mean scores (r, M), for as many fitted parameters."""
     width, instants = scores.shape
     total = KernelSum(width, bandwidth)
     starts = np.flatnonzero(np.diff(stretch, prepend=-1))
     for number, (start, stop) in enumerate(zip(starts, [*starts[1:], instants], strict=True)):
         total.feed(scores[:, start:stop], number)
-    return total.total() * small_sample(instants, width, bandwidth, taken)
+    return total.total() * small_sample(instants, width, bandwidth, rows, taken)

@@ -26,7 +26,7 @@ LOWER = (7.0, 5.0, 3.5)
 """Cut-offs tried besides the usual one, Hz."""
 WORTH = 0.25
 """Fall of the standard errors' mean logarithm from which a lower cut-off is taken: below it the usual one stands."""
-TREND = 0.05
+TREND = 0.02
 """The same by which one step down must be better for the next to be tried: noise of positions grows so steeply with
 frequency that where the lowest cut-off is worth taking the first step shows it."""
 HINT = 24_000

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.kept_blocks import Kept
-from elid_cli.longrun import KernelSum, Persistence, small_sample
+from elid_cli.longrun import KernelSum, Persistence, small_sample, uncertain
 from elid_cli.merged_fit import Stock
 from elid_cli.model import Row
 from elid_cli.reduced_log import Scores
@@ -108,6 +108,7 @@ def _numbers(stock: Stock, nuisances: Sequence[int]) -> NDArray[np.intp]:
 
 def spread_of(solution: Solution, meat: Array, instants: int, bandwidth: float) -> Array:
     """Return the covariance of a solution's basis from the long-run covariance of its whitened scores."""
-    factor = small_sample(instants, len(solution.basis), bandwidth)
+    rows = sum(1 for weight in solution.weights.values() if weight > 0.0)
+    factor = small_sample(instants, len(solution.basis), bandwidth, rows) * uncertain(instants, bandwidth)
     covariance: Array = solution.inverse @ (meat * factor) @ solution.inverse.T
     return covariance

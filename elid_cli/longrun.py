@@ -18,7 +18,9 @@ Array = NDArray[np.float64]
 NARROWEST = 8.0
 """Least width of the kernel, instants."""
 TAKEN = 0.5
-"""Most of what is independent in a log that fitted parameters are taken to explain."""
+"""Largest part of a long-run covariance that fitted parameters are taken to have explained."""
+MANY = 400.0
+"""Degrees of freedom beyond which Student's t is the normal distribution."""
 
 
 class Persistence:
@@ -122,11 +124,23 @@ class KernelSum:
         self._total += exact @ exact.T
 
 
-def small_sample(instants: int, width: int, bandwidth: float, taken: float = TAKEN) -> float:
-    """Return the factor for `width` parameters fitted to `instants` that are correlated over `bandwidth` instants.
+def small_sample(instants: int, width: int, bandwidth: float, rows: int = 1, taken: float = TAKEN) -> float:
+    """Return the factor for what `width` parameters fitted to `rows` equations at every instant take out of the sum.
 
-    They take their number out of what is independent, but no more than the part `taken` of it.
+    Each equation loses the share width / (rows instants) of its residual to the fit, and as much of its product with
+    every other within reach of the kernel, whose integral is 3/4 of its bandwidth; but no more than the part `taken`.
     """
-    correlation = max(1.0, 0.54 * bandwidth)
-    effective = max(instants / correlation, width + 2.0)
-    return effective / (effective - min(width, taken * effective))
+    lost = 0.75 * max(bandwidth, 1.0) * width / max(rows * instants, 1)
+    return 1.0 / (1.0 - min(lost, taken))
+
+
+def uncertain(instants: int, bandwidth: float) -> float:
+    """Return the factor on a variance whose kernel sum is itself known from few independent pieces.
+
+    The sum has the spread of chi-squared with n / (0.539 b) degrees of freedom (0.539: integral of the squared kernel;
+    Priestley 1981, 6.2), so 95 % lie within Student's quantile instead of 1.96 standard errors.
+    """
+    from elid_cli.student import student_quantile
+
+    degrees = instants / (0.539 * max(bandwidth, 1.0))
+    return (student_quantile(max(degrees, 1.0), 0.975) / 1.96) ** 2 if degrees < MANY else 1.0

@@ -153,8 +153,8 @@ def test_the_noise_that_takes_two_answers_apart_is_that_of_their_difference() ->
     noise = np.random.default_rng(0).standard_normal((40_000, 2))
     coarse = [noise[:24_000:2] + noise[1:24_000:2], noise[24_000::2] + noise[24_001::2]]
     fine = [1.5 * noise[:24_000], 1.5 * noise[24_000:]]
-    assert variance_apart(fine, coarse) == pytest.approx(0.25 * 40_000 * np.ones(2), rel=0.1)
-    assert variance_apart([noise[:24_000], noise[24_000:]], coarse).max() < 1e-20
+    assert variance_apart(fine, coarse, 1) == pytest.approx(0.25 * 40_000 * np.ones(2), rel=0.1)
+    assert variance_apart([noise[:24_000], noise[24_000:]], coarse, 1).max() < 1e-20
 
 
 def test_coarse_knots_know_what_they_cannot_follow() -> None:
