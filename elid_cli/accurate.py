@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.bordered import driven, variance_apart
-from elid_cli.collocation import Iterate
-from elid_cli.collocation_errors import astray, lost, told_by_coarse
-from elid_cli.collocation_rows import free_shapes
+from elid_cli.collocation_errors import astray, between_valleys
+from elid_cli.collocation_knots import with_knots
+from elid_cli.collocation_search import values_of
 from elid_cli.collocation_setup import Setup, signal_to_noise
 from elid_cli.effects import FittedEffects
 from elid_cli.fitting import Fit
-from elid_cli.gauss_newton import Outcome, iterate
-from elid_cli.nuisance import DELAY
-from elid_cli.shape_scan import other_valleys
+from elid_cli.gauss_newton import Outcome
 from elid_cli.terms.effect import Effect
-from elid_cli.valleys import APART, REACH, explains_as_well, in_other_valleys, own_shapes
+from elid_cli.valleys import REACH, in_other_valleys, own_shapes
 
 Array = NDArray[np.float64]
 
-STEPS = 16
 MOVED = 10.0
 """Standard errors of the default estimate from which on a move must be borne out by held-out torque."""
 LOWEST_SIGNAL = 30.0
@@ -33,10 +29,6 @@ NOISY_TORQUES = 0.5
 but noise leads the iteration."""
 COLLAPSED = 0.2
 """Part of the default estimate below which a stiffness has collapsed."""
-LEAST_PRICE = 0.2
-"""Fall of minus twice the log-likelihood that each unknown of finer knots must bring, at least; 1 in noisy torques."""
-ROUNDS = 1
-"""Times that other valleys of the effects' shapes are looked for."""
 
 
 @dataclass(frozen=True)
@@ -80,13 +72,15 @@ def collocate(fit: Fit) -> Accurate | Refusal:
     share = coarse.torque_share()
     if coarse.noisy and share > NOISY_TORQUES:
         return Refusal(f"positions are {ratio:.0f} dB above their noise, too few for torques as noisy as these")
-    best = _with_knots(coarse)
+    best = with_knots(coarse)
     answer = judged(best.setup, best.outcome)
     if isinstance(answer, Refusal):
         return answer
     factor = astray(ratio) ** (1.0 if coarse.noisy else 1.0 - share)
     apart = best.apart[fit.solution.basis]
     covariance = factor**2 * (answer.covariance + np.outer(apart, apart))
+    if not coarse.noisy:  # what has wide knots and soft equations has few valleys
+        covariance += between_valleys(ratio) ** 2 * _along_inertias(fit)
     effects, others = answer.effects, list[Mapping[int, Effect]]()
     for rival in best.rivals:
         moved = (values_of(best.setup, rival) - answer.values)[fit.solution.basis] / REACH
@@ -97,114 +91,16 @@ def collocate(fit: Fit) -> Accurate | Refusal:
     return replace(answer, covariance=covariance, widened=factor, others=tuple(others))
 
 
-@dataclass(frozen=True)
-class _Knotted:
-    """An outcome and the problem with the knots that the data speak for."""
-
-    setup: Setup
-    outcome: Outcome
-    apart: Array
-    """What the knots decide: what is doubtful in fine ones' answer minus coarse ones', (p + e,)."""
-    rivals: tuple[Outcome, ...] = ()
-    """Outcomes in other valleys of the shapes that explain the log as well."""
-
-
-def _with_knots(coarse: Setup) -> _Knotted:
-    """Return the outcome with coarse knots, or with fine ones where they are worth their number (Akaike).
-
-    Between two knots a trajectory is free in as many ways as torques are noisy: where none is, the equations of motion
-    decide all of it, and finer knots cost little.
-    """
-    found, rivals = best_of(coarse)
-    if coarse.coarser == 1 or coarse.noisy:  # finer ones would follow the positions' noise
-        return _Knotted(coarse, found, np.zeros(coarse.fit.triangles.width), rivals)
-    fine = Setup(coarse.fit)
-    start = fine.start_from(coarse, found.end)
-    outcome = from_start(fine, start)[1]
-    counts = [sum(piece.size for piece in place) for place in (start.coefficients, found.coefficients)]
-    least = fine.first_rho()
-    gain = fine.problem.deviance(start, least) - fine.problem.deviance(outcome.end, least)
-    share = fine.torque_share()
-    exact = np.array([row.kind == "link" for row in coarse.rows], dtype=bool)
-    left = lost(outcome.residual[exact], found.residual[exact])
-    if gain < max(LEAST_PRICE, share) * (counts[0] - counts[1]):
-        noise = np.zeros(coarse.fit.triangles.width)
-        alone = variance_apart(outcome.influence, found.influence, driven(coarse.problem))
-        noise[coarse.p_columns] = alone[: len(found.p)]
-        apart = values_of(fine, outcome) - values_of(coarse, found)
-        return _Knotted(coarse, found, apart * told_by_coarse(apart, noise, share, left), rivals)
-    rivals = ()
-    if fine.z_start.size:
-        outcome, rivals = best_of(fine, outcome)
-    apart = values_of(fine, outcome) - values_of(coarse, found)
-    return _Knotted(fine, outcome, apart, rivals)
-
-
-def best_of(setup: Setup, *known: Outcome) -> tuple[Outcome, tuple[Outcome, ...]]:
-    """Return the outcome of least cost among those known and those that start from several valleys of the shapes.
-
-    With it those in other valleys that explain the log as well.
-    """
-    tried = [(setup.common_cost(outcome.end), outcome) for outcome in known]
-    tried.append(from_start(setup, setup.start))
-    if setup.z_start.size:  # noise leads the default fit far astray at times
-        start = Iterate(setup.start.coefficients, setup.start.p.copy(), setup.z_start.copy())
-        tried.append(from_start(setup, start))
-        tried += [from_start(setup, replace(start, z=z)) for z in _named_by(setup.fit)]
-    for _ in range(ROUNDS):
-        found = min(tried, key=lambda item: item[0])
-        others = [from_start(setup, start) for start in other_valleys(setup, found[1].end)]
-        tried += others
-        if not min(others, key=lambda item: item[0], default=found)[0] < found[0]:
-            break
-    best = min(tried, key=lambda item: item[0])[1]
-    return best, tuple(_rivals(setup, best, [outcome for _, outcome in tried]))
-
-
-def _named_by(fit: Fit) -> list[Array]:
-    """Return the shapes in other valleys that a fit could not tell from its own."""
-    if fit.effects is None:
-        return []
-    found = []
-    for other in fit.effects.others:
-        items = [replace(e, effect=other.get(k, e.effect)) for k, e in enumerate(fit.effects.effects)]
-        found.append(free_shapes(replace(fit.effects, effects=tuple(items))))
+def _along_inertias(fit: Fit) -> Array:
+    """Return the part of the default estimate's covariance that lies along the elastic joints' rotor inertias."""
+    names = [f"Jm{k + 1}" for k in np.flatnonzero(fit.model.robot.elastic)]
+    basis = [int(column) for column in fit.solution.basis]
+    found = np.zeros_like(fit.covariance)
+    for place in (basis.index(fit.model.index[name]) for name in names if fit.model.index[name] in basis):
+        own = fit.covariance[:, place]
+        if own[place] > 0:
+            found += np.outer(own, own) / own[place]
     return found
-
-
-def _rivals(setup: Setup, best: Outcome, tried: Sequence[Outcome]) -> list[Outcome]:
-    """Return the outcomes in other valleys than the best one's that explain the log as well, one of each valley."""
-    if not len(best.z):
-        return []
-    own = setup.common_costs(best.end)
-    stretch = np.repeat(np.arange(len(own)), [len(part) for part in own])
-    found: list[Outcome] = []
-    for outcome in tried:
-        known = [best, *found]
-        if not np.isfinite(outcome.p).all() or min(float(np.max(np.abs(outcome.z - k.z))) for k in known) <= APART:
-            continue
-        theirs = setup.common_costs(outcome.end)
-        if explains_as_well(np.concatenate(theirs) - np.concatenate(own), stretch):
-            found.append(outcome)
-    return found
-
-
-def from_start(setup: Setup, start: Iterate) -> tuple[float, Outcome]:
-    """Return the cost, to compare by, and the outcome of an iteration."""
-    setup.problem.rho = setup.first_rho()
-    outcome = iterate(setup.problem, start, setup.prior, STEPS)
-    return setup.common_cost(outcome.end), outcome
-
-
-def values_of(setup: Setup, outcome: Outcome) -> Array:
-    """Return an outcome in the columns of the fit it started from, (p + e,)."""
-    fit = setup.fit
-    values = np.zeros(fit.triangles.width)
-    values[setup.p_columns] = outcome.p
-    for k, extra in enumerate(fit.nuisances):  # a delay that is no unknown stays as it was fitted
-        if extra.name == DELAY and fit.model.parameters + k not in setup.p_columns:
-            values[fit.model.parameters + k] = fit.solution.values[fit.model.parameters + k]
-    return values
 
 
 def _collapsed(fit: Fit, values: Array) -> str:

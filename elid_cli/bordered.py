@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from elid_cli.bspline import ORDER
 from elid_cli.collocation import Further, Iterate, Problem
+from elid_cli.leverage import left
 
 Array = NDArray[np.float64]
 
@@ -191,29 +192,37 @@ def _sandwich(problem: Problem, now: Iterate, solved: Sequence[Array], inverse: 
 
     With it what every interval moves them by, per piece.
     """
-    from elid_cli.covariance import bandwidth_of, long_run
+    from elid_cli.covariance import bandwidth_of, summed
     from elid_cli.longrun import uncertain
 
-    parts, stretch = [], []
+    parts, stretch, information = [], [], []
     for number, piece in enumerate(problem.pieces):
         channels = now.coefficients[number].shape[1]
         influence = solved[number].reshape(-1, channels, solved[number].shape[1])
         windows = np.lib.stride_tricks.sliding_window_view(influence, ORDER, axis=0)
         scores = np.zeros((piece.intervals, solved[number].shape[1]))
+        held = np.zeros((piece.intervals, *inverse.shape))
         for part in problem.parts(piece):
             G, P, r = problem.linearised(number, now, part)
             local = windows[part].transpose(0, 3, 1, 2).reshape(len(G), -1, P.shape[2])
-            scores[part] += np.einsum("jra,jr->ja", P - np.matmul(G, local), r, optimize=True)
+            own = P - np.matmul(G, local)
+            scores[part] += np.einsum("jra,jr->ja", own, r, optimize=True)
+            held[part] = np.matmul(own.transpose(0, 2, 1), own)
         misfit = problem.misfit(piece, now.coefficients[number]) * piece.weight
         pulls = np.einsum("cjs,sl->jcl", misfit, problem.samples, optimize=True)
         scores += np.einsum("jcl,jcal->ja", pulls, windows, optimize=True)
+        for c in range(channels):
+            seen = np.matmul(windows[:, c], problem.samples.T) * piece.weight[c][:, None, :]
+            held += np.matmul(seen, seen.transpose(0, 2, 1))
         parts.append(scores)
+        information.append(held)
         stretch.append(np.full(piece.intervals, number))
     scale = np.sqrt(np.maximum(np.diag(inverse), 0.0))
     scale[scale == 0] = 1.0
     whole = np.concatenate(parts) * scale
     half = inverse / scale[None]
-    meat = long_run(whole, np.concatenate(stretch).astype(np.intp), driven(problem), _TAKEN)
-    meat *= uncertain(len(whole), bandwidth_of(whole))
-    covariance: Array = half @ meat @ half.T
+    places, bandwidth = np.concatenate(stretch).astype(np.intp), bandwidth_of(whole)
+    meat = summed(np.ascontiguousarray(whole.T), places, bandwidth) * uncertain(len(whole), bandwidth)
+    wider = 1.0 / np.sqrt(left(np.concatenate(information), inverse, places, bandwidth))
+    covariance: Array = half @ meat @ half.T * wider[:, None] * wider[None]
     return covariance, [scores @ inverse for scores in parts]

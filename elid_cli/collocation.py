@@ -142,11 +142,11 @@ class Problem:
         self._weights = setting.at_points()
         self.samples = setting.at_samples()
 
-    def trust(self, now: Iterate) -> None:
-        """Decide anew where motors reverse, from the trajectory as it is now."""
+    def trust(self, *now: Iterate) -> None:
+        """Decide anew where motors reverse, from the trajectory as it is now; of several, where any does."""
         for number in range(len(self.pieces)):
-            states = States(coefficients_to_states(self.setting, now.coefficients[number]), number, 0)
-            self._trust[number] = self.equations.trust(states)
+            states = (States(coefficients_to_states(self.setting, n.coefficients[number]), number, 0) for n in now)
+            self._trust[number] = np.minimum.reduce([self.equations.trust(each) for each in states])
 
     def _mask(self, number: int) -> Array:
         mask: Array = self.pieces[number].mask.reshape(len(self.rho), -1) * self._trust[number]

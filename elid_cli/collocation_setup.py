@@ -39,6 +39,13 @@ SHAPE_SPREAD = 0.7
 LOOSER = 3.0
 """Amplitudes that the robot file gives are held this many times more loosely than in the default fit, whose noise is
 larger."""
+FOLLOWED, FOLLOWED_LOOSELY = 1.4, 1.1
+"""Noise of the torques that fine knots assume, as a share of what is measured. A trajectory so free follows that noise:
+with the share 1 a rotor's inertia came out 1.4 standard errors too large on a planar arm at 90 dB and 1 % (1.25: 0.5,
+1.5: -0.2, 2: -1.4), 2.3 at 80 dB; with loose equations 1.4 is too much (-2.1)."""
+LOOSE, LOOSE_LINK = 10.0, 0.03
+"""Factor on the equations' own error, and share of the torques' noise in links' equations, where a spline follows the
+motion less well than is assumed: the jump of a motor's friction makes links of stiff, light joints ring at 60 Hz."""
 _WINDOWS, _NOISY = (5, 11, 21, 41, 81), 0.1
 """Samples that a torque's rate is taken over, and how much of it may be noise."""
 _POINTS, _FEWEST = 15, 5
@@ -80,8 +87,9 @@ def signal_to_noise(signals: Signals, model: Model) -> float:
 class Setup:
     """A fit turned into a collocation problem, its knots as fine as they may be or coarser by a whole number."""
 
-    def __init__(self, fit: Fit, *, coarse: bool = False) -> None:
+    def __init__(self, fit: Fit, *, coarse: bool = False, followed: float = 1.0, loose: bool = False) -> None:
         self.fit = fit
+        self._followed, self._loose = followed, loose
         self.noisy = signal_to_noise(fit.signals, fit.model) < NOISY
         finest = self._finest(fit.signals.dt)
         wanted = COARSE * (WIDER if self.noisy else 1.0) / (finest * fit.signals.dt)
@@ -218,8 +226,10 @@ class Setup:
         for row in self.rows:
             torque = signals.tau[:, row.joint]
             size = float(np.sqrt(np.nanmean(torque**2))) if np.isfinite(torque).any() else 1.0
-            noise = 0.0 if row.kind == "link" else float(np.nan_to_num(signals.noise.tau[row.joint]))
-            rho.append(np.hypot(max(MODEL_ERROR * size, share * self._spring_noise(row.joint)), noise / np.sqrt(every)))
+            noise = float(np.nan_to_num(signals.noise.tau[row.joint])) / np.sqrt(every)
+            noise *= (LOOSE_LINK if self._loose else 0.0) if row.kind == "link" else self._followed
+            own = max(MODEL_ERROR * size, share * self._spring_noise(row.joint)) * (LOOSE if self._loose else 1.0)
+            rho.append(np.hypot(own, noise))
         floor: Array = np.maximum(np.array(rho), 1e-9)
         return floor
 
@@ -227,7 +237,7 @@ class Setup:
         """Return how much of the equations' assumed variance is noise of the torques, 0 to 1, on average."""
         every = self.setting.stride // self.setting.points
         shares = [
-            (float(np.nan_to_num(self.fit.signals.noise.tau[row.joint])) / rho) ** 2 / every
+            (self._followed * float(np.nan_to_num(self.fit.signals.noise.tau[row.joint])) / rho) ** 2 / every
             for row, rho in zip(self.rows, self.first_rho(), strict=True)
             if row.kind != "link"
         ]
@@ -267,14 +277,23 @@ class Setup:
 
     def common_cost(self, now: Iterate) -> float:
         """Return the cost of unknowns with the noise and the weights that were assumed at first, to compare by."""
-        return float(sum(part.sum() for part in self.common_costs(now))) + self.prior(now)[0]
-
-    def common_costs(self, now: Iterate) -> list[Array]:
-        """Return the same of every knot interval, (intervals,) of each piece, without what is known beforehand."""
         held = self.problem.rho
         self.problem.rho = self.first_rho()
         self.problem.trust(self.start)
-        costs = self.problem.costs(now)
+        cost = self.problem.cost(now)
+        self.problem.rho = held
+        return cost + self.prior(now)[0]
+
+    def common_costs(self, *several: Iterate) -> list[list[Array]]:
+        """Return the same of several, of every knot interval, (intervals,) of each piece, without what is known before.
+
+        Where a motor reverses in any of them, equations count as little in all: a jump of friction at another instant
+        costs more than what else tells two apart.
+        """
+        held = self.problem.rho
+        self.problem.rho = self.first_rho()
+        self.problem.trust(self.start, *several)
+        costs = [self.problem.costs(now) for now in several]
         self.problem.rho = held
         return costs
 

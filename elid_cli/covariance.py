@@ -51,7 +51,8 @@ def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extr
     memory = Persistence(len(live))
     memory.feed(scores)
     rows = sum(1 for weight in solution.weights.values() if weight > 0.0)
-    meat = summed(scores[place[solution.basis]], observation.stretch, memory.bandwidth, rows)
+    meat = summed(scores[place[solution.basis]], observation.stretch, memory.bandwidth)
+    meat *= small_sample(observation.instants, len(meat), memory.bandwidth, rows)
     meat *= uncertain(observation.instants, memory.bandwidth)
     covariance: Array = solution.inverse @ (solution.inverse.T @ meat @ solution.inverse) @ solution.inverse.T
     return covariance
@@ -79,7 +80,9 @@ def long_run(scores: Array, stretch: NDArray[np.intp], rows: int = 1, taken: flo
 
     `rows` and `taken` are those of `longrun.small_sample`.
     """
-    return summed(np.ascontiguousarray(scores.T), stretch, bandwidth_of(scores), rows, taken)
+    bandwidth = bandwidth_of(scores)
+    factor = small_sample(len(scores), scores.shape[1], bandwidth, rows, taken)
+    return summed(np.ascontiguousarray(scores.T), stretch, bandwidth) * factor
 
 
 def bandwidth_of(scores: Array) -> float:
@@ -89,11 +92,11 @@ def bandwidth_of(scores: Array) -> float:
     return memory.bandwidth
 
 
-def summed(scores: Array, stretch: NDArray[np.intp], bandwidth: float, rows: int = 1, taken: float = TAKEN) -> Array:
-    """Return the kernel's sum over zero-mean scores (r, M), for as many fitted parameters."""
+def summed(scores: Array, stretch: NDArray[np.intp], bandwidth: float) -> Array:
+    """Return the kernel's sum over zero-mean scores (r, M), (r, r)."""
     width, instants = scores.shape
     total = KernelSum(width, bandwidth)
     starts = np.flatnonzero(np.diff(stretch, prepend=-1))
     for number, (start, stop) in enumerate(zip(starts, [*starts[1:], instants], strict=True)):
         total.feed(scores[:, start:stop], number)
-    return total.total() * small_sample(instants, width, bandwidth, rows, taken)
+    return total.total()

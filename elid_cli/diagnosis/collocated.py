@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.accurate import LOWEST_SIGNAL, from_start
+from elid_cli.accurate import LOWEST_SIGNAL
 from elid_cli.collocation import Iterate
 from elid_cli.collocation_errors import widening
+from elid_cli.collocation_search import from_start
 from elid_cli.collocation_setup import Setup, signal_to_noise
 from elid_cli.diagnosis.state import Log, State
 from elid_cli.errors import DataError

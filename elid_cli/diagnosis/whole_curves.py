@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.accurate import values_of
+from elid_cli.collocation_search import values_of
 from elid_cli.diagnosis.collocated import Collocated, amplitudes, collocated, known, possible
 from elid_cli.diagnosis.search import Found, Term
 from elid_cli.diagnosis.state import State, fit

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elid_cli.accurate import _named_by
 from elid_cli.base import find_base
+from elid_cli.collocation_search import _named_by
 from elid_cli.covariance import lasting_weights
 from elid_cli.estimate import EstimateOptions, Identification, identify
 from elid_cli.fitting import Fit, fit_log
