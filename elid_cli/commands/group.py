@@ -81,10 +81,23 @@ class Verb(ExampleFirst, click.Command):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the arguments; a fault that click's parser finds is told with the verb's name."""
         try:
+            if not ctx.resilient_parsing:
+                self._written_once(ctx, args)
             return super().parse_args(ctx, args)
         except click.UsageError as problem:
             problem.ctx = problem.ctx or ctx
             raise
+
+    def _written_once(self, ctx: click.Context, args: list[str]) -> None:
+        """Refuse a file to write that is named twice: click would keep the last and say nothing of the first."""
+        _, _, order = self.make_parser(ctx).parse_args(args=list(args))
+        for param in dict.fromkeys(order):
+            output = getattr(param, "heading", "") == "Output" and isinstance(param.type, click.Path)
+            if output and not param.multiple and order.count(param) > 1:
+                name = max(param.opts, key=len)
+                raise UsageError(
+                    f"{name}: given {order.count(param)} times, and only one file is written", hint="name one"
+                )
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, grouped by heading, in the order of their definition."""

@@ -85,8 +85,10 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
         missing = tuple(signal for signal in missing if signal == "tau")
     notes: list[str] = [*raw.notes, *plan.notes]
     infos = _measured(raw, plan, notes)
-    timeless = not any(info.rate for info in infos)
-    wanted = (("t",) if timeless else ()) + missing
+    reasons = dict(plan.reasons)
+    if not any(info.rate for info in infos):
+        missing = ("t", *missing)
+        reasons["t"] = "nothing holds times that advance"
     return LogInfo(
         file=source.name,
         format=fmt.name,
@@ -96,10 +98,10 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
         channels=infos,
         taken=taken,
         missing=missing,
-        mapping=suggestion(raw.channels, chosen.joint_names, wanted),
+        mapping=suggestion(raw.channels, chosen.joint_names, missing),
         losses=(*raw.losses, *plan.unfit),
         notes=tuple(dict.fromkeys(notes)),
-        reasons={signal: reason for signal, reason in plan.reasons.items() if signal in missing},
+        reasons={signal: reason for signal, reason in reasons.items() if signal in missing},
     )
 
 

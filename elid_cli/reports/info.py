@@ -77,9 +77,12 @@ def _channels(info: LogInfo, key: str) -> Table:
 
 def _next(infos: Sequence[LogInfo], robot: str | None) -> str:
     files = [info.file for info in infos]
+    named = ["--robot", robot or "ROBOT"]
+    if {signal for info in infos for signal in info.missing} == {"t"}:
+        return shlex.join(["elid", "identify", *files, *named, "--rate", "HZ"])
     if any(info.missing for info in infos):
         return shlex.join(["elid", "info", *files, *(["--robot", robot] if robot else []), "--map", "map.yaml"])
-    return shlex.join(["elid", "identify", *files, "--robot", robot or "ROBOT"])
+    return shlex.join(["elid", "identify", *files, *named])
 
 
 def _log(infos: Sequence[LogInfo]) -> dict[str, Any]:

@@ -293,3 +293,11 @@ def test_completion_scripts(elid, shell) -> None:
     assert f"_ELID_COMPLETE={shell}_complete" in done.stdout
     if shell == "bash":
         assert elid.shell('eval "$(elid completion bash)" && complete -p elid').returncode == 0
+
+
+def test_a_file_to_write_is_named_once(elid) -> None:
+    # the first of two was never written, and nothing said so
+    done = elid("identify", "log.csv", "--robot", "planar2", "--write-robot", "a.yaml", "--write-robot", "b.yaml")
+    assert done.returncode == 2
+    assert "--write-robot: given 2 times" in done.stderr
+    assert elid("diagnose", "none.csv", "--robot", "planar2", "--check", "a.csv", "--check", "b.csv").returncode == 3

@@ -96,6 +96,16 @@ def test_info_does_not_need_a_robot_for_numbered_columns(tmp_path: Path) -> None
     assert mapping["tau"]["unit"] == "A"
 
 
+def test_info_says_that_a_log_has_no_time(tmp_path: Path) -> None:
+    lines = table(BASE).save(tmp_path / "log.csv").read_text().splitlines()
+    (tmp_path / "timeless.csv").write_text("\n".join(line.partition(",")[2] for line in lines) + "\n")
+    assert lines[0].startswith("t,")
+    info = inspect_log(tmp_path / "timeless.csv")
+    assert info.missing == ("t",)
+    assert info.reasons["t"] == "nothing holds times that advance"
+    assert inspect_log(tmp_path / "log.csv").missing == ()
+
+
 def test_fields_of_a_custom_message_are_guessed_with_their_units() -> None:
     fields = ("motor_deg", "link_rad", "current_ma", "motor_temperature", "motor_velocity")
     channels = [Channel("/arm/state", field, 3) for field in fields]
