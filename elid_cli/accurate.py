@@ -95,11 +95,9 @@ def _along_inertias(fit: Fit) -> Array:
     """Return the part of the default estimate's covariance that lies along the elastic joints' rotor inertias."""
     names = [f"Jm{k + 1}" for k in np.flatnonzero(fit.model.robot.elastic)]
     basis = [int(column) for column in fit.solution.basis]
-    found = np.zeros_like(fit.covariance)
-    for place in (basis.index(fit.model.index[name]) for name in names if fit.model.index[name] in basis):
-        own = fit.covariance[:, place]
-        if own[place] > 0:
-            found += np.outer(own, own) / own[place]
+    places = [basis.index(fit.model.index[name]) for name in names if fit.model.index[name] in basis]
+    along = fit.covariance[:, places]
+    found: Array = along @ np.linalg.pinv(along[places], hermitian=True) @ along.T
     return found
 
 
@@ -118,7 +116,10 @@ def judged(setup: Setup, outcome: Outcome) -> Accurate | Refusal:
     if len(outcome.costs) < 2 or not np.isfinite(outcome.costs[-1]):
         return Refusal("its cost did not fall")
     covariance = outcome.covariance[: len(outcome.p), : len(outcome.p)]
-    if not np.isfinite(outcome.p).all() or not np.isfinite(covariance).all() or np.any(np.diag(covariance) < 0):
+    rounding = 1e-9 * np.diag(fit.covariance)
+    if not (
+        np.isfinite(outcome.p).all() and np.isfinite(covariance).all() and np.all(np.diag(covariance) >= -rounding)
+    ):
         return Refusal("its errors are not finite")
     values = values_of(setup, outcome)
     fallen = _collapsed(fit, values)

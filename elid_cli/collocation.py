@@ -188,7 +188,8 @@ class Problem:
             mask = self._mask(number)
             for r in range(len(self.rho)):
                 parts[r].append(residual[r][mask[r] > 0.5])
-        return np.array([1.4826 * float(np.median(np.abs(np.concatenate(p)))) if p else 0.0 for p in parts])
+        counted = [np.concatenate(p) if p else np.zeros(0) for p in parts]
+        return np.array([1.4826 * float(np.median(np.abs(c))) if c.size else 0.0 for c in counted])
 
     def misfit(self, piece: Piece, coefficients: Array) -> Array:
         """Return measured minus fitted positions over their noise, (channels, intervals, stride)."""

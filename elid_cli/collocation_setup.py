@@ -85,7 +85,19 @@ def signal_to_noise(signals: Signals, model: Model) -> float:
 
 
 class Setup:
-    """A fit turned into a collocation problem, its knots as fine as they may be or coarser by a whole number."""
+    """A fit turned into a collocation problem, its knots as fine as they may be or coarser by a whole number.
+
+    Parameters
+    ----------
+    fit
+        The default estimator's fit.
+    coarse
+        Whether its knots are coarse.
+    followed
+        Factor on the torques' noise in the equations that a torque drives (`FOLLOWED`).
+    loose
+        Whether equations hold only as closely as splines follow fast links (`LOOSE`).
+    """
 
     def __init__(self, fit: Fit, *, coarse: bool = False, followed: float = 1.0, loose: bool = False) -> None:
         self.fit = fit
@@ -285,10 +297,10 @@ class Setup:
         return cost + self.prior(now)[0]
 
     def common_costs(self, *several: Iterate) -> list[list[Array]]:
-        """Return the same of several, of every knot interval, (intervals,) of each piece, without what is known before.
+        """Return what `common_cost` sums, of every knot interval, (intervals,) of each piece, without the priors.
 
-        Where a motor reverses in any of them, equations count as little in all: a jump of friction at another instant
-        costs more than what else tells two apart.
+        Of several, to compare them: where a motor reverses in any of them, equations count as little in all. A jump of
+        friction at another instant costs more than what else tells two apart.
         """
         held = self.problem.rho
         self.problem.rho = self.first_rho()

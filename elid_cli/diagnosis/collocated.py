@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 PINNED = 1e-3
 """Standard deviation of parameters that are held, in standard errors."""
-STEPS = 12
+FITTING, STEPS = 16, 12
 ROUNDS = 2
 """Times that other valleys of the shapes are looked for."""
 
@@ -94,7 +94,7 @@ def _collocated(
     setup = Setup(fitted)
     if not setup.pieces:
         return None
-    outcome = from_start(setup, setup.start)[1] if alone is None else _from_terms(setup, alone)
+    outcome = from_start(setup, setup.start, FITTING)[1] if alone is None else _from_terms(setup, alone)
     if not np.isfinite(outcome.p).all() or not np.isfinite(outcome.covariance).all() or len(outcome.costs) < 2:
         return None
     training, noise = setup.common_cost(outcome.end), setup.noise_cost()
@@ -114,12 +114,12 @@ def _from_terms(setup: Setup, alone: Collocated) -> Outcome:
     now = Iterate(alone.outcome.coefficients, setup.start.p.copy(), setup.z_start.copy())
     found: tuple[float, Outcome] | None = None
     for _ in range(ROUNDS):
-        trials = [from_start(setup, start) for start in other_valleys(setup, now)]
+        trials = [from_start(setup, start, FITTING) for start in other_valleys(setup, now)]
         best = min(trials, key=lambda item: item[0], default=None)
         if best is None or (found is not None and not best[0] < found[0]):
             break
         found, now = best, best[1].end
-    return (found or from_start(setup, setup.start))[1]
+    return (found or from_start(setup, setup.start, FITTING))[1]
 
 
 def _stretch(log: Log, chosen: NDArray[np.bool_]) -> Signals:

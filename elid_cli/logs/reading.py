@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.errors import LogError
+from elid_cli.errors import LogError, UsageError
 from elid_cli.logs.checks import Checked, check
 from elid_cli.logs.clocks import in_seconds
 from elid_cli.logs.guards import suspicions, written_units
@@ -214,7 +214,21 @@ def _add(signals: dict[str, Array], signal: str, placement: Placement) -> None:
         signals[signal] = signals[signal] + signals[other]
 
 
+def _linked_alike(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> None:
+    """Refuse logs of which only some hold an elastic joint's link position: they are logs of two models."""
+    for joint in np.flatnonzero(robot.elastic).tolist():
+        lacking = [bool(np.isnan(part.checked.q[:, joint]).all()) for part in parts]
+        if any(lacking) and not all(lacking):
+            less, more = (sources[parts[lacking.index(kind)].source].name for kind in (True, False))
+            raise UsageError(
+                f"{less}: no link position of {robot.joint_names[joint]}, which {more} has",
+                detail="without it a transmission counts as rigid, which is another model",
+                hint="identify logs with link positions, and those without, apart",
+            )
+
+
 def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> Recording:
+    _linked_alike(parts, sources, robot)
     dt = parts[0].aligned.dt
     several = len(parts) > 1
     blocks: dict[str, list[Array]] = {}

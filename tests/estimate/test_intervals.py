@@ -130,8 +130,8 @@ def errors_in_deviations(db: float, torque: float) -> tuple[Sequence[str], np.nd
     return results[0].base.names, np.array([(r.estimate - r.reference) / r.std_error for r in results])
 
 
-def test_fine_knots_do_not_follow_the_noise_of_a_torque() -> None:
-    # knots that did took a rotor's inertia 2 % too large, twice its standard error
+def test_the_noise_of_a_torque_does_not_bend_an_inertia() -> None:
+    # knots that followed it took a rotor's inertia 2 % too large, twice its standard error
     names, scores = errors_in_deviations(90.0, 0.01)
     assert np.sqrt(np.mean(np.square(scores))) < 1.4
     assert abs(np.mean(scores[:, names.index("Jm1")])) < 1.2
