@@ -160,7 +160,8 @@ def test_the_same_log_four_times_halves_the_standard_errors(place: Path, monkeyp
     four, _ = identify_reduced(robot, [log] * 4)
     known = np.isfinite(once.estimate) & np.isfinite(four.estimate)
     assert np.median((np.abs(four.estimate - once.estimate) / once.std_error)[known]) < 0.2
-    assert np.median(once.std_error[known] / four.std_error[known]) == pytest.approx(2.0, rel=0.15)
+    # those of one short log are wider still by what its 60 parameters take out of it and by how few pieces it has
+    assert 1.9 < np.median(once.std_error[known] / four.std_error[known]) < 2.6
 
 
 def test_a_file_holds_plain_arrays_and_is_the_same_twice(place: Path, tmp_path: Path) -> None:
