@@ -54,12 +54,12 @@ def with_knots(coarse: Setup) -> Knotted:
         return Knotted(coarse, found, np.zeros(coarse.fit.triangles.width), rivals)
     fine = Setup(coarse.fit, followed=FOLLOWED)
     start = fine.start_from(coarse, found.end)
-    outcome = from_start(fine, start)[1]
+    outcome = from_start(fine, start)
     if not _agree(fine, outcome, coarse, found):
-        outcome = lowest(fine, [outcome, from_start(fine, fine.start)[1]])
+        outcome = lowest(fine, [outcome, from_start(fine, fine.start)])
     worth = _worth_it(fine, start, outcome)
     loose = Setup(coarse.fit, followed=FOLLOWED_LOOSELY, loose=True)
-    looser = from_start(loose, outcome.end)[1]
+    looser = from_start(loose, outcome.end)
     apart, noise = _apart(loose, looser, fine, outcome)
     own = np.zeros(len(apart))
     own[loose.p_columns] = np.diag(looser.covariance)[: len(looser.p)]

@@ -21,15 +21,12 @@ Array = NDArray[np.float64]
 
 STEPS = 30
 """Most steps of an iteration: 16 were too few for arms in noise (errors of 2.2 standard errors instead of 0.8)."""
-ROUNDS = 1
-"""Times that other valleys of the effects' shapes are looked for."""
 
 
-def from_start(setup: Setup, start: Iterate, steps: int = STEPS) -> tuple[float, Outcome]:
-    """Return the cost, to compare by, and the outcome of an iteration."""
+def from_start(setup: Setup, start: Iterate, steps: int = STEPS) -> Outcome:
+    """Return the outcome of an iteration."""
     setup.problem.rho = setup.first_rho()
-    outcome = iterate(setup.problem, start, setup.prior, steps)
-    return setup.common_cost(outcome.end), outcome
+    return iterate(setup.problem, start, setup.prior, steps)
 
 
 def best_of(setup: Setup, *known: Outcome) -> tuple[Outcome, tuple[Outcome, ...]]:
@@ -37,17 +34,12 @@ def best_of(setup: Setup, *known: Outcome) -> tuple[Outcome, tuple[Outcome, ...]
 
     With it those in other valleys that explain the log as well.
     """
-    tried = [*known, from_start(setup, setup.start)[1]]
+    tried = [*known, from_start(setup, setup.start)]
     if setup.z_start.size:  # noise leads the default fit far astray at times
         start = Iterate(setup.start.coefficients, setup.start.p.copy(), setup.z_start.copy())
-        tried.append(from_start(setup, start)[1])
-        tried += [from_start(setup, replace(start, z=z))[1] for z in _named_by(setup.fit)]
-    for _ in range(ROUNDS):
-        found = lowest(setup, tried)
-        others = [from_start(setup, start)[1] for start in other_valleys(setup, found.end)]
-        tried += others
-        if lowest(setup, tried) is found:
-            break
+        tried.append(from_start(setup, start))
+        tried += [from_start(setup, replace(start, z=z)) for z in _named_by(setup.fit)]
+    tried += [from_start(setup, start) for start in other_valleys(setup, lowest(setup, tried).end)]
     best = lowest(setup, tried)
     return best, tuple(_rivals(setup, best, tried))
 

@@ -26,14 +26,15 @@ from elid_cli.scenes import extra_of, scene_of
 from elid_cli.shape_fit import SHAPE_SPREAD, fit_declared, shape_columns
 from elid_cli.signals import Signals
 from elid_cli.solve import Solution, reweighted, solve
+from elid_cli.student import beyond_normal
 from elid_cli.valleys import reduced, told_apart
 
 Array = NDArray[np.float64]
 
 STICKING = 2.5
 """Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""
-MANY = 400.0
-"""Independent instants beyond which Student's t is the normal distribution."""
+SHORT = 400.0
+"""Independent instants below which a log is short."""
 READING_ROUNDS = 2
 """Rounds of fitting a stiffness and the gain of its torque sensor in turn."""
 
@@ -160,7 +161,7 @@ def freedom(observation: Observation, signals: Signals, fitted: int) -> float:
         return float("inf")
     share = min(1.0, 2 * signals.filter.cutoff / observation.rate)
     counts = [group.count for group in observation.groups if group.count]
-    if not counts or share * observation.instants > MANY:
+    if not counts or share * observation.instants > SHORT:
         return float("inf")
     return max(share * min(counts) - fitted / len(counts), 1.0)
 
@@ -172,11 +173,7 @@ def _few(observation: Observation, signals: Signals, triangles: Triangles, solut
     """
     fitted = len(solution.basis)
     degrees = freedom(observation, signals, fitted)
-    if not np.isfinite(degrees):
-        return 1.0
-    from elid_cli.student import student_quantile
-
-    return student_quantile(degrees, 0.975) / 1.96 * float(np.sqrt(1 + fitted / len(triangles.rows) / degrees))
+    return beyond_normal(degrees) * float(np.sqrt(1 + fitted / len(triangles.rows) / degrees))
 
 
 def _reading_columns(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.lowpass import LowPass
+from elid_cli.student import beyond_normal
 
 Array = NDArray[np.float64]
 
@@ -19,8 +20,6 @@ NARROWEST = 8.0
 """Least width of the kernel, instants."""
 TAKEN = 0.5
 """Largest part of a long-run covariance that fitted parameters are taken to have explained."""
-MANY = 400.0
-"""Degrees of freedom beyond which Student's t is the normal distribution."""
 
 
 class Persistence:
@@ -130,7 +129,7 @@ def small_sample(instants: int, width: int, bandwidth: float, rows: int = 1, tak
     Each equation loses the share width / (rows instants) of its residual to the fit, and as much of its product with
     every other within reach of the kernel, whose integral is 3/4 of its bandwidth; but no more than the part `taken`.
     """
-    lost = 0.75 * max(bandwidth, 1.0) * width / max(rows * instants, 1)
+    lost = 0.75 * bandwidth * width / max(rows * instants, 1)
     return 1.0 / (1.0 - min(lost, taken))
 
 
@@ -140,7 +139,4 @@ def uncertain(instants: int, bandwidth: float) -> float:
     The sum has the spread of chi-squared with n / (0.539 b) degrees of freedom (0.539: integral of the squared kernel;
     Priestley 1981, 6.2), so 95 % lie within Student's quantile instead of 1.96 standard errors.
     """
-    from elid_cli.student import student_quantile
-
-    degrees = instants / (0.539 * max(bandwidth, 1.0))
-    return (student_quantile(max(degrees, 1.0), 0.975) / 1.96) ** 2 if degrees < MANY else 1.0
+    return beyond_normal(instants / (0.539 * bandwidth)) ** 2

@@ -33,6 +33,7 @@ from elid_cli.robot_text import fingerprint
 from elid_cli.signals import Noise, Signals
 from elid_cli.solve import Solution
 from elid_cli.stiffness import stiffness_in_noise, with_pull
+from elid_cli.unlinked import refuse_mixed
 
 Array = NDArray[np.float64]
 
@@ -93,17 +94,8 @@ def check_alike(robot: Robot, logs: Sequence[ReducedLog]) -> None:
                 "gravity, gears, transmissions or declared effects differ",
                 hint=f"elid reduce LOG --robot {robot.name} -o FILE.npz",
             )
+    refuse_mixed([log.name for log in logs], np.array([log.facts.unlinked for log in logs]), robot.joint_names)
     first = logs[0]
-    for log in logs[1:]:
-        lacking = log.facts.unlinked != first.facts.unlinked
-        if lacking.any():
-            less, more = (log, first) if log.facts.unlinked[lacking][0] else (first, log)
-            joint = robot.joint_names[int(np.flatnonzero(lacking)[0])]
-            raise UsageError(
-                f"{less.name}: no link position of {joint}, which {more.name} has",
-                detail="without it a transmission counts as rigid, which is another model",
-                hint="identify logs with link positions, and those without, apart",
-            )
     for log in logs[1:]:
         keys = dict.fromkeys([*first.options, *log.options])
         differing = [key for key in keys if log.options.get(key) != first.options.get(key)]

@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+MANY = 400.0
+"""Degrees of freedom from which on Student's t is the normal distribution."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 
 
@@ -25,3 +27,8 @@ def student_quantile(degrees: float, probability: float) -> float:
         if abs(step) < 1e-13:
             break
     return math.sqrt(degrees) * math.tan(angle)
+
+
+def beyond_normal(degrees: float) -> float:
+    """Return how many times wider than the normal distribution's Student's interval of 95 % is, at least 1."""
+    return student_quantile(max(degrees, 1.0), 0.975) / 1.96 if degrees < MANY else 1.0

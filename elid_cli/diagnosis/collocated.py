@@ -94,7 +94,7 @@ def _collocated(
     setup = Setup(fitted)
     if not setup.pieces:
         return None
-    outcome = from_start(setup, setup.start, FITTING)[1] if alone is None else _from_terms(setup, alone)
+    outcome = from_start(setup, setup.start, FITTING) if alone is None else _from_terms(setup, alone)
     if not np.isfinite(outcome.p).all() or not np.isfinite(outcome.covariance).all() or len(outcome.costs) < 2:
         return None
     training, noise = setup.common_cost(outcome.end), setup.noise_cost()
@@ -115,11 +115,12 @@ def _from_terms(setup: Setup, alone: Collocated) -> Outcome:
     found: tuple[float, Outcome] | None = None
     for _ in range(ROUNDS):
         trials = [from_start(setup, start, FITTING) for start in other_valleys(setup, now)]
-        best = min(trials, key=lambda item: item[0], default=None)
-        if best is None or (found is not None and not best[0] < found[0]):
+        costs = [setup.common_cost(trial.end) for trial in trials]
+        if not trials or (found is not None and not min(costs) < found[0]):
             break
-        found, now = best, best[1].end
-    return (found or from_start(setup, setup.start, FITTING))[1]
+        found = min(costs), trials[int(np.argmin(costs))]
+        now = found[1].end
+    return from_start(setup, setup.start, FITTING) if found is None else found[1]
 
 
 def _stretch(log: Log, chosen: NDArray[np.bool_]) -> Signals:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.errors import LogError, UsageError
+from elid_cli.errors import LogError
 from elid_cli.logs.checks import Checked, check
 from elid_cli.logs.clocks import in_seconds
 from elid_cli.logs.guards import suspicions, written_units
@@ -23,6 +23,7 @@ from elid_cli.logs.source import Source, open_source
 from elid_cli.mapped import let_go
 from elid_cli.recording import Recording, Segment, repeated
 from elid_cli.robot import Robot
+from elid_cli.unlinked import refuse_mixed
 
 Array = NDArray[np.float64]
 
@@ -214,23 +215,12 @@ def _add(signals: dict[str, Array], signal: str, placement: Placement) -> None:
         signals[signal] = signals[signal] + signals[other]
 
 
-def _linked_alike(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> None:
-    """Refuse logs of which only some hold an elastic joint's link position: they are logs of two models."""
-    for joint in np.flatnonzero(robot.elastic).tolist():
-        lacking = [bool(np.isnan(part.checked.q[:, joint]).all()) for part in parts]
-        if any(lacking) and not all(lacking):
-            less, more = (sources[parts[lacking.index(kind)].source].name for kind in (True, False))
-            raise UsageError(
-                f"{less}: no link position of {robot.joint_names[joint]}, which {more} has",
-                detail="without it a transmission counts as rigid, which is another model",
-                hint="identify logs with link positions, and those without, apart",
-            )
-
-
 def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> Recording:
-    _linked_alike(parts, sources, robot)
     dt = parts[0].aligned.dt
     several = len(parts) > 1
+    if several:
+        lacking = np.array([robot.elastic & np.isnan(part.checked.q).all(axis=0) for part in parts])
+        refuse_mixed([sources[part.source].name for part in parts], lacking, robot.joint_names)
     blocks: dict[str, list[Array]] = {}
     times: list[Array] = []
     segments: list[Segment] = []
