@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 LEAST_PRICE = 0.2
 """Fall of minus twice the log-likelihood that each unknown of finer knots must bring, at least; 1 in noisy torques."""
-AGREE = 3.0
+AGREE = 2.25
 """Standard deviations of what noise alone takes coarse and fine knots' answers apart, up to which they agree."""
 HALFWAY = 0.5
 """Part of what noise does not explain of the way to fine ones' answer that coarse ones' standard errors reach to where

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters
-from elid_cli.covariance import long_run
 from elid_cli.identification import Identification, Verdict
 from elid_cli.model import Row
 from elid_cli.observation import Observation
+from elid_cli.regression import regression
 from elid_cli.signals import Signals
 from elid_cli.stiffness import deflection_noise, pull
 
@@ -97,19 +97,11 @@ def link_stiffness(
 
 
 def _fitted(columns: Array, load: Array, stretch: NDArray[np.intp], noise: float) -> LinkStiffness:
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0] = 1.0
-    unit = columns / scale
-    inverse = np.linalg.pinv(unit.T @ unit, rcond=1e-12)
-    fitted = inverse @ (unit.T @ load)
-    rest = load - unit @ fitted
-    meat = long_run(unit * rest[:, None], stretch)
-    spread = float(np.sqrt(max((inverse @ meat @ inverse)[0, 0], 0.0)))
+    found = regression(columns, load, stretch)
     variance = float(np.var(load))
-    explained = 1.0 - float(np.var(rest)) / variance if variance > 0 else 0.0
-    value = float(fitted[0] / scale[0])
-    left = float(scale[0] ** 2 / inverse[0, 0]) / len(load) if inverse[0, 0] > 0 else 0.0
-    return LinkStiffness(value, float(np.hypot(spread / scale[0], pull(value, noise, left))), explained)
+    explained = 1.0 - float(np.var(load - columns @ found.values)) / variance if variance > 0 else 0.0
+    value = float(found.values[0])
+    return LinkStiffness(value, float(np.hypot(found.spread[0], pull(value, noise, float(found.alone[0])))), explained)
 
 
 @dataclass(frozen=True)

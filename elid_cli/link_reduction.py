@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from elid_cli.base import BaseParameters
 from elid_cli.blocks import Block
 from elid_cli.link_equation import LEAST, LinkStiffness, TwoWays
-from elid_cli.longrun import KernelSum, Persistence, small_sample
+from elid_cli.longrun import KernelSum, Persistence, small_sample, uncertain
 from elid_cli.merged_fit import MergedFit, Stock
 from elid_cli.model import Model, Plan, Row
 from elid_cli.pile import Growing
@@ -178,8 +178,8 @@ def merged_stiffness(systems: Sequence[LinkSystem], noise: float) -> LinkStiffne
     bandwidth = float(np.average([s.bandwidth for s in systems], weights=[s.count for s in systems]))
     fitted, inverse = _solved(factor)
     width = int(np.count_nonzero(np.any(factor[:, :-1], axis=0)))
-    factor_small = small_sample(count, width, bandwidth)
-    meat: Array = sum((s.gram for s in systems), np.zeros_like(inverse)) * factor_small
+    wider = small_sample(count, width, bandwidth) * uncertain(count, bandwidth)
+    meat: Array = sum((s.gram for s in systems), np.zeros_like(inverse)) * wider
     spread = float(np.sqrt(max((inverse @ meat @ inverse)[0, 0], 0.0)))
     rest = factor @ np.append(fitted, -1.0)
     torque, ones = factor[:, -1], factor[:, -2]

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.covariance import long_run
 from elid_cli.diagnosis.state import State
 from elid_cli.model import Row
+from elid_cli.regression import regression
 
 Array = NDArray[np.float64]
 
@@ -83,14 +83,14 @@ def _regressed(state: State, joint: int) -> tuple[Skew, float] | None:
     if train.sum() < 50 or test.sum() < 10:
         return None
     columns = np.array([speed, load, np.ones_like(load)])
-    fitted, spread = regression(columns[:, train].T, deflection[train], log.observation.stretch[train])
-    plain, _ = regression(columns[1:, train].T, deflection[train], log.observation.stretch[train])
-    with_it = float(np.sum((deflection - fitted @ columns)[test] ** 2))
-    without = float(np.sum((deflection - plain @ columns[1:])[test] ** 2))
-    skew, deviation = float(fitted[0]), float(spread[0])
+    fitted = regression(columns[:, train].T, deflection[train], log.observation.stretch[train])
+    plain = regression(columns[1:, train].T, deflection[train], log.observation.stretch[train])
+    with_it = float(np.sum((deflection - fitted.values @ columns)[test] ** 2))
+    without = float(np.sum((deflection - plain.values @ columns[1:])[test] ** 2))
+    skew, deviation = float(fitted.values[0]), float(fitted.spread[0])
     share = 1.0 - with_it / without if without > 0 else 0.0
     viscous = abs(float(state.standard[log.model.index[f"fv{joint + 1}"]]))
-    compliance = abs(float(fitted[1])) + 2.0 * float(spread[1])
+    compliance = abs(float(fitted.values[1])) + 2.0 * float(fitted.spread[1])
     count = float(test.sum())
     item = Skew(joint, skew, deviation, share, float(np.sqrt(without / count)), float(np.sqrt(with_it / count)))
     return item, viscous * compliance
@@ -107,15 +107,3 @@ def link_load(state: State, joint: int, parameters: Array | None = None) -> Arra
     own = {log.model.index[f"{kind}{joint + 1}"] for kind in ("Jm", "fs", "fv")}
     load: Array = np.array([0.0 if int(k) in own else values[k] for k in total.index]) @ total.columns
     return load
-
-
-def regression(columns: Array, target: Array, stretch: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Return least-squares coefficients and their standard deviations under correlated residuals."""
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0] = 1.0
-    unit = columns / scale
-    inverse = np.linalg.pinv(unit.T @ unit, rcond=1e-12)
-    fitted = inverse @ (unit.T @ target)
-    meat = long_run(unit * (target - unit @ fitted)[:, None], stretch)
-    spread = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0))
-    return fitted / scale, spread / scale

@@ -15,12 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.diagnosis.encoders import link_load, regression
+from elid_cli.diagnosis.encoders import link_load
 from elid_cli.diagnosis.quarters import QUARTERS, quarter_of
 from elid_cli.diagnosis.state import State
 from elid_cli.identification import Identification, Verdict
 from elid_cli.link_equation import CLEAR as LOOSE
 from elid_cli.link_equation import EXPLAINED, GOOD, LinkStiffness, TwoWays, link_stiffness, two_ways
+from elid_cli.regression import regression
 
 Array = NDArray[np.float64]
 
@@ -56,13 +57,13 @@ def stiffness_by_load(state: State, joint: int) -> ByLoad | None:
     if known.sum() < LEAST:
         return None
     columns, target = np.array([load, np.ones(len(load))]).T[known], deflection[known]
-    (compliance, constant), spread = regression(columns, target, log.observation.stretch[known])
-    rest = target - columns @ np.array([compliance, constant])
+    fitted = regression(columns, target, log.observation.stretch[known])
+    compliance, rest = float(fitted.values[0]), target - columns @ fitted.values
     explained = 1.0 - float(np.var(rest) / np.var(target)) if np.var(target) > 0 else 0.0
-    deviation = max(float(spread[0]), _between_quarters(columns, target))
+    deviation = max(float(fitted.spread[0]), _between_quarters(columns, target))
     if compliance <= 0 or deviation > SURE * compliance or explained < HALF:
         return None
-    return ByLoad(1.0 / float(compliance), deviation / float(compliance) ** 2, explained)
+    return ByLoad(1.0 / compliance, deviation / compliance**2, explained)
 
 
 def _between_quarters(columns: Array, target: Array) -> float:
