@@ -25,6 +25,8 @@ _ASSUMED = 2 / 3
 """Weight of the assumed noise's standard error in the geometric mean with the shown one."""
 _TAKEN = 0.3
 """Largest part of the long-run variance of two answers' difference that the parameters are taken to explain."""
+_HELD = 2**27
+"""Bytes of what the instants add to the normal matrix, from which on neighbours count as one."""
 
 
 @dataclass(frozen=True)
@@ -194,27 +196,31 @@ def _sandwich(problem: Problem, now: Iterate, solved: Sequence[Array], inverse: 
     from elid_cli.covariance import bandwidth_of, summed
     from elid_cli.longrun import uncertain
 
-    parts, stretch, information = [], [], []
+    parts, stretch, information, blocks = [], [], [], []
+    intervals = sum(piece.intervals for piece in problem.pieces)
+    together = 1 + 4 * intervals * inverse.size // _HELD
     for number, piece in enumerate(problem.pieces):
         channels = now.coefficients[number].shape[1]
         influence = solved[number].reshape(-1, channels, solved[number].shape[1])
         windows = np.lib.stride_tricks.sliding_window_view(influence, ORDER, axis=0)
         scores = np.zeros((piece.intervals, solved[number].shape[1]))
-        held = np.zeros((piece.intervals, *inverse.shape), dtype=np.float32)  # as large as nothing else here
+        held = np.zeros((-(-piece.intervals // together), *inverse.shape), dtype=np.float32)
         for part in problem.parts(piece):
             G, P, r = problem.linearised(number, now, part)
             local = windows[part].transpose(0, 3, 1, 2).reshape(len(G), -1, P.shape[2])
             own = P - np.matmul(G, local)
             scores[part] += np.einsum("jra,jr->ja", own, r, optimize=True)
-            held[part] = np.matmul(own.transpose(0, 2, 1), own)
+            _add(held, part, np.matmul(own.transpose(0, 2, 1), own), together)
         misfit = problem.misfit(piece, now.coefficients[number]) * piece.weight
         pulls = np.einsum("cjs,sl->jcl", misfit, problem.samples, optimize=True)
         scores += np.einsum("jcl,jcal->ja", pulls, windows, optimize=True)
         for c in range(channels):
-            seen = np.matmul(windows[:, c], problem.samples.T) * piece.weight[c][:, None, :]
-            held += np.matmul(seen, seen.transpose(0, 2, 1))
+            for part in problem.parts(piece):
+                seen = np.matmul(windows[part, c], problem.samples.T) * piece.weight[c][part, None, :]
+                _add(held, part, np.matmul(seen, seen.transpose(0, 2, 1)), together)
         parts.append(scores)
         information.append(held)
+        blocks.append(np.full(len(held), number))
         stretch.append(np.full(piece.intervals, number))
     scale = np.sqrt(np.maximum(np.diag(inverse), 0.0))
     scale[scale == 0] = 1.0
@@ -222,6 +228,14 @@ def _sandwich(problem: Problem, now: Iterate, solved: Sequence[Array], inverse: 
     half = inverse / scale[None]
     places, bandwidth = np.concatenate(stretch).astype(np.intp), bandwidth_of(whole)
     meat = summed(np.ascontiguousarray(whole.T), places, bandwidth) * uncertain(len(whole), bandwidth)
-    wider = 1.0 / np.sqrt(left(np.concatenate(information), inverse, places, bandwidth))
+    share = left(np.concatenate(information), inverse, np.concatenate(blocks), bandwidth, together)
+    wider = 1.0 / np.sqrt(share)
     covariance: Array = half @ meat @ half.T * wider[:, None] * wider[None]
     return covariance, [scores @ inverse for scores in parts]
+
+
+def _add(held: Array, part: slice, found: Array, together: int) -> None:
+    """Add the matrices of a part's intervals (m, p, p), `together` of them to one."""
+    block = np.arange(part.start, part.start + len(found)) // together
+    starts = np.flatnonzero(np.diff(block, prepend=-1))
+    held[block[starts]] += np.add.reduceat(found, starts, axis=0)

@@ -21,7 +21,7 @@ LASTING = 0.4
 (planar arm, 100 logs) errors were 1.05 of standard errors that did not know of it."""
 
 
-def left(information: Array, inverse: Array, stretch: NDArray[np.intp], bandwidth: float) -> Array:
+def left(information: Array, inverse: Array, stretch: NDArray[np.intp], bandwidth: float, together: int = 1) -> Array:
     """Return the share of every estimate's long-run variance that the kernel's sum over fitted scores holds, (p,).
 
     Parameters
@@ -35,6 +35,8 @@ def left(information: Array, inverse: Array, stretch: NDArray[np.intp], bandwidt
         Number of the stretch of every instant, (M,).
     bandwidth
         The kernel's, instants.
+    together
+        Instants that one matrix stands for.
     """
     size = np.sqrt(np.maximum(np.diag(inverse), 0.0))
     size[size == 0] = 1.0
@@ -48,7 +50,7 @@ def left(information: Array, inverse: Array, stretch: NDArray[np.intp], bandwidt
         whole = float(np.sum(moved @ unit[:, k]))
         if not whole > 0:
             continue
-        taken = KernelSum(len(inverse), bandwidth)
+        taken = KernelSum(len(inverse), (bandwidth + 1.0) / together - 1.0)
         series = np.ascontiguousarray((moved @ half).T)
         for number, (start, stop) in enumerate(zip(starts, [*starts[1:], len(stretch)], strict=True)):
             taken.feed(series[:, start:stop], number)

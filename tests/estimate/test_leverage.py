@@ -55,3 +55,15 @@ def test_a_sum_of_few_independent_pieces_is_as_uncertain_as_its_scatter() -> Non
     degrees = 2.0 * np.mean(sums) ** 2 / np.var(sums)  # of the chi-squared with this mean and variance
     assert uncertain(INSTANTS, BANDWIDTH) == pytest.approx((student_quantile(degrees, 0.975) / 1.96) ** 2, rel=0.03)
     assert uncertain(10**7, BANDWIDTH) == 1.0
+
+
+def test_neighbours_that_count_as_one_leave_the_same_share() -> None:
+    columns, together = design(), 4
+    inverse = np.linalg.inv(columns.T @ columns)
+    each = columns[:, :, None] * columns[:, None, :]
+    blocks = each.reshape(-1, together, *inverse.shape).sum(axis=1)
+    fine, coarse = (
+        left(part, inverse, np.zeros(len(part), dtype=np.intp), BANDWIDTH, INSTANTS // len(part))
+        for part in (each, blocks)
+    )
+    assert 1.0 - coarse == pytest.approx(1.0 - fine, rel=0.06)
