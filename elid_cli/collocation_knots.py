@@ -23,8 +23,11 @@ Array = NDArray[np.float64]
 
 LEAST_PRICE = 0.2
 """Fall of minus twice the log-likelihood that each unknown of finer knots must bring, at least; 1 in noisy torques."""
-AGREE = 2.25
-"""Standard deviations of what noise alone takes coarse and fine knots' answers apart, up to which they agree."""
+AGREE, AGREE_LOOSELY = 2.25, 3.0
+"""Standard deviations of what noise alone takes two answers apart, up to which they agree: of coarse and fine knots,
+and of fine ones with close and loose equations. Measured (planar arm, 80 dB, 0.1 % of torque noise, 40 logs): where
+coarse knots stand up to 3, errors are 1.6 of their standard errors and a quarter larger; up to 2.25 they are 1.1 of
+them. Loose equations cost more: without noise, errors five times larger where close ones stand up to 2.25 only."""
 HALFWAY = 0.5
 """Part of what noise does not explain of the way to fine ones' answer that coarse ones' standard errors reach to where
 the two agree. Measured: with 0.7 of it 95 % intervals held the truth in 98.5 % of 200 logs with coloured noise."""
@@ -63,7 +66,7 @@ def with_knots(coarse: Setup) -> Knotted:
     apart, noise = _apart(loose, looser, fine, outcome)
     own = np.zeros(len(apart))
     own[loose.p_columns] = np.diag(looser.covariance)[: len(looser.p)]
-    if np.any(apart**2 > np.maximum(AGREE**2 * noise, own)):
+    if np.any(apart**2 > np.maximum(AGREE_LOOSELY**2 * noise, own)):
         fine, outcome = loose, looser
     if not worth and _agree(fine, outcome, coarse, found):
         return Knotted(coarse, found, HALFWAY * _beyond_noise(fine, outcome, coarse, found), rivals)
