@@ -29,6 +29,32 @@ def check_writable(path: Path) -> None:
         raise UsageError(f"{path}: not writable", hint="choose another folder")
 
 
+def check_suffix(path: Path, suffixes: tuple[str, ...], content: str) -> None:
+    """Refuse, before any work is done, a file whose name promises something else than its content.
+
+    A name without a suffix promises nothing, nor does a device or a pipe.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    suffixes
+        What its name may end with, the usual one first.
+    content
+        What will be in it, in words.
+
+    Raises
+    ------
+    UsageError
+        Another suffix.
+    """
+    if path.suffix.lower() in ("", *suffixes) or (path.exists() and not path.is_file()):
+        return
+    raise UsageError(
+        f"{path}: not a name for {content} ({' '.join(suffixes)})", hint=f"name it {path.with_suffix(suffixes[0])}"
+    )
+
+
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
     """Yield a name beside `path` to write to, and rename it onto `path` when the block ends well.
@@ -42,10 +68,12 @@ def replacing(path: str | Path) -> Iterator[Path]:
     UsageError
         The folder cannot be written or the disk is full.
     """
-    target = Path(path).resolve() if Path(path).is_symlink() else Path(path)
+    target = Path(path)
     if target.exists() and not target.is_file():
-        yield target
+        yield target  # before links are followed: what /dev/stdout leads to, pipe:[…], has no name to open
         return
+    if target.is_symlink():
+        target = target.resolve()
     check_writable(target)
     beside = target.with_name(f".{target.stem[:100]}.{os.getpid()}.part{target.suffix}")
     try:

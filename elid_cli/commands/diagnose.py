@@ -69,17 +69,14 @@ def diagnose(
     """Find the effect that the model lacks: look at the residual of each joint, try every effect that could have left
     it, and report the error before and after on stretches that the search never saw.
     """  # noqa: D205
-    from pathlib import Path
-
-    from elid_cli.atomic import check_writable
     from elid_cli.commands.emit import check_output, emit, pictures_wanted
     from elid_cli.commands.inputs import check_effects, load_recording, load_signals, sharp
     from elid_cli.commands.progress import progress
-    from elid_cli.commands.writing import write_described
+    from elid_cli.commands.writing import check_described, write_described
 
     check_output(output)
     if write_robot is not None:
-        check_writable(Path(write_robot))
+        check_described(write_robot)
     with progress(output, "reading") as advance:
         from elid_cli.diagnosis import DiagnoseOptions
         from elid_cli.diagnosis import diagnose as search

@@ -98,11 +98,12 @@ def excite(
 
     import click
 
-    from elid_cli.atomic import check_writable
+    from elid_cli.atomic import check_suffix, check_writable
     from elid_cli.commands.emit import check_output, emit, note
     from elid_cli.commands.progress import progress
 
     check_output(output)
+    check_suffix(Path(out), (".csv",), "a trajectory")
     check_writable(Path(out))
     with progress(output, "optimising") as advance:
         from dataclasses import replace

@@ -44,14 +44,12 @@ def identify(
     robot file, and the torque error per joint on stretches that the fit never saw.
     """  # noqa: D205
     from dataclasses import replace
-    from pathlib import Path
 
-    from elid_cli.atomic import check_writable
     from elid_cli.commands.emit import check_output, emit, pictures_wanted
     from elid_cli.commands.gates import check_gates, check_names
     from elid_cli.commands.progress import progress
     from elid_cli.commands.reducing import Asked, from_samples, from_triangles, merges, samples_of
-    from elid_cli.commands.writing import write_described
+    from elid_cli.commands.writing import check_described, write_described
 
     check_output(output)
     if physical:
@@ -59,7 +57,7 @@ def identify(
 
         need_solver()
     if write_robot is not None:
-        check_writable(Path(write_robot))
+        check_described(write_robot)
     with progress(output, "reading") as advance:
         from elid_cli.refined import identified_robot, remarks
         from elid_cli.reports.identification import identification_report

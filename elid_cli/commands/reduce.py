@@ -34,7 +34,7 @@ def reduce(
     """
     from pathlib import Path
 
-    from elid_cli.atomic import check_writable
+    from elid_cli.atomic import check_suffix, check_writable
     from elid_cli.commands.emit import check_output, emit
     from elid_cli.commands.options import Fit
     from elid_cli.commands.progress import progress
@@ -42,6 +42,7 @@ def reduce(
     from elid_cli.errors import UsageError
 
     check_output(output)
+    check_suffix(Path(out), (".npz",), "triangles")
     check_writable(Path(out))
     with progress(output, "reading") as advance:
         from elid_cli.merging import check_alike, joined_recording

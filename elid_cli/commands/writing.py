@@ -5,10 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from elid_cli.atomic import check_suffix, check_writable
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from elid_cli.robot import Robot
+
+
+def check_described(path: str) -> None:
+    """Refuse, before any work is done, a file that no robot can be written to (UsageError)."""
+    check_suffix(Path(path), (".yaml", ".yml", ".urdf", ".xml", ".mjcf"), "a robot file")
+    check_writable(Path(path))
 
 
 def write_described(robot: Robot, path: str, remarks: Sequence[str] = ()) -> None:

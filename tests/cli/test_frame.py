@@ -71,6 +71,18 @@ def test_help_is_instant(elid) -> None:
         (["effects", "--color", "red"], "error: elid effects: --color: 'red' is not one of", ""),
         (["effects", "--json", "--markdown"], "error: elid effects: --json and --markdown exclude each other", ""),
         (["effects", "--report", "x.pdf"], "error: x.pdf: no report format for .pdf", "known: "),
+        (
+            ["reduce", "a.h5", "--robot", "planar2", "-o", "x.h5"],
+            "error: x.h5: not a name for triangles",
+            "name it x.npz",
+        ),
+        (
+            ["excite", "--robot", "planar2", "-o", "x.mcap"],
+            "error: x.mcap: not a name for a trajectory",
+            "name it x.csv",
+        ),
+        (["identify", "a.h5", "--robot", "planar2", "--write-robot", "x.csv"], "error: x.csv: not a name", "it x.yaml"),
+        (["diagnose", "a.h5", "--robot", "planar2", "--write-robot", "x.json"], "error: x.json: not a", "it x.yaml"),
         (["effects", "--report", "nowhere/x.md"], "error: nowhere/x.md: no folder nowhere", "mkdir -p nowhere"),
         (["completion"], "error: elid completion: no shell given", "elid completion bash"),
         (["effects", "stribeck", "hysteresis"], "error: elid effects: got unexpected extra argument", "--help"),
@@ -178,6 +190,11 @@ def test_a_closed_pipe_is_quiet_and_141(elid) -> None:
         "sys.exit(main(['effects', '--json']))"
     )
     assert (never_read.returncode, never_read.stderr) == (141, "")
+
+
+def test_a_file_to_write_may_be_the_pipe_that_stdout_is(elid) -> None:
+    code = "from elid_cli.atomic import write_text; write_text('/dev/stdout', 'whole')"
+    assert elid.python(code).stdout == "whole"
 
 
 def test_closed_descriptors_do_no_harm(elid) -> None:
