@@ -29,4 +29,4 @@ def info(logs: tuple[str, ...], robot: str | None, maps: tuple[str, ...], output
         mapping = read_map_options(maps) or None
         found = [inspect_log(log, machine, mapping) for log in logs]
     note((sentence for log in found for sentence in log.losses), output, "lost")
-    emit(info_report(found, machine, robot), output)
+    emit(info_report(found, machine, robot, maps), output)

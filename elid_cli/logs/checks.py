@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.errors import LogError, nearest
 from elid_cli.logs.raw import RawLog
-from elid_cli.logs.resolve import Placement, Plan
+from elid_cli.logs.resolve import Placement, Plan, fits
 from elid_cli.logs.stuck import drop_stuck
 from elid_cli.logs.suggest import suggestion
 from elid_cli.mapped import passed, writable
@@ -147,17 +148,24 @@ class _Fault:
             lost = f"; {self.raw.losses[0]}" if self.raw.losses else ""
             return f"{need}; {reason + '; ' if reason else ''}{self._contents()}{lost}"
         labels = self._labels(placement)
-        close = nearest(joint, labels) if joint else None
+        called = self._called(placement, joint)
+        close = nearest(called, labels) if joint else None
         seen = f"which names {' '.join(labels)}" if labels else "which holds no numbers for it"
         seen += f" (nearest: {close})" if close else ""
-        if joint in labels or (labels and not joint):
+        if called in labels or (labels and not joint):
             seen = "which is empty, NaN or zero" + (" for it" if joint else " throughout")
-        if joint in labels and signal != "tau":
+        if called in labels and signal != "tau":
             seen = "which is empty, NaN or never changes for it"
         why = [said for said in self.dropped if said.startswith(f"{signal} of {joint}")]
         more = f"; and {len(why) - LISTED} more" if len(why) > LISTED else ""
         told = "; " + "; ".join(why[:LISTED]) + more if why else f", {seen}"
         return f"{need}; it is read from {placement.places}{told}"
+
+    @staticmethod
+    def _called(placement: Placement | None, joint: str) -> str:
+        """Return the name that a joint has in the log, by the mapping that places a signal."""
+        named = placement.spec.joints if placement is not None else None
+        return str(named.get(joint, joint)) if named else joint
 
     def _labels(self, placement: Placement) -> list[str]:
         """Return the joint names that the log has where a signal is read from."""
@@ -181,7 +189,8 @@ class _Fault:
         before = f"elid info {self.name}, or map it: "
         placement = self.plan.placements.get(signal)
         labels = self._labels(placement) if placement is not None else []
-        close = nearest(joint, labels) if joint and joint not in labels else None
+        called = self._called(placement, joint)
+        close = nearest(called, labels) if joint and called not in labels else None
         if placement is not None and close:
             spec = placement.spec
             # a pattern fills in what is not named here; of a topic, only the joints that are named are read
@@ -193,10 +202,12 @@ class _Fault:
             return f'{before}{signal}: {{from: "{source}"{field}, joints: {{{pairs}}}}}'
         taken = {pick.source for pick in placement.picks} if placement is not None else set()
         free = [c for c in self.raw.channels if c.width and c.source not in taken and not _about(c.field)]
-        fitting = suggestion(free, self.robot.joint_names, (signal,))
+        fitting = suggestion(free, self.robot.joint_names, (signal,), partial(fits, self.raw.channels, self.robot))
         held = [label for channel in free for label in channel.labels]
         if fitting and held and not any(nearest(name, held) for name in self.robot.joint_names):
             before = f"is this a log of {self.robot.name!r}? if so, map it: "
+        if not fitting and signal in self.plan.mapped:  # whoever has mapped it knows how to; an example is no answer
+            return f"elid info {self.name} lists what it holds"
         return before + (fitting or f"--map {signal}={_EXAMPLES[signal]}")
 
 

@@ -51,7 +51,7 @@ def in_seconds(
             raise LogError(
                 f"{name}: no time",
                 detail="it has no column, dataset or stamp that elid takes for t",
-                hint="name it in a mapping (--map t=stamp), or give the sample rate: --rate 1000",
+                hint="name it in a mapping (--map t=PLACE), or give the sample rate: --rate 1000",
             )
         notes.append(f"the log has no time: {rate:g} Hz as given")
         return [np.arange(stream.values.shape[0]) / rate for stream in streams]
@@ -60,8 +60,15 @@ def in_seconds(
         key = id(stream.clocks[clock])
         if key not in unique:
             unique[key] = _mended(stream.clocks, clock)
-    seconds = _from_origin(unique, factor, notes, name)
+    seconds = _from_origin(unique, factor, notes, name, another_clock(streams, source))
     return [seconds[id(stream.clocks[clock])] for stream in streams]
+
+
+def another_clock(streams: Sequence[Stream], asked: str = "auto") -> str:
+    """Return what a log whose time is of no use may be read with: a clock of its own that was not asked for."""
+    held = set.intersection(*(set(stream.clocks) for stream in streams)) if streams else set()
+    other = "header" if asked == "log" else "log"
+    return "--map t=PLACE" + (f", or --time {other}" if TIME_SOURCES[other] in held else "")
 
 
 def _choose(streams: Sequence[Stream], asked: str, notes: list[str]) -> str | None:
@@ -123,15 +130,12 @@ def _mended(clocks: Mapping[str, NDArray[Any]], clock: str) -> NDArray[Any]:
 
 
 def _from_origin(
-    unique: Mapping[int, NDArray[Any]], factor: float | None, notes: list[str], name: str
+    unique: Mapping[int, NDArray[Any]], factor: float | None, notes: list[str], name: str, other: str
 ) -> dict[int, Array]:
     """Subtract the earliest stamp while the numbers are exact, then scale to s."""
     ends = {key: found for key, stamps in unique.items() if (found := _extremes(stamps)) is not None}
     if not ends:
-        raise LogError(
-            f"{name}: its time holds no numbers",
-            hint="name another clock (--map t=stamp), or give the rate: --rate 1000",
-        )
+        raise LogError(f"{name}: its time holds no numbers", hint=f"name another clock: {other}")
     whole = all(stamps.dtype.kind == "i" for stamps in unique.values())
     if whole:
         factor = 1e-9

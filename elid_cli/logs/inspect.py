@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from elid_cli.logs.clocks import in_seconds
 from elid_cli.logs.raw import Channel, LogFormat, Pick, RawLog
 from elid_cli.logs.reading import layers_of
 from elid_cli.logs.registry import recognise
-from elid_cli.logs.resolve import Plan, resolve
+from elid_cli.logs.resolve import Plan, fits, resolve
 from elid_cli.logs.source import open_source
 from elid_cli.logs.suggest import suggestion
 from elid_cli.logs.timeline import build
@@ -86,6 +87,8 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     notes: list[str] = [*raw.notes, *plan.notes]
     infos = _measured(raw, plan, notes)
     reasons = dict(plan.reasons)
+    # the joints of a robot that is only guessed from the log decide nothing
+    works = partial(fits, raw.channels, chosen) if robot is not None else lambda line: True
     if not any(info.rate for info in infos):
         missing = ("t", *missing)
         reasons["t"] = "nothing holds times that advance"
@@ -98,7 +101,7 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
         channels=infos,
         taken=taken,
         missing=missing,
-        mapping=suggestion(raw.channels, chosen.joint_names, missing),
+        mapping=suggestion(raw.channels, chosen.joint_names, missing, works),
         losses=(*raw.losses, *plan.unfit),
         notes=tuple(dict.fromkeys(notes)),
         reasons={signal: reason for signal, reason in reasons.items() if signal in missing},

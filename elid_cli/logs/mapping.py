@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -113,7 +114,7 @@ def parse_mapping(raw: Mapping[str, Any], robot: Robot, where: str) -> tuple[Sig
 
 
 def read_map_options(options: Sequence[str]) -> dict[str, Any]:
-    """Return one raw mapping from the values of ``--map``: YAML files, or ``signal=place`` each.
+    """Return one raw mapping from the values of ``--map``: YAML files, ``signal=place``, or lines as hints give them.
 
     Raises
     ------
@@ -123,13 +124,34 @@ def read_map_options(options: Sequence[str]) -> dict[str, Any]:
     merged: dict[str, Any] = {}
     for option in options:
         signal, equals, place = option.partition("=")
-        if equals and (signal in SIGNALS or signal == "t" or not Path(option).exists()):
+        line = _line_of(option)
+        if line is not None:
+            merged.update(line)
+        elif equals and (signal in SIGNALS or signal == "t" or not Path(option).exists()):
             if signal not in (*SIGNALS, "t"):
                 raise UsageError(f"--map: unknown signal {signal!r}", hint=did_you_mean(signal, ("t", *SIGNALS)))
             merged[signal] = {"from": place}
         else:
             merged.update(_read_map_file(option))
     return merged
+
+
+def _line_of(option: str) -> dict[str, Any] | None:
+    """Return the mapping that a value of ``--map`` spells out, as in a file: ``tau: {from: …}``, ``tau={from: …}``.
+
+    None where it does not; ``{joint}_torque`` is a pattern of columns.
+    """
+    from elid_cli.yaml_values import parse_yaml
+
+    spelt = re.sub(r"^(\w+)=(?=\{\s*(from|field)\s*:)", r"\1: ", option)
+    if not re.match(r"\w+:\s*[\[{]", spelt):
+        return None
+    try:
+        raw = parse_yaml(spelt, "--map", UsageError).plain()
+    except UsageError as error:
+        error.hint = error.hint or "quote patterns: --map 'tau: {from: \"tau.{joint}\"}'"
+        raise
+    return dict(raw) if isinstance(raw, Mapping) else None
 
 
 def _read_map_file(name: str) -> dict[str, Any]:

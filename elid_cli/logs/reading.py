@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from elid_cli.errors import LogError
 from elid_cli.logs.checks import Checked, check
-from elid_cli.logs.clocks import in_seconds
+from elid_cli.logs.clocks import another_clock, in_seconds
 from elid_cli.logs.guards import suspicions, written_units
 from elid_cli.logs.mapping import parse_mapping
 from elid_cli.logs.raw import RawLog, Stream
@@ -121,11 +121,14 @@ def _believable(dt: float, name: str, plan: Plan) -> None:
         return
     slow = dt >= 1 / SLOWEST
     place = plan.time.source or plan.time.field if plan.time is not None else "t"
-    unit = next((u for u, f in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)) if dt / f < 1 / SLOWEST), "ns")
+    given = plan.time.factor if plan.time is not None and plan.time.factor else 1.0
+    unit = next((u for u, f in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)) if dt / given * f < 1 / SLOWEST), "")
     raise LogError(
         f"{name}: time advances by {dt:.4g} s per sample, too {'slow' if slow else 'fast'} for a robot's motion",
         detail=f"between {SLOWEST:g} Hz and {FASTEST / 1e6:g} MHz can be used" + ("; is it in s?" if slow else ""),
-        hint=f"if it is in {unit}, put this in a mapping: t: {{from: {place}, unit: {unit}}}" if slow else "",
+        hint=f"if it is in {unit}, put this in a mapping: t: {{from: {place}, unit: {unit}}}"
+        if slow and unit
+        else "name another clock: --map t=PLACE",
     )
 
 
@@ -149,10 +152,11 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     notes = [*raw.notes, *plan.notes]
     factor = plan.time.factor if plan.time is not None else None
     seconds = in_seconds(streams, source=options.time_source, factor=factor, rate=options.rate, name=name, notes=notes)
+    other = another_clock(streams, options.time_source)
     streams = [
         replace(stream, clocks={}) for stream in streams
     ]  # their stamps take as much memory as a joint's signals
-    aligned = align(_converted(plan, streams, seconds, robot), robot.joint_names, name)
+    aligned = align(_converted(plan, streams, seconds, robot), robot.joint_names, name, other)
     _believable(aligned.dt, name, plan)
     signals = dict(aligned.signals)
     for signal, placement in plan.placements.items():

@@ -66,8 +66,8 @@ class _Track:
     line: Timeline
 
 
-def align(streams: Sequence[Sampled], joints: Sequence[str], name: str) -> Aligned:
-    """Return all signals on the time base of the fastest required one.
+def align(streams: Sequence[Sampled], joints: Sequence[str], name: str, other: str = "--map t=PLACE") -> Aligned:
+    """Return all signals on the time base of the fastest required one; `other` names clocks to try in its place.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def align(streams: Sequence[Sampled], joints: Sequence[str], name: str) -> Align
     sound: set[int] = set()
     streams = [_unbroken(stream, joints, repairs) for stream in streams]
     whole = [piece for stream in streams for piece in _without_holes(stream, repairs, sound)]
-    lines = _timelines(whole, repairs, name)
+    lines = _timelines(whole, repairs, name, other)
     tracks = [track for stream in whole for track in _tracks(stream, lines[id(stream)], joints, repairs, sound)]
     required = [track for track in tracks if track.signal in REQUIRED]
     if not required:
@@ -135,7 +135,7 @@ def _numbers(values: Array) -> NDArray[np.bool_]:
         return np.asarray(np.abs(values) < LARGEST)
 
 
-def _timelines(streams: Sequence[Sampled], repairs: list[str], name: str) -> dict[int, Timeline | None]:
+def _timelines(streams: Sequence[Sampled], repairs: list[str], name: str, other: str) -> dict[int, Timeline | None]:
     """Return the timeline of every stream (by identity); equal clocks share one. None: its time never advances."""
     groups: list[list[Sampled]] = []
     for stream in streams:
@@ -151,9 +151,9 @@ def _timelines(streams: Sequence[Sampled], repairs: list[str], name: str) -> dic
         judge = next((stream for stream in members if stream.signal in ("theta", "q")), members[0])
         line = build(judge.t, judge.values, label, shifts)
         if line is None and any(stream.signal in REQUIRED for stream in members):
-            raise _at_one_instant(name, label, judge.t.size)
+            raise _at_one_instant(name, label, judge.t.size, other)
         if line is not None and line.unplaced > UNPLACED * judge.t.size:
-            raise _stands_still(name, label, line.unplaced, judge.t.size)
+            raise _stands_still(name, label, line.unplaced, judge.t.size, other)
         if line is not None:
             line = regularised(line, judge.values, label)
             repairs.extend(line.repairs)
@@ -162,7 +162,7 @@ def _timelines(streams: Sequence[Sampled], repairs: list[str], name: str) -> dic
     return lines
 
 
-def _at_one_instant(name: str, label: str, samples: int) -> LogError:
+def _at_one_instant(name: str, label: str, samples: int, other: str) -> LogError:
     if samples < SHORTEST:
         return LogError(
             f"{name}: {samples} sample{'s' * (samples != 1)} of {label}",
@@ -172,15 +172,15 @@ def _at_one_instant(name: str, label: str, samples: int) -> LogError:
     return LogError(
         f"{name}: time never advances",
         detail=f"the stamps of {label} hold a single instant in {samples} samples",
-        hint="name another clock: --map t=stamp, --time log, or --rate 1000",
+        hint=f"name another clock: {other}",
     )
 
 
-def _stands_still(name: str, label: str, repeated: int, samples: int) -> LogError:
+def _stands_still(name: str, label: str, repeated: int, samples: int, other: str) -> LogError:
     return LogError(
         f"{name}: time stands still",
         detail=f"{repeated} of {samples} samples of {label} have the same stamp as another, different one",
-        hint="name another clock: --map t=stamp, --time log, or --rate 1000",
+        hint=f"name another clock: {other}",
     )
 
 

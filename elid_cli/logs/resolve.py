@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from elid_cli.errors import nearest
-from elid_cli.logs.mapping import POSITIONS, SIGNALS, TORQUES, VELOCITIES, SignalMap, SignalMaps, TimeMap
+from elid_cli.errors import UsageError, nearest
+from elid_cli.logs.mapping import POSITIONS, SIGNALS, TORQUES, VELOCITIES, SignalMap, SignalMaps, TimeMap, parse_mapping
 from elid_cli.logs.raw import Channel, Pick
 from elid_cli.robot import Robot
 
@@ -60,13 +60,13 @@ class Plan:
     """Signals that nothing fits -> why."""
     unusable: frozenset[str] = frozenset()
     """Those of them that the log holds, or that the user has mapped."""
+    mapped: frozenset[str] = frozenset()
+    """Signals that the user gave a place for this log."""
 
 
 def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) -> Plan:
     """Place every signal with the first layer that fits it."""
-    by_source: dict[str, list[Channel]] = {}
-    for channel in channels:
-        by_source.setdefault(channel.source, []).append(channel)
+    by_source = _by_source(channels)
     time, unfit, notes = _place_time(by_source, layers)
     placements: dict[str, Placement] = {}
     reasons: dict[str, str] = {}
@@ -91,7 +91,31 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
         reasons.pop(signal, None)
         if placement.unnamed:
             notes.append(f"{signal}: values of {placement.places} have no names: taken in the robot's joint order")
-    return Plan(placements, time, tuple(unfit), tuple(notes), reasons, frozenset(unusable - set(placements)))
+    return Plan(
+        placements, time, tuple(unfit), tuple(notes), reasons, frozenset(unusable - set(placements)),
+        frozenset(signal for layer in layers if layer.asked for signal in layer.signals),
+    )  # fmt: skip
+
+
+def fits(channels: Sequence[Channel], robot: Robot, line: str) -> bool:
+    """Return whether a mapping of one signal, a line of YAML, finds a place in a log."""
+    from elid_cli.yaml_values import parse_yaml
+
+    try:
+        signals, time = parse_mapping(parse_yaml(line, "mapping", UsageError).plain(), robot, "mapping")
+    except UsageError:  # a name that YAML reads as something else
+        return False
+    by_source = _by_source(channels)
+    return time is not None or all(
+        isinstance(place(spec, by_source, robot, None, near=False), Placement) for spec in signals.values()
+    )
+
+
+def _by_source(channels: Sequence[Channel]) -> dict[str, list[Channel]]:
+    found: dict[str, list[Channel]] = {}
+    for channel in channels:
+        found.setdefault(channel.source, []).append(channel)
+    return found
 
 
 def place(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from elid_cli.errors import nearest
 from elid_cli.logs.raw import Channel
@@ -29,14 +29,26 @@ UNITS = (
 )
 
 
-def suggestion(channels: Sequence[Channel], joints: Sequence[str], signals: Sequence[str]) -> str:
-    """Return YAML lines that map `signals` to the channels whose names fit best; empty where none does."""
+def suggestion(
+    channels: Sequence[Channel],
+    joints: Sequence[str],
+    signals: Sequence[str],
+    works: Callable[[str], bool] = lambda line: True,
+) -> str:
+    """Return YAML lines that map `signals` to the channels whose names fit best; empty where none does.
+
+    `works` is asked whether the log can be read by a line: one that cannot, which may be what has just failed, is no
+    suggestion.
+    """
     sources = _patterns(channels, joints)
     lines = []
     for signal in signals:
-        best = max(sources, key=lambda source: _score(signal, source.source, source.field), default=None)
-        if best is not None and _score(signal, best.source, best.field) > 0:
-            lines.append(f"{signal}: {_spec(signal, best, joints)}")
+        scores = [_score(signal, source.source, source.field) for source in sources]
+        for k in sorted(range(len(sources)), key=lambda k: -scores[k]):
+            line = f"{signal}: {_spec(signal, sources[k], joints)}" if scores[k] > 0 else ""
+            if line and works(line):
+                lines.append(line)
+                break
     return "\n".join(lines)
 
 

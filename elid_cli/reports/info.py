@@ -15,8 +15,13 @@ SHOWN = 40
 """Channels printed without --all."""
 
 
-def info_report(infos: Sequence[LogInfo], robot: Robot | None, robot_argument: str | None) -> Report:
-    """Return the report on one or more logs, with the robot whose signals are looked for (if any)."""
+def info_report(
+    infos: Sequence[LogInfo], robot: Robot | None, robot_argument: str | None, maps: Sequence[str] = ()
+) -> Report:
+    """Return the report on one or more logs, with the robot whose signals are looked for (if any).
+
+    `maps` are the mappings that they were read with.
+    """
     payload: dict[str, Any] = {
         "robot": robot.name if robot is not None else None,
         "robot_fingerprint": fingerprint(robot) if robot is not None else None,
@@ -27,7 +32,7 @@ def info_report(infos: Sequence[LogInfo], robot: Robot | None, robot_argument: s
     sections: list[Section] = []
     for number, info in enumerate(infos):
         sections += _sections(info, number)
-    sections.append(Text("next", _next(infos, robot_argument), "next"))
+    sections.append(Text("next", _next(infos, robot_argument, maps), "next"))
     return Report("info", payload, tuple(sections))
 
 
@@ -75,13 +80,15 @@ def _channels(info: LogInfo, key: str) -> Table:
     return Table(key, tuple(column for column, _ in kept), rows, shown=SHOWN)
 
 
-def _next(infos: Sequence[LogInfo], robot: str | None) -> str:
+def _next(infos: Sequence[LogInfo], robot: str | None, maps: Sequence[str]) -> str:
     files = [info.file for info in infos]
     named = ["--robot", robot or "ROBOT"]
     if {signal for info in infos for signal in info.missing} == {"t"}:
         return shlex.join(["elid", "identify", *files, *named, "--rate", "HZ"])
     if any(info.missing for info in infos):
-        return shlex.join(["elid", "info", *files, *(["--robot", robot] if robot else []), "--map", "map.yaml"])
+        # a file to write: what was given has just been tried
+        name = next(name for k in range(len(maps) + 1) if (name := f"map{k or ''}.yaml") not in maps)
+        return shlex.join(["elid", "info", *files, *(["--robot", robot] if robot else []), "--map", name])
     return shlex.join(["elid", "identify", *files, *named])
 
 

@@ -29,6 +29,10 @@ def test_relative_time_in_another_unit_is_refused_with_the_mapping(tmp_path: Pat
     path = tmp_path / "map.yaml"
     path.write_text(f"t: {{from: t, unit: {unit}}}\n")
     used(log, more=("--map", path), tolerance=1e-6)
+    if unit != "ms":  # a unit that was tried is not proposed again
+        path.write_text("t: {from: t, unit: ms}\n")
+        done = refused(log, "too slow", f"t: {{from: t, unit: {unit}}}", more=("--map", path))
+        assert "unit: ms" not in done.err
 
 
 CHANGES: dict[str, tuple[Change, tuple[str, ...], float]] = {
@@ -123,7 +127,8 @@ def test_header_stamps_or_log_times(tmp_path: Path) -> None:
     used(backwards, "header stamps run backwards: time is the log time", tolerance=1e-3)
     constant = kept(tmp_path, topics(lambda moment: EPOCH))
     used(constant, "header stamps never advance: time is the log time", tolerance=1e-3)
-    refused(constant, "time never advances", more=("--time", "header"))
+    done = refused(constant, "time never advances", "--time log", more=("--time", "header"))
+    assert "--time header" not in done.err
 
 
 @pytest.mark.parametrize(("every", "shift"), [(1, 0.4), (2, 0.0), (2, 0.3), (5, 0.7)])

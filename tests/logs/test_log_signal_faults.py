@@ -56,6 +56,50 @@ def test_the_hint_of_a_missing_joint_is_a_mapping_of_the_nearest_name_that_works
     np.testing.assert_allclose(found.theta[:, 2], BASE.theta[:, 2], atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"tau": {"from": "/arm/motors.current"}},  # the example of the hint without a mapping
+        {"tau": {"from": "torque_a"}},  # the column whose name fits best, of one joint of three
+        {"tau": {"from": "tau{i}"}},  # placed, but holds nothing
+        {"tau": {"from": "tau{i}", "joints": {"shoulder": 1, "elbow": 2, "wrist": 3}}},
+    ],
+)
+def test_a_mapping_that_failed_is_not_what_the_hint_proposes(tmp_path: Path, given: dict[str, Any]) -> None:
+    zero = table(like(BASE, tau=np.zeros_like(BASE.tau)))
+    names = {f"tau__{joint}": f"tau{k + 1}" for k, joint in enumerate(JOINTS)}
+    log = zero.renamed(**names)
+    path = replace(log, names=(*log.names, "torque_a"), rows=np.hstack([log.rows, BASE.tau[:, :1]])).save(
+        tmp_path / "log.csv"
+    )
+    error = refused(path, mapping=given)
+    assert given["tau"]["from"] not in error.hint, error.hint
+    assert "log.csv" in error.hint
+
+
+def test_the_name_that_a_mapping_gives_an_empty_joint_is_not_proposed_again(tmp_path: Path) -> None:
+    robot = replace(ROBOT, joints=(*ROBOT.joints[:2], replace(ROBOT.joints[2], name="wrists")))
+    theta = BASE.theta.copy()
+    theta[:, 2] = np.nan
+    path = written(tmp_path, "log.mcap", like(BASE, theta=theta))
+    names = {"shoulder": "shoulder", "elbow": "elbow", "wrists": "wrist"}
+    given = {signal: {"from": topic, "joints": names} for signal, topic in
+             (("q", "/joint_states"), ("theta", "/motor_states"), ("tau", "/motor_states"))}  # fmt: skip
+    with pytest.raises(LogError) as caught:
+        read_recording([path], robot, mapping=given)
+    assert "no motor position for wrists" in caught.value.message
+    assert "which is empty, NaN or never changes for it" in caught.value.detail
+    assert "wrists: wrist" not in caught.value.hint
+
+
+@pytest.mark.parametrize("option", ["tau: {from: 'torque{i}', sign: -1}", "tau={from: 'torque{i}', sign: -1}"])
+def test_the_line_that_a_hint_gives_is_a_value_of_map(option: str) -> None:
+    assert read_map_options([option]) == {"tau": {"from": "torque{i}", "sign": -1}}
+    assert read_map_options(["tau={joint}_torque"]) == {"tau": {"from": "{joint}_torque"}}
+    with pytest.raises(UsageError, match="quote patterns"):
+        read_map_options(["tau: {from: {joint}_torque}"])
+
+
 def test_a_missing_joint_lists_the_names_seen_and_the_nearest(tmp_path: Path) -> None:
     robot = Robot("arm", (Joint("shoulder"), Joint("elbow"), Joint("wrist1")))
     for suffix in (".mcap", ".csv", ".h5"):
