@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,14 +35,36 @@ def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:
     if spec.joint is None and not kind.whole_robot and robot.n > 1:
         raise RobotError(f"{where}: no joint", hint=f"joint: {robot.joint_names[0]}")
     joint = 0 if spec.joint is None or kind.whole_robot else robot.joint_names.index(spec.joint)
-    if not kind.applies(robot, joint):
-        raise RobotError(f"{where}: does not apply to {robot.joints[joint].name}")
+    reason = kind.unfit(robot, joint)
+    if reason:
+        elastic = f", or set 'transmission: elastic' of {robot.joints[joint].name}" if kind.elastic_only else ""
+        raise RobotError(
+            f"{where}: does not apply to {robot.joints[joint].name}", detail=reason, hint=f"leave it out{elastic}"
+        )
     names = kind.parameter_names()
     for name in spec.parameters:
         if name not in names:
             detail = f"it has {', '.join(names)}"
             raise RobotError(f"{where}: no parameter {name!r}", detail=detail, hint=did_you_mean(name, names))
     return kind, joint
+
+
+def shown_by(robot: Robot, unlinked: NDArray[np.bool_]) -> Robot:
+    """Return the robot as a log shows it that holds no link positions of some joints (n,): rigid there.
+
+    Declared effects that need the transmission are left out with it (`lost_effects`).
+    """
+    stiff = robot.stiffened(unlinked)
+    lost = lost_effects(robot, unlinked)
+    return replace(stiff, effects=tuple(spec for spec in robot.effects if spec not in lost)) if lost else stiff
+
+
+def lost_effects(robot: Robot, unlinked: NDArray[np.bool_]) -> tuple[EffectSpec, ...]:
+    """Return the declared effects at elastic joints that a log without link positions there, (n,), cannot show."""
+    blind = {joint.name for joint, without in zip(robot.joints, unlinked, strict=True) if without and joint.elastic}
+    sprung = {name for name, kind in effect_classes().items() if kind.elastic_only}
+    here = robot.joint_names[0]  # of a robot of one joint, whose effects need not name it
+    return tuple(spec for spec in robot.effects if spec.effect in sprung and (spec.joint or here) in blind)
 
 
 FRICTIONS = 3.0

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli.base import find_base
 from elid_cli.cutoff import fit_best
+from elid_cli.effects import shown_by
 from elid_cli.fitting import Fit, fit_log, freedom, masked_as_needed, reshaped
 from elid_cli.guards import physics_warnings
 from elid_cli.heldout import held_out, joint_errors, with_floor
@@ -77,7 +78,7 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
         from elid_cli.paper import identify_paper
 
         return identify_paper(robot, signals, options)
-    whole, robot = robot, robot.stiffened(signals.unlinked)
+    whole, robot = robot, shown_by(robot, signals.unlinked)
     fit, tilt = _levelled_fit(robot, signals, options)
     refused = unsupported_stiffness(fit)
     pulled = with_pull(fit.model, fit.triangles, fit.solution, fit.covariance, deflections_noise(fit))

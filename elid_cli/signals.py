@@ -93,10 +93,7 @@ class Signals:
     @property
     def unlinked(self) -> NDArray[np.bool_]:
         """Joints of which the log holds no link position, (n,): their transmission counts as rigid."""
-        if self.recording is None:
-            return np.zeros(self.n, dtype=bool)
-        q = self.recording.q
-        return np.array([bool(np.isnan(q[:1, k]).all() and np.isnan(q[:, k]).all()) for k in range(self.n)])
+        return np.zeros(self.n, dtype=bool) if self.recording is None else unlinked(self.recording)
 
     @property
     def rate(self) -> float:
@@ -122,6 +119,12 @@ class Signals:
     def refiltered(self, cutoff: float, rate: float | None = None) -> Signals:
         """Return the same signals with another parallel filter."""
         return replace(self, filter=_plan(cutoff, rate, self.dt))
+
+
+def unlinked(recording: Recording) -> NDArray[np.bool_]:
+    """Return the joints of which a recording holds no link position, (n,)."""
+    q = recording.q
+    return np.array([bool(np.isnan(q[:1, k]).all() and np.isnan(q[:, k]).all()) for k in range(q.shape[1])])
 
 
 def _plan(cutoff: float, rate: float | None, dt: float) -> LowPass:

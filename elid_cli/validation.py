@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters, find_base
-from elid_cli.effects import resolve
+from elid_cli.effects import resolve, shown_by
 from elid_cli.errors import RobotError
 from elid_cli.identification import JointError, SensorError
 from elid_cli.model import Model, Row
@@ -57,7 +57,7 @@ def validate(
         If the description holds no parameter values, or an effect lacks some.
     """
     turned = bool(np.any(declared_tilt(robot)))
-    described, robot = robot, levelled(robot)
+    described, robot = robot, levelled(shown_by(robot, signals.unlinked))
     model = Model(robot)
     standard = complete(robot, find_base(model))
     shifts = declared_shifts(robot)

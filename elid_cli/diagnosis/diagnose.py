@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,8 @@ from elid_cli.diagnosis.state import Log, fit, refreshed, without
 from elid_cli.diagnosis.stretches import folds
 from elid_cli.diagnosis.whole_curves import with_whole_curves
 from elid_cli.diagnosis.windows import one_of_many
-from elid_cli.effects import declared_effects
+from elid_cli.effects import declared_effects, shown_by
+from elid_cli.errors import UsageError
 from elid_cli.model import Model
 from elid_cli.observation import observe
 from elid_cli.reduction import reduce
@@ -71,6 +72,15 @@ def divided(robot: Robot, signals: Signals) -> Log:
     )
 
 
+def _check_only(robot: Robot, names: Sequence[str]) -> None:
+    """Refuse an effect to search for that can act at no joint: finding nothing would say that the model suffices."""
+    for name in names:
+        reasons = [effect_classes()[name].unfit(robot, joint) for joint in range(robot.n)]
+        if all(reasons):
+            told = "; ".join(dict.fromkeys(reasons))
+            raise UsageError(f"--only: {name} applies to no joint of {robot.name!r} in this log", detail=told)
+
+
 def diagnose(
     robot: Robot, signals: Signals, options: DiagnoseOptions | None = None, progress: Progress | None = None
 ) -> Diagnosis:
@@ -88,7 +98,8 @@ def diagnose(
         Called with a label and the finished part, 0 to 1.
     """
     options = options or DiagnoseOptions()
-    robot = robot.stiffened(signals.unlinked)
+    robot = shown_by(robot, signals.unlinked)
+    _check_only(robot, options.only)
     log = divided(robot, signals)
     model = log.model
     library = {

@@ -57,7 +57,8 @@ def diagnosis_report(told: Told) -> Report:
 
 
 def _tried(found: Diagnosis) -> Items:
-    return (("tried", f"{found.tried} effects at their joints; held out of the search: {span_words(found.held_out)}"),)
+    many = "effect at its joint" if found.tried == 1 else "effects at their joints"
+    return (("tried", f"{found.tried} {many}; held out of the search: {span_words(found.held_out)}"),)
 
 
 def _meaning(told: Told) -> list[Section]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from elid_cli.effects import lost_effects
 from elid_cli.recording import Recording
 from elid_cli.report import KeyValues, Report, Section, Text
 from elid_cli.reports.identification import error_payload, error_table, sensor_table
 from elid_cli.reports.inputs import command, heading, log_payload, recorded_items, robot_payload, span_words, used_items
+from elid_cli.signals import unlinked
 from elid_cli.validation import Validation
 
 
@@ -15,7 +17,9 @@ def validation_report(
     found: Validation, recording: Recording, robot_argument: str, held_out: Sequence[tuple[float, float]] = ()
 ) -> Report:
     """Return the report of one validation, judged on some stretches (first and last time, s) or on the whole log."""
-    effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in found.robot.effects)
+    lost = lost_effects(found.robot, unlinked(recording))
+    acting = [spec for spec in found.robot.effects if spec not in lost]
+    effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in acting)
     facts = (
         *recorded_items(found.robot, recording),
         *used_items(found.settings),

@@ -223,9 +223,16 @@ class Effect(ABC):
     @classmethod
     def applies(cls, robot: Robot, joint: int) -> bool:
         """Whether the effect can exist at this joint."""
+        return not cls.unfit(robot, joint)
+
+    @classmethod
+    def unfit(cls, robot: Robot, joint: int) -> str:
+        """Return why the effect cannot exist at this joint, as a sentence about it; empty where it can."""
         if cls.whole_robot and joint != 0:
-            return False
-        return robot.joints[joint].elastic or not cls.elastic_only
+            return "it belongs to the whole robot, not to one joint"
+        if cls.elastic_only and not robot.joints[joint].elastic:
+            return f"it needs an elastic transmission, and that of {robot.joints[joint].name} is rigid"
+        return ""
 
     @abstractmethod
     def columns(self, scene: Scene) -> Columns:

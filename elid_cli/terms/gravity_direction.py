@@ -39,9 +39,9 @@ class GravityDirection(Effect):
     simulated = "robot"
 
     @classmethod
-    def applies(cls, robot: Robot, joint: int) -> bool:
-        """Whether there is gravity (and the joint is the first: the effect belongs to the whole robot)."""
-        return joint == 0 and any(robot.gravity)
+    def unfit(cls, robot: Robot, joint: int) -> str:
+        """Return that there is no gravity, or that the joint is not the first: the effect is the whole robot's."""
+        return super().unfit(robot, joint) or ("" if any(robot.gravity) else "the robot file says that there is none")
 
     def columns(self, scene: Scene) -> Columns:
         """Return the derivatives of gravity torques with respect to both angles in the link rows."""

@@ -41,9 +41,9 @@ class TorqueGain(Effect):
     simulated = "log"
 
     @classmethod
-    def applies(cls, robot: Robot, joint: int) -> bool:
-        """Whether there is another joint to compare with."""
-        return robot.n > 1
+    def unfit(cls, robot: Robot, joint: int) -> str:
+        """Return that there is no other joint to compare with, if so."""
+        return "" if robot.n > 1 else "it is a gain against other joints, and the robot has only one"
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:

@@ -30,9 +30,9 @@ class VelocityCoupling(Effect):
     twins = ()
 
     @classmethod
-    def applies(cls, robot: Robot, joint: int) -> bool:
-        """Whether there is another joint."""
-        return robot.n > 1
+    def unfit(cls, robot: Robot, joint: int) -> str:
+        """Return that there is no other joint, if so."""
+        return "" if robot.n > 1 else "it comes from another joint's motion, and the robot has only one"
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:

@@ -10,6 +10,9 @@ import pytest
 from hostile import ROBOT, agrees, base, elid, one_message, refused
 from test_csv_files import saved, table
 
+from elid_cli.robot_file import read_robot
+from elid_cli.robot_text import text_of
+
 RIGID = """\
 name: stiff2
 gravity: [0, -9.81, 0]
@@ -171,6 +174,21 @@ def test_one_side_only_is_rigid_and_says_so(tmp_path: Path) -> None:
     reasons = elid("identify", log, "--robot", ROBOT, "--json").json["reasons"]
     assert "joint1 has no link position" in reasons["K1"]
     refused(saved(tmp_path, table().without("theta.joint1", "theta.joint2").text()), "no motor position")
+
+
+def test_a_declared_effect_that_the_log_cannot_show_is_left_out_and_told(tmp_path: Path) -> None:
+    log = saved(tmp_path, table().without("q.joint1", "q.joint2").text())
+    robot = tmp_path / "loose.yaml"
+    declared = "effects:\n  - {effect: backlash, joint: joint2, parameters: {gap: 1e-3}}\n"
+    robot.write_text(text_of(read_robot(ROBOT)) + declared)
+    for verb in ("identify", "validate", "diagnose"):
+        done = elid(verb, log, "--robot", robot, "--json")
+        assert done.code == 0, done.err
+        assert done.err.count("joint2: the declared backlash needs the link position q: left out") == 1
+        assert all(error["spring_rms"] is None for error in done.json["error"].values())
+    done = elid("diagnose", log, "--robot", ROBOT, "--only", "backlash")
+    assert done.code == 2
+    one_message(done, "--only: backlash applies to no joint", "elastic transmission")
 
 
 def test_the_good_log_is_identified_throughout(tmp_path: Path) -> None:

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 from effect_scenes import DT, SPECS, instant, planar, scene_of, spatial
 
+from elid_cli.effects import lost_effects, resolve, shown_by
+from elid_cli.errors import RobotError
+from elid_cli.robot import EffectSpec
 from elid_cli.robot_schema import EFFECT_NAMES
 from elid_cli.terms import effect_classes
 from elid_cli.terms.effect import Effect, MemoryEffect, Parameter, RowKey, Scene
@@ -265,6 +268,31 @@ def test_rigid_and_single_joints_have_no_effects_of_a_spring_or_of_others() -> N
         assert not LIBRARY[name].applies(lone, 0)
     assert not LIBRARY["gravity_direction"].applies(type(robot)("flat", robot.joints, gravity=(0, 0, 0)), 0)
     assert [j for j in range(3) if LIBRARY["payload"].applies(robot, j)] == [0]
+
+
+@pytest.mark.parametrize(
+    ("effect", "alone", "why"),
+    [
+        ("backlash", False, "elastic transmission, and that of slide is rigid"),
+        ("torque_gain", True, "has only one"),
+        ("velocity_coupling", True, "has only one"),
+    ],
+)
+def test_an_effect_that_does_not_apply_says_why(effect: str, alone: bool, why: str) -> None:
+    robot = replace(spatial(), joints=spatial().joints[1:2]) if alone else spatial()
+    with pytest.raises(RobotError, match=rf"does not apply to slide\n.*{why}"):
+        resolve(robot, EffectSpec(effect, "slide"))
+
+
+def test_a_log_without_link_positions_leaves_out_the_effects_that_need_them() -> None:
+    declared = (EffectSpec("backlash", "joint2"), EffectSpec("backlash", "joint1"), EffectSpec("stribeck", "joint2"))
+    robot = replace(planar(), effects=declared)
+    blind = np.array([False, True])
+    assert lost_effects(robot, blind) == declared[:1]
+    shown = shown_by(robot, blind)
+    assert shown.effects == declared[1:]
+    assert [joint.elastic for joint in shown.joints] == [True, False]
+    assert lost_effects(shown, blind) == ()
 
 
 def test_the_library_is_imported_without_heavy_or_printing_packages() -> None:
