@@ -52,17 +52,22 @@ def style_of(stream: TextIO, output: Output) -> formats.Style:
     """Return what a stream can show."""
     return formats.Style(
         width=width_of(stream), color=wants_color(stream, output.color), ascii=not _knows(stream, SYMBOLS),
-        everything=output.everything,
+        everything=output.everything, whole_rows=not is_terminal(stream) and _columns_wanted() is None,
     )  # fmt: skip
 
 
 def width_of(stream: TextIO) -> int:
     """Return the columns of a stream: ``COLUMNS``, else the terminal's, else 80."""
-    if os.environ.get("COLUMNS", "").isdecimal():
-        return max(int(os.environ["COLUMNS"]), 20)
-    if is_terminal(stream):
-        return max(shutil.get_terminal_size((80, 24)).columns, 20)
-    return 80
+    wanted = _columns_wanted()
+    if wanted is None:
+        wanted = shutil.get_terminal_size((80, 24)).columns if is_terminal(stream) else 80
+    return max(wanted, 20)
+
+
+def _columns_wanted() -> int | None:
+    """Return what ``COLUMNS`` asks for; a shell does not pass it on unless it is told to."""
+    asked = os.environ.get("COLUMNS", "")
+    return int(asked) if asked.isdecimal() else None
 
 
 def invocation() -> str:

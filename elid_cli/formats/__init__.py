@@ -30,6 +30,8 @@ class Style:
     """Whether only ASCII can be shown."""
     everything: bool = False
     """Whether long tables are shown whole."""
+    whole_rows: bool = False
+    """Whether a row of a table is one line, however long."""
 
 
 class Format(Protocol):

@@ -1,7 +1,8 @@
 """The terminal, and any text pipe: tables that never break at 80 columns and lose nothing at 40.
 
 A table that does not fit its width folds its words; where a word would have to break, every row becomes a record
-of ``column: value`` lines instead. Nothing is ever cut. Data are never read as markup, so ``[N·m]`` survives.
+of ``column: value`` lines instead. In a pipe a row is one line, however long, for ``grep`` and ``awk``. Nothing is ever
+cut. Data are never read as markup, so ``[N·m]`` survives.
 """
 
 from __future__ import annotations
@@ -151,7 +152,10 @@ class _Writer:
         ]
         heads = [self._said(column.head) for column in table.columns]
         width = self.style.width - INDENT
-        if table.columns[0].span:
+        widths: list[int] | None
+        if self.style.whole_rows:
+            widths = _natural(heads, texts)
+        elif table.columns[0].span:
             widths = fit_spanning(heads, texts, width)
         else:
             widths = fit(heads, texts, [c.align == "right" for c in table.columns], width)
@@ -203,7 +207,7 @@ def fit(heads: list[str], rows: list[list[str]], right: list[bool], width: int) 
     the narrow ones first.
     """
     columns = list(zip(*rows, strict=True)) if rows else [() for _ in heads]
-    natural = [max(map(_columns, (head, *cells))) for head, cells in zip(heads, columns, strict=True)]
+    natural = _natural(heads, rows)
     if sum(natural) + GAP * (len(natural) - 1) <= width:
         return natural
     least = [
@@ -220,6 +224,11 @@ def fit(heads: list[str], rows: list[list[str]], right: list[bool], width: int) 
         widths[k] += extra
         spare -= extra
     return widths
+
+
+def _natural(heads: list[str], rows: list[list[str]]) -> list[int]:
+    """Return the widths of columns in which nothing folds."""
+    return [max(map(_columns, column)) for column in zip(heads, *rows, strict=True)]
 
 
 def fit_spanning(heads: list[str], rows: list[list[str]], width: int) -> list[int] | None:

@@ -194,6 +194,16 @@ def test_a_spanning_cell_takes_a_line_of_its_own() -> None:
     assert lines[4] == numbers.replace("K1", "  ")
 
 
+def test_a_row_is_one_line_in_a_pipe(report: Report) -> None:
+    tables = [section for section in report.sections if isinstance(section, Table)]
+    for width in (20, 80):
+        text = formats.render(report, "terminal", formats.Style(width=width, everything=True, whole_rows=True))
+        lines = text.splitlines()
+        for table, row in [(table, row) for table in tables for row in table.rows]:
+            cells = [cell_text(cell, unit=not column.unit) for column, cell in zip(table.columns, row, strict=True)]
+            assert any(" ".join(cells).split() == line.split() for line in lines), cells
+
+
 def test_a_spanning_table_folds_its_heads_before_it_falls_apart_into_records() -> None:
     columns = (Column("name", "base parameter", span=True), *(Column(k, f"{k * 4} (%)", align="right") for k in "abcd"))
     report = Report("x", {}, (Table("t", columns, (("m1 - 4*Izz1 + 4*Izz2", *("0.00011985",) * 2, 3, 4),)),))

@@ -69,6 +69,16 @@ def test_a_report_goes_from_input_to_next_command(elid, place: Path) -> None:
     assert all(len(line) <= 80 for line in lines[:-1])
 
 
+def test_a_row_is_a_line_in_a_pipe_unless_columns_are_asked_for(elid) -> None:
+    done = elid("classify", "--robot", "puma560", "--all")
+    names = [base["name"] for base in answer(elid("classify", "--robot", "puma560", "--json"))["base_parameters"]]
+    assert max(map(len, names)) > 80
+    lines = [line.split("  ")[1] for line in done.stdout.splitlines() if line.startswith("  ")]
+    assert set(names) <= set(lines)
+    asked = elid("classify", "--robot", "puma560", "--all", COLUMNS="80").stdout
+    assert max(len(line) for line in asked.splitlines() if not line.startswith("Next")) <= 80
+
+
 @pytest.mark.parametrize("verb", ["identify", "classify", "validate", "info"])
 def test_nothing_is_cut_at_40_columns_or_in_ascii(elid, place: Path, verb: str) -> None:
     wide = on(place, elid, verb, COLUMNS="200").stdout

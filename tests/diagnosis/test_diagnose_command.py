@@ -114,7 +114,7 @@ def test_the_refined_robot_lacks_nothing_more(answer, elid, place: Place) -> Non
 
 
 def test_the_report_goes_from_the_residual_to_the_next_command(report) -> None:
-    text = report("stribeck.h5")
+    text = report("stribeck.h5", COLUMNS="80")
     order = (
         "planar2 · stribeck.h5", "recorded", "what the model leaves", "joint1: spring path", "missing from the model",
         "stribeck joint1", "amplitude", "not distinguishable here: nothing", "error on the held-out stretches",
