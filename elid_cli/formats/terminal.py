@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 SUFFIXES = (".txt",)
 TIE = "\N{NO-BREAK SPACE}"
 UNITS = re.compile(r"(?<=\d) (?=(?:%|s|ms|µs|Hz|rad|mrad|N·m|N|kg|sd)(?:[\s,;:.)]|$))")
+PASTED = re.compile(r"--[a-z][a-z-]* (?=[\w./])|\w+: \{from: [^{}]*(?:\{[^{}]*\}[^{}]*)*\}")
+"""What a reader pastes out of a sentence: an option with its value, a line of a mapping."""
 INDENT = 2
 GAP = 2
 _STYLE: dict[Tone, str] = {"plain": "", "good": "green", "warn": "yellow", "bad": "bold red", "dim": "dim"}
@@ -252,8 +254,8 @@ def fit_spanning(heads: list[str], rows: list[list[str]], width: int) -> list[in
 
 
 def _joined_units(text: str) -> str:
-    """Return the text with numbers tied to their units, so that no line ends between them."""
-    return UNITS.sub(TIE, text)
+    """Return the text with numbers tied to their units, and what is to be pasted whole: no line ends in them."""
+    return PASTED.sub(lambda found: found.group().replace(" ", TIE), UNITS.sub(TIE, text))
 
 
 def _longest_word(text: str) -> int:

@@ -194,12 +194,25 @@ def test_a_spanning_cell_takes_a_line_of_its_own() -> None:
     assert lines[4] == numbers.replace("K1", "  ")
 
 
+@pytest.mark.parametrize("width", [20, 40, 60, 80])
+def test_what_is_to_be_pasted_is_not_broken_into_lines(width: int) -> None:
+    line = 'theta: {from: "theta.{joint}", unit: deg, joints: {elbow: joint b}}'
+    said = f"it looks like degrees; if so, map it: {line}; leave slow motion out: --min-velocity 0.03"
+    command = f"elid diagnose 'a log {'of a long name ' * 9}.h5' --robot planar2 --map 'q=a column'"
+    sections = (Text("w", said, "warning"), KeyValues("k", (("follows", said),)), Text("next", command, "next"))
+    text = formats.render(Report("x", {}, sections), "terminal", formats.Style(width=width))
+    assert text.count(line) == 2
+    assert text.count("--min-velocity 0.03") == 2
+    assert f"Next: {command}\n" in text
+    assert "\N{NO-BREAK SPACE}" not in text
+
+
 def test_a_row_is_one_line_in_a_pipe(report: Report) -> None:
     tables = [section for section in report.sections if isinstance(section, Table)]
     for width in (20, 80):
         text = formats.render(report, "terminal", formats.Style(width=width, everything=True, whole_rows=True))
         lines = text.splitlines()
-        for table, row in [(table, row) for table in tables for row in table.rows]:
+        for table, row in [(one, row) for one in tables for row in one.rows]:
             cells = [cell_text(cell, unit=not column.unit) for column, cell in zip(table.columns, row, strict=True)]
             assert any(" ".join(cells).split() == line.split() for line in lines), cells
 
