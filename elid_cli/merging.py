@@ -25,7 +25,7 @@ from elid_cli.model import Model, Row
 from elid_cli.motion import Motion
 from elid_cli.nuisance import DELAY, OFFSET
 from elid_cli.observation import Observation
-from elid_cli.recording import Recording, Segment, repeated
+from elid_cli.recording import Recording, Segment, repeated, told_of
 from elid_cli.reduced_log import ReducedLog, SignalFacts
 from elid_cli.reduction import Extra
 from elid_cli.robot import Robot
@@ -129,16 +129,12 @@ def joined_recording(logs: Sequence[ReducedLog]) -> Recording:
         return logs[0].recording
     parts = [log.recording for log in logs]
     segments, samples, files = [], 0, 0
-    said: dict[str, list[str]] = {"repairs": [], "notes": [], "warnings": []}
     for part in parts:
         segments += [Segment(s.start + samples, s.stop + samples, s.source + files) for s in part.segments]
         samples, files = samples + part.samples, files + len(part.files)
-        prefix = f"{part.files[0]}: " if len(part.files) == 1 else ""
-        for kind, sentences in said.items():
-            sentences += [prefix + sentence for sentence in getattr(part, kind)]
     names = tuple(file for part in parts for file in part.files)
     digests = tuple(digest for part in parts for digest in part.sha256)
-    said["warnings"] += repeated(names, digests)
+    repairs, notes, warnings = (told_of(parts, kind) for kind in ("repairs", "notes", "warnings"))
     empty = np.broadcast_to(np.nan, (samples, parts[0].n))
     return Recording(
         joints=parts[0].joints,
@@ -150,9 +146,9 @@ def joined_recording(logs: Sequence[ReducedLog]) -> Recording:
         segments=tuple(segments),
         files=names,
         sha256=digests,
-        repairs=tuple(said["repairs"]),
-        notes=tuple(said["notes"]),
-        warnings=tuple(said["warnings"]),
+        repairs=tuple(repairs),
+        notes=tuple(notes),
+        warnings=(*warnings, *repeated(names, digests)),
         sources={name: place for part in reversed(parts) for name, place in part.sources.items()},
     )
 

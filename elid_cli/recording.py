@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -81,6 +81,33 @@ class Recording:
     def duration(self) -> float:
         """Recorded time without the gaps between segments, s."""
         return float(sum((len(s) - 1) * self.dt for s in self.segments))
+
+
+NAMED = 6
+"""Logs that a sentence about several of them names."""
+
+
+def told_once(said: Iterable[tuple[str, Iterable[str]]]) -> list[str]:
+    """Return what was said of logs, (name, sentences) each, every sentence once, after the names of its logs.
+
+    An empty name stands for the only log, which need not be named.
+    """
+    logs: dict[str, dict[str, None]] = {}
+    for name, sentences in said:
+        for sentence in sentences:
+            logs.setdefault(sentence, {})[name] = None
+    return [_named(tuple(names)) + sentence for sentence, names in logs.items()]
+
+
+def told_of(parts: Sequence[Recording], kind: str) -> list[str]:
+    """Return the ``repairs``, ``notes`` or ``warnings`` of several recordings, each once, with the logs it is of."""
+    return told_once((part.files[0] if len(part.files) == 1 else "", getattr(part, kind)) for part in parts)
+
+
+def _named(names: Sequence[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    listed = ", ".join(name for name in names[:NAMED] if name)
+    return f"{listed}{more}: " if listed else ""
 
 
 def repeated(files: Sequence[str], sha256: Sequence[str]) -> list[str]:

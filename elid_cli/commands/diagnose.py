@@ -91,7 +91,7 @@ def diagnose(
         check_effects(only)
         machine = read_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
-        others = [load_recording((log,), machine, reading, output, conditioning.rate) for log in checks]
+        others = [load_recording((log,), machine, reading, output, conditioning.rate, label=log) for log in checks]
         signals = load_signals(recording, machine, sharp(conditioning, recording), advance)
         if advance is not None:
             advance("fitting", 0.0)

@@ -24,13 +24,15 @@ def load_recording(
     output: Output,
     rate: float | None = None,
     progress: Progress | None = None,
+    label: str = "",
 ) -> Recording:
     """Read the logs as the robot's signals; `rate` (Hz) is for one that holds no time.
 
-    What was repaired and what looks wrong goes to stderr.
+    What was repaired and what looks wrong goes to stderr, after a `label` where the logs are others than the report's.
     """
     from elid_cli.logs import read_map_options, read_recording
     from elid_cli.memory import keep_freed_memory
+    from elid_cli.recording import told_once
 
     keep_freed_memory()
     recording = read_recording(
@@ -38,8 +40,8 @@ def load_recording(
         progress=None if progress is None else lambda share: progress("reading", share),
     )  # fmt: skip
     recording = _with_lost_effects(recording, robot)
-    note(recording.repairs, output, "repaired")
-    note(recording.warnings, output, "warning")
+    note(told_once([(label, recording.repairs)]), output, "repaired")
+    note(told_once([(label, recording.warnings)]), output, "warning")
     return recording
 
 

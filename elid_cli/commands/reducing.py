@@ -45,7 +45,7 @@ def reduced_logs(
     from elid_cli.fleet import Job, reduce_jobs
     from elid_cli.logs import read_map_options
     from elid_cli.memory import keep_freed_memory
-    from elid_cli.recording import repeated
+    from elid_cli.recording import repeated, told_of
     from elid_cli.robot_text import text_of
     from elid_cli.triangle_file import is_triangle_file, read_triangles
 
@@ -63,11 +63,10 @@ def reduced_logs(
     for log in logs:
         found += stored[log] if log in stored else [next(made)]
     _check_options(found, conditioning)
-    for word in ("repairs", "warnings"):
-        for log_ in (log_ for log_ in found if not all(f in stored for f in log_.recording.files)):
-            prefix = f"{log_.recording.files[0]}: " if len(found) > 1 else ""
-            told = getattr(log_.recording, word)
-            note((prefix + line for line in told), output, "repaired" if word == "repairs" else "warning")
+    read = [log_.recording for log_ in found if not all(f in stored for f in log_.recording.files)]
+    for word, kind in (("repaired", "repairs"), ("warning", "warnings")):
+        named = told_of(read, kind) if len(found) > 1 else [line for part in read for line in getattr(part, kind)]
+        note(named, output, word)
     every = [log.recording for log in found]
     note(repeated([f for r in every for f in r.files], [d for r in every for d in r.sha256]), output, "warning")
     return found

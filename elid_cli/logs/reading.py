@@ -21,7 +21,7 @@ from elid_cli.logs.repair import Aligned, Sampled, align
 from elid_cli.logs.resolve import Layer, Placement, Plan, resolve
 from elid_cli.logs.source import Source, open_source
 from elid_cli.mapped import let_go
-from elid_cli.recording import Recording, Segment, repeated
+from elid_cli.recording import Recording, Segment, repeated, told_once
 from elid_cli.robot import Robot
 from elid_cli.unlinked import refuse_mixed
 
@@ -228,23 +228,22 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
     blocks: dict[str, list[Array]] = {}
     times: list[Array] = []
     segments: list[Segment] = []
-    repairs: list[str] = []
-    notes: list[str] = []
-    warnings: list[str] = []
+    said: dict[str, list[tuple[str, Sequence[str]]]] = {"repairs": [], "notes": [], "warnings": []}
     begin, samples = 0.0, 0
     optional = [s for s in OPTIONAL if any(s in part.checked.optional for part in parts)]
     for part in parts:
-        prefix = f"{sources[part.source].name}: " if several else ""
-        repairs.extend(prefix + text for text in part.repairs)
-        notes.extend(prefix + text for text in part.notes)
-        warnings.extend(prefix + text for text in part.checked.warnings)
+        name = sources[part.source].name if several else ""
+        said["repairs"].append((name, part.repairs))
+        said["notes"].append((name, part.notes))
+        said["warnings"].append((name, part.checked.warnings))
         aligned = part.aligned
         signals = {s: getattr(part.checked, s) for s in ("q", "theta", "tau")}
         empty = np.full_like(part.checked.q, np.nan) if optional else part.checked.q
         signals |= {s: part.checked.optional.get(s, empty) for s in optional}
         t, bounds = aligned.t, list(aligned.segments)
         if abs(aligned.dt - dt) > SAME_RATE * dt:
-            repairs.append(f"{prefix}{1 / aligned.dt:.6g} Hz resampled to {1 / dt:.6g} Hz, the rate of the first log")
+            resampled = f"{1 / aligned.dt:.6g} Hz resampled to {1 / dt:.6g} Hz, the rate of the first log"
+            said["repairs"].append((name, [resampled]))
             t, signals, bounds = _resampled(aligned, signals, dt)
         times.append(t + begin)
         for signal, values in signals.items():
@@ -269,9 +268,9 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         segments=tuple(segments),
         files=files,
         sha256=sha256,
-        repairs=tuple(dict.fromkeys(repairs)),
-        notes=tuple(dict.fromkeys(notes)),
-        warnings=tuple(dict.fromkeys([*warnings, *repeated(files, sha256)])),
+        repairs=tuple(told_once(said["repairs"])),
+        notes=tuple(told_once(said["notes"])),
+        warnings=(*told_once(said["warnings"]), *repeated(files, sha256)),
         sources={signal: placement.places for signal, placement in places.items()},
     )
 

@@ -191,6 +191,20 @@ def test_a_declared_effect_that_the_log_cannot_show_is_left_out_and_told(tmp_pat
     one_message(done, "--only: backlash applies to no joint", "elastic transmission")
 
 
+def test_the_same_fault_of_several_logs_is_one_sentence(tmp_path: Path) -> None:
+    whole = table().without("q.joint2").text().splitlines()
+    first = saved(tmp_path, "\n".join(whole), "first.csv")
+    second = saved(tmp_path, "\n".join([whole[0], *whole[500:]]), "second.csv")
+    said = f"warning: {first}, {second}: joint2: no link position q: its stiffness cannot be identified"
+    for verb in ("identify", "validate"):
+        done = elid(verb, first, second, "--robot", ROBOT, "--json")
+        assert done.err.splitlines().count(said) == 1
+        assert done.err.count("no link position") == 1
+        assert done.json["log"]["warnings"].count(said.removeprefix("warning: ")) == 1
+    done = elid("diagnose", first, "--robot", ROBOT, "--only", "stribeck", "--check", second, "--json")
+    assert f"warning: {second}: joint2: no link position q" in done.err
+
+
 def test_the_good_log_is_identified_throughout(tmp_path: Path) -> None:
     done = elid("identify", saved(tmp_path, table().text()), "--robot", ROBOT, "--json")
     agrees(done, 1e-9)
