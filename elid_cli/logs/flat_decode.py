@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.logs.mcap_container import Messages
-from elid_cli.logs.mcap_decode import Table, match_columns
+from elid_cli.logs.mcap_decode import SECOND, Table, match_columns
 from elid_cli.logs.message_fields import MessageShape
 
 Flat = dict[str, list[Any]]
@@ -60,6 +61,8 @@ class FlatDecoder:
                 for put, take in match_columns(columns, found.labels, len(found.indices)):
                     target[row, put] = flat[found.path][found.indices[take]]
             stamps[row] = stamp_of(flat)
+            if stamps[row] == 0 and misstamped(flat):
+                table.misstamped += 1
 
     def _flat(self, messages: Messages, index: int) -> Flat | None:
         start, length = int(messages.offsets[index]), int(messages.lengths[index])
@@ -116,12 +119,28 @@ _STAMPS = (*_PARTS, *((whole, "") for whole, _ in _PARTS))
 
 
 def stamp_of(flat: Flat) -> int:
-    """Return the header stamp in ns, 0 where the message has none."""
+    """Return the header stamp in ns, 0 where the message has none or one with impossible nanoseconds."""
+    parts = _stamp_parts(flat)
+    if parts is None or not 0 <= parts[1] < SECOND:
+        return 0
+    seconds, nanoseconds = parts
+    whole = math.floor(seconds)  # a fraction of a second, where a maker writes one, apart: it keeps its digits so
+    return whole * SECOND + round((seconds - whole) * SECOND) + int(nanoseconds)
+
+
+def misstamped(flat: Flat) -> bool:
+    """Return whether the message has a stamp of less than none or a second and more of nanoseconds."""
+    parts = _stamp_parts(flat)
+    return parts is not None and not 0 <= parts[1] < SECOND
+
+
+def _stamp_parts(flat: Flat) -> tuple[float, float] | None:
+    """Return the seconds and nanoseconds of the header stamp; None where the message has none."""
     for prefix in ("header.stamp", "stamp", "header.timestamp", "timestamp"):
         for whole, part in _STAMPS:
             if f"{prefix}.{whole}" not in flat or (part and f"{prefix}.{part}" not in flat):
                 continue
             seconds, parts = flat[f"{prefix}.{whole}"][0], flat[f"{prefix}.{part}"][0] if part else 0.0
-            if isinstance(seconds, float) and isinstance(parts, float) and abs(seconds) < 1e10 and abs(parts) < 1e10:
-                return int(seconds) * 1_000_000_000 + int(parts)
-    return 0
+            if isinstance(seconds, float) and isinstance(parts, float) and abs(seconds) < 1e10:
+                return seconds, parts
+    return None

@@ -23,6 +23,10 @@ REMEMBERED = 64
 """Layouts of one channel that are tried before a new one is learnt."""
 
 
+SECOND = 1_000_000_000
+"""Nanoseconds; those of a stamp are fewer."""
+
+
 class Table:
     """Everything wanted from one topic: growing columns for each (field, columns) and its clocks."""
 
@@ -33,6 +37,8 @@ class Table:
         self.logged = Growing(None, np.int64, hint)
         self.undecodable = 0
         self.problem = ""
+        self.misstamped = 0
+        """Messages whose stamp has less than none or a second and more of nanoseconds: it is no time, and 0 is kept."""
 
     def extend(self, log_times: NDArray[np.int64]) -> tuple[list[NDArray[Any]], NDArray[Any]]:
         """Add one row per message; return the new rows of every wanted column set and of the header stamps.
@@ -168,18 +174,23 @@ class _Plan:
                     target[:, put] = values
                 else:
                     target[np.ix_(where, put)] = values
-        seconds = self._stamp(matrix)
-        if seconds is not None:
-            stamps[where] = seconds
+        found = self._stamp(matrix)
+        if found is not None:
+            stamps[where], broken = found
+            table.misstamped += broken
 
-    def _stamp(self, matrix: NDArray[np.uint8]) -> NDArray[Any] | None:
+    def _stamp(self, matrix: NDArray[np.uint8]) -> tuple[NDArray[Any], int] | None:
+        """Return the stamps of messages in ns, 0 where their nanoseconds are impossible, and how many those are."""
         for paths in STAMPS:
             if all(self.layout.width(path) == 1 for path in paths):
                 whole, parts = (self.layout.numbers[path][0] for path in paths)
                 seconds = _numbers(matrix, whole.offset, whole.dtype).astype(np.int64)
-                seconds *= 1_000_000_000
-                seconds += _numbers(matrix, parts.offset, parts.dtype)
-                return seconds
+                seconds *= SECOND
+                nanoseconds = _numbers(matrix, parts.offset, parts.dtype).astype(np.int64)
+                seconds += nanoseconds
+                broken = (nanoseconds < 0) | (nanoseconds >= SECOND)
+                seconds[broken] = 0
+                return seconds, int(np.count_nonzero(broken))
         return None
 
     def _places(self, wanted: tuple[str, tuple[int | str, ...]]) -> list[tuple[int, str, list[int], list[int]]]:

@@ -114,6 +114,10 @@ class McapLog:
                 if table is not None and decoder is not None:
                     decoder.decode(messages, np.flatnonzero(messages.channels == identifier), table)
         for topic, table in tables.items():
+            if table.misstamped:
+                self.losses.append(
+                    f"{table.misstamped} messages of {topic} have stamps with impossible nanoseconds: not used as times"
+                )
             if table.undecodable:
                 self.losses.append(f"{table.undecodable} messages of {topic} cannot be decoded ({table.problem})")
         return self._streams(picks, tables)

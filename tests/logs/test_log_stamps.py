@@ -10,7 +10,8 @@ import pytest
 from made_logs import JOINTS, read, recording, same
 from mcap_made import Bag, joint_state
 
-from elid_cli.logs.flat_decode import Flat, flat_json, stamp_of
+from elid_cli.errors import LogError
+from elid_cli.logs.flat_decode import Flat, flat_json, misstamped, stamp_of
 
 NAMES = [("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos")]
 
@@ -61,6 +62,46 @@ def test_a_pair_goes_before_seconds_alone() -> None:
 def test_the_header_goes_before_a_field_of_the_message() -> None:
     header = {"stamp": {"secs": 2, "nsecs": 7}}
     assert stamp_of(flat({"header": header, "timestamp": {"sec": 9, "nanosec": 1}})) == 2_000_000_007
+
+
+@pytest.mark.parametrize("nanoseconds", [-1, -500_000_000, 1_000_000_000, 4_294_967_295, 1e300, None])
+def test_impossible_nanoseconds_are_no_stamp(nanoseconds: float | None) -> None:
+    message = flat({"header": {"stamp": {"sec": 17, "nanosec": nanoseconds}}})
+    assert stamp_of(message) == 0
+    assert misstamped(message)
+    assert not misstamped(flat({"header": {"stamp": {"sec": 17, "nanosec": 999_999_999}}}))
+    assert not misstamped(flat({}))
+
+
+def test_a_fraction_of_a_second_is_not_cut_off() -> None:
+    assert stamp_of(flat({"stamp": {"secs": 17.25}})) == 17_250_000_000
+
+
+@pytest.mark.parametrize("encoding", ["json", "cdr"])
+@pytest.mark.parametrize("every", [1, 50])
+def test_messages_with_impossible_nanoseconds_are_told_and_take_their_log_time(
+    tmp_path: Path, encoding: str, every: int
+) -> None:
+    """Nanoseconds of a second and more, of all messages or of some: seconds that they add would be wrong times."""
+    base, bag = recording(300), Bag()
+    for topic in ("/joint_states", "/motor_states"):
+        bag.topic(topic, encoding=encoding)
+    for row, t in enumerate(np.rint(base.t * 1e9).astype(int).tolist()):
+        now = 1_700_000_000 * 10**9 + t
+        for topic, position, effort in (("/joint_states", base.q, ()), ("/motor_states", base.theta, base.tau[row])):
+            message = joint_state(now, list(JOINTS), position[row], effort=effort)
+            if row % every == every - 1:
+                message["header"]["stamp"]["nanosec"] = 3_000_000_000 + 7 * row
+            bag.add(topic, now, message)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(bag.bytes())
+    got = read(path)
+    same(got, base)
+    count = 300 // every
+    told = [line for line in got.repairs if "impossible nanoseconds" in line]
+    assert [line.split()[0] for line in told] == [str(count)] * 2
+    with pytest.raises(LogError, match="impossible nanoseconds"):
+        read(path, strict=True)
 
 
 @pytest.mark.parametrize(("whole", "part"), NAMES)
