@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from elid_cli.commands.emit import LimitError
-from elid_cli.commands.options import Gates
+from elid_cli.commands.emit import LimitError, note
+from elid_cli.commands.options import Gates, Output
 from elid_cli.errors import UsageError, did_you_mean
+from elid_cli.report import Report, Text
 
 if TYPE_CHECKING:
     from elid_cli.identification import JointError
@@ -26,6 +28,27 @@ def check_names(gates: Gates, robot: Robot) -> None:
             )
         if name not in names:
             raise UsageError(f"--require-independent: no parameter {name!r}", hint=did_you_mean(name, names))
+
+
+def motor_rows_told(report: Report, gates: Gates, error: Mapping[str, JointError], output: Output) -> Report:
+    """Return the report with a warning of every joint that keeps ``--max-error`` while its motor row alone exceeds it.
+
+    The limit is one of the torque that the whole model predicts; errors of link and motor side may cancel in it.
+    """
+    limit = gates.max_error
+    if limit is None:
+        return report
+    said = [
+        f"{joint}: the motor row alone, {100 * e.spring_relative:.3g} %, exceeds --max-error {100 * limit:.3g} %, "
+        f"which limits the error of the whole model, {100 * e.relative:.3g} %"
+        for joint, e in error.items()
+        if e.spring_relative is not None and e.relative <= limit < e.spring_relative
+    ]
+    note(said, output, "warning")
+    warnings = [Text(f"motor_row{k}", line, "warning") for k, line in enumerate(said)]
+    last = [section for section in report.sections if isinstance(section, Text) and section.role == "next"]
+    rest = [section for section in report.sections if section not in last]
+    return replace(report, sections=(*rest, *warnings, *last))
 
 
 def check_gates(

@@ -46,7 +46,7 @@ def identify(
     from dataclasses import replace
 
     from elid_cli.commands.emit import check_output, emit, pictures_wanted
-    from elid_cli.commands.gates import check_gates, check_names
+    from elid_cli.commands.gates import check_gates, check_names, motor_rows_told
     from elid_cli.commands.progress import progress
     from elid_cli.commands.reducing import Asked, from_samples, from_triangles, merges, samples_of
     from elid_cli.commands.writing import check_described, write_described
@@ -84,5 +84,5 @@ def identify(
             refined = replace(refined, joints=built.refined_robot().joints)
     if write_robot is not None:
         write_described(refined, write_robot, remarks(found, physical=physical))
-    emit(report, output)
+    emit(motor_rows_told(report, gates, found.error, output), output)
     check_gates(gates, found.error, found.this_log)

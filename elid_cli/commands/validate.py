@@ -26,7 +26,7 @@ def validate(
 ) -> None:
     """Say how well a robot file, with its parameters and effects, predicts the motor torques of a log."""
     from elid_cli.commands.emit import check_output, emit, pictures_wanted
-    from elid_cli.commands.gates import check_gates
+    from elid_cli.commands.gates import check_gates, motor_rows_told
     from elid_cli.commands.inputs import load_recording, load_signals, sharp
     from elid_cli.commands.progress import progress
 
@@ -48,5 +48,5 @@ def validate(
             from elid_cli.reports.figures import validation_figures, with_figures
 
             report = with_figures(report, validation_figures(found, signals))
-    emit(report, output)
+    emit(motor_rows_told(report, gates, found.error, output), output)
     check_gates(gates, found.error)
