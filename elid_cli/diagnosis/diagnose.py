@@ -17,6 +17,7 @@ from elid_cli.diagnosis.retimed import retimed
 from elid_cli.diagnosis.said import result
 from elid_cli.diagnosis.screen import sensible
 from elid_cli.diagnosis.search import Found, beside, search
+from elid_cli.diagnosis.standstill import friction_at_rest
 from elid_cli.diagnosis.state import Log, fit, refreshed, without
 from elid_cli.diagnosis.stretches import folds
 from elid_cli.diagnosis.whole_curves import with_whole_curves
@@ -134,7 +135,8 @@ def _surviving(found: Found, declared: int) -> tuple[Found, tuple[Survival, ...]
 def _supported(found: Found, declared: int) -> Found:
     """Drop effects that the held-out stretches do not support, or whose values the others have made impossible.
 
-    What acts for a moment need not show in the held-out stretches, but it must stand out from all other moments.
+    What acts for a moment need not show in the held-out stretches, but it must stand out from all other moments, and
+    not be a motor's sticking.
     """
     state, steps = found.after, list(found.steps)
     changed = True
@@ -143,7 +145,7 @@ def _supported(found: Found, declared: int) -> Found:
         for k, step in enumerate(steps):
             possible = sensible(state.effects[declared + k], state.scene, state.named(declared + k))
             if possible and step.candidate.effect.local:
-                possible = not one_of_many(state, declared + k)
+                possible = not (one_of_many(state, declared + k) or friction_at_rest(state, declared + k))
                 if possible:
                     continue
             if not possible or held_out_gain(state, declared + k) < step.candidate.effect.least_gain:

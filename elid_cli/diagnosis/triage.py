@@ -143,7 +143,7 @@ def organise(state: State, row: Row) -> list[Organised]:
 def _away(state: State, row: Row) -> float:
     """Return residual over floor at the training instants at which the motor is not near standstill."""
     group = state.log.training.group(row)
-    fast = group.use & ~_standing(state, row.joint, group.use)
+    fast = group.use & ~standing(state, row.joint, group.use)
     if not fast.any():
         return np.inf
     rms = float(np.sqrt(np.mean(_residual(state, row)[fast] ** 2)))
@@ -151,7 +151,7 @@ def _away(state: State, row: Row) -> float:
     return rms / max(floor, 2e-4 * state.triangles.torque_rms(row))
 
 
-def _standing(state: State, joint: int, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def standing(state: State, joint: int, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the instants at which a motor is near standstill, (M,)."""
     speed = np.abs(state.log.signals.motion.dtheta[state.log.signals.outputs, joint])
     slow: NDArray[np.bool_] = speed < STANDSTILL * float(np.quantile(speed[use], 0.98))
@@ -160,7 +160,7 @@ def _standing(state: State, joint: int, use: NDArray[np.bool_]) -> NDArray[np.bo
 
 def _reversals(state: State, joint: int, residual: Array, use: NDArray[np.bool_]) -> Organised:
     """Return the part of the variance near standstill of the motor, beyond what as many other instants would hold."""
-    slow = _standing(state, joint, use)[use]
+    slow = standing(state, joint, use)[use]
     part, share = float(np.mean(slow)), float(np.sum(residual[slow] ** 2) / max(np.sum(residual**2), 1e-300))
     return Organised(REVERSALS, (share - part) / (1.0 - part) if part < 0.5 else 0.0)
 
