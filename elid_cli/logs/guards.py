@@ -18,6 +18,7 @@ from elid_cli.logs.checks import Checked
 from elid_cli.logs.repair import Aligned
 from elid_cli.logs.resolve import Plan
 from elid_cli.logs.stuck import frozen, limited
+from elid_cli.logs.torque_scale import WRONG_SCALE, off, spring_slope
 from elid_cli.mapped import along, let_go
 from elid_cli.robot import Robot
 
@@ -48,8 +49,9 @@ FOLLOWS = 0.95
 """|correlation| of torque and deflection above which their relation is judged."""
 EXACTLY = 1e-3
 """Share of tau that is not proportional to the deflection below which tau is no motor torque."""
-WRONG_SCALE = 3.0
-"""Factor between tau and the spring's torque by the file's stiffness that no wrong reference value explains."""
+RELATED = 0.8
+"""Correlation of what is left of both from which their slope shows the torque's scale: noise of the deflection lowers
+the slope by the square of this at most."""
 STALE = 0.5
 """Share of samples equal to the one before above which a moving signal is sampled and held."""
 
@@ -80,7 +82,10 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
         if abs(pair.slope - 1) < CLOSE and robot.joints[pair.j].elastic:
             deflection = theta[:, pair.j] - q[:, pair.j]
             tau = _thinned(checked.tau, step) if tau is None else tau
-            found.extend(_efforts(pair, deflection, tau[:, pair.j], robot, plan))
+            first, last = (-(-bound // step) for bound in max(aligned.segments, key=lambda b: b[1] - b[0]))
+            whole = slice(first, last)  # differences across a gap are no motion
+            own = spring_slope(theta[whole, pair.j], deflection[whole], tau[whole, pair.j], aligned.dt * step)
+            found.extend(_efforts(pair, deflection, tau[:, pair.j], own, robot, plan))
     return found
 
 
@@ -223,8 +228,13 @@ def _paste(plan: Plan, signal: str, key: str) -> str:
     return f"if so, map it: {signal}: {{{words}, {key}}}"
 
 
-def _efforts(pair: _Pair, deflection: Array, tau: Array, robot: Robot, plan: Plan) -> Iterator[str]:
-    """Compare motor torque with deflection: tau = K (theta - q) + rotor inertia + friction."""
+def _efforts(
+    pair: _Pair, deflection: Array, tau: Array, own: tuple[float, float], robot: Robot, plan: Plan
+) -> Iterator[str]:
+    """Compare motor torque with deflection: tau = K (theta - q) + rotor inertia + friction.
+
+    `own` is what `spring_slope` says of them once friction and inertia are taken out.
+    """
     if not np.isfinite(tau).all() or tau.std() == 0 or deflection.std() == 0:
         return
     correlation = float(np.corrcoef(deflection, tau)[0, 1])
@@ -240,14 +250,17 @@ def _efforts(pair: _Pair, deflection: Array, tau: Array, robot: Robot, plan: Pla
             "in the transmission (tau_link), not the motor's"
         )
     stiffness = robot.joints[pair.j].parameters.get("K")
-    if correlation > FOLLOWS and stiffness:
+    if not stiffness:
+        return
+    # beside the motor's own friction and inertia the spring's torque must be as far off, to the same side
+    if correlation > FOLLOWS and off(slope / stiffness) * off(own[1] / stiffness) > 0:
         yield from _scale(pair, slope / stiffness, stiffness, plan)
+    elif correlation <= FOLLOWS and own[0] > RELATED and off(own[1] / stiffness):
+        yield from _scale(pair, own[1] / stiffness, stiffness, plan)
 
 
 def _scale(pair: _Pair, ratio: float, stiffness: float, plan: Plan) -> Iterator[str]:
     """Compare tau with the torque that the deflection and the robot file's stiffness mean."""
-    if 1 / WRONG_SCALE < ratio < WRONG_SCALE:
-        return
     why = f"it is {ratio:.3g} times K (theta - q) with K = {stiffness:g} of the robot file"
     shaft = abs(math.log(pair.gear)) > math.log(WRONG_SCALE) if pair.gear > 0 else False
     if shaft and abs(ratio * pair.gear - 1) < 0.3:

@@ -1,0 +1,51 @@
+"""The scale of a torque, told by the spring behind the motor: tau = K (theta - q) + what follows the motor's motion."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+WRONG_SCALE = 3.0
+"""Factor between tau and the spring's torque by the file's stiffness that no wrong reference value explains."""
+OWN = 0.1
+"""Least part of the deflection's spread that the motor's own motion must leave for the torque's scale to show."""
+LAG = 0.02
+"""s; differences over this time are the speed and acceleration that the motor's friction and inertia follow."""
+
+
+def spring_slope(theta: Array, deflection: Array, tau: Array, dt: float) -> tuple[float, float]:
+    """Return correlation and slope of torque over deflection beside what follows the motor's own motion; NaN: no such.
+
+    Where the link's load is viscous or an inertia, the deflection follows the motor's speed or acceleration, and so do
+    the motor's own friction and inertia: the torque is then many times that of the spring, in N·m all the same.
+
+    Parameters
+    ----------
+    theta, deflection, tau
+        Of one joint, without gaps, (N,): rad (m) and N·m (N).
+    dt
+        Sample time, s.
+    """
+    lag = max(1, round(LAG / dt))
+    if len(theta) < 4 * lag + 8 or not np.isfinite(tau).all():
+        return math.nan, math.nan
+    here = slice(lag, -lag)
+    ahead, behind = theta[2 * lag :], theta[: -2 * lag]
+    speed, bend = ahead - behind, ahead - 2.0 * theta[here] + behind
+    own = np.column_stack([np.ones_like(speed), speed, np.sign(speed), bend])
+    own /= np.maximum(np.linalg.norm(own, axis=0), 1e-300)
+    pairs = np.column_stack([deflection[here], tau[here]])
+    alone, torque = (pairs - own @ np.linalg.lstsq(own, pairs, rcond=None)[0]).T
+    if alone.std() <= OWN * deflection[here].std() or not torque.any():
+        return math.nan, math.nan
+    product = float(alone @ torque)
+    return product / float(np.sqrt((alone @ alone) * (torque @ torque))), product / float(alone @ alone)
+
+
+def off(ratio: float) -> int:
+    """Return to which side a ratio is further from 1 than a wrong reference value explains; 0 where it is not."""
+    return (ratio > WRONG_SCALE) - (ratio < 1 / WRONG_SCALE)

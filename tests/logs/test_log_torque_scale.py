@@ -1,0 +1,68 @@
+"""Whether a torque is in N·m at the link, told by a spring whose stiffness the robot file gives; by repetition."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.logs import read_recording, write_recording
+from tests.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
+
+ARMS = range(1, 13)
+
+
+def said(folder: Path, made: Made, laws: Laws, scale: Callable[[int], float] = lambda _: 1.0) -> set[tuple[str, str]]:
+    """Return (joint, what its torque looks like) of a log whose torques are scaled by joint."""
+    log = recorded(made, log_of(made, laws), db=90.0, counts=2e5, torque=0.01, colour=0.0, seed=1)
+    factors = np.array([scale(k) for k in range(made.truth.n)])
+    write_recording(replace(log, tau=log.tau * factors), str(folder / "log.h5"))
+    warnings = read_recording([str(folder / "log.h5")], made.truth).warnings
+    told = [w.split(": tau looks like ") for w in warnings if ": tau looks like " in w]
+    return {(joint, rest.split(",")[0]) for joint, rest in told}
+
+
+def viscous(made: Made, link: float, motor: float) -> Laws:
+    """Return viscous friction of links and motors, in units of the motors' own."""
+    own = np.array([joint.parameters["fv"] for joint in made.truth.joints])
+
+    def of(size: float) -> Callable[[World], np.ndarray]:
+        return lambda world: size * own * world.dq
+
+    return Laws(link=[of(link)], motor=[of(motor)])
+
+
+def test_a_right_scale_is_not_doubted(tmp_path: Path) -> None:
+    for seed in ARMS:
+        made = make(seed, 3)
+        for laws in (Laws(), viscous(made, 3.0, 0.0), viscous(made, 20.0, 0.0), viscous(made, 0.0, 20.0)):
+            assert said(tmp_path, made, laws) == set()
+
+
+@pytest.mark.parametrize("motor", [4.0, 10.0])
+def test_friction_on_both_sides_is_no_other_unit(tmp_path: Path, motor: float) -> None:
+    """Both follow the speed: the torque is then many times the spring's, in N·m all the same."""
+    for seed in ARMS:
+        made = make(seed, 2)
+        bare = replace(made.truth, gravity=(0.0, 0.0, 0.0))
+        assert said(tmp_path, replace(made, truth=bare), viscous(made, 20.0, 20.0 * motor)) == set()
+
+
+@pytest.mark.parametrize("scale", ["shaft", "mN·m", "current"])
+def test_a_wrong_scale_of_one_joint_is_named_there_and_nowhere_else(tmp_path: Path, scale: str) -> None:
+    found = 0
+    for seed in ARMS:
+        made, wrong = make(seed, 3), seed % 3
+        gear = made.truth.joints[wrong].gear_ratio
+        factor, what = {
+            "shaft": (1.0 / gear, "the motor's shaft torque"),
+            "mN·m": (1000.0, "mN·m"),
+            "current": (1.0 / 12.0, "a current or another unit (or the positions are in one)"),
+        }[scale]
+        told = said(tmp_path, made, Laws(), lambda k, w=wrong, f=factor: f if k == w else 1.0)  # type: ignore[misc]
+        assert told <= {(f"j{wrong + 1}", what)}
+        found += len(told)
+    assert found >= 9
