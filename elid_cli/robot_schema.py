@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any, cast
 
 from elid_cli.errors import did_you_mean
-from elid_cli.robot import JOINT_PARAMETERS, Convention, EffectSpec, Joint, Limits, Robot, Transmission
+from elid_cli.robot import JOINT_PARAMETERS, Convention, EffectSpec, Joint, Limits, Robot
 from elid_cli.yaml_values import Value, parse_yaml
 
 EFFECT_NAMES = (
@@ -103,14 +103,13 @@ def _joint(value: Value, number: int, convention: Convention) -> Joint:
         key: keys[key].number() if convention != "urdf" else read_vector(keys[key], unit=key == "axis")
         for key in geometry
     }
-    transmission = _choice(keys, "transmission", ("elastic", "rigid"))
     return Joint(
         name=keys["name"].name(),
         type=_choice(keys, "type", ("revolute", "prismatic")),
         gear_ratio=gear_ratio,
         motor_axis=read_vector(keys["motor_axis"], unit=True) if "motor_axis" in keys else (0.0, 0.0, 1.0),
-        transmission=transmission,
-        parameters=read_parameters(keys["parameters"], transmission) if "parameters" in keys else {},
+        transmission=_choice(keys, "transmission", ("elastic", "rigid")),
+        parameters=read_parameters(keys["parameters"]) if "parameters" in keys else {},
         limits=read_limits(keys["limits"]) if "limits" in keys else Limits(),
         **placement,
     )
@@ -124,22 +123,11 @@ def _label(value: Value, number: int) -> str:
     return f"joint {number}"
 
 
-NO_STIFFNESS = "a stiffness, but the joint is declared rigid and has none"
-STIFFNESS_HINT = "leave it out, or declare the joint elastic: transmission: elastic"
-
-
-def read_parameters(value: Value, transmission: Transmission) -> dict[str, float]:
-    """Return a joint's reference parameters from a mapping of name to number (an empty value: none).
-
-    A stiffness of a rigid joint is refused as any other key without a meaning: it would be read as a spring that the
-    model does not have.
-    """
+def read_parameters(value: Value, names: Sequence[str] = JOINT_PARAMETERS) -> dict[str, float]:
+    """Return a joint's reference parameters from a mapping of name to number (an empty value: none)."""
     if value.node.value == "":
         return {}
-    found = value.fields((), JOINT_PARAMETERS)
-    if "K" in found and transmission == "rigid":
-        raise found["K"].error(NO_STIFFNESS, hint=STIFFNESS_HINT)
-    return {name: entry.number() for name, entry in found.items()}
+    return {name: entry.number() for name, entry in value.fields((), names).items()}
 
 
 def read_limits(value: Value) -> Limits:

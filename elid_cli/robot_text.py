@@ -50,10 +50,8 @@ def _joint(joint: Joint, urdf: bool) -> list[str]:
     ]
     if joint.limits != Limits():
         lines.append(f"limits: {_limits(joint.limits)}")
-    # a stiffness that the rigid joint of a robot made in Python still carries would be refused by the reader
-    known = [name for name in JOINT_PARAMETERS if name in joint.parameters and (name != "K" or joint.elastic)]
-    if known:
-        ordered = {name: joint.parameters[name] for name in known}
+    if joint.parameters:
+        ordered = {name: joint.parameters[name] for name in JOINT_PARAMETERS if name in joint.parameters}
         lines.append(f"parameters: {_map(ordered)}")
     return lines
 

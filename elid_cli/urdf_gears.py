@@ -6,7 +6,7 @@ the YAML file beside the URDF.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
@@ -16,7 +16,7 @@ import numpy as np
 from elid_cli.errors import RobotError, did_you_mean
 from elid_cli.inertials import inertial_parameters, inverse, moved, pseudo_inertia
 from elid_cli.robot import LINK_PARAMETERS, Array, Convention, Joint, Robot, Transmission
-from elid_cli.robot_schema import NO_STIFFNESS, read_effects, read_limits, read_log, read_parameters, read_vector
+from elid_cli.robot_schema import read_effects, read_limits, read_log, read_parameters, read_vector
 from elid_cli.text_file import read_text
 from elid_cli.xml_values import Element
 from elid_cli.yaml_values import Value, parse_yaml
@@ -93,9 +93,7 @@ def _own(own: Element, gears: Gears) -> Gears:
     kind = own.attributes.get("transmission", "elastic")
     if kind not in ("elastic", "rigid"):
         raise own.error(f"transmission {kind!r} is not one of elastic, rigid")
-    if kind == "rigid" and "stiffness" in own.attributes:
-        raise own.error(f"stiffness: {NO_STIFFNESS}", hint='leave it out, or declare the joint transmission="elastic"')
-    parameters = _without_spring(gears.parameters) if kind == "rigid" else dict(gears.parameters)
+    parameters = dict(gears.parameters)
     for attribute, name in (("stiffness", "K"), ("rotor_inertia", "Jm")):
         if attribute in own.attributes:
             parameters[name] = own.number(attribute, 0.0)
@@ -198,17 +196,9 @@ def _completed(joint: Joint, value: Value) -> Joint:
     if "transmission" in keys:
         kind = cast(Transmission, keys["transmission"].choice(("elastic", "rigid")))
         joint = replace(joint, transmission=kind)
-        if kind == "rigid":
-            joint = replace(joint, parameters=_without_spring(joint.parameters))
     if "parameters" in keys:
-        given = read_parameters(keys["parameters"], joint.transmission)
-        joint = replace(joint, parameters=dict(joint.parameters) | given)
+        joint = replace(joint, parameters=dict(joint.parameters) | read_parameters(keys["parameters"]))
     return replace(joint, limits=read_limits(keys["limits"])) if "limits" in keys else joint
-
-
-def _without_spring(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return parameters without the stiffness of an earlier source, which a later one has declared rigid."""
-    return {name: value for name, value in parameters.items() if name != "K"}
 
 
 def _vector(values: Array) -> Vector:

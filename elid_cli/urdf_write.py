@@ -184,7 +184,7 @@ def _joint(joint: Joint, origin: Array, parent: str, child: str) -> Iterator[str
 def _transmission(joint: Joint, dh: bool) -> Iterator[str]:
     own = {"transmission": joint.transmission, "motor_axis": _spaced(joint.motor_axis)}
     for attribute, name in (("stiffness", "K"), ("rotor_inertia", "Jm")):
-        if name in joint.parameters and (name != "K" or joint.elastic):
+        if name in joint.parameters:
             own[attribute] = _number(joint.parameters[name])
     if joint.limits.acceleration is not None:
         own["acceleration"] = _number(joint.limits.acceleration)

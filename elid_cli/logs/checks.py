@@ -75,6 +75,9 @@ def check(
         if strict:
             fault.refuse("tau", untorqued[0], "no torque")
         warnings.append(f"{' '.join(untorqued)}: no torque tau: the motor side cannot be identified there")
+    idle = [joint.name for joint in robot.joints if not joint.elastic and "K" in joint.parameters]
+    if idle:
+        warnings.append(f"{' '.join(idle)}: the robot file's K is not used: it declares the transmission rigid")
     optional = {s: values for s, values in filled.items() if s not in MEANING and not np.isnan(values).all()}
     return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings)
 

@@ -402,3 +402,12 @@ def test_logs_with_and_without_link_positions_are_not_mixed(tmp_path: Path) -> N
     with pytest.raises(UsageError, match=r"without.csv: no link position of elbow, which .*with.csv has"):
         read(*paths)
     assert read(paths[1]).warnings
+
+
+def test_a_stiffness_of_a_rigid_joint_is_said_not_to_be_used(tmp_path: Path) -> None:
+    path = written(tmp_path, "log.csv", BASE)
+    joints = [replace(j, transmission="rigid", parameters={**j.parameters, "K": 3000.0}) for j in ROBOT.joints[1:2]]
+    stiff = replace(ROBOT, joints=(ROBOT.joints[0], *joints, *ROBOT.joints[2:]))
+    said = [warning for warning in read_recording([path], stiff).warnings if "K is not used" in warning]
+    assert said == [f"{stiff.joint_names[1]}: the robot file's K is not used: it declares the transmission rigid"]
+    assert not any("K is not used" in warning for warning in read_recording([path], ROBOT).warnings)

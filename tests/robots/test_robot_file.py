@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import pickle
-from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -90,8 +89,6 @@ def test_every_key_is_read():
         ("sqrt(2)/2, sqrt(2)/2", "1, 1", ["arm.yaml:21:", "slide: motor_axis", "unit vector", "[0, 0.707106781, "]),
         ("name: slide", "name: shoulder", ["arm.yaml:14:", "second joint of this name"]),
         ("{m: 21,", "{m1: 21,", ["arm.yaml:13:", "shoulder: parameters", "'m1'", "did you mean 'm'"]),
-        ("    transmission: rigid\n", "    transmission: rigid\n    parameters: {m: 2, K: 3000}\n",
-         ["arm.yaml:23:", "slide: parameters: K: a stiffness", "declared rigid", "transmission: elastic"]),
         ("effect: stribeck", "effect: stribek", ["arm.yaml:24:", "did you mean 'stribeck'"]),
         ("amplitude: -0.25", "amplitud: -0.25", ["arm.yaml:24:", "of slide", "'amplitud'", "mean 'amplitude'"]),
         ("velocity: 0.1}", "velocity: 0.1, width: 3}", ["arm.yaml:24:", "'width'", "amplitude, velocity, exponent"]),
@@ -112,13 +109,6 @@ def test_faults_name_file_line_joint_key_and_the_nearest_key(old, new, expected)
     for part in expected:
         assert part in message, message
     assert len(message.splitlines()) <= 3
-
-
-def test_a_robot_made_rigid_in_python_is_written_without_its_stiffness():
-    robot = robot_from_text(GOOD, "arm.yaml")
-    stiff = replace(robot.joints[0], transmission="rigid")
-    again = robot_from_text(text_of(replace(robot, joints=(stiff, robot.joints[1]))), "again")
-    assert again.joints[0] == replace(stiff, parameters={"m": 21})
 
 
 @pytest.mark.parametrize(
@@ -237,16 +227,14 @@ def robots(draw) -> Robot:
             else {key: next(numbers) for key in ("a", "alpha", "d", "theta")}
         )
         gear_ratio = next(numbers) or 1.0
-        transmission = draw(st.sampled_from(["elastic", "rigid"]))
-        known = JOINT_PARAMETERS if transmission == "elastic" else JOINT_PARAMETERS[:-1]  # a rigid joint has no K
-        parameters = draw(st.dictionaries(st.sampled_from(known), finite))
+        parameters = draw(st.dictionaries(st.sampled_from(JOINT_PARAMETERS), finite))
         joints.append(
             Joint(
                 name=name,
                 type=draw(st.sampled_from(["revolute", "prismatic"])),
                 gear_ratio=gear_ratio,
                 motor_axis=draw(st.sampled_from([(0.0, 0.0, 1.0), (0.6, 0.0, -0.8), (0.0, -1.0, 0.0)])),
-                transmission=transmission,
+                transmission=draw(st.sampled_from(["elastic", "rigid"])),
                 parameters=parameters,
                 limits=Limits(position=draw(st.none() | st.just((-1.5, 2.25))), torque=draw(st.none() | st.just(3.0))),
                 **geometry,

@@ -280,21 +280,6 @@ def test_the_yaml_beside_completes_the_urdf(tmp_path):
         read_robot(tmp_path / "arm.urdf")
 
 
-def test_a_stiffness_beside_a_rigid_transmission_is_refused_where_one_source_says_both(tmp_path):
-    own = '<stiffness>5000</stiffness><elid transmission="rigid"/>'
-    said = ARM.replace("<stiffness>5000</stiffness>", own)
-    assert "K" not in robot_from_text(said, "arm.urdf").joints[0].parameters  # elid's own element is the later source
-    message = refused(said.replace('="rigid"/>', '="rigid" stiffness="5000"/>'))
-    assert "stiffness: a stiffness, but the joint is declared rigid" in message
-    (tmp_path / "arm.urdf").write_text(ARM)
-    beside = tmp_path / "arm.elid.yaml"
-    beside.write_text("joints:\n  shoulder: {transmission: rigid}\n")
-    assert "K" not in read_robot(tmp_path / "arm.urdf").joints[0].parameters
-    beside.write_text("joints:\n  shoulder:\n    transmission: rigid\n    parameters: {K: 7}\n")
-    with pytest.raises(RobotError, match=r"arm.elid.yaml:4: shoulder: parameters: K: a stiffness, but .* rigid"):
-        read_robot(tmp_path / "arm.urdf")
-
-
 def test_a_body_without_mass_but_with_a_first_moment_cannot_be_a_urdf_link(tmp_path):
     robot = read_robot("planar2")
     values = robot.reference()
