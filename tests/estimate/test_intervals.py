@@ -166,8 +166,19 @@ def test_the_noise_that_takes_two_answers_apart_is_that_of_their_difference() ->
     assert variance_apart([noise[:24_000], noise[24_000:]], coarse, 1).max() < 1e-20
 
 
-def test_coarse_knots_know_what_they_cannot_follow() -> None:
-    # with 0.1 % of torque noise coarse knots stand, and lose two standard errors of a rotor's inertia
+def test_an_answer_that_is_no_sharper_leaves_the_default_one() -> None:
+    # noise that remembers 50 ms, which the likelihood takes for white: errors twice and four times the default's
+    motions = coverage.motions(PLANAR, 4, 1)
+    for number in (3, 9):
+        log = coverage.noisy(motions[number % 4], 80.0, 0.001, coverage.COLOURS["coloured"], number)
+        usual, result = (found(log, guards=False, accurate=accurate) for accurate in (False, True))
+        assert result.estimator == "default"
+        assert any("standard errors are 1." in note and "the default's" in note for note in result.notes)
+        assert np.array_equal(result.estimate, usual.estimate)
+
+
+def test_coarse_knots_stand_only_while_fine_ones_agree() -> None:
+    # with 0.1 % of torque noise they lose two standard errors of a rotor's inertia: where that shows, fine ones stand
     _, scores = errors_in_deviations(80.0, 0.001)
     assert np.sqrt(np.mean(np.square(scores))) < 1.2
     assert np.abs(np.mean(scores, axis=0)).max() < 1.7
