@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elid_cli.base import find_base
 from elid_cli.cutoff import fit_best
 from elid_cli.effects import shown_by
-from elid_cli.fitting import Fit, fit_log, freedom, masked_as_needed, reshaped
+from elid_cli.fitting import Fit, fit_log, freedom, masked_as_needed, reshaped, with_delays
 from elid_cli.guards import physics_warnings
 from elid_cli.heldout import held_out, joint_errors, with_floor
 from elid_cli.identification import (
@@ -24,7 +24,7 @@ from elid_cli.identification import (
 )
 from elid_cli.link_equation import link_stiffness, two_ways, with_both_regressions, with_link_stiffness
 from elid_cli.model import Model
-from elid_cli.nuisance import DELAY
+from elid_cli.nuisance import DELAY, SIGNIFICANT
 from elid_cli.observation import Observation
 from elid_cli.robot import Robot
 from elid_cli.signals import Signals
@@ -142,6 +142,8 @@ def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused
     if len(fit.observation.independent) < len(fit.observation.groups):
         note = "--accurate: the default estimate stands: the collocation does not use the joint torque sensors"
         return replace(found, notes=(*found.notes, note))
+    told = len(fit.nuisances)
+    fit = with_delays(fit, options)
     answer = collocate(fit)
     if isinstance(answer, Refusal):
         note = f"--accurate: the default estimate stands: {answer.reason}"
@@ -163,7 +165,11 @@ def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused
             f"{worst:.3g} times as badly"
         )
         return replace(found, notes=(*found.notes, note))
-    return replace(result, estimator="accurate", notes=(*result.notes, note), warnings=found.warnings)
+    every = [(n, *better.nuisance(k)) for k, n in enumerate(result.nuisances)]
+    firm = [n for k, (n, value, deviation) in enumerate(every) if k < told or abs(value) > SIGNIFICANT * deviation]
+    return replace(
+        result, nuisances=tuple(firm), estimator="accurate", notes=(*result.notes, note), warnings=found.warnings
+    )
 
 
 def _worsening(before: Identification, after: Identification) -> tuple[float, str]:

@@ -19,7 +19,15 @@ from elid_cli.effects import FittedEffects, declared_effects
 from elid_cli.heldout import held_out
 from elid_cli.identification import EstimateOptions
 from elid_cli.model import Model
-from elid_cli.nuisance import OFFSET, delay_columns, offset_columns, reading_columns, significant
+from elid_cli.nuisance import (
+    DELAY,
+    OFFSET,
+    delay_columns,
+    of_sampling,
+    offset_columns,
+    reading_columns,
+    significant,
+)
 from elid_cli.observation import Observation, observe
 from elid_cli.reduction import Extra, Triangles, folds_of, reduce
 from elid_cli.scenes import extra_of, scene_of
@@ -64,6 +72,14 @@ class Fit:
         """Base parameters = transform @ solution, (b, p + e)."""
         return np.concatenate([self.base.transform, np.zeros((self.base.count, self.triangles.extras))], axis=1)
 
+    def nuisance(self, number: int) -> tuple[float, float]:
+        """Return a nuisance's coefficient and its standard deviation; NaN where the log does not determine it."""
+        column = len(self.base.parameters) + number
+        where = np.flatnonzero(self.solution.basis == column)
+        if not len(where) or not self.solution.determined(column):
+            return float("nan"), float("nan")
+        return float(self.solution.values[column]), float(np.sqrt(max(self.covariance[where[0], where[0]], 0.0)))
+
     def amplitudes(self) -> list[Array]:
         """Return the fitted amplitudes of every declared effect, each (d,)."""
         return _amplitudes(self.solution, self.base, self.nuisances, self.effects)
@@ -98,6 +114,31 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
     if effects:
         effects, covariance = told_apart(observation, signals, nuisances, effects, solution, covariance)
     return Fit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
+
+
+def with_delays(fit: Fit, options: EstimateOptions) -> Fit:
+    """Return the fit with a delay of every torque channel that it could not tell from none.
+
+    A sharper estimator may: without them, rotor inertias and viscous friction would be bent by what is left of one. Not
+    those that were too long for a delay of sampling, nor those that the robot file declares.
+    """
+    had = {next(iter(extra.rows)).joint for extra in fit.nuisances if extra.name == DELAY}
+    names = fit.model.robot.joint_names
+    had |= {names.index(spec.joint) for spec in fit.model.robot.effects if spec.effect == DELAY and spec.joint in names}
+    missing = [e for e in delay_columns(fit.observation) if next(iter(e.rows)).joint not in had]
+    while missing and options.delays:
+        nuisances = (*fit.nuisances, *missing)
+        triangles = reduced(fit.observation, nuisances, fit.effects, folds_of(fit.observation, options.folds))
+        solution = reweighted(triangles, fit.base.count + triangles.extras)
+        covariance = _covariance(fit.base, fit.observation, fit.signals, nuisances, fit.effects, triangles, solution)
+        covariance *= _few(fit.observation, fit.signals, triangles, solution) ** 2
+        grown = replace(fit, nuisances=nuisances, triangles=triangles, solution=solution, covariance=covariance)
+        found = np.array([grown.nuisance(k) for k in range(len(fit.nuisances), len(nuisances))])
+        short = of_sampling(found[:, 0], found[:, 1], fit.signals.dt)
+        if short.all():
+            return grown
+        missing = [extra for extra, may in zip(missing, short, strict=True) if may]
+    return fit
 
 
 def fit_part(fit: Fit, signals: Signals) -> Fit:

@@ -105,6 +105,12 @@ def significant(
     return [e for e, firm in zip(extras, beyond_doubt(values, deviations, delays, signals.dt), strict=True) if firm]
 
 
+def of_sampling(delays: Array, deviations: Array, dt: float) -> NDArray[np.bool_]:
+    """Return which delays, s, may be no longer than a sample, by their standard deviations; those that are NaN not."""
+    short: NDArray[np.bool_] = np.abs(delays) <= 1.05 * dt + 2 * deviations
+    return short
+
+
 def beyond_doubt(values: Array, deviations: Array, delays: NDArray[np.bool_], dt: float) -> NDArray[np.bool_]:
     """Return which nuisances are significant, (k,).
 
@@ -118,7 +124,7 @@ def beyond_doubt(values: Array, deviations: Array, delays: NDArray[np.bool_], dt
         Sample time, s: a delay may be no longer.
     """
     size = np.abs(values)
-    short = ~delays | (size <= 1.05 * dt + 2 * deviations)
+    short = ~delays | of_sampling(values, deviations, dt)
     kept: NDArray[np.bool_] = short & (size > SIGNIFICANT * deviations)
     for k in np.flatnonzero(delays & short & ~kept & (size > LIKELY * deviations)):
         apart = np.abs(values[k] - values) <= LIKELY * np.hypot(deviations[k], deviations)
