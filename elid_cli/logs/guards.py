@@ -61,11 +61,11 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
     step = max(1, aligned.t.size // SAMPLES)
     found: list[str] = []
     found.extend(_amperes(plan))
-    for start, stop in [max(aligned.segments, key=lambda bounds: bounds[1] - bounds[0])]:
-        q, theta = checked.q[start:stop], checked.theta[start:stop]
-        found.extend(_wraps(q, theta, robot, plan))
-        found.extend(_stale(checked, start, stop, robot))
-        found.extend(frozen(q, theta, aligned.dt, robot))
+    start, stop = max(aligned.segments, key=lambda bounds: bounds[1] - bounds[0])
+    q, theta = checked.q[start:stop], checked.theta[start:stop]
+    found.extend(_wraps(q, theta, robot, plan))
+    found.extend(_stale(checked, start, stop, robot))
+    found.extend(frozen(q, theta, aligned.dt, robot))
     found.extend(limited(checked.tau, robot))
     q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
     pairs = [_Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
@@ -77,15 +77,19 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
     if len(compared) > 1:
         tau = _thinned(checked.tau, step)
         found.extend(_swapped_torques(theta - q, tau, compared, robot))
+    scales: dict[int, float] = {}
     for pair in compared:
         found.extend(pair.sentences(plan))
         if abs(pair.slope - 1) < CLOSE and robot.joints[pair.j].elastic:
             deflection = theta[:, pair.j] - q[:, pair.j]
             tau = _thinned(checked.tau, step) if tau is None else tau
-            first, last = (-(-bound // step) for bound in max(aligned.segments, key=lambda b: b[1] - b[0]))
-            whole = slice(first, last)  # differences across a gap are no motion
+            whole = slice(-(-start // step), -(-stop // step))  # differences across a gap are no motion
             own = spring_slope(theta[whole, pair.j], deflection[whole], tau[whole, pair.j], aligned.dt * step)
-            found.extend(_efforts(pair, deflection, tau[:, pair.j], own, robot, plan))
+            found.extend(_directions(pair, deflection, tau[:, pair.j], plan))
+            scales[pair.j] = _scale_of(deflection, tau[:, pair.j], own, robot.joints[pair.j].parameters.get("K"))
+    right = any(abs(math.log(scale)) <= math.log(WRONG_SCALE) for scale in scales.values() if scale > 0)
+    for pair in compared:
+        found.extend(_scale(pair, scales.get(pair.j, math.nan), robot, plan, alone=right))
     return found
 
 
@@ -228,17 +232,9 @@ def _paste(plan: Plan, signal: str, key: str) -> str:
     return f"if so, map it: {signal}: {{{words}, {key}}}"
 
 
-def _efforts(
-    pair: _Pair, deflection: Array, tau: Array, own: tuple[float, float], robot: Robot, plan: Plan
-) -> Iterator[str]:
-    """Compare motor torque with deflection: tau = K (theta - q) + rotor inertia + friction.
-
-    `own` is what `spring_slope` says of them once friction and inertia are taken out.
-    """
-    if not np.isfinite(tau).all() or tau.std() == 0 or deflection.std() == 0:
-        return
-    correlation = float(np.corrcoef(deflection, tau)[0, 1])
-    slope = correlation * float(tau.std() / deflection.std())
+def _directions(pair: _Pair, deflection: Array, tau: Array, plan: Plan) -> Iterator[str]:
+    """Compare motor torque with deflection: tau = K (theta - q) + rotor inertia + friction."""
+    correlation = _correlation(deflection, tau)
     if correlation < -FOLLOWS:
         yield (
             f"{pair.name}: tau runs against the deflection theta - q: its sign is opposite, or q and theta are "
@@ -249,28 +245,56 @@ def _efforts(
             f"{pair.name}: tau follows the deflection without any friction or inertia: it looks like the torque "
             "in the transmission (tau_link), not the motor's"
         )
-    stiffness = robot.joints[pair.j].parameters.get("K")
-    if not stiffness:
+
+
+def _correlation(deflection: Array, tau: Array) -> float:
+    """Return the correlation of torque and deflection; 0 where one is unknown or stands still."""
+    if not np.isfinite(tau).all() or tau.std() == 0 or deflection.std() == 0:
+        return 0.0
+    return float(np.corrcoef(deflection, tau)[0, 1])
+
+
+def _scale_of(deflection: Array, tau: Array, own: tuple[float, float], stiffness: float | None) -> float:
+    """Return tau over the torque that the deflection and the robot file's stiffness mean; NaN where it does not show.
+
+    `own` is what `spring_slope` says of them once friction and inertia are taken out.
+    """
+    correlation = _correlation(deflection, tau)
+    if not stiffness or correlation == 0.0:
+        return math.nan
+    if correlation > FOLLOWS:
+        whole = correlation * float(tau.std() / deflection.std()) / stiffness
+        # beside the motor's own friction and inertia the spring's torque must be as far off, to the same side
+        return whole if off(whole) == 0 or off(whole) * off(own[1] / stiffness) > 0 else math.nan
+    return own[1] / stiffness if own[0] > RELATED else math.nan
+
+
+def _scale(pair: _Pair, ratio: float, robot: Robot, plan: Plan, *, alone: bool) -> Iterator[str]:
+    """Name a torque that is in another unit; with `alone` other joints' are not, and its mapping scales it alone."""
+    if not off(ratio):
         return
-    # beside the motor's own friction and inertia the spring's torque must be as far off, to the same side
-    if correlation > FOLLOWS and off(slope / stiffness) * off(own[1] / stiffness) > 0:
-        yield from _scale(pair, slope / stiffness, stiffness, plan)
-    elif correlation <= FOLLOWS and own[0] > RELATED and off(own[1] / stiffness):
-        yield from _scale(pair, own[1] / stiffness, stiffness, plan)
-
-
-def _scale(pair: _Pair, ratio: float, stiffness: float, plan: Plan) -> Iterator[str]:
-    """Compare tau with the torque that the deflection and the robot file's stiffness mean."""
+    stiffness = robot.joints[pair.j].parameters["K"]
     why = f"it is {ratio:.3g} times K (theta - q) with K = {stiffness:g} of the robot file"
     shaft = abs(math.log(pair.gear)) > math.log(WRONG_SCALE) if pair.gear > 0 else False
     if shaft and abs(ratio * pair.gear - 1) < 0.3:
-        yield f"{pair.name}: tau looks like the motor's shaft torque, {why}; {_paste(plan, 'tau', 'side: motor')}"
+        what, key, factor = "the motor's shaft torque", "side: motor", pair.gear
     elif abs(ratio / 1000 - 1) < 0.3:
-        yield f"{pair.name}: tau looks like mN·m, {why}; {_paste(plan, 'tau', 'unit: mN.m')}"
+        what, key, factor = "mN·m", "unit: mN.m", 1e-3
     else:
-        key = f"unit: A, scale: {{{pair.name}: {1 / ratio:.4g}}}"
-        what = "a current or another unit (or the positions are in one)"
-        yield f"{pair.name}: tau looks like {what}, {why}; {_paste(plan, 'tau', key)}"
+        what, factor = "a current or another unit (or the positions are in one)", 1 / ratio
+        key = f"unit: A, scale: {{{pair.name}: {factor:.4g}}}"
+    if alone:
+        key = _rescaled(plan, pair, factor, robot)
+    yield f"{pair.name}: tau looks like {what}, {why}; {_paste(plan, 'tau', key)}"
+
+
+def _rescaled(plan: Plan, pair: _Pair, factor: float, robot: Robot) -> str:
+    """Return the keys that scale one joint's torque by a factor and leave the others as they are mapped."""
+    spec = plan.placements["tau"].spec
+    given = np.broadcast_to(spec.scale, robot.n) * np.where(np.arange(robot.n) == pair.j, factor, 1.0)
+    scale = ", ".join(f"{n}: {v:.4g}" for n, v in zip(robot.joint_names, given, strict=True) if v != 1.0)
+    kept = [f"unit: {spec.unit}"] if isinstance(spec.unit, str) and spec.unit else []
+    return ", ".join([*kept, *(["side: motor"] if spec.motor_side else []), f"scale: {{{scale}}}"])
 
 
 def _swapped_torques(deflection: Array, tau: Array, pairs: list[_Pair], robot: Robot) -> Iterator[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli.logs import read_recording, write_recording
+from elid_cli.logs import read_map_options, read_recording, write_recording
 from tests.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
 
 ARMS = range(1, 13)
@@ -66,3 +66,20 @@ def test_a_wrong_scale_of_one_joint_is_named_there_and_nowhere_else(tmp_path: Pa
         assert told <= {(f"j{wrong + 1}", what)}
         found += len(told)
     assert found >= 9
+
+
+@pytest.mark.parametrize(("factor", "close"), [("shaft", 1e-3), ("mN·m", 1e-3), ("current", 0.35)])
+def test_the_mapping_that_it_proposes_leaves_the_other_joints_as_they_are(
+    tmp_path: Path, factor: str, close: float
+) -> None:
+    made = next(
+        m for m in (make(seed, 3) for seed in ARMS) if len(said(tmp_path, m, Laws(), lambda k: 1e3 if k == 0 else 1.0))
+    )
+    size = {"shaft": 1.0 / made.truth.joints[0].gear_ratio, "mN·m": 1000.0, "current": 1.0 / 12.0}[factor]
+    assert len(said(tmp_path, made, Laws(), lambda k: size if k == 0 else 1.0)) == 1
+    wrong = read_recording([str(tmp_path / "log.h5")], made.truth)
+    line = next(w for w in wrong.warnings if "tau looks like" in w).partition("map it: ")[2]
+    right = read_recording([str(tmp_path / "log.h5")], made.truth, mapping=read_map_options([line]))
+    assert not any("tau looks like" in warning for warning in right.warnings)
+    np.testing.assert_allclose(right.tau[:, 1:], wrong.tau[:, 1:], rtol=1e-12)
+    np.testing.assert_allclose(right.tau[:, 0], wrong.tau[:, 0] / size, rtol=close)
