@@ -138,6 +138,9 @@ class Problem:
         self.pieces = tuple(pieces)
         self.equations = equations
         self.rho = rho
+        self.followed = np.ones(len(rho))
+        """Part of each row's assumed noise that is the sensors', the rest being assumed for what knots are too free to
+        leave in the residual, (rows,)."""
         self._trust = [np.ones((len(rho), p.intervals * setting.points)) for p in self.pieces]
         self._weights = setting.at_points()
         self.samples = setting.at_samples()

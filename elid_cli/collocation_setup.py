@@ -125,6 +125,7 @@ class Setup:
             [p.start for p in self.pieces], fit.solution.values[self.p_columns].copy(), free_shapes(fit.effects)
         )
         self.problem = Problem(self.setting, self.pieces, self.equations, self.first_rho())
+        self.problem.followed = self._rho(1.0) / self.first_rho()
 
     def _setting(self) -> Setting:
         signals, stride = self.fit.signals, self._stride
@@ -231,6 +232,9 @@ class Setup:
 
     def first_rho(self) -> Array:
         """Return the noise of every row that is assumed at first, N·m (N), (rows,)."""
+        return self._rho(self._followed)
+
+    def _rho(self, followed: float) -> Array:
         signals = self.fit.signals
         every = self.setting.stride // self.setting.points
         share = NOISE_SHARE * (SOFTER if self.noisy else 1.0)
@@ -239,7 +243,7 @@ class Setup:
             torque = signals.tau[:, row.joint]
             size = float(np.sqrt(np.nanmean(torque**2))) if np.isfinite(torque).any() else 1.0
             noise = float(np.nan_to_num(signals.noise.tau[row.joint])) / np.sqrt(every)
-            noise *= (LOOSE_LINK if self._loose else 0.0) if row.kind == "link" else self._followed
+            noise *= (LOOSE_LINK if self._loose else 0.0) if row.kind == "link" else followed
             own = max(MODEL_ERROR * size, share * self._spring_noise(row.joint)) * (LOOSE if self._loose else 1.0)
             rho.append(np.hypot(own, noise))
         floor: Array = np.maximum(np.array(rho), 1e-9)
