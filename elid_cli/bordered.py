@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 
 _DAMPED, _HALVINGS = (-14.0, 6.0), 9
 """Range of the damping of the shapes, powers of ten of their own curvature, and how often it is halved."""
+_SENSED = 1.15
+"""How much smaller a variance is than the sensors' noise as it is estimated makes it. Measured on 200 logs of a planar
+arm (90 dB, 1 % of white torque noise): errors of 0.92 to 1.10 standard errors rms; 0.87 to 1.06 with 1."""
 _TAKEN = 0.3
 """Largest part of the long-run variance of two answers' difference that the parameters are taken to explain."""
 _HELD = 2**27
@@ -91,10 +94,9 @@ def covariance_at(problem: Problem, now: Iterate, prior: tuple[Array, Array]) ->
 
     Influences are what each interval of knots moves (p, z) by, an array (intervals, p + z) per piece.
 
-    Where the sensors' noise alone makes a standard error larger than they do, it is the geometric mean of the two: a
-    trajectory that is as free as this one takes a part of the noise out of the residuals, a quarter of the standard
-    errors of what lies in the links' rows, while noise that is assumed is not all there. Measured on 200 logs of a
-    planar arm: 0.91 to 1.10 standard errors rms. What is known beforehand is as it is assumed.
+    Where the sensors' noise alone makes a variance larger than they do, by more than noise that is assumed is not all
+    there, that counts: a trajectory that is as free as this one takes a part of the noise out of the residuals, a
+    quarter of the standard errors of what lies in the links' rows. What is known beforehand is as it is assumed.
     """
     system = reduced(problem, now, prior)
     size = len(system.gradient)
@@ -104,7 +106,7 @@ def covariance_at(problem: Problem, now: Iterate, prior: tuple[Array, Array]) ->
     shown += known
     assumed = inverse @ white @ inverse + known
     ratio = np.diag(assumed) / np.maximum(np.diag(shown), 1e-300)
-    wider = np.where(np.isfinite(ratio) & (np.diag(shown) > 0), np.maximum(ratio, 1.0), 1.0) ** 0.25
+    wider = np.where(np.isfinite(ratio) & (np.diag(shown) > 0), np.maximum(ratio / _SENSED, 1.0), 1.0) ** 0.5
     return np.asarray(shown * wider[:, None] * wider[None]), influence
 
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from elid_cli.base import find_base
-from elid_cli.bordered import covariance_at
+from elid_cli.bordered import _sandwich, covariance_at, reduced
 from elid_cli.collocation import Iterate, States, coefficients_to_states
 from elid_cli.collocation_setup import Setup
 from elid_cli.estimate import EstimateOptions
@@ -20,6 +20,7 @@ from elid_cli.robot_file import read_robot
 from elid_cli.signals import prepare
 from elid_cli.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.trace import Graph, compile_program
+from tests.estimate.test_identify import PLANAR, noisy
 
 Array = NDArray[np.float64]
 
@@ -113,3 +114,18 @@ def test_what_an_output_reads() -> None:
     shared = a * b
     program = compile_program(graph, [shared + c, -shared, d, 3.0, c, (shared + c) * (a + 1.0)])
     assert program.reads == (0b0111, 0b0011, 0b1000, 0, 0b0100, 0b0111)
+
+
+def test_scores_of_the_noise_that_is_assumed_are_as_large_as_the_normal_matrix() -> None:
+    # then the inverse of the normal matrix is the covariance; what knots are assumed to follow of torques is no noise
+    model = Model(PLANAR)
+    fit = fit_log(model, find_base(model), prepare(noisy(1, 90.0, 0.01), PLANAR), EstimateOptions())
+    for setup, least in ((Setup(fit, coarse=True), 1.0), (Setup(fit, coarse=True, followed=1.4), 1.0 / 1.4**2)):
+        nothing = np.zeros((len(setup.start.p),) * 2)
+        system = reduced(setup.problem, setup.start, (nothing, nothing[0]))
+        size = len(system.gradient)
+        inverse = np.linalg.inv(system.matrix)
+        white = _sandwich(setup.problem, setup.start, [part[:, :size] for part in system.solved], inverse)[2]
+        share = np.diag(inverse @ white @ inverse) / np.diag(inverse)
+        assert share.max() == pytest.approx(1.0, abs=1e-4 if least == 1.0 else 0.1)
+        assert share.min() == pytest.approx(least, rel=1e-4 if least == 1.0 else 0.1)
