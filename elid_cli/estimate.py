@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from elid_cli.base import find_base
 from elid_cli.cutoff import fit_best
 from elid_cli.effects import shown_by
-from elid_cli.fitting import Fit, fit_log, freedom, masked_as_needed, reshaped, with_delays
+from elid_cli.fit_errors import freedom
+from elid_cli.fitting import Fit, fit_log, masked_as_needed, reshaped, with_delays
 from elid_cli.guards import physics_warnings
 from elid_cli.heldout import held_out, joint_errors, with_floor
 from elid_cli.identification import (

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters
-from elid_cli.covariance import lasting_weights, residuals, sandwich
+from elid_cli.covariance import lasting_weights, residuals
 from elid_cli.effects import FittedEffects, declared_effects
+from elid_cli.fit_errors import amplitudes_of, covariance_of
 from elid_cli.heldout import held_out
 from elid_cli.identification import EstimateOptions
 from elid_cli.model import Model
@@ -31,18 +32,15 @@ from elid_cli.nuisance import (
 from elid_cli.observation import Observation, observe
 from elid_cli.reduction import Extra, Triangles, folds_of, reduce
 from elid_cli.scenes import extra_of, scene_of
-from elid_cli.shape_fit import SHAPE_SPREAD, fit_declared, shape_columns
+from elid_cli.shape_fit import fit_declared
 from elid_cli.signals import Signals
-from elid_cli.solve import Solution, reweighted, solve
-from elid_cli.student import beyond_normal
+from elid_cli.solve import Solution, reweighted
 from elid_cli.valleys import reduced, told_apart
 
 Array = NDArray[np.float64]
 
 STICKING = 2.5
 """Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""
-SHORT = 400.0
-"""Independent instants below which a log is short."""
 READING_ROUNDS = 2
 """Rounds of fitting a stiffness and the gain of its torque sensor in turn."""
 
@@ -82,7 +80,7 @@ class Fit:
 
     def amplitudes(self) -> list[Array]:
         """Return the fitted amplitudes of every declared effect, each (d,)."""
-        return _amplitudes(self.solution, self.base, self.nuisances, self.effects)
+        return amplitudes_of(self.solution, self.base, self.nuisances, self.effects)
 
 
 def fit_log(model: Model, base: BaseParameters, signals: Signals, options: EstimateOptions) -> Fit:
@@ -109,8 +107,7 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
             break
         nuisances = significant(observation, solution, nuisances, signals, effects.extras if effects else ())
         nuisances = _borne_out(model, base, observation, nuisances, effects, fold)
-    covariance = _covariance(base, observation, signals, nuisances, effects, triangles, solution)
-    covariance *= _few(observation, signals, triangles, solution) ** 2
+    covariance = covariance_of(base, observation, signals, nuisances, effects, triangles, solution)
     if effects:
         effects, covariance = told_apart(observation, signals, nuisances, effects, solution, covariance)
     return Fit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
@@ -130,8 +127,7 @@ def with_delays(fit: Fit, options: EstimateOptions) -> Fit:
         nuisances = (*fit.nuisances, *missing)
         triangles = reduced(fit.observation, nuisances, fit.effects, folds_of(fit.observation, options.folds))
         solution = reweighted(triangles, fit.base.count + triangles.extras)
-        covariance = _covariance(fit.base, fit.observation, fit.signals, nuisances, fit.effects, triangles, solution)
-        covariance *= _few(fit.observation, fit.signals, triangles, solution) ** 2
+        covariance = covariance_of(fit.base, fit.observation, fit.signals, nuisances, fit.effects, triangles, solution)
         grown = replace(fit, nuisances=nuisances, triangles=triangles, solution=solution, covariance=covariance)
         found = np.array([grown.nuisance(k) for k in range(len(fit.nuisances), len(nuisances))])
         short = of_sampling(found[:, 0], found[:, 1], fit.signals.dt)
@@ -153,7 +149,7 @@ def fit_part(fit: Fit, signals: Signals) -> Fit:
     nuisances = [extra for extra in columns if (extra.name, next(iter(extra.rows)).joint) in kept]
     triangles = reduce(observation, nuisances)
     solution = reweighted(triangles, base.count + triangles.extras)
-    covariance = sandwich(observation, solution, nuisances) * _few(observation, signals, triangles, solution) ** 2
+    covariance = covariance_of(base, observation, signals, nuisances, None, triangles, solution)
     return Fit(model, base, signals, observation, tuple(nuisances), None, triangles, solution, covariance)
 
 
@@ -190,31 +186,6 @@ def reshaped(fit: Fit, effects: FittedEffects, options: EstimateOptions) -> Fit:
     triangles = reduced(fit.observation, fit.nuisances, effects, folds_of(fit.observation, options.folds))
     solution = reweighted(triangles, fit.base.count + triangles.extras)
     return replace(fit, effects=effects, triangles=triangles, solution=solution)
-
-
-def freedom(observation: Observation, signals: Signals, fitted: int) -> float:
-    """Return the degrees of freedom that a short log leaves, at least 1; inf for a log that is not short.
-
-    A channel below the cut-off f has 2 f independent values per second; each row of the fit has its share of the
-    `fitted` parameters. The joint with the fewest usable instants decides.
-    """
-    if not observation.rate > 0:  # equations that were reduced elsewhere
-        return float("inf")
-    share = min(1.0, 2 * signals.filter.cutoff / observation.rate)
-    counts = [group.count for group in observation.groups if group.count]
-    if not counts or share * observation.instants > SHORT:
-        return float("inf")
-    return max(share * min(counts) - fitted / len(counts), 1.0)
-
-
-def _few(observation: Observation, signals: Signals, triangles: Triangles, solution: Solution) -> float:
-    """Return the factor on standard errors of a log that is short.
-
-    Student's t is wider than the normal distribution, and a fit takes its parameters' share of the residual away.
-    """
-    fitted = len(solution.basis)
-    degrees = freedom(observation, signals, fitted)
-    return beyond_normal(degrees) * float(np.sqrt(1 + fitted / len(triangles.rows) / degrees))
 
 
 def _reading_columns(
@@ -284,51 +255,6 @@ def _shaped(
         found = fit_declared(observation, signals, scene, items, weights, nuisances, scan=step is not _Step.REFINE)
         effects = replace(found, others=found.others if step is _Step.RESCAN else effects.others)
     return effects
-
-
-def _amplitudes(
-    solution: Solution, base: BaseParameters, nuisances: Sequence[Extra], effects: FittedEffects | None
-) -> list[Array]:
-    place = len(base.parameters) + sum(extra.width for extra in nuisances)
-    found = []
-    for extra in effects.extras if effects else ():
-        found.append(solution.values[place : place + extra.width])
-        place += extra.width
-    return found
-
-
-def _covariance(
-    base: BaseParameters,
-    observation: Observation,
-    signals: Signals,
-    nuisances: Sequence[Extra],
-    effects: FittedEffects | None,
-    triangles: Triangles,
-    solution: Solution,
-) -> Array:
-    """Return the covariance of the solution's basis; shapes that were fitted count as parameters with their prior."""
-    extras = [*nuisances, *(effects.extras if effects else ())]
-    if effects is None:
-        return sandwich(observation, solution, extras)
-    shapes = shape_columns(effects, signals, _amplitudes(solution, base, nuisances, effects))
-    if not shapes:
-        return sandwich(observation, solution, extras)
-    extended = reduce(observation, [*extras, *shapes])
-    prior = np.zeros((len(shapes), extended.width + 1))
-    prior[np.arange(len(shapes)), triangles.width + np.arange(len(shapes))] = 1.0 / SHAPE_SPREAD
-    if triangles.prior is not None:
-        known = np.insert(triangles.prior, [triangles.width], np.zeros((1, len(shapes))), axis=1)
-        prior = np.concatenate([prior, known])
-    extended = replace(extended, prior=prior)
-    basis = np.concatenate([solution.basis, triangles.width + np.arange(len(shapes))]).astype(np.intp)
-    wider = solve(extended, solution.weights, basis=basis)
-    whole = sandwich(observation, wider, [*extras, *shapes])
-    place = {int(column): k for k, column in enumerate(wider.basis)}
-    kept = [place.get(int(column), -1) for column in solution.basis]
-    if min(kept) < 0:
-        return sandwich(observation, solution, extras)
-    covariance: Array = whole[np.ix_(kept, kept)]
-    return covariance
 
 
 def masked_as_needed(

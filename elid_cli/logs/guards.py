@@ -18,7 +18,7 @@ from elid_cli.logs.checks import Checked
 from elid_cli.logs.repair import Aligned
 from elid_cli.logs.resolve import Plan
 from elid_cli.logs.stuck import frozen, limited
-from elid_cli.logs.torque_scale import WRONG_SCALE, off, spring_slope
+from elid_cli.logs.torque_scale import FOLLOWS, WRONG_SCALE, correlation_of, off, scale_of, spring_slope
 from elid_cli.mapped import along, let_go
 from elid_cli.robot import Robot
 
@@ -45,13 +45,8 @@ OF_DEFLECTION = 5.0
 """… if it is also this many times the spread of theta - q."""
 FAR = 40.0
 """rad; robots' joints rarely turn more than six times."""
-FOLLOWS = 0.95
-"""|correlation| of torque and deflection above which their relation is judged."""
 EXACTLY = 1e-3
 """Share of tau that is not proportional to the deflection below which tau is no motor torque."""
-RELATED = 0.8
-"""Correlation of what is left of both from which their slope shows the torque's scale: noise of the deflection lowers
-the slope by the square of this at most."""
 STALE = 0.5
 """Share of samples equal to the one before above which a moving signal is sampled and held."""
 
@@ -86,7 +81,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
             whole = slice(-(-start // step), -(-stop // step))  # differences across a gap are no motion
             own = spring_slope(theta[whole, pair.j], deflection[whole], tau[whole, pair.j], aligned.dt * step)
             found.extend(_directions(pair, deflection, tau[:, pair.j], plan))
-            scales[pair.j] = _scale_of(deflection, tau[:, pair.j], own, robot.joints[pair.j].parameters.get("K"))
+            scales[pair.j] = scale_of(deflection, tau[:, pair.j], own, robot.joints[pair.j].parameters.get("K"))
     right = any(abs(math.log(scale)) <= math.log(WRONG_SCALE) for scale in scales.values() if scale > 0)
     for pair in compared:
         found.extend(_scale(pair, scales.get(pair.j, math.nan), robot, plan, alone=right))
@@ -234,7 +229,7 @@ def _paste(plan: Plan, signal: str, key: str) -> str:
 
 def _directions(pair: _Pair, deflection: Array, tau: Array, plan: Plan) -> Iterator[str]:
     """Compare motor torque with deflection: tau = K (theta - q) + rotor inertia + friction."""
-    correlation = _correlation(deflection, tau)
+    correlation = correlation_of(deflection, tau)
     if correlation < -FOLLOWS:
         yield (
             f"{pair.name}: tau runs against the deflection theta - q: its sign is opposite, or q and theta are "
@@ -245,28 +240,6 @@ def _directions(pair: _Pair, deflection: Array, tau: Array, plan: Plan) -> Itera
             f"{pair.name}: tau follows the deflection without any friction or inertia: it looks like the torque "
             "in the transmission (tau_link), not the motor's"
         )
-
-
-def _correlation(deflection: Array, tau: Array) -> float:
-    """Return the correlation of torque and deflection; 0 where one is unknown or stands still."""
-    if not np.isfinite(tau).all() or tau.std() == 0 or deflection.std() == 0:
-        return 0.0
-    return float(np.corrcoef(deflection, tau)[0, 1])
-
-
-def _scale_of(deflection: Array, tau: Array, own: tuple[float, float], stiffness: float | None) -> float:
-    """Return tau over the torque that the deflection and the robot file's stiffness mean; NaN where it does not show.
-
-    `own` is what `spring_slope` says of them once friction and inertia are taken out.
-    """
-    correlation = _correlation(deflection, tau)
-    if not stiffness or correlation == 0.0:
-        return math.nan
-    if correlation > FOLLOWS:
-        whole = correlation * float(tau.std() / deflection.std()) / stiffness
-        # beside the motor's own friction and inertia the spring's torque must be as far off, to the same side
-        return whole if off(whole) == 0 or off(whole) * off(own[1] / stiffness) > 0 else math.nan
-    return own[1] / stiffness if own[0] > RELATED else math.nan
 
 
 def _scale(pair: _Pair, ratio: float, robot: Robot, plan: Plan, *, alone: bool) -> Iterator[str]:

@@ -11,6 +11,11 @@ Array = NDArray[np.float64]
 
 WRONG_SCALE = 3.0
 """Factor between tau and the spring's torque by the file's stiffness that no wrong reference value explains."""
+FOLLOWS = 0.95
+"""|correlation| of torque and deflection above which their relation is judged."""
+RELATED = 0.8
+"""Correlation of what is left of both from which their slope shows the torque's scale: noise of the deflection lowers
+the slope by the square of this at most."""
 OWN = 0.1
 """Least part of the deflection's spread that the motor's own motion must leave for the torque's scale to show."""
 LAG = 0.02
@@ -49,3 +54,25 @@ def spring_slope(theta: Array, deflection: Array, tau: Array, dt: float) -> tupl
 def off(ratio: float) -> int:
     """Return to which side a ratio is further from 1 than a wrong reference value explains; 0 where it is not."""
     return (ratio > WRONG_SCALE) - (ratio < 1 / WRONG_SCALE)
+
+
+def correlation_of(deflection: Array, tau: Array) -> float:
+    """Return the correlation of torque and deflection; 0 where one is unknown or stands still."""
+    if not np.isfinite(tau).all() or tau.std() == 0 or deflection.std() == 0:
+        return 0.0
+    return float(np.corrcoef(deflection, tau)[0, 1])
+
+
+def scale_of(deflection: Array, tau: Array, own: tuple[float, float], stiffness: float | None) -> float:
+    """Return tau over the torque that the deflection and the robot file's stiffness mean; NaN where it does not show.
+
+    `own` is what `spring_slope` says of them once friction and inertia are taken out.
+    """
+    correlation = correlation_of(deflection, tau)
+    if not stiffness or correlation == 0.0:
+        return math.nan
+    if correlation > FOLLOWS:
+        whole = correlation * float(tau.std() / deflection.std()) / stiffness
+        # beside the motor's own friction and inertia the spring's torque must be as far off, to the same side
+        return whole if off(whole) == 0 or off(whole) * off(own[1] / stiffness) > 0 else math.nan
+    return own[1] / stiffness if own[0] > RELATED else math.nan

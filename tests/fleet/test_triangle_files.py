@@ -74,7 +74,7 @@ def test_one_log_says_the_same_through_its_triangles(
     log: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # the samples at hand tell more: a cut-off that suits them better, and how few independent ones they are
-    monkeypatch.setattr("elid_cli.fitting.SHORT", 0.0)
+    monkeypatch.setattr("elid_cli.fit_errors.SHORT", 0.0)
     robot = read_robot(name)
     recording = read_recording([LOGS / log], robot)
     signals = prepare(recording, robot, SignalOptions(cutoff=10.0))
