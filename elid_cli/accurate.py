@@ -12,9 +12,9 @@ from elid_cli.collocation_errors import astray, between_valleys
 from elid_cli.collocation_knots import with_knots
 from elid_cli.collocation_search import values_of
 from elid_cli.collocation_setup import Setup, signal_to_noise
-from elid_cli.effects import FittedEffects
 from elid_cli.fitting import Fit
 from elid_cli.gauss_newton import Outcome
+from elid_cli.scenes import FittedEffects
 from elid_cli.terms.effect import Effect
 from elid_cli.valleys import REACH, in_other_valleys, own_shapes
 

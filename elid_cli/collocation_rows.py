@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.collocation import Setting, States
-from elid_cli.effects import Declared, FittedEffects
+from elid_cli.effects import Declared
 from elid_cli.fitting import Fit
 from elid_cli.model import INPUTS, Row
 from elid_cli.motion import Motion
 from elid_cli.nuisance import DELAY
+from elid_cli.scenes import FittedEffects
 from elid_cli.terms.effect import Effect, RowKey, Scene, direction_widths
 from elid_cli.trace import Graph, Program, Scalar, compile_program
 from elid_cli.traced_states import fill, moved_together, slots_of

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from elid_cli.bspline import DEGREE, basis
 from elid_cli.collocation import Iterate, Piece, Problem, Setting
 from elid_cli.collocation_rows import Layout, RobotEquations, free_shapes
-from elid_cli.effects import FittedEffects, amplitude_prior, declared_effects
+from elid_cli.effects import amplitude_prior, declared_effects
 from elid_cli.fitting import Fit
 from elid_cli.model import Model
 from elid_cli.nuisance import DELAY
 from elid_cli.recording import Segment
+from elid_cli.scenes import FittedEffects
 from elid_cli.signals import Signals
 from elid_cli.smoothing import fit_spline
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.errors import RobotError, did_you_mean
-from elid_cli.reduction import Extra
 from elid_cli.robot import EffectSpec, Robot
 from elid_cli.terms import effect_classes
 from elid_cli.terms.effect import Effect, Scene
@@ -25,11 +24,8 @@ def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:
     RobotError
         An effect, joint or parameter that does not exist, or an effect that cannot exist at this joint.
     """
-    library = effect_classes()
-    where = f"{robot.name}: effect {spec.effect}"
-    if spec.effect not in library:
-        raise RobotError(f"{robot.name}: no effect named {spec.effect!r}", hint=did_you_mean(spec.effect, library))
-    kind = library[spec.effect]
+    kind = _known(robot, spec)
+    where = _where(robot, spec)
     if spec.joint is not None and spec.joint not in robot.joint_names:
         raise RobotError(f"{where}: no joint named {spec.joint!r}", hint=did_you_mean(spec.joint, robot.joint_names))
     if spec.joint is None and not kind.whole_robot and robot.n > 1:
@@ -41,12 +37,42 @@ def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:
         raise RobotError(
             f"{where}: does not apply to {robot.joints[joint].name}", detail=reason, hint=f"leave it out{elastic}"
         )
+    return kind, joint
+
+
+def check_effects(robot: Robot) -> Robot:
+    """Return the robot, all of whose declared effects and their parameters have names that the library knows.
+
+    Raises
+    ------
+    RobotError
+        An effect or parameter that does not exist.
+    """
+    for spec in robot.effects:
+        _known(robot, spec)
+    return robot
+
+
+def _known(robot: Robot, spec: EffectSpec) -> type[Effect]:
+    """Return the class of a declared effect whose name and parameters' names exist (RobotError)."""
+    library = effect_classes()
+    if spec.effect not in library:
+        what = f"{spec.where or robot.name}: unknown effect {spec.effect!r}"
+        raise RobotError(what, hint=did_you_mean(spec.effect, library))
+    kind = library[spec.effect]
     names = kind.parameter_names()
     for name in spec.parameters:
         if name not in names:
-            detail = f"it has {', '.join(names)}"
-            raise RobotError(f"{where}: no parameter {name!r}", detail=detail, hint=did_you_mean(name, names))
-    return kind, joint
+            what = f"{_where(robot, spec)}: unknown parameter {name!r}"
+            detail = f"{spec.effect} has {', '.join(names)}"
+            raise RobotError(what, detail=detail, hint=did_you_mean(name, names))
+    return kind
+
+
+def _where(robot: Robot, spec: EffectSpec) -> str:
+    """Return where an effect is declared, with its name."""
+    of = f" of {spec.joint}" if spec.joint else ""
+    return f"{spec.where}: {spec.effect}{of}" if spec.where else f"{robot.name}: effect {spec.effect}"
 
 
 def shown_by(robot: Robot, unlinked: NDArray[np.bool_]) -> Robot:
@@ -94,18 +120,6 @@ class Declared:
     def free(self) -> tuple[int, ...]:
         """Positions of the shapes that are refined."""
         return tuple(k for k, p in enumerate(self.effect.shapes) if not getattr(p, "fixed", False))
-
-
-@dataclass(frozen=True)
-class FittedEffects:
-    """Declared effects at their fitted shapes, their columns, and the columns of their shapes' derivatives."""
-
-    effects: tuple[Declared, ...]
-    extras: tuple[Extra, ...]
-    scene: Scene
-    others: tuple[Mapping[int, Effect], ...] = ()
-    """One joint's effects, by place in `effects`, in shapes of another valley of the cost that explain the log
-    about as well."""
 
 
 def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters
 from elid_cli.covariance import sandwich
-from elid_cli.effects import FittedEffects
 from elid_cli.observation import Observation
 from elid_cli.reduction import Extra, Triangles, reduce
+from elid_cli.scenes import FittedEffects
 from elid_cli.shape_fit import SHAPE_SPREAD, shape_columns
 from elid_cli.signals import Signals
 from elid_cli.solve import Solution, solve

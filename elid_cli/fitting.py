@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from elid_cli.base import BaseParameters
 from elid_cli.covariance import lasting_weights, residuals
-from elid_cli.effects import FittedEffects, declared_effects
+from elid_cli.effects import declared_effects
 from elid_cli.fit_errors import amplitudes_of, covariance_of
 from elid_cli.heldout import held_out
 from elid_cli.identification import EstimateOptions
@@ -31,7 +31,7 @@ from elid_cli.nuisance import (
 )
 from elid_cli.observation import Observation, observe
 from elid_cli.reduction import Extra, Triangles, folds_of, reduce
-from elid_cli.scenes import extra_of, scene_of
+from elid_cli.scenes import FittedEffects, extra_of, scene_of
 from elid_cli.shape_fit import fit_declared
 from elid_cli.signals import Signals
 from elid_cli.solve import Solution, reweighted

@@ -148,6 +148,8 @@ class EffectSpec:
     effect: str
     joint: str | None = None
     parameters: Mapping[str, float] = field(default_factory=_empty)
+    where: str = field(default="", compare=False)
+    """Where it was declared, for errors: ``file:line: effect 1``; empty for one that no file declares."""
 
 
 @dataclass(frozen=True)

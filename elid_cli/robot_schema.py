@@ -14,39 +14,6 @@ from elid_cli.errors import did_you_mean
 from elid_cli.robot import JOINT_PARAMETERS, Convention, EffectSpec, Joint, Limits, Robot
 from elid_cli.yaml_values import Value, parse_yaml
 
-EFFECT_NAMES = (
-    "stribeck",
-    "asymmetric_coulomb",
-    "torque_offset",
-    "load_friction",
-    "quadratic_viscous",
-    "friction_drift",
-    "position_friction",
-    "torque_ripple",
-    "transmission_damping",
-    "cubic_stiffness",
-    "backlash",
-    "hysteresis",
-    "kinematic_error",
-    "link_spring",
-    "link_coulomb",
-    "link_viscous",
-    "velocity_coupling",
-    "torque_delay",
-    "encoder_skew",
-    "torque_gain",
-    "saturation",
-    "encoder_offset",
-    "gravity_direction",
-    "payload",
-    "contact",
-    "flexible_mode",
-    "lookup",
-    "sensor_gain",
-    "sensor_offset",
-)
-"""Names that ``effects:`` may use (FORMATS: names of effects)."""
-
 MOST_JOINTS = 60
 UNIT = 1e-6
 """How far the length of a written axis may be from 1; it is then normalised."""
@@ -149,33 +116,24 @@ def read_limits(value: Value) -> Limits:
 
 
 def read_effects(value: Value, joints: Sequence[Joint]) -> tuple[EffectSpec, ...]:
-    """Return the declared effects (an empty value: none)."""
+    """Return the declared effects (an empty value: none).
+
+    Which effects and parameters there are is the library's to know (`resolve` of declared effects).
+    """
     if value.node.value == "":
         return ()
-    from elid_cli.terms import effect_classes
-
     names = [joint.name for joint in joints]
     effects = []
     for number, item in enumerate(value.items(), start=1):
         item = item.within(f"effect {number}")
         keys = item.fields(("effect",), ("joint", "parameters"))
-        name = keys["effect"].text()
-        if name not in EFFECT_NAMES:
-            raise keys["effect"].error(f"unknown effect {name!r}", hint=did_you_mean(name, EFFECT_NAMES))
         joint = keys["joint"].text() if "joint" in keys else None
         if joint is not None and joint not in names:
             raise keys["joint"].error(f"no joint {joint!r}", hint=did_you_mean(joint, names))
-        parameters: dict[str, float] = {}
-        if "parameters" in keys:
-            place = f"{name} of {joint}" if joint else name
-            known = effect_classes()[name].parameter_names()
-            for key, entry in keys["parameters"].entries():
-                if key.text() not in known:
-                    what = f"unknown parameter {key.text()!r}"
-                    detail = f"{name} has {', '.join(known)}"
-                    raise key.within(place).error(what, detail=detail, hint=did_you_mean(key.text(), known))
-                parameters[key.text()] = entry.within(f"{place}: {key.text()}").number()
-        effects.append(EffectSpec(name, joint, parameters))
+        effect = keys["effect"].text()
+        place = f"{effect} of {joint}" if joint else effect
+        parameters = dict(keys["parameters"].within(place).numbers_by_name()) if "parameters" in keys else {}
+        effects.append(EffectSpec(effect, joint, parameters, item.where))
     return tuple(effects)
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.effects import Declared
 from elid_cli.model import Model, Row
 from elid_cli.motion import Motion
 from elid_cli.observation import pair
@@ -20,6 +22,18 @@ Array = NDArray[np.float64]
 
 _CHUNK = 16384
 """Samples whose full-rate regressor is held at a time."""
+
+
+@dataclass(frozen=True)
+class FittedEffects:
+    """Declared effects at their fitted shapes, their columns, and the columns of their shapes' derivatives."""
+
+    effects: tuple[Declared, ...]
+    extras: tuple[Extra, ...]
+    scene: Scene
+    others: tuple[Mapping[int, Effect], ...] = ()
+    """One joint's effects, by place in `effects`, in shapes of another valley of the cost that explain the log
+    about as well."""
 
 
 def scene_of(model: Model, signals: Signals, standard: Array) -> Scene:

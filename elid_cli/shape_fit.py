@@ -13,11 +13,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.effects import Declared, FittedEffects, amplitude_prior
+from elid_cli.effects import Declared, amplitude_prior
 from elid_cli.model import Row
 from elid_cli.observation import Observation
 from elid_cli.reduction import Extra, full_columns
-from elid_cli.scenes import extra_of
+from elid_cli.scenes import FittedEffects, extra_of
 from elid_cli.signals import Signals
 from elid_cli.terms.effect import Effect, Scene
 from elid_cli.valleys import APART

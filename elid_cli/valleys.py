@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.covariance import long_run, residuals
-from elid_cli.effects import FittedEffects, amplitude_prior
+from elid_cli.effects import amplitude_prior
 from elid_cli.observation import Observation
 from elid_cli.reduction import Extra, Triangles, reduce
 from elid_cli.robot import Robot
-from elid_cli.scenes import extra_of
+from elid_cli.scenes import FittedEffects, extra_of
 from elid_cli.signals import Signals
 from elid_cli.solve import Solution, solve
 from elid_cli.terms.effect import Effect

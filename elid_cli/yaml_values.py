@@ -8,7 +8,7 @@ nothing.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -45,9 +45,17 @@ class Value:
 
     def error(self, what: str, *, hint: str = "", detail: str = "") -> UsageError:
         """Return the error ``file:line: place: what``, to be raised."""
-        place = f"{self.place}: " if self.place else ""
-        line = self.node.start_mark.line + 1
-        return self.fault(f"{self.file}:{line}: {place}{what}", hint=hint, detail=detail)
+        return self.fault(f"{self.where}: {what}", hint=hint, detail=detail)
+
+    @property
+    def where(self) -> str:
+        """``file:line: place`` of the value."""
+        return f"{self.file}:{self.node.start_mark.line + 1}" + (f": {self.place}" if self.place else "")
+
+    def numbers_by_name(self) -> Iterator[tuple[str, float]]:
+        """Yield the mapping's keys with their values as numbers."""
+        for key, entry in self.entries():
+            yield key.text(), entry.within(_join(self.place, key.text())).number()
 
     def within(self, place: str) -> Value:
         """Return the same value under another place."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from elid_cli.commands import options
 from elid_cli.commands.group import verb
+from elid_cli.commands.inputs import load_robot
 from elid_cli.commands.options import Conditioning, Gates, Output, Reading, Spread
 from elid_cli.commands.reducing import spread
 
@@ -43,9 +44,8 @@ def classify(
         from elid_cli.base import find_base
         from elid_cli.model import Model
         from elid_cli.reports.classification import classification_report
-        from elid_cli.robot_file import read_robot
 
-        machine = read_robot(robot)
+        machine = load_robot(robot)
         base = find_base(Model(machine))
         check_names(gates, machine)
         recording = found = None

@@ -70,7 +70,7 @@ def diagnose(
     it, and report the error before and after on stretches that the search never saw.
     """  # noqa: D205
     from elid_cli.commands.emit import check_output, emit, pictures_wanted
-    from elid_cli.commands.inputs import check_effects, load_recording, load_signals, sharp
+    from elid_cli.commands.inputs import check_effects, load_recording, load_robot, load_signals, sharp
     from elid_cli.commands.progress import progress
     from elid_cli.commands.writing import check_described, write_described
 
@@ -85,11 +85,10 @@ def diagnose(
         from elid_cli.refined import remarks
         from elid_cli.reports.diagnosis import diagnosis_report
         from elid_cli.reports.diagnosis_told import Check, Told
-        from elid_cli.robot_file import read_robot
         from elid_cli.validation import validate
 
         check_effects(only)
-        machine = read_robot(robot)
+        machine = load_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
         others = [load_recording((log,), machine, reading, output, conditioning.rate, label=log) for log in checks]
         signals = load_signals(recording, machine, sharp(conditioning, recording), advance)

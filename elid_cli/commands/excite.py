@@ -8,6 +8,7 @@ from click.core import ParameterSource
 
 from elid_cli.commands import options
 from elid_cli.commands.group import verb
+from elid_cli.commands.inputs import load_robot
 from elid_cli.commands.options import Output, Reading
 from elid_cli.commands.values import File, Number, Share
 
@@ -111,10 +112,9 @@ def excite(
         from elid_cli.excitation import ExciteOptions
         from elid_cli.excitation import excite as find
         from elid_cli.reports.excitation import excitation_report
-        from elid_cli.robot_file import read_robot
         from elid_cli.trajectory_file import write_trajectory
 
-        machine = read_robot(robot)
+        machine = load_robot(robot)
         choice = ExciteOptions(duration=duration, interval=interval, aims=aims, residual=residual, seed=seed)
         if after is not None:
             last = _last(after, machine, reading, output)

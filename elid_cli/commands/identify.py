@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from elid_cli.commands import options
 from elid_cli.commands.group import verb
+from elid_cli.commands.inputs import load_robot
 from elid_cli.commands.options import Conditioning, Fit, Gates, Output, Reading, Spread
 from elid_cli.commands.reducing import spread
 
@@ -61,9 +62,8 @@ def identify(
     with progress(output, "reading") as advance:
         from elid_cli.refined import identified_robot, remarks
         from elid_cli.reports.identification import identification_report
-        from elid_cli.robot_file import read_robot
 
-        machine = read_robot(robot)
+        machine = load_robot(robot)
         check_names(gates, machine)
         asked = Asked(logs, machine, reading, conditioning, fit, spread, output, advance)
         found, recording, apart, signals = from_triangles(asked) if merges(logs, machine, fit) else from_samples(asked)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from elid_cli.commands import options
 from elid_cli.commands.group import verb
+from elid_cli.commands.inputs import load_robot
 from elid_cli.commands.options import Output
 
 
@@ -23,9 +24,8 @@ def info(logs: tuple[str, ...], robot: str | None, maps: tuple[str, ...], output
     with progress(output, "reading"):
         from elid_cli.logs import inspect_log, read_map_options
         from elid_cli.reports.info import info_report
-        from elid_cli.robot_file import read_robot
 
-        machine = None if robot is None else read_robot(robot)
+        machine = None if robot is None else load_robot(robot)
         mapping = read_map_options(maps) or None
         found = [inspect_log(log, machine, mapping) for log in logs]
     note((sentence for log in found for sentence in log.losses), output, "lost")

@@ -17,6 +17,14 @@ if TYPE_CHECKING:
     from elid_cli.signals import Signals
 
 
+def load_robot(source: str) -> Robot:
+    """Return the robot that ``--robot`` names, its declared effects known to the library."""
+    from elid_cli.effects import check_effects
+    from elid_cli.robot_file import read_robot
+
+    return check_effects(read_robot(source))
+
+
 def load_recording(
     logs: Sequence[str],
     robot: Robot,

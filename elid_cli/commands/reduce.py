@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from elid_cli.commands import options
 from elid_cli.commands.group import verb
+from elid_cli.commands.inputs import load_robot
 from elid_cli.commands.options import Conditioning, Output, Reading, Spread
 from elid_cli.commands.reducing import spread
 
@@ -47,10 +48,9 @@ def reduce(
     with progress(output, "reading") as advance:
         from elid_cli.merging import check_alike, joined_recording
         from elid_cli.reports.reduction import reduction_report
-        from elid_cli.robot_file import read_robot
         from elid_cli.triangle_file import write_triangles
 
-        machine = read_robot(robot)
+        machine = load_robot(robot)
         reason = whole_log_needed(machine, Fit())
         if reason:
             raise UsageError(f"{robot}: cannot be reduced for", detail=reason, hint="take the robot without effects")

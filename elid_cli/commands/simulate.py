@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from elid_cli.commands import options, simulating
 from elid_cli.commands.group import verb
+from elid_cli.commands.inputs import load_robot
 from elid_cli.commands.options import Output
 from elid_cli.commands.simulating import ControlChoice, MotionChoice, SensorChoice
 from elid_cli.commands.values import File
@@ -53,9 +54,8 @@ def simulate(
         from elid_cli import simulation
         from elid_cli.logs import write_recording
         from elid_cli.reports.simulation import simulation_report
-        from elid_cli.robot_file import read_robot
 
-        machine = read_robot(robot)
+        machine = load_robot(robot)
         acting = replace(machine, effects=(*machine.effects, *simulating.effect_specs(effects)))
         chosen = simulating.options_of(machine, motion, control, sensors)
         share = None if advance is None else lambda done: advance("simulating", done)

@@ -27,17 +27,16 @@ def validate(
     """Say how well a robot file, with its parameters and effects, predicts the motor torques of a log."""
     from elid_cli.commands.emit import check_output, emit, pictures_wanted
     from elid_cli.commands.gates import check_gates, motor_rows_told
-    from elid_cli.commands.inputs import load_recording, load_signals, sharp
+    from elid_cli.commands.inputs import load_recording, load_robot, load_signals, sharp
     from elid_cli.commands.progress import progress
 
     check_output(output)
     with progress(output, "reading") as advance:
         from elid_cli.diagnosis.stretches import folds, spans
         from elid_cli.reports.validation import validation_report
-        from elid_cli.robot_file import read_robot
         from elid_cli.validation import validate as judge
 
-        machine = read_robot(robot)
+        machine = load_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
         signals = load_signals(recording, machine, sharp(conditioning, recording), advance)
         chosen = folds(len(signals.outputs)) < 0 if held_out else None

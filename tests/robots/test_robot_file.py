@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from elid_cli.effects import check_effects
 from elid_cli.errors import EXIT_USAGE, RobotError, UsageError
 from elid_cli.robot import JOINT_PARAMETERS, EffectSpec, Joint, Limits, Robot
 from elid_cli.robot_file import fingerprint, read_robot, robot_from_text, shipped_robots, write_robot
@@ -47,7 +48,7 @@ log:
 
 def refused(text: str) -> str:
     with pytest.raises(RobotError) as caught:
-        robot_from_text(text, "arm.yaml")
+        check_effects(robot_from_text(text, "arm.yaml"))
     assert caught.value.exit_code == EXIT_USAGE
     return str(caught.value)
 
