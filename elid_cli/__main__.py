@@ -2,7 +2,7 @@
 
 import sys
 
-from elid_cli.commands import main
+from elid_cli.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

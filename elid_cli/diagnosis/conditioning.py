@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from elid_cli.signal_options import SignalOptions
-from elid_cli.signals import RATE_PER_CUTOFF
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.signals import RATE_PER_CUTOFF
 
 CUTOFF = 25.0
 """Hz; higher than what parameters need, since ripple, vibration and reversals live above them."""

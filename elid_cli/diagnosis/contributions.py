@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from elid_cli.diagnosis.answer import Diagnosis, FoundEffect
-from elid_cli.diagnosis.held_out import held_out_triangles
-from elid_cli.diagnosis.state import State, without
+from elid_cli.diagnosis.evidence.held_out import held_out_triangles
+from elid_cli.diagnosis.fit.state import State, without
+from elid_cli.diagnosis.result import Diagnosis, FoundEffect
 
 
 @dataclass(frozen=True)

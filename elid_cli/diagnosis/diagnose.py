@@ -8,33 +8,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.base import find_base
-from elid_cli.diagnosis.answer import Diagnosis
-from elid_cli.diagnosis.held_out import held_out_gain
-from elid_cli.diagnosis.known_values import by_known_values
-from elid_cli.diagnosis.quarters import Survival, judged
-from elid_cli.diagnosis.retimed import retimed
-from elid_cli.diagnosis.said import result
-from elid_cli.diagnosis.screen import sensible
-from elid_cli.diagnosis.search import Found, beside, search
-from elid_cli.diagnosis.standstill import friction_at_rest
-from elid_cli.diagnosis.state import Log, fit, refreshed, without
-from elid_cli.diagnosis.stretches import folds
-from elid_cli.diagnosis.whole_curves import with_whole_curves
-from elid_cli.diagnosis.windows import one_of_many
-from elid_cli.effects import declared_effects, shown_by
+from elid_cli.diagnosis.evidence.held_out import held_out_gain
+from elid_cli.diagnosis.evidence.moments import friction_at_rest
+from elid_cli.diagnosis.evidence.quarters import Survival, judged
+from elid_cli.diagnosis.evidence.windows import one_of_many
+from elid_cli.diagnosis.fit.state import Log, fit, refreshed, without
+from elid_cli.diagnosis.fit.stretches import folds
+from elid_cli.diagnosis.result import Diagnosis
+from elid_cli.diagnosis.search.event_times import retimed
+from elid_cli.diagnosis.search.forward import Found, beside, search
+from elid_cli.diagnosis.search.friction_curves import with_whole_curves
+from elid_cli.diagnosis.search.screening import sensible
+from elid_cli.diagnosis.search.ties import by_known_values
+from elid_cli.diagnosis.summary import result
 from elid_cli.errors import UsageError
-from elid_cli.model import Model
-from elid_cli.observation import observe
-from elid_cli.reduction import reduce
-from elid_cli.robot import Robot
-from elid_cli.scenes import scene_of
-from elid_cli.shifts import corrected, declared_shifts
-from elid_cli.signals import Signals
-from elid_cli.solve import reweighted
-from elid_cli.terms import effect_classes
-from elid_cli.terms.effect import Effect
-from elid_cli.tilt import declared_tilt, levelled
+from elid_cli.estimation.regression.effect_columns import scene_of
+from elid_cli.estimation.regression.least_squares import reweighted
+from elid_cli.estimation.regression.observation import observe
+from elid_cli.estimation.regression.triangles import reduce
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.declared import declared_effects, shown_by
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.shifts import corrected, declared_shifts
+from elid_cli.model.effects.tilt import declared_tilt, levelled
+from elid_cli.model.regressor import Model
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -159,7 +159,7 @@ def _supported(found: Found, declared: int) -> Found:
 
 def _with_curves(found: Found) -> tuple[Found, list[Effect]]:
     """Add smooth curves over what the remaining residual follows most, as long as held-out stretches support them."""
-    from elid_cli.diagnosis.curves import MOST, best_curve
+    from elid_cli.diagnosis.search.smooth_curves import MOST, best_curve
 
     curves: list[Effect] = []
     while len(curves) < MOST:

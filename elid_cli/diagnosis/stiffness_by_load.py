@@ -15,13 +15,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.diagnosis.encoders import link_load
-from elid_cli.diagnosis.quarters import QUARTERS, quarter_of
-from elid_cli.diagnosis.state import State
-from elid_cli.identification import Identification, Verdict
-from elid_cli.link_equation import CLEAR as LOOSE
-from elid_cli.link_equation import EXPLAINED, GOOD, LinkStiffness, TwoWays, link_stiffness, two_ways
-from elid_cli.regression import regression
+from elid_cli.diagnosis.evidence.quarters import QUARTERS, quarter_of
+from elid_cli.diagnosis.fit.state import State
+from elid_cli.diagnosis.search.encoder_skew import link_load
+from elid_cli.estimation.regression.regression import regression
+from elid_cli.estimation.result import Identification, Verdict
+from elid_cli.estimation.stiffness.link_equation import CLEAR as LOOSE
+from elid_cli.estimation.stiffness.link_equation import (
+    EXPLAINED,
+    GOOD,
+    LinkStiffness,
+    TwoWays,
+    link_stiffness,
+    two_ways,
+)
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """Logs: one module per format (``*_log.py``), found by themselves; from files to a `Recording` and back."""
 
 from elid_cli.logs.inspect import ChannelInfo, LogInfo, inspect_log
-from elid_cli.logs.mapping import read_map_options
+from elid_cli.logs.mapping.language import read_map_options
 from elid_cli.logs.reading import read_recording
 from elid_cli.logs.writing import write_recording
 

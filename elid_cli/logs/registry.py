@@ -1,4 +1,4 @@
-"""Find the log formats: every module of this package that defines `FORMAT`."""
+"""Find the log formats: every module in `formats` that defines `FORMAT`."""
 
 from __future__ import annotations
 
@@ -8,17 +8,16 @@ from functools import cache
 from pathlib import Path
 
 from elid_cli.errors import LogError, UsageError
-from elid_cli.logs.raw import LogFormat
+from elid_cli.logs import formats as library
+from elid_cli.logs.contract import LogFormat
 from elid_cli.logs.source import Source
 
 
 @cache
 def formats() -> tuple[LogFormat, ...]:
     """Return every format, in the order in which they are asked."""
-    found = []
-    for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
-        if module.name.endswith("_log"):
-            found.append(importlib.import_module(f"{__package__}.{module.name}").FORMAT)
+    modules = [importlib.import_module(f"{library.__name__}.{m.name}") for m in pkgutil.iter_modules(library.__path__)]
+    found = [module.FORMAT for module in modules if hasattr(module, "FORMAT")]
     return tuple(sorted(found, key=lambda fmt: (fmt.priority, fmt.name)))
 
 

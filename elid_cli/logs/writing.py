@@ -9,7 +9,7 @@ from pathlib import Path
 
 from elid_cli.errors import UsageError
 from elid_cli.logs.registry import writer_for
-from elid_cli.recording import Recording
+from elid_cli.signals.recording import Recording
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:

@@ -51,10 +51,10 @@ def rigid_regressor(which: str) -> dict[str, float]:
     """µs per sample of the rigid-body regressor in blocks, against the loop."""
     import made
 
-    from elid_cli import trace
-    from elid_cli.model import Model, inputs_of
-    from elid_cli.motion import random_motion
-    from elid_cli.terms.rigid_body import RigidBody
+    from elid_cli.model import tracing as trace
+    from elid_cli.model.regressor import Model, inputs_of
+    from elid_cli.model.terms.rigid_body import RigidBody
+    from elid_cli.signals.motion import random_motion
 
     robot = getattr(made, which)()
     program = Model(made.rigid(robot), (RigidBody(),)).estimation.program
@@ -84,11 +84,11 @@ def elastic_reduction(which: str) -> dict[str, float]:
     """
     import made
 
-    from elid_cli.blocks import CHUNK
-    from elid_cli.lowpass import low_pass
-    from elid_cli.model import Model, inputs_of
-    from elid_cli.motion import random_motion
-    from elid_cli.pile import Growing
+    from elid_cli.estimation.regression.filtered_rows import CHUNK
+    from elid_cli.estimation.streaming.accumulate import Growing
+    from elid_cli.model.regressor import Model, inputs_of
+    from elid_cli.signals.lowpass import low_pass
+    from elid_cli.signals.motion import random_motion
 
     robot = getattr(made, which)()
     plan = Model(robot).estimation
@@ -128,11 +128,11 @@ def identify_arrays() -> dict[str, float]:
     """
     import made
 
-    from elid_cli.estimate import identify
+    from elid_cli.estimation.identify import identify
     from elid_cli.memory import keep_freed_memory
-    from elid_cli.model import Model
-    from elid_cli.signal_options import SignalOptions
-    from elid_cli.signals import prepare
+    from elid_cli.model.regressor import Model
+    from elid_cli.signals.options import SignalOptions
+    from elid_cli.signals.signals import prepare
 
     robot = made.rigid(made.puma())
     recording = made.recording(robot, SAMPLES / 1000)
@@ -191,8 +191,8 @@ def hdf5_arrays(path: str) -> dict[str, float]:
     import h5py
     import made
 
-    from elid_cli.logs.hdf5_log import FORMAT
-    from elid_cli.logs.raw import Pick
+    from elid_cli.logs.contract import Pick
+    from elid_cli.logs.formats.hdf5 import FORMAT
     from elid_cli.logs.source import open_source
 
     names = made.puma().joint_names
@@ -242,8 +242,8 @@ def mcap_decode(path: str) -> dict[str, float]:
     """CPU seconds of the bulk decoder alone."""
     import made
 
-    from elid_cli.logs.mcap_log import CANONICAL, McapLog
-    from elid_cli.logs.raw import Pick
+    from elid_cli.logs.contract import Pick
+    from elid_cli.logs.formats.mcap import CANONICAL, McapLog
     from elid_cli.logs.source import open_source
 
     names = made.puma().joint_names

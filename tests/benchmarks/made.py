@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.model import Model
-from elid_cli.motion import Motion
-from elid_cli.robot import Robot
-from elid_cli.robot_file import read_robot, robot_from_text
+from elid_cli.model.regressor import Model
+from elid_cli.robot.files import read_robot, robot_from_text
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.motion import Motion
 
 Array = NDArray[np.float64]
 BLOCK = 20_000
@@ -119,7 +119,7 @@ def write_other(robot: Robot, path: Path, seconds: float, rate: float = 1000.0) 
 
 def recording(robot: Robot, seconds: float, rate: float = 1000.0):  # type: ignore[no-untyped-def]
     """Return a recording in memory."""
-    from elid_cli.recording import Recording, Segment
+    from elid_cli.signals.recording import Recording, Segment
 
     samples = int(seconds * rate)
     movement = Movement(robot)

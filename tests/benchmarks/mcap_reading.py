@@ -24,7 +24,7 @@ def generate(path: Path, messages: int) -> None:
     import numpy as np
 
     from elid_cli.logs import write_recording
-    from elid_cli.recording import Recording, Segment
+    from elid_cli.signals.recording import Recording, Segment
 
     n = messages // 2
     t = np.arange(n) / 1000
@@ -40,8 +40,8 @@ def read(how: str, path: Path) -> tuple[float, float]:
     """Return (CPU s, MB of arrays)."""
     size = 0.0
     if how == "elid":
-        from elid_cli.logs.mcap_log import CANONICAL, McapLog
-        from elid_cli.logs.raw import Pick
+        from elid_cli.logs.contract import Pick
+        from elid_cli.logs.formats.mcap import CANONICAL, McapLog
         from elid_cli.logs.source import open_source
 
         names = tuple(f"joint{i + 1}" for i in range(JOINTS))
@@ -68,7 +68,7 @@ def read(how: str, path: Path) -> tuple[float, float]:
         cpu = time.process_time() - begin
         assert count > 0
     else:
-        from elid_cli.logs.mcap_container import Container, walk
+        from elid_cli.logs.mcap.container import Container, walk
 
         begin = time.process_time()
         with path.open("rb") as stream:
@@ -92,7 +92,7 @@ def one(how: str, path: Path) -> None:
     import numpy as np  # noqa: F401
     import zstandard  # noqa: F401
 
-    import elid_cli.logs.mcap_log  # noqa: F401
+    import elid_cli.logs.formats.mcap  # noqa: F401
 
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     cpu, arrays = read(how, path)

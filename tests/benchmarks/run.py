@@ -179,7 +179,7 @@ def start_up(folder: Path) -> Iterator[Row]:
     """Yield what a short log takes, start of Python included."""
     import made
 
-    from elid_cli.robot_file import write_robot
+    from elid_cli.robot.files import write_robot
 
     robot, path = made.planar3(), folder / "short.csv"
     write_robot(robot, folder / "planar3.yaml")

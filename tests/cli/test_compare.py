@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from elid_cli.comparison import Estimate, Saved, compare
-from elid_cli.report import Text
-from elid_cli.reports.comparison import NOTABLE, WORSE, comparison_report
+from elid_cli.estimation.comparison import Estimate, Saved, compare
+from elid_cli.report.answers.comparison import NOTABLE, WORSE, comparison_report
+from elid_cli.report.tree import Text
 
 
 def result(**changes: float | None) -> dict[str, Any]:

@@ -12,8 +12,8 @@ from pathlib import Path
 import click
 import pytest
 
-from elid_cli.commands.group import elid, summaries
-from elid_cli.terms import effect_classes
+from elid_cli.cli.group import elid, summaries
+from elid_cli.model.effects import effect_classes
 
 README = Path(__file__).parents[2] / "README.md"
 TEXT = README.read_text("utf-8")

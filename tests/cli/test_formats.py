@@ -9,9 +9,9 @@ import re
 import numpy as np
 import pytest
 
-from elid_cli import formats
 from elid_cli.errors import UsageError
-from elid_cli.report import (
+from elid_cli.report import formats
+from elid_cli.report.tree import (
     Column,
     Figure,
     KeyValues,

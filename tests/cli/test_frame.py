@@ -15,7 +15,7 @@ import pytest
 from conftest import interruptible
 
 from elid_cli import __version__
-from elid_cli.commands.group import summaries
+from elid_cli.cli.group import summaries
 
 ESCAPE = "\x1b"
 
@@ -45,7 +45,7 @@ def test_version_is_one_line(elid) -> None:
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["identify", "--help"], ["effects", "--nonsense"]])
 def test_help_loads_nothing_heavy(elid, arguments) -> None:
-    code = "import sys; from elid_cli.commands import main; main(sys.argv[1:]); print('#', *sys.modules)"
+    code = "import sys; from elid_cli.cli import main; main(sys.argv[1:]); print('#', *sys.modules)"
     done = elid.python(code, *arguments)
     loaded = set(done.stdout.rsplit("#", 1)[1].split())
     assert not loaded & {"numpy", "scipy", "rich", "h5py", "mcap", "yaml", "matplotlib", "pandas"}
@@ -111,11 +111,11 @@ def test_a_file_in_place_of_a_verb_is_understood(elid, tmp_path: Path) -> None:
 
 BUG = """
 import sys
-import elid_cli.terms
-from elid_cli.commands import main
+import elid_cli.model.effects
+from elid_cli.cli import main
 def effect_classes():
     raise {problem}
-elid_cli.terms.effect_classes = effect_classes
+elid_cli.model.effects.effect_classes = effect_classes
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -155,12 +155,12 @@ def test_other_ends(elid, problem, code, words) -> None:
 
 SLOW = """
 import sys, time
-import elid_cli.terms
-from elid_cli.commands import main
+import elid_cli.model.effects
+from elid_cli.cli import main
 def effect_classes():
     sys.stderr.write("ready\\n"); sys.stderr.flush()
     time.sleep(60)
-elid_cli.terms.effect_classes = effect_classes
+elid_cli.model.effects.effect_classes = effect_classes
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -185,7 +185,7 @@ def test_a_closed_pipe_is_quiet_and_141(elid) -> None:
     assert done.stdout == "{\n"
     assert done.stderr.strip() in ("0", "141")
     never_read = elid.python(
-        "import os, sys; from elid_cli.commands import main\n"
+        "import os, sys; from elid_cli.cli import main\n"
         "r, w = os.pipe(); os.dup2(w, 1); os.close(w); os.close(r)\n"
         "sys.exit(main(['effects', '--json']))"
     )
@@ -193,7 +193,7 @@ def test_a_closed_pipe_is_quiet_and_141(elid) -> None:
 
 
 def test_a_file_to_write_may_be_the_pipe_that_stdout_is(elid) -> None:
-    code = "from elid_cli.atomic import write_text; write_text('/dev/stdout', 'whole')"
+    code = "from elid_cli.files import write_text; write_text('/dev/stdout', 'whole')"
     assert elid.python(code).stdout == "whole"
 
 

@@ -13,7 +13,7 @@ CSV, HDF5, MCAP = (str(LOGS / f"planar2.{suffix}") for suffix in ("csv", "h5", "
 
 SCRIPT = """
 import contextlib, io, sys
-from elid_cli.commands import main
+from elid_cli.cli import main
 with contextlib.redirect_stdout(io.StringIO()):
     code = main(sys.argv[1:])
 print(code, *sorted(sys.modules))

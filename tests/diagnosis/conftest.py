@@ -14,8 +14,8 @@ from diagnosis_logs import Diagnosed, Logs, arm, log_with, moved
 
 from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.robot import Robot
-from elid_cli.signals import prepare
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import prepare
 
 
 @pytest.fixture(scope="session")

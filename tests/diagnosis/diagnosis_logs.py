@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from elid_cli import simulation
 from elid_cli.diagnosis import Diagnosis
+from elid_cli.experiment import simulation
+from elid_cli.experiment.simulation.sensors import SensorOptions, measured
 from elid_cli.logs import write_recording
-from elid_cli.recording import Recording, Segment
-from elid_cli.robot import Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.simulation.sensors import SensorOptions, measured
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording, Segment
 
 Logs = Callable[..., Recording]
 Diagnosed = Callable[..., Diagnosis]

@@ -9,10 +9,10 @@ import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, diagnose
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.diagnosis.identified import identified
-from elid_cli.reports.inputs import effect_text
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
+from elid_cli.diagnosis.refit import identified
+from elid_cli.report.answers.inputs import effect_text
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.signals import prepare
 from tests.reproduce.inverse_logs import Laws, World, log_of, make, recorded
 
 

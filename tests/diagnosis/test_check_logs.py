@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from diagnosis_logs import arm
 
-from elid_cli.identification import JointError
-from elid_cli.recording import Recording
-from elid_cli.reports.diagnosis import WORSE, _against
-from elid_cli.reports.diagnosis_told import Check, Told
+from elid_cli.estimation.result import JointError
+from elid_cli.report.answers.diagnosis import WORSE, _against
+from elid_cli.report.answers.diagnosis_input import Check, Told
+from elid_cli.signals.recording import Recording
 
 
 class Found:

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from diagnosis_logs import Logs, written
 
-from elid_cli.robot import Robot
-from elid_cli.robot_file import write_robot
+from elid_cli.robot.files import write_robot
+from elid_cli.robot.robot import Robot
 
 Place = Path
 FEW = ("--only", "stribeck", "--only", "torque_offset")

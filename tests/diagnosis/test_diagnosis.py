@@ -11,12 +11,12 @@ from diagnosis_logs import EFFECTS, Diagnosed, Logs
 from elid_cli.diagnosis import DiagnoseOptions, diagnose
 from elid_cli.diagnosis.conditioning import options_for
 from elid_cli.diagnosis.contributions import contributions
-from elid_cli.diagnosis.curves import residual_rows
-from elid_cli.diagnosis.identified import identified
-from elid_cli.robot import Robot
-from elid_cli.robot_file import read_robot, write_robot
-from elid_cli.signals import Signals, prepare
-from elid_cli.validation import validate
+from elid_cli.diagnosis.refit import identified
+from elid_cli.diagnosis.search.smooth_curves import residual_rows
+from elid_cli.estimation.validation.prediction import validate
+from elid_cli.robot.files import read_robot, write_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals, prepare
 
 
 def test_a_clean_log_gives_no_effect(diagnosed: Diagnosed) -> None:

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.answer import Unexplained
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.diagnosis.triage import MATTERS, RowState
-from elid_cli.diagnosis.unseen import HELD_OUT, UNSEEN, unseen
-from elid_cli.estimate import JointError
-from elid_cli.model import Kind
-from elid_cli.reports.diagnosis_sections import _left
-from elid_cli.signals import prepare
+from elid_cli.diagnosis.residuals import MATTERS, RowState
+from elid_cli.diagnosis.result import Unexplained
+from elid_cli.diagnosis.unexplained import HELD_OUT, UNSEEN, unseen
+from elid_cli.estimation.identify import JointError
+from elid_cli.model.regressor import Kind
+from elid_cli.report.answers.diagnosis_tables import _left
+from elid_cli.signals.signals import prepare
 from tests.reproduce.inverse_logs import Laws, Made, World, laws_of, log_of, make, recorded
 
 ARM, GRIPPER, RATE = 317, 305, 500.0

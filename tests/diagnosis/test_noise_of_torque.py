@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 
 from elid_cli.diagnosis import diagnose
-from elid_cli.diagnosis.answer import Unexplained
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.reports.diagnosis_sections import NOISE_WORDS, noise_like, unexplained_section
-from elid_cli.signals import prepare
+from elid_cli.diagnosis.result import Unexplained
+from elid_cli.report.answers.diagnosis_tables import NOISE_WORDS, noise_like, unexplained_section
+from elid_cli.signals.signals import prepare
 from tests.reproduce.inverse_logs import Laws, log_of, make, recorded
 
 SUM = Unexplained("j1", "sum", "frequency 5.2 Hz", 0.09, 0.02, 12.0, (("stribeck", "j1", 0.03),))

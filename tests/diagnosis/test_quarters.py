@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from diagnosis_logs import EFFECTS, Diagnosed, Logs
 
-from elid_cli.diagnosis import quarters
 from elid_cli.diagnosis.conditioning import options_for
 from elid_cli.diagnosis.diagnose import divided
-from elid_cli.diagnosis.quarters import QUARTERS, judged, left_out, survival
-from elid_cli.diagnosis.screen import score
-from elid_cli.diagnosis.search import Found, Step
-from elid_cli.diagnosis.state import State, fit, refreshed
+from elid_cli.diagnosis.evidence import quarters
+from elid_cli.diagnosis.evidence.quarters import QUARTERS, judged, left_out, survival
+from elid_cli.diagnosis.fit.state import State, fit, refreshed
+from elid_cli.diagnosis.search.forward import Found, Step
+from elid_cli.diagnosis.search.screening import score
 from elid_cli.diagnosis.stiffness_by_load import stiffness_by_load
-from elid_cli.recording import Recording
-from elid_cli.robot import Robot
-from elid_cli.signals import prepare
-from elid_cli.terms import effect_classes
-from elid_cli.terms.effect import Effect
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.effect import Effect
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
 
 
 def with_torque(recording: Recording, robot: Robot, sign: np.ndarray, effect: Effect) -> tuple[State, Found]:

@@ -13,10 +13,10 @@ import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.estimate import identify
-from elid_cli.robot import EffectSpec
-from elid_cli.signals import Signals, prepare
-from elid_cli.validation import validate
+from elid_cli.estimation.identify import identify
+from elid_cli.estimation.validation.prediction import validate
+from elid_cli.robot.robot import EffectSpec
+from elid_cli.signals.signals import Signals, prepare
 from tests.reproduce.inverse_logs import Laws, Made, laws_of, log_of, make, recorded
 
 RATE = 500.0

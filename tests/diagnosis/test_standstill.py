@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.signals import prepare
+from elid_cli.signals.signals import prepare
 from tests.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
 
 RATE, SLOWS, WITHIN = 500.0, 9.0, 1.5

@@ -8,15 +8,15 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from elid_cli.covariance import residuals
 from elid_cli.diagnosis.conditioning import options_for
 from elid_cli.diagnosis.diagnose import divided
-from elid_cli.diagnosis.projected import Projected, Stretch
-from elid_cli.diagnosis.state import State, fit, refreshed
-from elid_cli.model import Row
-from elid_cli.scenes import extra_of
-from elid_cli.signals import prepare
-from elid_cli.terms import effect_classes
+from elid_cli.diagnosis.fit.projection import Projected, Stretch
+from elid_cli.diagnosis.fit.state import State, fit, refreshed
+from elid_cli.estimation.regression.covariance import residuals
+from elid_cli.estimation.regression.effect_columns import extra_of
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.regressor import Row
+from elid_cli.signals.signals import prepare
 from tests.reproduce.inverse_logs import laws_of, log_of, make, recorded
 
 RATE = 500.0

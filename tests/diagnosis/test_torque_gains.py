@@ -6,10 +6,10 @@ import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.diagnosis.held_out import held_out_triangles
-from elid_cli.model import Row
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
+from elid_cli.diagnosis.evidence.held_out import held_out_triangles
+from elid_cli.model.regressor import Row
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.signals import prepare
 from tests.reproduce.inverse_logs import Laws, Made, laws_of, log_of, make, recorded
 
 RATE = 500.0

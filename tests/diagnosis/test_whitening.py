@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import firwin, lfilter
 
-from elid_cli.diagnosis.whitening import ORDER, _autoregression
+from elid_cli.diagnosis.fit.whitening import ORDER, _autoregression
 
 
 @pytest.mark.parametrize("instants", [3 * ORDER, 60, 400, 2000])

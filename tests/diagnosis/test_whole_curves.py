@@ -6,16 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elid_cli.base import find_base
-from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose, whole_curves
-from elid_cli.diagnosis.collocated import Collocated, collocated
+from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.model import Model
-from elid_cli.robot import Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
-from elid_cli.terms.effect import DIRECTION_WIDTH
-from elid_cli.validation import validate
+from elid_cli.diagnosis.search import friction_curves as whole_curves
+from elid_cli.diagnosis.search.by_collocation import Collocated, collocated
+from elid_cli.estimation.validation.prediction import validate
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.effects.effect import DIRECTION_WIDTH
+from elid_cli.model.regressor import Model
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import prepare
 from tests.estimate.test_curve_valleys import logged
 from tests.reproduce import inverse_logs
 from tests.reproduce.inverse_logs import Laws, World

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elid_cli import fitting
-from elid_cli.accurate import Accurate, collocate
-from elid_cli.base import find_base
-from elid_cli.estimate import EstimateOptions, fit_log, identify
-from elid_cli.model import Model
-from elid_cli.nuisance import DELAY
-from elid_cli.reduction import Extra
-from elid_cli.signals import prepare
-from elid_cli.simulation import SimulationOptions, simulate
+from elid_cli.estimation import default_fit as fitting
+from elid_cli.estimation.collocation.estimator import Accurate, collocate
+from elid_cli.estimation.identify import EstimateOptions, fit_log, identify
+from elid_cli.estimation.regression.nuisances import DELAY
+from elid_cli.estimation.regression.triangles import Extra
+from elid_cli.experiment.simulation import SimulationOptions, simulate
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.regressor import Model
+from elid_cli.signals.signals import prepare
 from tests.reproduce import coverage
 from tests.reproduce.inverse_logs import Laws, log_of, make, recorded
 from tests.reproduce.unseen import arm

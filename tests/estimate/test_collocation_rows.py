@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from elid_cli.base import find_base
-from elid_cli.bordered import _sandwich, covariance_at, reduced
-from elid_cli.collocation import Iterate, States, coefficients_to_states
-from elid_cli.collocation_setup import Setup
-from elid_cli.estimate import EstimateOptions
-from elid_cli.fitting import fit_log
-from elid_cli.model import Model
-from elid_cli.robot import EffectSpec, Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
-from elid_cli.simulation import SensorOptions, SimulationOptions, simulate
-from elid_cli.trace import Graph, compile_program
+from elid_cli.estimation.collocation.bordered_banded import _sandwich, covariance_at, reduced
+from elid_cli.estimation.collocation.problem import Iterate, States, coefficients_to_states
+from elid_cli.estimation.collocation.setup import Setup
+from elid_cli.estimation.default_fit import fit_log
+from elid_cli.estimation.identify import EstimateOptions
+from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.regressor import Model
+from elid_cli.model.tracing import Graph, compile_program
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.signals import prepare
 from tests.estimate.test_identify import PLANAR, noisy
 
 Array = NDArray[np.float64]

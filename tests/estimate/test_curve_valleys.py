@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elid_cli.base import find_base
-from elid_cli.collocation_search import _named_by
-from elid_cli.covariance import lasting_weights
-from elid_cli.estimate import EstimateOptions, Identification, identify
-from elid_cli.fitting import Fit, fit_log
-from elid_cli.model import Model
-from elid_cli.observation import Observation
-from elid_cli.robot import EffectSpec, Robot
-from elid_cli.signals import Signals, prepare
-from elid_cli.valleys import explains_as_well, sentences
+from elid_cli.estimation.collocation.collocation_search import _named_by
+from elid_cli.estimation.default_fit import Fit, fit_log
+from elid_cli.estimation.identify import EstimateOptions, Identification, identify
+from elid_cli.estimation.regression.covariance import lasting_weights
+from elid_cli.estimation.regression.observation import Observation
+from elid_cli.estimation.regression.other_shapes import explains_as_well, sentences
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.regressor import Model
+from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.signals import Signals, prepare
 from tests.reproduce.inverse_logs import Laws, Made, World, laws_of, log_of, make, recorded
 
 FADING, RISING = (-0.25, 0.0537), (-0.3, 0.06)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from elid_cli.bspline import basis
-from elid_cli.smoothing import fit_spline
+from elid_cli.signals.spline_fit import fit_spline
+from elid_cli.signals.splines import basis
 
 DT = 1e-3
 STRIDE = 2

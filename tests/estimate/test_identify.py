@@ -8,16 +8,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from elid_cli.effects import resolve
 from elid_cli.errors import RobotError
-from elid_cli.estimate import EstimateOptions, Identification, identify
-from elid_cli.recording import Recording
-from elid_cli.reference import ReferenceOptions
-from elid_cli.robot import EffectSpec, Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.signal_options import SignalOptions
-from elid_cli.signals import prepare
-from elid_cli.simulation import ControlOptions, SimulationOptions, simulate
+from elid_cli.estimation.identify import EstimateOptions, Identification, identify
+from elid_cli.experiment.reference import ReferenceOptions
+from elid_cli.experiment.simulation import ControlOptions, SimulationOptions, simulate
+from elid_cli.model.effects.declared import resolve
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
 
 PLANAR = read_robot("planar2")
 

@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elid_cli.base import find_base
-from elid_cli.bordered import variance_apart
-from elid_cli.collocation_errors import astray, between_knots, between_valleys
-from elid_cli.estimate import EstimateOptions, identify
-from elid_cli.link_equation import TwoWays, link_stiffness, with_both_regressions
-from elid_cli.link_reduction import merged_stiffness
-from elid_cli.log_reduction import reduce_log
-from elid_cli.model import Model
-from elid_cli.observation import observe
-from elid_cli.recording import Recording, Segment
-from elid_cli.reference import ReferenceOptions
-from elid_cli.signal_options import SignalOptions
-from elid_cli.signals import prepare
-from elid_cli.simulation import ControlOptions, SimulationOptions, simulate
-from elid_cli.stiffness import deflection_noise, pull
+from elid_cli.estimation.collocation.bordered_banded import variance_apart
+from elid_cli.estimation.collocation.collocation_errors import astray, between_knots, between_valleys
+from elid_cli.estimation.identify import EstimateOptions, identify
+from elid_cli.estimation.regression.observation import observe
+from elid_cli.estimation.stiffness.link_equation import TwoWays, link_stiffness, with_both_regressions
+from elid_cli.estimation.stiffness.noise import deflection_noise, pull
+from elid_cli.estimation.streaming.links import merged_stiffness
+from elid_cli.estimation.streaming.reduce import reduce_log
+from elid_cli.experiment.reference import ReferenceOptions
+from elid_cli.experiment.simulation import ControlOptions, SimulationOptions, simulate
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.regressor import Model
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.recording import Recording, Segment
+from elid_cli.signals.signals import prepare
 from tests.estimate.test_identify import PLANAR, found, noisy, planar_log
 from tests.reproduce import coverage
 from tests.reproduce.unseen import arm

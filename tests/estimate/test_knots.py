@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elid_cli.excerpts import excerpts
-from elid_cli.recording import Segment
-from elid_cli.signal_options import SignalOptions
-from elid_cli.smoothed import KNOTS, _choose, _spacings
-from elid_cli.smoothing import fit_spline
+from elid_cli.signals.excerpts import excerpts
+from elid_cli.signals.knots import KNOTS, _choose, _spacings
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.recording import Segment
+from elid_cli.signals.spline_fit import fit_spline
 
 DT, SAMPLES = 2e-3, 6000
 

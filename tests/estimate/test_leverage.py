@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elid_cli.leverage import LASTING, left
-from elid_cli.longrun import NARROWEST, KernelSum, small_sample, uncertain
-from elid_cli.student import student_quantile
+from elid_cli.estimation.collocation.leverage import LASTING, left
+from elid_cli.estimation.regression.long_run import NARROWEST, KernelSum, small_sample, uncertain
+from elid_cli.estimation.regression.student import student_quantile
 
 INSTANTS, BANDWIDTH = 240, 24.0
 

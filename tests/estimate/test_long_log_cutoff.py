@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elid_cli import cutoff
-from elid_cli.base import BaseParameters
-from elid_cli.cutoff import HINT
-from elid_cli.estimate import EstimateOptions, fit_log, identify
-from elid_cli.fitting import Fit, fit_part
-from elid_cli.model import Model
-from elid_cli.recording import Recording, Segment
-from elid_cli.robot import Robot
-from elid_cli.signals import Signals, prepare
+from elid_cli.estimation import cutoff
+from elid_cli.estimation.cutoff import HINT
+from elid_cli.estimation.default_fit import Fit, fit_part
+from elid_cli.estimation.identify import EstimateOptions, fit_log, identify
+from elid_cli.model.base_parameters import BaseParameters
+from elid_cli.model.regressor import Model
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording, Segment
+from elid_cli.signals.signals import Signals, prepare
 from tests.reproduce.inverse_logs import Laws, log_of, make, recorded
 
 ARM, RATE, ONCE, TIMES = 301, 500.0, 12.0, 5

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elid_cli.collocation_setup import _WINDOWS, _rate
-from elid_cli.estimate import EstimateOptions, identify
-from elid_cli.recording import Segment
-from elid_cli.signals import prepare
+from elid_cli.estimation.collocation.setup import _WINDOWS, _rate
+from elid_cli.estimation.identify import EstimateOptions, identify
+from elid_cli.signals.recording import Segment
+from elid_cli.signals.signals import prepare
 from tests.reproduce.inverse_logs import Laws, World, _late, log_of, make, recorded
 
 DT, DELAY = 0.01, 0.01

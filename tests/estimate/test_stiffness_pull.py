@@ -7,13 +7,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from elid_cli.base import find_base
-from elid_cli.estimate import EstimateOptions, fit_log, identify
-from elid_cli.fitting import Fit
-from elid_cli.model import Model
-from elid_cli.robot import Robot
-from elid_cli.signals import Signals, prepare
-from elid_cli.stiffness import deciding_deflection, deflections_noise, with_pull
+from elid_cli.estimation.default_fit import Fit
+from elid_cli.estimation.identify import EstimateOptions, fit_log, identify
+from elid_cli.estimation.stiffness.noise import deciding_deflection, deflections_noise, with_pull
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.regressor import Model
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals, prepare
 from tests.reproduce.inverse_logs import Laws, log_of, make, recorded
 
 LOGS, COUNTS, RATE = 40, 2.0**14, 500.0
@@ -57,7 +57,9 @@ def test_intervals_of_stiffnesses_by_coarse_encoders_hold_the_truth_for_the_pull
 ) -> None:
     seeds = range(301, 301 + LOGS)
     wide = np.concatenate([scores(seed) for seed in seeds])
-    monkeypatch.setattr("elid_cli.estimate.with_pull", lambda model, triangles, solution, covariance, noise: covariance)
+    monkeypatch.setattr(
+        "elid_cli.estimation.identify.with_pull", lambda model, triangles, solution, covariance, noise: covariance
+    )
     alone = np.concatenate([scores(seed) for seed in seeds])
     inside, short = (np.mean(np.abs(x[np.isfinite(x)]) < 1.96) for x in (wide, alone))
     assert np.isfinite(wide).mean() > 0.9

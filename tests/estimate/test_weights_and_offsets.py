@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.estimate import EstimateOptions, identify
-from elid_cli.identification import Identification
-from elid_cli.nuisance import beyond_doubt
-from elid_cli.robot import Robot
-from elid_cli.robot_file import robot_from_text
-from elid_cli.signals import prepare
-from elid_cli.simulation import SimulationOptions, simulate
-from elid_cli.simulation.sensors import SensorOptions
+from elid_cli.estimation.identify import EstimateOptions, identify
+from elid_cli.estimation.regression.nuisances import beyond_doubt
+from elid_cli.estimation.result import Identification
+from elid_cli.experiment.simulation import SimulationOptions, simulate
+from elid_cli.experiment.simulation.sensors import SensorOptions
+from elid_cli.robot.files import robot_from_text
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import prepare
 
 CART = """
 name: cartswing

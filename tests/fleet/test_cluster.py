@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli.commands.options import Conditioning
-from elid_cli.fleet import Job, reduce_jobs
-from elid_cli.merging import identify_reduced
-from elid_cli.robot_file import read_robot
-from elid_cli.robot_text import text_of
+from elid_cli.cli.options import Conditioning
+from elid_cli.estimation.streaming.fleet import Job, reduce_jobs
+from elid_cli.estimation.streaming.merge import identify_reduced
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.text import text_of
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.filterwarnings("ignore")

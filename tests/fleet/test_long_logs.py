@@ -10,24 +10,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli.bspline import DEGREE, basis
 from elid_cli.errors import LogError
-from elid_cli.estimate import identify
-from elid_cli.excerpts import excerpts
-from elid_cli.log_reduction import reduce_log
+from elid_cli.estimation.identify import identify
+from elid_cli.estimation.regression.long_run import KernelSum, Persistence
+from elid_cli.estimation.regression.observation import observe
+from elid_cli.estimation.regression.triangles import factor_of
+from elid_cli.estimation.streaming.merge import identify_reduced
+from elid_cli.estimation.streaming.reduce import reduce_log
 from elid_cli.logs import read_recording
-from elid_cli.longrun import KernelSum, Persistence
-from elid_cli.lowpass import low_pass
 from elid_cli.mapped import let_go
-from elid_cli.merging import identify_reduced
-from elid_cli.model import Model
-from elid_cli.observation import observe
-from elid_cli.recording import Segment
-from elid_cli.reduction import factor_of
-from elid_cli.robot_file import read_robot
-from elid_cli.signal_options import SignalOptions
-from elid_cli.signals import prepare
-from elid_cli.smoothing import _RIDGE, fit_spline
+from elid_cli.model.regressor import Model
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.excerpts import excerpts
+from elid_cli.signals.lowpass import low_pass
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.recording import Segment
+from elid_cli.signals.signals import prepare
+from elid_cli.signals.spline_fit import _RIDGE, fit_spline
+from elid_cli.signals.splines import DEGREE, basis
 
 ROOT = Path(__file__).parents[2]
 LOGS = ROOT / "sample_logs"
@@ -44,10 +44,13 @@ def log():  # type: ignore[no-untyped-def]
 def test_blocks_of_any_length_give_the_equations_of_the_whole(log, chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
     robot, recording, signals = log
     model = Model(robot)
-    monkeypatch.setattr("elid_cli.blocks.CHUNK", 10**9)
+    monkeypatch.setattr("elid_cli.estimation.regression.filtered_rows.CHUNK", 10**9)
     whole = observe(model, signals)
     direct = identify(robot, signals)
-    monkeypatch.setattr("elid_cli.blocks._outputs_per_chunk", lambda signals, every: chunk // signals.filter.step)
+    monkeypatch.setattr(
+        "elid_cli.estimation.regression.filtered_rows._outputs_per_chunk",
+        lambda signals, every: chunk // signals.filter.step,
+    )
     blocks = observe(model, signals)
     for a, b in zip(whole.groups, blocks.groups, strict=True):
         size = np.abs(a.columns).max(axis=1, keepdims=True) + 1e-300

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from elid_cli.base import BaseParameters, find_base
 from elid_cli.errors import DataError
+from elid_cli.estimation.regression.least_squares import WEIGHT_ITERATIONS, reweighted, solve, solve_system, weights_of
+from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
+from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.estimation.regression.student import student_quantile
+from elid_cli.estimation.regression.triangles import Triangles, folds_of, reduce
 from elid_cli.logs import read_recording
-from elid_cli.model import Model
-from elid_cli.motion import random_motion
-from elid_cli.nuisance import delay_columns, offset_columns
-from elid_cli.observation import Observation, observe
-from elid_cli.reduction import Triangles, folds_of, reduce
-from elid_cli.robot_file import read_robot
-from elid_cli.signal_options import SignalOptions
-from elid_cli.signals import prepare
-from elid_cli.solve import WEIGHT_ITERATIONS, reweighted, solve, solve_system, weights_of
-from elid_cli.student import student_quantile
+from elid_cli.model.base_parameters import BaseParameters, find_base
+from elid_cli.model.regressor import Model
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.motion import random_motion
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.signals import prepare
 
 Array = NDArray[np.float64]
 

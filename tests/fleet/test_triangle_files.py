@@ -13,20 +13,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli.commands.options import Conditioning
+from elid_cli.cli.options import Conditioning
 from elid_cli.errors import LogError, UsageError
-from elid_cli.estimate import identify
-from elid_cli.fleet import Job, _collected, reduce_jobs
-from elid_cli.identification import Identification
-from elid_cli.log_reduction import reduce_log
+from elid_cli.estimation.identify import identify
+from elid_cli.estimation.result import Identification
+from elid_cli.estimation.streaming.files import is_triangle_file, read_triangles, write_triangles
+from elid_cli.estimation.streaming.fleet import Job, _collected, reduce_jobs
+from elid_cli.estimation.streaming.merge import identify_reduced
+from elid_cli.estimation.streaming.reduce import reduce_log
 from elid_cli.logs import read_recording, write_recording
-from elid_cli.merging import identify_reduced
-from elid_cli.recording import Recording, Segment
-from elid_cli.robot_file import read_robot
-from elid_cli.robot_text import text_of
-from elid_cli.signal_options import SignalOptions
-from elid_cli.signals import prepare
-from elid_cli.triangle_file import is_triangle_file, read_triangles, write_triangles
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.text import text_of
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.recording import Recording, Segment
+from elid_cli.signals.signals import prepare
 
 LOGS = Path(__file__).parents[2] / "sample_logs"
 
@@ -74,7 +74,7 @@ def test_one_log_says_the_same_through_its_triangles(
     log: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # the samples at hand tell more: a cut-off that suits them better, and how few independent ones they are
-    monkeypatch.setattr("elid_cli.fit_errors.SHORT", 0.0)
+    monkeypatch.setattr("elid_cli.estimation.regression.standard_errors.SHORT", 0.0)
     robot = read_robot(name)
     recording = read_recording([LOGS / log], robot)
     signals = prepare(recording, robot, SignalOptions(cutoff=10.0))
@@ -98,7 +98,7 @@ def test_a_long_log_keeps_its_columns_in_single_precision_and_its_answer(monkeyp
     robot = read_robot("puma560")
     recording = read_recording([LOGS / "puma560.h5"], robot)
     signals = prepare(recording, robot, SignalOptions())
-    monkeypatch.setattr("elid_cli.log_reduction.SINGLE", 0)
+    monkeypatch.setattr("elid_cli.estimation.streaming.reduce.SINGLE", 0)
     reduced, _ = identify_reduced(robot, [reduce_log(robot, signals, recording, {})])
     estimate, error = apart(identify(robot, signals), reduced)
     assert estimate < 1e-9
@@ -149,7 +149,10 @@ def test_the_same_log_four_times_halves_the_standard_errors(place: Path, monkeyp
     robot = read_robot("puma560")
     log = reduce_jobs(jobs(place, "b.h5"))[0]
     whole = [identify_reduced(robot, [log] * count)[0].std_error for count in (1, 4)]
-    monkeypatch.setattr("elid_cli.merging.with_pull", lambda model, triangles, solution, covariance, noise: covariance)
+    monkeypatch.setattr(
+        "elid_cli.estimation.streaming.merge.with_pull",
+        lambda model, triangles, solution, covariance, noise: covariance,
+    )
     alone = [identify_reduced(robot, [log] * count)[0].std_error for count in (1, 4)]
     known = np.isfinite(whole).all(axis=0) & np.isfinite(alone).all(axis=0)
     pulls = [np.sqrt(a[known] ** 2 - b[known] ** 2) for a, b in zip(whole, alone, strict=True)]
@@ -302,7 +305,9 @@ def test_a_lost_worker_loses_nothing(place: Path, monkeypatch: pytest.MonkeyPatc
     lost: Future[bytes] = Future()
     lost.set_exception(RuntimeError("the process died"))
     assert list(_collected([lost])) == [None]
-    monkeypatch.setattr("elid_cli.fleet._on_processes", lambda given, workers: _collected([lost] * len(given)))
+    monkeypatch.setattr(
+        "elid_cli.estimation.streaming.fleet._on_processes", lambda given, workers: _collected([lost] * len(given))
+    )
     found = reduce_jobs(jobs(place, "a.h5", "b.h5"), workers=2)
     assert [Path(log.recording.files[0]).name for log in found] == ["a.h5", "b.h5"]
 
@@ -317,6 +322,6 @@ def test_a_bad_log_in_a_worker_is_told_as_it_is_here(place: Path) -> None:
 
 def test_a_scheduler_that_is_not_there_is_refused(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("elid_cli.fleet.CONNECT", 0.5)
+    monkeypatch.setattr("elid_cli.estimation.streaming.fleet.CONNECT", 0.5)
     with pytest.raises(UsageError, match="no Dask scheduler"):
         reduce_jobs(jobs(place, "a.h5"), scheduler="tcp://127.0.0.1:9")

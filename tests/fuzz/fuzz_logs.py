@@ -24,7 +24,7 @@ from mcap_made import canonical
 
 from elid_cli.errors import ElidError
 from elid_cli.logs import inspect_log, read_recording, write_recording
-from elid_cli.recording import Recording
+from elid_cli.signals.recording import Recording
 
 WORDS = (0, 1, 2**31, 2**40, 2**60, 2**64 - 1)
 HALVES = (0, 1, 255, 2**16, 2**31, 2**32 - 1)

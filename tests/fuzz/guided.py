@@ -23,12 +23,17 @@ import numpy as np  # imported before, so that it is not instrumented
 
 with atheris.instrument_imports(include=["elid_cli"]):
     from elid_cli.errors import ElidError
-    from elid_cli.logs import csv_log, csv_text, mcap_log, reading, repair, timeline
-    from elid_cli.logs.mapping import parse_mapping
+    from elid_cli.logs import reading
+    from elid_cli.logs.formats import csv as csv_log
+    from elid_cli.logs.formats import csv_text
+    from elid_cli.logs.formats import mcap as mcap_log
+    from elid_cli.logs.mapping.language import parse_mapping
+    from elid_cli.logs.repair import align as repair
+    from elid_cli.logs.repair import timeline
     from elid_cli.logs.source import Source
-    from elid_cli.robot_file import robot_from_text
-    from elid_cli.robot_text import text_of
-    from elid_cli.yaml_values import parse_yaml
+    from elid_cli.robot.files import robot_from_text
+    from elid_cli.robot.text import text_of
+    from elid_cli.robot.yaml import parse_yaml
 
 INSTRUMENTED = (csv_log, csv_text, mcap_log, repair, timeline)
 LIMITS = ["-timeout=10", "-rss_limit_mb=2048", "-max_len=20000", "-print_final_stats=1"]

@@ -11,7 +11,7 @@ import numpy as np
 from hostile import JOINTS, base
 from mcap_made import HEADER, STAMP, Bag, joint_state
 
-from elid_cli.recording import Recording
+from elid_cli.signals.recording import Recording
 
 EPOCH = 1_700_000_000 * 10**9
 ARRAYS = f"{HEADER}float64[] position\nfloat64[] velocity\nfloat64[] effort\nfloat64[] link\n{STAMP}"

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from elid_cli.commands import main
+from elid_cli.cli import main
 from elid_cli.logs import read_recording
-from elid_cli.recording import Recording, Segment
-from elid_cli.robot_file import read_robot
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.recording import Recording, Segment
 
 SAMPLE = Path(__file__).parents[2] / "sample_logs" / "planar2.h5"
 ROBOT = "planar2"

@@ -10,8 +10,8 @@ import pytest
 from hostile import ROBOT, agrees, base, elid, one_message, refused
 from test_csv_files import saved, table
 
-from elid_cli.robot_file import read_robot
-from elid_cli.robot_text import text_of
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.text import text_of
 
 RIGID = """\
 name: stiff2

@@ -21,7 +21,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType
 from mcap_made import PLAIN
 
-from elid_cli.recording import Recording
+from elid_cli.signals.recording import Recording
 
 SAMPLE = Path(__file__).parents[2] / "sample_logs" / "planar2.mcap"
 
@@ -48,7 +48,7 @@ def test_a_file_without_one_whole_chunk_is_refused(tmp_path: Path, size: int) ->
 
 def test_the_sample_cut_at_200_bytes_gives_every_whole_message() -> None:
     """Counts of every channel against the official reader, which walks the records."""
-    from elid_cli.logs.mcap_container import Container, walk
+    from elid_cli.logs.mcap.container import Container, walk
 
     data = SAMPLE.read_bytes()
     ends, totals = _reference(data)
@@ -80,7 +80,7 @@ def _reference(data: bytes) -> tuple[list[int], list[dict[int, int]]]:
 def test_the_sample_cut_anywhere_is_read_to_its_last_whole_sample(tmp_path: Path) -> None:
     from elid_cli.errors import LogError
     from elid_cli.logs import read_recording
-    from elid_cli.robot_file import read_robot
+    from elid_cli.robot.files import read_robot
 
     robot, data = read_robot(ROBOT), SAMPLE.read_bytes()
     whole = read_recording([SAMPLE], robot)

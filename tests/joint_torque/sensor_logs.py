@@ -10,10 +10,10 @@ from functools import cache
 
 import numpy as np
 
-from elid_cli.recording import Recording
-from elid_cli.robot import EffectSpec, Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.simulation import Simulation, SimulationOptions, run
+from elid_cli.experiment.simulation import Simulation, SimulationOptions, run
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.recording import Recording
 
 FRICTION = ({"fs": 6.0, "fv": 2.0}, {"fs": 3.0, "fv": 1.0})
 POSITION_NOISE, TORQUE_NOISE, READING_NOISE = 3e-5, 0.01, 0.003

@@ -9,10 +9,10 @@ from sensor_logs import STRIBECK, logged, planar, without_sensors
 
 from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.recording import Recording
-from elid_cli.signals import prepare
-from elid_cli.simulation import SensorOptions, SimulationOptions, simulate
-from elid_cli.validation import validate
+from elid_cli.estimation.validation.prediction import validate
+from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
 
 PLANAR = planar()
 CASES: dict[str, dict[str, object]] = {

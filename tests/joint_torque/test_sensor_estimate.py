@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from sensor_logs import logged, motion, planar, shoulder, without_sensors
 
-from elid_cli.estimate import EstimateOptions, Identification, identify
-from elid_cli.model import SENSOR_KINDS, Model, Row
-from elid_cli.observation import observe
-from elid_cli.recording import Recording
-from elid_cli.robot import EffectSpec, Robot
-from elid_cli.signals import prepare
-from elid_cli.validation import validate
+from elid_cli.estimation.identify import EstimateOptions, Identification, identify
+from elid_cli.estimation.regression.observation import observe
+from elid_cli.estimation.validation.prediction import validate
+from elid_cli.model.regressor import SENSOR_KINDS, Model, Row
+from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
 
 PLANAR = planar()
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from made_logs import JOINTS, SIGNALS
 
-from elid_cli.recording import Recording
+from elid_cli.signals.recording import Recording
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from elid_cli.logs import read_recording, write_recording
-from elid_cli.recording import Recording, Segment
-from elid_cli.robot import Joint, Robot
+from elid_cli.robot.robot import Joint, Robot
+from elid_cli.signals.recording import Recording, Segment
 
 JOINTS = ("shoulder", "elbow", "wrist")
 GEARS = (100.0, 80.0, 50.0)

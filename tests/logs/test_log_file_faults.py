@@ -18,7 +18,7 @@ from mcap.writer import CompressionType
 from mcap_made import PLAIN, canonical
 
 from elid_cli.errors import LogError
-from elid_cli.logs.mcap_container import MAGIC, Container, walk
+from elid_cli.logs.mcap.container import MAGIC, Container, walk
 
 BASE = recording(600)
 

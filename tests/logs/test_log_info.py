@@ -12,8 +12,8 @@ from made_logs import JOINTS, ROBOT, like, read, recording, same, written
 from mcap_made import Bag, canonical, joint_state
 
 from elid_cli.logs import inspect_log
-from elid_cli.logs.raw import Channel
-from elid_cli.logs.suggest import suggestion
+from elid_cli.logs.contract import Channel
+from elid_cli.logs.mapping.suggest import suggestion
 
 BASE = recording(800)
 

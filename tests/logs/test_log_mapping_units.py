@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import UsageError
-from elid_cli.logs.mapping import parse_mapping
-from elid_cli.robot import Joint, Robot
+from elid_cli.logs.mapping.language import parse_mapping
+from elid_cli.robot.robot import Joint, Robot
 
 ROBOT = Robot("arm", (Joint("slide", type="prismatic"), Joint("elbow")))
 

@@ -14,8 +14,8 @@ from mcap_ros2.decoder import DecoderFactory
 
 from elid_cli.errors import LogError
 from elid_cli.logs import read_recording
-from elid_cli.logs.mcap_log import McapLog
-from elid_cli.logs.raw import Pick
+from elid_cli.logs.contract import Pick
+from elid_cli.logs.formats.mcap import McapLog
 from elid_cli.logs.source import open_source
 
 BASE = recording(400)
@@ -205,7 +205,7 @@ def test_a_whole_file_in_zstd_is_read(tmp_path: Path) -> None:
 
 
 def test_a_bag_of_the_robot_with_other_names_lists_them(tmp_path: Path) -> None:
-    from elid_cli.robot import Joint, Robot
+    from elid_cli.robot.robot import Joint, Robot
 
     robot = Robot("other", (Joint("axis1"), Joint("axis2"), Joint("axis3")))
     with pytest.raises(LogError) as caught:

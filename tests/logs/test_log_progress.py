@@ -18,7 +18,7 @@ def rises(shares: list[float], least: int) -> bool:
 def test_shares_rise_to_the_end_of_a_log(
     tmp_path: Path, name: str, least: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("elid_cli.logs.csv_text.PART", 100_000)
+    monkeypatch.setattr("elid_cli.logs.formats.csv_text.PART", 100_000)
     shares: list[float] = []
     got = read_recording([written(tmp_path, name)], ROBOT, progress=shares.append)
     same(got, recording())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elid_cli.logs import read_recording
-from elid_cli.robot import Joint, Robot
+from elid_cli.robot.robot import Joint, Robot
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data is absent")

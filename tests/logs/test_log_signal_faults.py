@@ -15,7 +15,7 @@ from mcap_made import canonical
 
 from elid_cli.errors import LogError, UsageError
 from elid_cli.logs import read_map_options, read_recording
-from elid_cli.robot import Joint, Robot
+from elid_cli.robot.robot import Joint, Robot
 
 BASE = recording(600)
 GOOD = table(BASE)

@@ -11,7 +11,7 @@ from made_logs import JOINTS, read, recording, same
 from mcap_made import Bag, joint_state
 
 from elid_cli.errors import LogError
-from elid_cli.logs.flat_decode import Flat, flat_json, misstamped, stamp_of
+from elid_cli.logs.mcap.flat_decode import Flat, flat_json, misstamped, stamp_of
 
 NAMES = [("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos")]
 

@@ -2,11 +2,11 @@
 
     python tests/measured/quarters.py ../shared/data/kr300_A.csv kr300 [effect@joint …]
 
-prints what a diagnosis itself asks before it names an effect (see `elid_cli.diagnosis.quarters`): the part of the error
-in the effect's rows, of encoder faults in the deflection, that it takes away on each quarter of the log, predicted from
-the other three. Effects that were refuted follow. Effects that are named on the command line are tried as well, on top
-of those found, each at the shape that the other quarters prefer. Last comes the gain: of those found on the held-out
-stretches, of the others over all quarters together.
+prints what a diagnosis itself asks before it names an effect (see `elid_cli.diagnosis.evidence.quarters`): the part of
+the error in the effect's rows, of encoder faults in the deflection, that it takes away on each quarter of the log,
+predicted from the other three. Effects that were refuted follow. Effects that are named on the command line are tried
+as well, on top of those found, each at the shape that the other quarters prefer. Last comes the
+gain: of those found on the held-out stretches, of the others over all quarters together.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ import numpy as np
 
 from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.diagnosis.held_out import held_out_triangles
-from elid_cli.diagnosis.quarters import QUARTERS, quarter_of
-from elid_cli.diagnosis.screen import score, sensible
-from elid_cli.diagnosis.state import Log, State, fit, refreshed, without
-from elid_cli.diagnosis.stretches import FOLDS
-from elid_cli.diagnosis.worth import touched
+from elid_cli.diagnosis.evidence.held_out import held_out_triangles
+from elid_cli.diagnosis.evidence.quarters import QUARTERS, quarter_of
+from elid_cli.diagnosis.fit.state import Log, State, fit, refreshed, without
+from elid_cli.diagnosis.fit.stretches import FOLDS
+from elid_cli.diagnosis.search.acceptance import touched
+from elid_cli.diagnosis.search.screening import score, sensible
 from elid_cli.logs import read_recording
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
-from elid_cli.terms import effect_classes
+from elid_cli.model.effects import effect_classes
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.signals import prepare
 
 
 def quarters(log: Log) -> Iterator[Log]:

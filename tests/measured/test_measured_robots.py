@@ -9,14 +9,14 @@ import pytest
 
 from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.diagnosis.identified import identified
-from elid_cli.estimate import EstimateOptions, identify
-from elid_cli.identification import Identification
+from elid_cli.diagnosis.refit import identified
+from elid_cli.estimation.identify import EstimateOptions, identify
+from elid_cli.estimation.result import Identification
+from elid_cli.estimation.validation.prediction import validate
 from elid_cli.logs import read_recording
-from elid_cli.robot_file import read_robot
-from elid_cli.signal_options import SignalOptions
-from elid_cli.signals import prepare
-from elid_cli.validation import validate
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.signals import prepare
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 FILES = {"emps": "emps.csv", "kr300": "kr300_A.csv", "quanser_2dsfl": "quanser_2dsfl.csv"}

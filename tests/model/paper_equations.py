@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elid_cli.robot import Robot
+from elid_cli.robot.robot import Robot
 
 Matrix = np.ndarray
 

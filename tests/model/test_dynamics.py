@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from random_robots import random_robot
 
-from elid_cli.dynamics import Dynamics
 from elid_cli.errors import RobotError
-from elid_cli.ldl import NotPositiveError, ldl_solver
-from elid_cli.model import Model
-from elid_cli.motion import Motion
-from elid_cli.robot_file import read_robot
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.model.ldl import NotPositiveError, ldl_solver
+from elid_cli.model.regressor import Model
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.motion import Motion
 
 ROBOTS = {
     "planar2": read_robot("planar2"),

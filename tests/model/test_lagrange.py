@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from random_robots import random_robot
 
-from elid_cli.model import Model, Row
-from elid_cli.motion import random_motion
-from elid_cli.robot import Joint, Robot
-from elid_cli.robot_file import read_robot
+from elid_cli.model.regressor import Model, Row
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Joint, Robot
+from elid_cli.signals.motion import random_motion
 
 STEP = 1e-30
 

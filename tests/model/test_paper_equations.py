@@ -7,10 +7,10 @@ import paper_equations as paper
 import pytest
 from random_robots import random_robot
 
-from elid_cli.dynamics import Dynamics
-from elid_cli.model import Model
-from elid_cli.motion import random_motion
-from elid_cli.robot_file import read_robot
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.model.regressor import Model
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.motion import random_motion
 
 ROBOTS = {
     "planar2": read_robot("planar2"),

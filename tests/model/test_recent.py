@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.base import find_base
-from elid_cli.model import Model
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.regressor import Model
 from elid_cli.recent import Recent
-from elid_cli.robot_file import read_robot
+from elid_cli.robot.files import read_robot
 
 
 def test_the_last_results_are_kept_and_older_ones_made_again() -> None:

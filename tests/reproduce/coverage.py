@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from elid_cli.estimate import EstimateOptions, identify
-from elid_cli.recording import Recording
-from elid_cli.reference import ReferenceOptions
-from elid_cli.robot import Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
-from elid_cli.simulation import ControlOptions, SimulationOptions, simulate
+from elid_cli.estimation.identify import EstimateOptions, identify
+from elid_cli.experiment.reference import ReferenceOptions
+from elid_cli.experiment.simulation import ControlOptions, SimulationOptions, simulate
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
 from tests.reproduce.paper_logs import with_friction
 from tests.reproduce.unseen import arm
 

@@ -12,17 +12,17 @@ import sys
 
 import numpy as np
 
-from elid_cli.base import find_base
-from elid_cli.consistency import consistency, prior
-from elid_cli.estimate import identify
-from elid_cli.excitation import BANDWIDTH, INSTANTS, Excitation, ExciteOptions, excite
-from elid_cli.information import Information, residuals_of
-from elid_cli.model import Model
-from elid_cli.reference import random_reference
-from elid_cli.robot import Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
-from elid_cli.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.estimation.identify import identify
+from elid_cli.experiment.excitation import BANDWIDTH, INSTANTS, Excitation, ExciteOptions, excite
+from elid_cli.experiment.information import Information, residuals_of
+from elid_cli.experiment.reference import random_reference
+from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.consistency import consistency, prior
+from elid_cli.model.regressor import Model
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import prepare
 
 RATE = 500.0
 """Samples per second of the simulated log."""

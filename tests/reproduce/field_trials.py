@@ -21,9 +21,9 @@ import numpy as np
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.robot import EffectSpec
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import EffectSpec
+from elid_cli.signals.signals import prepare
 from tests.reproduce.inverse_logs import FOREIGN, KNOWN, WHOLE, Laws, laws_of, log_of, make, recorded
 from tests.reproduce.trials import said, verdict
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.model import Model, Row
-from elid_cli.motion import Motion
-from elid_cli.recording import Recording, Segment
-from elid_cli.robot import LINK_PARAMETERS, Joint, Robot
+from elid_cli.model.regressor import Model, Row
+from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot
+from elid_cli.signals.motion import Motion
+from elid_cli.signals.recording import Recording, Segment
 
 Array = NDArray[np.float64]
 

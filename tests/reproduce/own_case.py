@@ -13,12 +13,12 @@ import argparse
 
 import numpy as np
 
-from elid_cli.base import find_base
 from elid_cli.diagnosis import diagnose
 from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.model import Model
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.regressor import Model
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.signals import prepare
 from tests.reproduce.paper_logs import Array, by_elid, log_of, motion_of, with_friction
 
 

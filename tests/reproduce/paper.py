@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from elid_cli.base import find_base
-from elid_cli.estimate import EstimateOptions, identify
-from elid_cli.model import Model
-from elid_cli.paper import identify_paper
-from elid_cli.robot import Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
-from elid_cli.simulation import ControlOptions, Simulation, SimulationOptions, run
+from elid_cli.estimation.classical import identify_paper
+from elid_cli.estimation.identify import EstimateOptions, identify
+from elid_cli.experiment.simulation import ControlOptions, Simulation, SimulationOptions, run
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.regressor import Model
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import prepare
 from tests.reproduce.paper_figures import figures
 from tests.reproduce.paper_logs import by_elid, by_paper, log_of, motion_of, with_friction
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.simulation import Simulation
+from elid_cli.experiment.simulation import Simulation
 from tests.reproduce.paper_logs import FRICTION
 
 Array = NDArray[np.float64]

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.estimate import EstimateOptions, Identification, identify
-from elid_cli.paper import RateNoise, identify_paper
-from elid_cli.recording import Recording
-from elid_cli.reference import ReferenceOptions
-from elid_cli.robot import EffectSpec, Robot
-from elid_cli.signal_options import SignalOptions
-from elid_cli.signals import prepare
-from elid_cli.simulation import ControlOptions, Simulation, SimulationOptions, run
+from elid_cli.estimation.classical import RateNoise, identify_paper
+from elid_cli.estimation.identify import EstimateOptions, Identification, identify
+from elid_cli.experiment.reference import ReferenceOptions
+from elid_cli.experiment.simulation import ControlOptions, Simulation, SimulationOptions, run
+from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
 
 Array = NDArray[np.float64]
 

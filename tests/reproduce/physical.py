@@ -12,14 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.dynamics import Dynamics
-from elid_cli.estimate import identify
-from elid_cli.physical import PhysicalParameters, make_physical
-from elid_cli.recording import Recording
-from elid_cli.robot import Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
-from elid_cli.simulation import SimulationOptions, simulate
+from elid_cli.estimation.identify import identify
+from elid_cli.estimation.physical.nearest import PhysicalParameters, make_physical
+from elid_cli.experiment.simulation import SimulationOptions, simulate
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
 
 POSES = 10_000
 POSITION_NOISE = (1e-6, 1e-5, 3e-5, 1e-4)

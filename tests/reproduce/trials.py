@@ -22,13 +22,13 @@ from pathlib import Path
 import numpy as np
 
 from elid_cli.diagnosis import Diagnosis, diagnose
-from elid_cli.recording import Recording, Segment
-from elid_cli.robot import EffectSpec, Joint, Limits, Robot
-from elid_cli.robot_file import fingerprint, read_robot
-from elid_cli.signal_options import SignalOptions
-from elid_cli.signals import prepare
-from elid_cli.simulation import SimulationOptions, run
-from elid_cli.terms import effect_classes
+from elid_cli.experiment.simulation import SimulationOptions, run
+from elid_cli.model.effects import effect_classes
+from elid_cli.robot.files import fingerprint, read_robot
+from elid_cli.robot.robot import EffectSpec, Joint, Limits, Robot
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.recording import Recording, Segment
+from elid_cli.signals.signals import prepare
 
 SKIPPED = {"lookup", "sensor_gain", "sensor_offset"}
 DURATION = 15.0

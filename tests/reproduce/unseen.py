@@ -15,13 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.dynamics import Dynamics
-from elid_cli.estimate import identify
-from elid_cli.refined import identified_robot
-from elid_cli.robot import Joint, Limits, Robot
-from elid_cli.signals import prepare
-from elid_cli.simulation import SensorOptions, SimulationOptions, simulate
-from elid_cli.validation import validate
+from elid_cli.estimation.identify import identify
+from elid_cli.estimation.refined_robot import identified_robot
+from elid_cli.estimation.validation.prediction import validate
+from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.robot.robot import Joint, Limits, Robot
+from elid_cli.signals.signals import prepare
 
 DURATION = 12.0
 SENSORS = SensorOptions(counts=1.25e6, torque_noise_relative=0.004)

@@ -14,12 +14,12 @@ from itertools import combinations
 
 import numpy as np
 
-from elid_cli.estimate import EstimateOptions, identify
-from elid_cli.recording import Recording
-from elid_cli.robot import Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
-from elid_cli.simulation import SimulationOptions, simulate
+from elid_cli.estimation.identify import EstimateOptions, identify
+from elid_cli.experiment.simulation import SimulationOptions, simulate
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
 from tests.reproduce.unseen import SENSORS, arm, blind
 
 Fault = tuple[str, str, str, Robot, Recording]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elid_cli.robot import LINK_PARAMETERS, Joint, Robot
+from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot
 
 
 def unit(rng: np.random.Generator) -> tuple[float, float, float]:

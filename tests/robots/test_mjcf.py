@@ -9,12 +9,12 @@ import pytest
 from elastic_lagrange import accelerations
 from random_robots import random_robot
 
-from elid_cli.dynamics import Dynamics
 from elid_cli.errors import RobotError
-from elid_cli.mjcf import mjcf_text, write_mjcf
-from elid_cli.robot import Limits, Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.rotors import known_parameters
+from elid_cli.experiment.mjcf import mjcf_text, write_mjcf
+from elid_cli.experiment.rotors import known_parameters
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Limits, Robot
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elid_cli.effects import check_effects
 from elid_cli.errors import EXIT_USAGE, RobotError, UsageError
-from elid_cli.robot import JOINT_PARAMETERS, EffectSpec, Joint, Limits, Robot
-from elid_cli.robot_file import fingerprint, read_robot, robot_from_text, shipped_robots, write_robot
-from elid_cli.robot_text import text_of
+from elid_cli.model.effects.declared import check_effects
+from elid_cli.robot.files import fingerprint, read_robot, robot_from_text, shipped_robots, write_robot
+from elid_cli.robot.robot import JOINT_PARAMETERS, EffectSpec, Joint, Limits, Robot
+from elid_cli.robot.text import text_of
 
 GOOD = """\
 name: arm

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elid_cli.robot import JOINT_PARAMETERS
-from elid_cli.robot_file import read_robot
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import JOINT_PARAMETERS
 
 GEARS = (-62.6111, 107.815, -53.7063, 76.0364, 71.923, 76.686)
 

@@ -9,12 +9,12 @@ import pytest
 from elastic_lagrange import frames, inertia_matrix, potential
 from random_robots import random_robot
 
-from elid_cli.base import find_base
 from elid_cli.errors import RobotError
-from elid_cli.model import Model
-from elid_cli.robot import Limits, Robot
-from elid_cli.robot_file import fingerprint, read_robot, robot_from_text, write_robot
-from elid_cli.urdf import read_urdf, urdf_text, write_urdf
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.regressor import Model
+from elid_cli.robot.files import fingerprint, read_robot, robot_from_text, write_robot
+from elid_cli.robot.robot import Limits, Robot
+from elid_cli.robot.urdf.read import read_urdf, urdf_text, write_urdf
 
 ARM = """\
 <?xml version="1.0"?>

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.logs import read_recording
-from elid_cli.robot_file import read_robot
-from elid_cli.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.robot.files import read_robot
 
 SHORT = ("--robot", "planar2", "--duration", "0.5")
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from elid_cli.dynamics import Dynamics
-from elid_cli.model import Row
-from elid_cli.motion import Motion
-from elid_cli.robot import EffectSpec
-from elid_cli.robot_file import read_robot
-from elid_cli.simulation import ControlOptions, SensorOptions, Simulation, SimulationOptions, run
-from elid_cli.terms import effect_classes
-from elid_cli.terms.effect import Scene
+from elid_cli.experiment.simulation import ControlOptions, SensorOptions, Simulation, SimulationOptions, run
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.effect import Scene
+from elid_cli.model.regressor import Row
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import EffectSpec
+from elid_cli.signals.motion import Motion
 
 ROBOT = read_robot("planar2")
 DYNAMICS = Dynamics(ROBOT)

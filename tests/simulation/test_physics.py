@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from random_robots import random_robot
 
-from elid_cli.dynamics import Dynamics
-from elid_cli.robot import EffectSpec, Joint, Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.simulation import ControlOptions, SimulationOptions, run
-from elid_cli.simulation.acting import active_effects
-from elid_cli.simulation.integration import System, reference_scene
+from elid_cli.experiment.simulation import ControlOptions, SimulationOptions, run
+from elid_cli.experiment.simulation.effects_at_work import active_effects
+from elid_cli.experiment.simulation.integration import System, reference_scene
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import EffectSpec, Joint, Robot
 
 PLANAR = read_robot("planar2")
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import UsageError
-from elid_cli.reference import ReferenceOptions, random_reference, read_reference
-from elid_cli.robot_file import read_robot
+from elid_cli.experiment.reference import ReferenceOptions, random_reference, read_reference
+from elid_cli.robot.files import read_robot
 
 
 @pytest.mark.parametrize("name", ["planar2", "puma560", "emps", "kr300"])

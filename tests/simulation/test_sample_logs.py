@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from elid_cli.logs import read_recording
-from elid_cli.robot_file import read_robot
+from elid_cli.robot.files import read_robot
 
 FOLDER = Path(__file__).parents[2] / "sample_logs"
 TEXT = (FOLDER / "README.md").read_text("utf-8")

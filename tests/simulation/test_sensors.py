@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import UsageError
-from elid_cli.robot import Joint, Robot
-from elid_cli.simulation import SensorOptions
-from elid_cli.simulation.sensors import measured
+from elid_cli.experiment.simulation import SensorOptions
+from elid_cli.experiment.simulation.sensors import measured
+from elid_cli.robot.robot import Joint, Robot
 
 ROBOT = Robot(
     "three",

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from elid_cli.estimate import Identification, identify
-from elid_cli.recording import Recording
-from elid_cli.robot import Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
-from elid_cli.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.estimation.identify import Identification, identify
+from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
 
 
 @pytest.fixture(scope="session")

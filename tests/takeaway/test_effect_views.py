@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elid_cli.effect_views import _followed
-from elid_cli.robot import Array
+from elid_cli.report.figures.effect_data import _followed
+from elid_cli.robot.robot import Array
 
 T = np.linspace(0.0, 20.0, 4000)
 CHOICES: dict[str, Array] = {

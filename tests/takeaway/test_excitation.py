@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli.base import find_base
-from elid_cli.consistency import consistency, prior
-from elid_cli.dynamics import Dynamics
 from elid_cli.errors import DataError, UsageError
-from elid_cli.estimate import identify
-from elid_cli.excitation import Excitation, ExciteOptions, _Search, bounds_of, excite
-from elid_cli.information import Information, Weights
-from elid_cli.model import Model
-from elid_cli.reference import random_reference, read_reference
-from elid_cli.robot import Limits, Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
-from elid_cli.simulation import SensorOptions, SimulationOptions, simulate
-from elid_cli.trajectory_file import write_trajectory
+from elid_cli.estimation.identify import identify
+from elid_cli.experiment.excitation import Excitation, ExciteOptions, _Search, bounds_of, excite
+from elid_cli.experiment.information import Information, Weights
+from elid_cli.experiment.reference import random_reference, read_reference
+from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.experiment.trajectory_file import write_trajectory
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.consistency import consistency, prior
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.model.regressor import Model
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Limits, Robot
+from elid_cli.signals.signals import prepare
 
 LIMITS = (Limits((-1.5, 2.0), 1.8, 7.0, 400.0), Limits((-2.0, 1.0), 2.5, 9.0, 90.0))
 

@@ -11,26 +11,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli import formats
-from elid_cli.base import find_base
 from elid_cli.errors import UsageError
-from elid_cli.estimate import identify
-from elid_cli.excitation import ExciteOptions, excite
-from elid_cli.figures import kinds, paint, picture
-from elid_cli.figures.thin import bands, cloud, envelope
-from elid_cli.identification import Identification
-from elid_cli.model import Model
-from elid_cli.recording import Recording
-from elid_cli.refined import refined_robot, representative
-from elid_cli.report import Figure, Report, Table, Text
-from elid_cli.reports.excitation import excitation_report
-from elid_cli.reports.figures import identification_figures, validation_figures, with_figures
-from elid_cli.reports.identification import identification_report
-from elid_cli.robot import Array, EffectSpec, Robot
-from elid_cli.signals import prepare
-from elid_cli.simulation import SimulationOptions, simulate
-from elid_cli.validation import validate
-from elid_cli.views import joint_views, organised, spring_views
+from elid_cli.estimation.identify import identify
+from elid_cli.estimation.refined_robot import refined_robot, representative
+from elid_cli.estimation.result import Identification
+from elid_cli.estimation.validation.prediction import validate
+from elid_cli.experiment.excitation import ExciteOptions, excite
+from elid_cli.experiment.simulation import SimulationOptions, simulate
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.regressor import Model
+from elid_cli.report import formats
+from elid_cli.report.answers.excitation import excitation_report
+from elid_cli.report.answers.identification import identification_report
+from elid_cli.report.figures import kinds, paint, picture
+from elid_cli.report.figures.build import identification_figures, validation_figures, with_figures
+from elid_cli.report.figures.data import joint_views, organised, spring_views
+from elid_cli.report.figures.thin import bands, cloud, envelope
+from elid_cli.report.tree import Figure, Report, Table, Text
+from elid_cli.robot.robot import Array, EffectSpec, Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from elid_cli.commands import main
-from elid_cli.robot_file import read_robot
+from elid_cli.cli import main
+from elid_cli.robot.files import read_robot
 
 LOG = str(Path(__file__).parents[2] / "sample_logs" / "planar2_stribeck.h5")
 LEVER = """\

@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elid_cli.consistency import consistency
-from elid_cli.dynamics import Dynamics
 from elid_cli.errors import UsageError
-from elid_cli.estimate import Identification, identify
-from elid_cli.inertials import pseudo_inertia
-from elid_cli.physical import PhysicalParameters, make_physical
-from elid_cli.recording import Recording
-from elid_cli.robot import LINK_PARAMETERS, Array, Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.signals import prepare
-from elid_cli.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.estimation.identify import Identification, identify
+from elid_cli.estimation.physical.nearest import PhysicalParameters, make_physical
+from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.model.consistency import consistency
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.inertia import pseudo_inertia
+from elid_cli.robot.robot import LINK_PARAMETERS, Array, Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
 
 POSES = 200
 

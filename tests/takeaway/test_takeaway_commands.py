@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli.commands import main
+from elid_cli.cli import main
 from elid_cli.logs import write_recording
-from elid_cli.recording import Recording
-from elid_cli.robot_file import read_robot
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.recording import Recording
 
 
 @pytest.fixture(scope="module")

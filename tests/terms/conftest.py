@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from effect_scenes import planar, scene_of, spatial
 
-from elid_cli.terms.effect import Scene
+from elid_cli.model.effects.effect import Scene
 
 
 @pytest.fixture(scope="session")

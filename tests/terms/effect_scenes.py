@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.model import Model
-from elid_cli.motion import Motion
-from elid_cli.robot import Joint, Robot
-from elid_cli.robot_file import read_robot
-from elid_cli.terms.effect import DIRECTION_WIDTH, Scene
+from elid_cli.model.effects.effect import DIRECTION_WIDTH, Scene
+from elid_cli.model.regressor import Model
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Joint, Robot
+from elid_cli.signals.motion import Motion
 
 DT = 1e-3
 N = 3000

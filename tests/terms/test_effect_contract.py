@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from effect_scenes import DT, SPECS, instant, planar, scene_of, spatial
 
-from elid_cli.effects import lost_effects, resolve, shown_by
 from elid_cli.errors import RobotError
-from elid_cli.robot import EffectSpec
-from elid_cli.terms import effect_classes
-from elid_cli.terms.effect import Effect, MemoryEffect, Parameter, RowKey, Scene
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.declared import lost_effects, resolve, shown_by
+from elid_cli.model.effects.effect import Effect, MemoryEffect, Parameter, RowKey, Scene
+from elid_cli.robot.robot import EffectSpec
 
 LIBRARY = effect_classes()
 BOTH = ("planar_scene", "spatial_scene")
@@ -297,7 +297,7 @@ def test_a_log_without_link_positions_leaves_out_the_effects_that_need_them() ->
 
 def test_the_library_is_imported_without_heavy_or_printing_packages() -> None:
     code = (
-        "import sys; from elid_cli.terms import effect_classes; effect_classes();"
+        "import sys; from elid_cli.model.effects import effect_classes; effect_classes();"
         "print([m for m in ('scipy', 'click', 'rich', 'h5py') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -11,16 +11,16 @@ from effect_scenes import DT, SPECS, motion_of, planar, scene_of, spatial, torqu
 from scipy.integrate import solve_ivp
 from scipy.interpolate import BSpline
 
-from elid_cli.motion import Motion
-from elid_cli.robot import LINK_PARAMETERS
-from elid_cli.terms import effect_classes
-from elid_cli.terms.bodies import gravity_torque, last_body
-from elid_cli.terms.effect import RowKey, Scene
-from elid_cli.terms.flexible_mode import FlexibleMode
-from elid_cli.terms.hysteresis import Hysteresis
-from elid_cli.terms.lookup import Lookup, b_splines
-from elid_cli.terms.payload import independent
-from elid_cli.terms.rows import derivative
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.bodies import gravity_torque, last_body
+from elid_cli.model.effects.effect import RowKey, Scene
+from elid_cli.model.effects.library.flexible_mode import FlexibleMode
+from elid_cli.model.effects.library.hysteresis import Hysteresis
+from elid_cli.model.effects.library.lookup import Lookup, b_splines
+from elid_cli.model.effects.library.payload import independent
+from elid_cli.model.effects.rows import derivative
+from elid_cli.robot.robot import LINK_PARAMETERS
+from elid_cli.signals.motion import Motion
 
 LIBRARY = effect_classes()
 

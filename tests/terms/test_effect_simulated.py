@@ -10,12 +10,12 @@ import pytest
 from effect_scenes import DT, SPECS, planar, scene_of, torque_of
 from scipy.interpolate import CubicSpline
 
-from elid_cli.motion import Motion
-from elid_cli.robot import EffectSpec, Robot
-from elid_cli.simulation import SimulationOptions
-from elid_cli.simulation.control import ControlOptions
-from elid_cli.simulation.run import Simulation, run
-from elid_cli.terms import effect_classes
+from elid_cli.experiment.simulation import SimulationOptions
+from elid_cli.experiment.simulation.control import ControlOptions
+from elid_cli.experiment.simulation.run import Simulation, run
+from elid_cli.model.effects import effect_classes
+from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.motion import Motion
 
 LIBRARY = effect_classes()
 LENGTH = 1.2
@@ -76,7 +76,7 @@ def test_the_equations_hold_with_the_effect_and_fail_without(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["sensor_gain", "sensor_offset"])
 def test_torque_sensors_read_what_their_effect_says(name: str) -> None:
-    from elid_cli.simulation.sensors import SensorOptions
+    from elid_cli.experiment.simulation.sensors import SensorOptions
 
     plain = planar()
     robot = replace(plain, effects=(EffectSpec(name, "joint1", SPECS[name]),))

@@ -1,0 +1,80 @@
+"""Limits that a CI job sets: checked after the report is out, so that it is always printed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from elid_cli.cli.options import Gates, Output
+from elid_cli.cli.output import LimitError, note
+from elid_cli.errors import UsageError, did_you_mean
+from elid_cli.report.tree import Report, Text
+
+if TYPE_CHECKING:
+    from elid_cli.estimation.result import JointError
+    from elid_cli.robot.robot import Robot
+
+
+def check_names(gates: Gates, robot: Robot) -> None:
+    """Refuse, before any work on the log, a required parameter that the robot does not have (UsageError)."""
+    names = robot.parameter_names()
+    rigid = {f"K{k}": joint.name for k, joint in enumerate(robot.joints, start=1) if not joint.elastic}
+    for name in gates.require_independent:
+        if name in rigid:
+            raise UsageError(
+                f"--require-independent: no parameter {name!r}: {rigid[name]} of {robot.name!r} is declared rigid",
+                hint=f"set 'transmission: elastic' of {rigid[name]} in the robot file if its transmission bends",
+            )
+        if name not in names:
+            raise UsageError(f"--require-independent: no parameter {name!r}", hint=did_you_mean(name, names))
+
+
+def motor_rows_told(report: Report, gates: Gates, error: Mapping[str, JointError], output: Output) -> Report:
+    """Return the report with a warning of every joint that keeps ``--max-error`` while its motor row alone exceeds it.
+
+    The limit is one of the torque that the whole model predicts; errors of link and motor side may cancel in it.
+    """
+    limit = gates.max_error
+    if limit is None:
+        return report
+    said = [
+        f"{joint}: the motor row alone, {100 * e.spring_relative:.3g} %, exceeds --max-error {100 * limit:.3g} %, "
+        f"which limits the error of the whole model, {100 * e.relative:.3g} %"
+        for joint, e in error.items()
+        if e.spring_relative is not None and e.relative <= limit < e.spring_relative
+    ]
+    note(said, output, "warning")
+    warnings = [Text(f"motor_row{k}", line, "warning") for k, line in enumerate(said)]
+    last = [section for section in report.sections if isinstance(section, Text) and section.role == "next"]
+    rest = [section for section in report.sections if section not in last]
+    return replace(report, sections=(*rest, *warnings, *last))
+
+
+def check_gates(
+    gates: Gates, error: Mapping[str, JointError] | None = None, classes: Mapping[str, str] | None = None
+) -> None:
+    """Raise `LimitError` where a limit is broken: joints above ``--max-error``, parameters not independent."""
+    broken = broken_gates(gates, error, classes)
+    if broken:
+        raise LimitError("; ".join(broken))
+
+
+def broken_gates(
+    gates: Gates, error: Mapping[str, JointError] | None = None, classes: Mapping[str, str] | None = None
+) -> list[str]:
+    """Return the limits that are broken, in words."""
+    broken: list[str] = []
+    if gates.max_error is not None and error is not None:
+        broken += [
+            f"{joint}: torque error {100 * e.relative:.3g} % exceeds --max-error {100 * gates.max_error:.3g} %"
+            for joint, e in error.items()
+            if not e.relative <= gates.max_error
+        ]
+    if classes is not None:
+        broken += [
+            f"{name}: {classes[name]}, not independent"
+            for name in gates.require_independent
+            if classes[name] != "independent"
+        ]
+    return broken

@@ -1,0 +1,114 @@
+"""From what the user typed to what the core takes: robot, recording, signals; with what must be said on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from elid_cli.cli.options import Conditioning, Output, Reading
+from elid_cli.cli.output import note
+from elid_cli.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from elid_cli.robot.robot import Robot
+    from elid_cli.signals.options import SignalOptions
+    from elid_cli.signals.recording import Recording
+    from elid_cli.signals.signals import Signals
+
+
+def load_robot(source: str) -> Robot:
+    """Return the robot that ``--robot`` names, its declared effects known to the library."""
+    from elid_cli.model.effects.declared import check_effects
+    from elid_cli.robot.files import read_robot
+
+    return check_effects(read_robot(source))
+
+
+def load_recording(
+    logs: Sequence[str],
+    robot: Robot,
+    reading: Reading,
+    output: Output,
+    rate: float | None = None,
+    progress: Progress | None = None,
+    label: str = "",
+) -> Recording:
+    """Read the logs as the robot's signals; `rate` (Hz) is for one that holds no time.
+
+    What was repaired and what looks wrong goes to stderr, after a `label` where the logs are others than the report's.
+    """
+    from elid_cli.logs import read_map_options, read_recording
+    from elid_cli.memory import keep_freed_memory
+    from elid_cli.signals.recording import told_once
+
+    keep_freed_memory()
+    recording = read_recording(
+        logs, robot, read_map_options(reading.maps), strict=reading.strict, rate=rate, time_source=reading.time,
+        progress=None if progress is None else lambda share: progress("reading", share),
+    )  # fmt: skip
+    recording = _with_lost_effects(recording, robot)
+    note(told_once([(label, recording.repairs)]), output, "repaired")
+    note(told_once([(label, recording.warnings)]), output, "warning")
+    return recording
+
+
+def _with_lost_effects(recording: Recording, robot: Robot) -> Recording:
+    """Return the recording with a warning of every declared effect that it cannot show for want of link positions."""
+    if not robot.effects:
+        return recording
+    from elid_cli.model.effects.declared import lost_effects
+    from elid_cli.signals.signals import unlinked
+
+    lost = [
+        f"{spec.joint or robot.joint_names[0]}: the declared {spec.effect} needs the link position q: left out"
+        for spec in lost_effects(robot, unlinked(recording))
+    ]
+    return replace(recording, warnings=(*recording.warnings, *lost)) if lost else recording
+
+
+def load_signals(recording: Recording, robot: Robot, conditioning: Conditioning, progress: Progress | None) -> Signals:
+    """Filter and decimate a recording as the options say."""
+    from elid_cli.signals.signals import prepare
+
+    if progress is not None:
+        progress("smoothing", 0.0)
+    options = signal_options(conditioning)
+    if options.rate == recording.rate:  # --rate told the sample rate of a log without time, and no wish to decimate
+        options = replace(options, rate=None)
+    return prepare(recording, robot, options)
+
+
+def sharp(conditioning: Conditioning, recording: Recording) -> Conditioning:
+    """Return the options that diagnose and validate share; a cut-off that the user chose stands."""
+    from elid_cli.diagnosis.conditioning import options_for
+
+    shared = options_for(recording.rate)
+    cutoff = shared.cutoff if conditioning.cutoff is None else conditioning.cutoff
+    return replace(conditioning, cutoff=cutoff, slow_motion=shared.slow_motion)
+
+
+def signal_options(conditioning: Conditioning) -> SignalOptions:
+    """Return the core's options."""
+    from elid_cli.signals.options import SignalOptions
+
+    return SignalOptions(
+        cutoff=conditioning.cutoff,
+        rate=conditioning.rate,
+        min_velocity=conditioning.min_velocity,
+        knots=conditioning.knots,
+        measured_velocity=conditioning.measured_velocity,
+        slow_motion=conditioning.slow_motion,
+    )
+
+
+def check_effects(names: Sequence[str]) -> None:
+    """Refuse the name of an effect that elid does not know (UsageError)."""
+    from elid_cli.errors import UsageError, did_you_mean
+    from elid_cli.model.effects import effect_classes
+
+    for name in names:
+        if name == "lookup":
+            raise UsageError("lookup is a curve, not an effect to search for", hint="use --lookup")
+        if name not in effect_classes():
+            raise UsageError(f"--only: no effect {name!r}", hint=did_you_mean(name, effect_classes()))

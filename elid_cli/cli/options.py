@@ -1,0 +1,212 @@
+"""The options that verbs share: spelt, typed and explained once, and handed over as small frozen objects.
+
+A verb says ``@reading @output def verb(logs, robot, reading, output)``; options stand before or after the log.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any, Literal, TypeAlias
+
+import click
+
+from elid_cli.cli.color import CHOICES
+from elid_cli.cli.group import Option
+from elid_cli.cli.values import File, Number, ShareOfOne, completing, robots
+
+Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+INPUT, SIGNALS, FIT, GATES, OUTPUT = "Input", "Signals", "Fit", "Gates for CI (exit 1)", "Output"
+
+
+def option(heading: str, *names: str, **kwargs: Any) -> Decorator:
+    """Return one option under a heading of the help."""
+    return click.option(*names, cls=Option, heading=heading, **kwargs)
+
+
+def gathered(name: str, kind: type, *options: Decorator) -> Decorator:
+    """Return a decorator that adds options and hands their values over as one `kind`, as the argument `name`.
+
+    The options are named as the fields of the dataclass `kind`; fields without an option keep their default.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(function)
+        def call(**values: Any) -> Any:
+            chosen = {field.name: values.pop(field.name) for field in fields(kind) if field.name in values}
+            return function(**values, **{name: kind(**chosen)})
+
+        wrapped: Callable[..., Any] = call
+        for add in reversed(options):
+            wrapped = add(wrapped)
+        return wrapped
+
+    return decorate
+
+
+def logs(*, required: bool = True) -> Decorator:
+    """Return the argument LOG…; ``-`` reads CSV from stdin."""
+    metavar = "LOG…" if required else "[LOG…]"
+    return click.argument("logs", nargs=-1, required=required, type=File(), metavar=metavar)
+
+
+def _robot(*, required: bool) -> Decorator:
+    return option(
+        INPUT, "--robot", metavar="ROBOT", envvar="ELID_ROBOT", required=required, show_envvar=True,
+        shell_complete=completing(robots, files=True),
+        help="Name of a robot that ships with elid (puma560), or a YAML or URDF file.",
+    )  # fmt: skip
+
+
+robot, optional_robot = _robot(required=True), _robot(required=False)
+
+maps = option(
+    INPUT, "--map", "maps", metavar="MAP", multiple=True, type=File(),
+    help="Where the log keeps its signals: a YAML file, or SIGNAL=PLACE. Repeatable.",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How logs are read."""
+
+    maps: tuple[str, ...] = ()
+    time: Literal["auto", "header", "log"] = "auto"
+    strict: bool = False
+
+
+reading = gathered(
+    "reading", Reading,
+    maps,
+    option(INPUT, "--time", type=click.Choice(("auto", "header", "log")), default="auto",
+           help="Clock of an MCAP log: the messages' header stamps, or the times of logging."),
+    option(INPUT, "--strict", is_flag=True, help="Refuse a damaged log instead of using what is whole."),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Conditioning:
+    """How signals are filtered and decimated; None: chosen from the log."""
+
+    cutoff: float | None = None
+    rate: float | None = None
+    min_velocity: float | None = None
+    measured_velocity: bool = True
+    knots: float | None = None
+    slow_motion: bool = False
+
+
+conditioning = gathered(
+    "conditioning", Conditioning,
+    option(SIGNALS, "--cutoff", type=Number(above=0), metavar="HZ",
+           help="Cut-off of the zero-phase low-pass. Default: from the log."),
+    option(SIGNALS, "--rate", type=Number(above=0), metavar="HZ",
+           help="Rate after decimation, by default from the cut-off. Of a log without time: its sample rate."),
+    option(SIGNALS, "--min-velocity", type=Number(least=0), metavar="V",
+           help="Leave out samples slower than V rad/s, where friction is undefined."),
+    option(SIGNALS, "--measured-velocity/--no-measured-velocity", default=True,
+           help="Use velocities that the log holds, or differentiate positions."),
+    option(SIGNALS, "--knots", type=Number(above=0), metavar="S",
+           help="Spacing of the smoothing splines' knots. Default: from the log."),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Who reads several logs."""
+
+    jobs: int = 1
+    scheduler: str | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How parameters are estimated."""
+
+    estimator: Literal["default", "paper"] = "default"
+    accurate: bool = False
+
+
+fit = gathered(
+    "fit", Fit,
+    option(FIT, "--estimator", type=click.Choice(("default", "paper")), default="default",
+           help="The paper's own least squares is biased under noise; it is here to compare with."),
+    option(FIT, "--accurate", is_flag=True,
+           help="Estimate trajectory and parameters together; slower, right under strong noise."),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Gates:
+    """Limits whose breach makes the exit code 1; the report is printed all the same."""
+
+    max_error: float | None = None
+    require_independent: tuple[str, ...] = ()
+
+
+max_error = option(
+    GATES, "--max-error", type=ShareOfOne(least=0), metavar="SHARE",
+    help="Largest held-out torque error of any joint, of the whole model, as a share of its torque: 0.05 or 5%.",
+)  # fmt: skip
+require_independent = option(
+    GATES, "--require-independent", multiple=True, metavar="NAME",
+    help="Parameter that must be independent. Repeatable.",
+)  # fmt: skip
+gates = gathered("gates", Gates, max_error, require_independent)
+
+write_robot = option(
+    OUTPUT, "--write-robot", type=File(), metavar="FILE.yaml",
+    help="Write a robot file that holds what was found; .urdf and .xml: as URDF and MJCF, without effects.",
+)  # fmt: skip
+check = option(
+    INPUT, "--check", "checks", multiple=True, type=File(), metavar="LOG",
+    help="Another log on which the result is judged. Repeatable.",
+)  # fmt: skip
+held_out = option(
+    INPUT, "--held-out", is_flag=True, help="Judge only on the stretches that diagnose holds out of its search.",
+)  # fmt: skip
+seed = option(
+    FIT, "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of everything random.",
+)  # fmt: skip
+
+
+def out(meaning: str, *, required: bool = True, metavar: str = "FILE") -> Decorator:
+    """Return the option ``-o`` of verbs that make a file."""
+    return option(OUTPUT, "-o", "--output", "out", type=File(), metavar=metavar, required=required, help=meaning)
+
+
+@dataclass(frozen=True)
+class Output:
+    """Where the report goes, and in which form."""
+
+    json: bool = False
+    markdown: bool = False
+    report: tuple[str, ...] = ()
+    plot: str | None = None
+    plot_format: Literal["png", "svg"] = "png"
+    everything: bool = False
+    color: Literal["auto", "always", "never"] = "auto"
+    quiet: bool = False
+    debug: bool = False
+
+    def __post_init__(self) -> None:
+        if self.json and self.markdown:
+            raise click.UsageError("--json and --markdown exclude each other", click.get_current_context(silent=True))
+
+
+output = gathered(
+    "output", Output,
+    option(OUTPUT, "--json", is_flag=True, help="Print one JSON object."),
+    option(OUTPUT, "--markdown", is_flag=True, help="Print Markdown, for a pull request's comment."),
+    option(OUTPUT, "--report", multiple=True, type=File(), metavar="FILE.html",
+           help="Write the whole report to a file as well; its suffix is its format. Repeatable."),
+    option(OUTPUT, "--plot", type=File(), metavar="DIR", help="Write the figures into a folder."),
+    option(OUTPUT, "--plot-format", type=click.Choice(("png", "svg")), default="png", show_default=True,
+           help="What the figures of --plot are."),
+    option(OUTPUT, "--all", "everything", is_flag=True, help="Print every row of long tables."),
+    option(OUTPUT, "--color", type=click.Choice(CHOICES), default="auto", help="Colour of the report."),
+    option(OUTPUT, "--quiet", is_flag=True, help="No progress and no notes on stderr."),
+    option(OUTPUT, "--debug", is_flag=True, help="Show the traceback of an error."),
+)  # fmt: skip

@@ -1,0 +1,53 @@
+"""Progress: on a terminal only, on stderr, there within half a second and gone at the end."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterator
+from typing import TypeAlias
+
+from elid_cli.cli.color import is_terminal, wants_color
+from elid_cli.cli.options import Output
+
+Progress: TypeAlias = Callable[[str, float], None]
+"""What the core is given: name of the stage, share of it that is done (0 to 1)."""
+
+
+@contextlib.contextmanager
+def progress(output: Output, first: str = "reading") -> Iterator[Progress | None]:
+    """Show progress while the block runs; yields None where nobody looks.
+
+    Enter before anything heavy is imported, so that the first sign of life does not wait for it.
+    """
+    if output.quiet or not is_terminal(sys.stderr) or os.environ.get("TERM") == "dumb":
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bars
+
+    color = wants_color(sys.stderr, output.color)
+    console = Console(
+        file=sys.stderr, force_terminal=True, color_system="standard" if color else None, markup=False, highlight=False
+    )
+    spinner = "dots" if (sys.stderr.encoding or "").lower().replace("-", "") == "utf8" else "line"
+    columns = (
+        SpinnerColumn(spinner),
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=24),
+        TimeRemainingColumn(),
+    )
+    with Bars(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bars:
+        task = bars.add_task(first, total=None)
+        bars.refresh()
+
+        def advance(stage: str, share: float) -> None:
+            nonlocal task
+            if bars.tasks[-1].description != stage:
+                bars.remove_task(task)
+                task = bars.add_task(stage, total=1.0)
+            bars.update(task, total=1.0, completed=min(max(share, 0.0), 1.0))
+
+        yield advance

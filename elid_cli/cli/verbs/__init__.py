@@ -1,0 +1,1 @@
+"""Subcommands of elid: one file each, found by themselves."""

@@ -1,0 +1,57 @@
+"""Say which parameters can be identified, from the robot alone or from what a log excites.
+
+Section 5 of the paper: independent, in a combination only, or not at all.
+"""
+
+from __future__ import annotations
+
+from elid_cli.cli import options
+from elid_cli.cli.group import verb
+from elid_cli.cli.inputs import load_robot
+from elid_cli.cli.options import Conditioning, Gates, Output, Reading, Spread
+from elid_cli.cli.routes import spread
+
+
+@verb("elid classify --robot puma560", "elid classify run07.mcap --robot puma560")
+@options.logs(required=False)
+@options.robot
+@options.reading
+@options.conditioning
+@spread
+@options.gathered("gates", Gates, options.require_independent)
+@options.output
+def classify(
+    logs: tuple[str, ...],
+    robot: str,
+    reading: Reading,
+    conditioning: Conditioning,
+    spread: Spread,
+    gates: Gates,
+    output: Output,
+) -> None:
+    """Say which of the robot's parameters are independent, which only show in combinations, and which not at all.
+
+    With a log: also what its motion excites, and why anything is missing.
+    """
+    from elid_cli.cli.gates import check_gates, check_names
+    from elid_cli.cli.options import Fit
+    from elid_cli.cli.output import check_output, emit
+    from elid_cli.cli.progress import progress
+    from elid_cli.cli.routes import Asked, from_samples, from_triangles, merges
+
+    check_output(output)
+    with progress(output, "reading") as advance:
+        from elid_cli.model.base_parameters import find_base
+        from elid_cli.model.regressor import Model
+        from elid_cli.report.answers.classification import classification_report
+
+        machine = load_robot(robot)
+        base = find_base(Model(machine))
+        check_names(gates, machine)
+        recording = found = None
+        if logs:
+            asked = Asked(logs, machine, reading, conditioning, Fit(), spread, output, advance)
+            answer = from_triangles(asked) if merges(logs, machine, Fit()) else from_samples(asked)
+            found, recording = answer.found, answer.recording
+    emit(classification_report(machine, base, robot, found, recording), output)
+    check_gates(gates, classes=base.classes if found is None else found.this_log)

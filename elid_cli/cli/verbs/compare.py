@@ -1,0 +1,40 @@
+"""Compare saved results: which parameters moved by more than their uncertainty."""
+
+from __future__ import annotations
+
+import click
+
+from elid_cli.cli import options
+from elid_cli.cli.group import verb
+from elid_cli.cli.options import Output
+from elid_cli.cli.values import File, Number
+
+
+@verb("elid compare january.json june.json --fail-on-change")
+@click.argument("results", nargs=-1, required=True, type=File(), metavar="RESULT.json…")
+@options.option(
+    options.FIT,
+    "--sigmas",
+    type=Number(above=0),
+    default=3.0,
+    show_default=True,
+    help="Standard deviations by which a parameter must have moved.",
+)
+@options.option(options.GATES, "--fail-on-change", is_flag=True, help="Fail when any parameter has moved.")
+@options.output
+def compare(results: tuple[str, ...], sigmas: float, fail_on_change: bool, output: Output) -> None:
+    """Compare results saved with --json: one robot over time, or one robot with its twin.
+
+    Every result is compared with the first; parameters that moved by more than their uncertainty are listed.
+    """
+    from elid_cli.cli.output import LimitError, check_output, emit
+    from elid_cli.estimation.comparison import compare as compare_results
+    from elid_cli.estimation.comparison import read_saved
+    from elid_cli.report.answers.comparison import comparison_report
+
+    check_output(output)
+    comparisons = compare_results([read_saved(result) for result in results])
+    emit(comparison_report(comparisons, sigmas), output)
+    moved = {c.other.file: len(c.moved(sigmas)) for c in comparisons if c.moved(sigmas)}
+    if fail_on_change and moved:
+        raise LimitError("; ".join(f"{file}: {n} parameter{'s' * (n != 1)} moved" for file, n in moved.items()))

@@ -1,0 +1,151 @@
+"""Trace what the model leaves unexplained to the effect that it lacks; error before and after."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from elid_cli.cli import options
+from elid_cli.cli.group import verb
+from elid_cli.cli.options import FIT, GATES, Conditioning, Gates, Output, Reading
+from elid_cli.cli.values import completing, effects
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from elid_cli.diagnosis import Diagnosis
+    from elid_cli.estimation.result import JointError
+    from elid_cli.report.answers.diagnosis_input import Told
+
+
+@verb(
+    "elid diagnose run07.mcap --robot puma560",
+    "elid diagnose run07.mcap --robot puma560 --check run08.mcap --write-robot refined.yaml",
+)
+@options.logs()
+@options.robot
+@options.reading
+@options.check
+@options.conditioning
+@options.option(
+    FIT,
+    "--only",
+    multiple=True,
+    metavar="EFFECT",
+    shell_complete=completing(effects),
+    help="Try this effect and no other. Repeatable.",
+)
+@options.option(
+    FIT, "--lookup", is_flag=True, help="Add a smooth curve where structure remains that no named effect explains."
+)
+@options.option(
+    FIT,
+    "--accurate",
+    is_flag=True,
+    help="Complete friction curves by spline collocation however long it takes; on short logs of small "
+    "robots that is always done.",
+)
+@options.gathered("gates", Gates, options.max_error)
+@options.option(GATES, "--fail-on-effect", is_flag=True, help="Fail when the model lacks an effect.")
+@options.option(
+    GATES, "--fail-on-unexplained", is_flag=True, help="Fail when the model leaves structure that no effect explains."
+)
+@options.write_robot
+@options.output
+def diagnose(
+    logs: tuple[str, ...],
+    robot: str,
+    reading: Reading,
+    checks: tuple[str, ...],
+    conditioning: Conditioning,
+    only: tuple[str, ...],
+    lookup: bool,
+    accurate: bool,
+    gates: Gates,
+    fail_on_effect: bool,
+    fail_on_unexplained: bool,
+    write_robot: str | None,
+    output: Output,
+) -> None:
+    """Find the effect that the model lacks: look at the residual of each joint, try every effect that could have left
+    it, and report the error before and after on stretches that the search never saw.
+    """  # noqa: D205
+    from elid_cli.cli.inputs import check_effects, load_recording, load_robot, load_signals, sharp
+    from elid_cli.cli.output import check_output, emit, pictures_wanted
+    from elid_cli.cli.progress import progress
+    from elid_cli.cli.writing import check_described, write_described
+
+    check_output(output)
+    if write_robot is not None:
+        check_described(write_robot)
+    with progress(output, "reading") as advance:
+        from elid_cli.diagnosis import DiagnoseOptions
+        from elid_cli.diagnosis import diagnose as search
+        from elid_cli.diagnosis.contributions import contributions
+        from elid_cli.diagnosis.refit import identified
+        from elid_cli.estimation.refined_robot import remarks
+        from elid_cli.estimation.validation.prediction import validate
+        from elid_cli.report.answers.diagnosis import diagnosis_report
+        from elid_cli.report.answers.diagnosis_input import Check, Told
+
+        check_effects(only)
+        machine = load_robot(robot)
+        recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
+        others = [load_recording((log,), machine, reading, output, conditioning.rate, label=log) for log in checks]
+        signals = load_signals(recording, machine, sharp(conditioning, recording), advance)
+        if advance is not None:
+            advance("fitting", 0.0)
+        found = search(machine, signals, DiagnoseOptions(lookup=lookup, only=only, accurate=accurate), advance)
+        judged = []
+        for other in others:
+            seen = load_signals(other, machine, sharp(conditioning, other), advance)
+            before, after = (validate(r, seen).error for r in (found.validation_before.robot, found.refined))
+            judged.append(Check(other, before, after))
+        if advance is not None:
+            advance("judging", 0.5)
+        declared = len(found.state_before.effects)
+        told = Told(
+            found,
+            identified(found.state_before, found.before, declared),
+            identified(found.state_after, found.after, declared),
+            contributions(found),
+            recording,
+            robot,
+            judged,
+            write_robot,
+            lookup,
+            only,
+        )
+        report = diagnosis_report(told)
+        if pictures_wanted(output):
+            from elid_cli.report.figures.build import diagnosis_figures, with_figures
+
+            report = with_figures(report, diagnosis_figures(found, told.after, told.contributions, signals))
+    if write_robot is not None:
+        write_described(found.refined, write_robot, remarks(told.after))
+    emit(report, output)
+    _check(told, gates, [*(_lacks(found) if fail_on_effect else ()), *(_leaves(found) if fail_on_unexplained else ())])
+
+
+def _check(told: Told, gates: Gates, broken: Sequence[str]) -> None:
+    """Raise `LimitError` where a limit is broken, or the model after is worse than allowed on any log."""
+    from elid_cli.cli.gates import broken_gates
+    from elid_cli.cli.output import LimitError
+
+    everything = [*broken, *broken_gates(gates, told.found.after)]
+    for check in told.checks:
+        everything += broken_gates(gates, _in(check.recording.files[0], check.after))
+    if everything:
+        raise LimitError("; ".join(everything))
+
+
+def _lacks(found: Diagnosis) -> list[str]:
+    # the terms of one curve are one effect
+    return list(dict.fromkeys(f"{e.joint or found.robot.name}: the model lacks {e.effect}" for e in found.effects))
+
+
+def _leaves(found: Diagnosis) -> list[str]:
+    return [f"{u.joint}: {u.rows} row left unexplained" for u in found.unexplained]
+
+
+def _in(file: str, error: Mapping[str, JointError]) -> dict[str, JointError]:
+    return {f"{file}: {joint}": e for joint, e in error.items()}

@@ -1,0 +1,142 @@
+"""Find an exciting trajectory: within the robot's limits, and telling most about its parameters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from click.core import ParameterSource
+
+from elid_cli.cli import options
+from elid_cli.cli.group import verb
+from elid_cli.cli.inputs import load_robot
+from elid_cli.cli.options import Output, Reading
+from elid_cli.cli.values import File, Number, Share
+
+if TYPE_CHECKING:
+    from elid_cli.experiment.last_log import LastLog
+    from elid_cli.robot.robot import Robot
+
+MOTION = "Trajectory"
+
+
+@verb(
+    "elid excite --robot puma560 -o excite.csv",
+    "elid excite --robot puma560 -o wrist.csv --for Izz6 --for Jm6 --duration 30",
+    "elid excite --robot puma560 -o next.csv --after run07.mcap",
+)
+@options.robot
+@options.reading
+@options.option(
+    MOTION,
+    "--for",
+    "aims",
+    multiple=True,
+    metavar="NAME",
+    help="Parameter that the log must show above all, such as Izz6. Repeatable.",
+)
+@options.option(
+    MOTION,
+    "--after",
+    type=File(),
+    metavar="LOG",
+    help="The last log, or its result saved with --json: aim at what it could not show, and expect its residuals.",
+)
+@options.option(
+    MOTION,
+    "--duration",
+    type=Number(above=0),
+    default=20.0,
+    show_default=True,
+    metavar="S",
+    help="Length of the trajectory.",
+)
+@options.option(
+    MOTION,
+    "--rate",
+    type=Number(above=0),
+    default=250.0,
+    show_default=True,
+    metavar="HZ",
+    help="Samples per second in the file.",
+)
+@options.option(
+    MOTION,
+    "--interval",
+    type=Number(above=0),
+    metavar="S",
+    help="Time between the splines' way-points. Default: from each joint's limits.",
+)
+@options.option(
+    MOTION,
+    "--residual",
+    type=Share(above=0),
+    default="2%",
+    show_default=True,
+    metavar="SHARE",
+    help="Expected torque residual after filtering, as a share of the torque; scales standard errors.",
+)
+@options.seed
+@options.out("The trajectory to write, CSV: t, q, dq, ddq of every joint.", metavar="TRAJ.csv")
+@options.output
+def excite(
+    robot: str,
+    reading: Reading,
+    aims: tuple[str, ...],
+    after: str | None,
+    duration: float,
+    rate: float,
+    interval: float | None,
+    residual: float,
+    seed: int,
+    out: str,
+    output: Output,
+) -> None:
+    """Find a trajectory whose log tells most about the base parameters, from rest to rest within the joints' limits.
+
+    Limits and reference values come from the robot file. The report says which standard errors to expect.
+    """
+    from pathlib import Path
+
+    import click
+
+    from elid_cli.cli.output import check_output, emit, note
+    from elid_cli.cli.progress import progress
+    from elid_cli.files import check_suffix, check_writable
+
+    check_output(output)
+    check_suffix(Path(out), (".csv",), "a trajectory")
+    check_writable(Path(out))
+    with progress(output, "optimising") as advance:
+        from dataclasses import replace
+
+        from elid_cli.experiment.excitation import ExciteOptions
+        from elid_cli.experiment.excitation import excite as find
+        from elid_cli.experiment.trajectory_file import write_trajectory
+        from elid_cli.report.answers.excitation import excitation_report
+
+        machine = load_robot(robot)
+        choice = ExciteOptions(duration=duration, interval=interval, aims=aims, residual=residual, seed=seed)
+        if after is not None:
+            last = _last(after, machine, reading, output)
+            if not last.hidden and not aims:
+                note([f"{after} shows every parameter that the robot can show; nothing special is aimed at"], output)
+            choice = replace(choice, aims=tuple(dict.fromkeys((*aims, *last.hidden))))
+            asked = click.get_current_context().get_parameter_source("residual")
+            if asked is not ParameterSource.COMMANDLINE:
+                choice = replace(choice, measured=last.residual)
+        found = find(machine, choice, None if advance is None else lambda share: advance("optimising", share))
+        write_trajectory(out, machine.joint_names, *found.sampled(rate))
+    emit(excitation_report(found, robot, out, rate), output)
+
+
+def _last(after: str, machine: Robot, reading: Reading, output: Output) -> LastLog:
+    """Return what the last log could not show, from its saved result or by identifying it."""
+    from elid_cli.cli.inputs import load_recording
+    from elid_cli.experiment.last_log import is_result, last_of, read_last
+
+    if is_result(after):
+        return read_last(after, machine)
+    from elid_cli.estimation.identify import identify
+    from elid_cli.signals.signals import prepare
+
+    return last_of(identify(machine, prepare(load_recording((after,), machine, reading, output), machine)))

@@ -1,0 +1,88 @@
+"""Identify the base parameters from logs, with their uncertainty and the torque they predict."""
+
+from __future__ import annotations
+
+from elid_cli.cli import options
+from elid_cli.cli.group import verb
+from elid_cli.cli.inputs import load_robot
+from elid_cli.cli.options import Conditioning, Fit, Gates, Output, Reading, Spread
+from elid_cli.cli.routes import spread
+
+
+@verb(
+    "elid identify run07.mcap --robot puma560",
+    "elid identify *.mcap --robot puma560 --write-robot mine.yaml --report report.html",
+)
+@options.logs()
+@options.robot
+@options.reading
+@options.conditioning
+@options.fit
+@spread
+@options.option(
+    options.FIT,
+    "--physical",
+    is_flag=True,
+    help="Also find all parameters of a robot that could be built, what the log leaves open from the robot "
+    "file; --write-robot then writes them.",
+)
+@options.gates
+@options.write_robot
+@options.output
+def identify(
+    logs: tuple[str, ...],
+    robot: str,
+    reading: Reading,
+    conditioning: Conditioning,
+    fit: Fit,
+    spread: Spread,
+    physical: bool,
+    gates: Gates,
+    write_robot: str | None,
+    output: Output,
+) -> None:
+    """Identify the base parameters of a robot from one or more logs: values, standard errors, comparison with the
+    robot file, and the torque error per joint on stretches that the fit never saw.
+    """  # noqa: D205
+    from dataclasses import replace
+
+    from elid_cli.cli.gates import check_gates, check_names, motor_rows_told
+    from elid_cli.cli.output import check_output, emit, pictures_wanted
+    from elid_cli.cli.progress import progress
+    from elid_cli.cli.routes import Asked, from_samples, from_triangles, merges, samples_of
+    from elid_cli.cli.writing import check_described, write_described
+
+    check_output(output)
+    if physical:
+        from elid_cli.estimation.physical.semidefinite import need_solver
+
+        need_solver()
+    if write_robot is not None:
+        check_described(write_robot)
+    with progress(output, "reading") as advance:
+        from elid_cli.estimation.refined_robot import identified_robot, remarks
+        from elid_cli.report.answers.identification import identification_report
+
+        machine = load_robot(robot)
+        check_names(gates, machine)
+        asked = Asked(logs, machine, reading, conditioning, fit, spread, output, advance)
+        found, recording, apart, signals = from_triangles(asked) if merges(logs, machine, fit) else from_samples(asked)
+        refined = identified_robot(found)
+        report = identification_report(found, recording, robot, apart, write_robot)
+        if pictures_wanted(output):
+            from elid_cli.report.figures.build import identification_figures, with_figures
+
+            signals = signals or samples_of(asked)
+            if signals is not None:
+                report = with_figures(report, identification_figures(found, refined, signals))
+        if physical:
+            from elid_cli.estimation.physical.nearest import make_physical
+            from elid_cli.report.answers.physical import with_physical
+
+            built = make_physical(found)
+            report = with_physical(report, built, found.base)
+            refined = replace(refined, joints=built.refined_robot().joints)
+    if write_robot is not None:
+        write_described(refined, write_robot, remarks(found, physical=physical))
+    emit(motor_rows_told(report, gates, found.error, output), output)
+    check_gates(gates, found.error, found.this_log)

@@ -1,0 +1,32 @@
+"""Show what is in a log: channels, rates, gaps, and which signal elid takes from where."""
+
+from __future__ import annotations
+
+from elid_cli.cli import options
+from elid_cli.cli.group import verb
+from elid_cli.cli.inputs import load_robot
+from elid_cli.cli.options import Output
+
+
+@verb("elid info run07.mcap", "elid info run07.mcap --robot puma560")
+@options.logs()
+@options.optional_robot
+@options.maps
+@options.output
+def info(logs: tuple[str, ...], robot: str | None, maps: tuple[str, ...], output: Output) -> None:
+    """Show what is in a log: its channels with rates and gaps, which signal elid would take from where, and a mapping
+    to paste where it cannot tell. With --robot, for that robot's joints.
+    """  # noqa: D205
+    from elid_cli.cli.output import check_output, emit, note
+    from elid_cli.cli.progress import progress
+
+    check_output(output)
+    with progress(output, "reading"):
+        from elid_cli.logs import inspect_log, read_map_options
+        from elid_cli.report.answers.info import info_report
+
+        machine = None if robot is None else load_robot(robot)
+        mapping = read_map_options(maps) or None
+        found = [inspect_log(log, machine, mapping) for log in logs]
+    note((sentence for log in found for sentence in log.losses), output, "lost")
+    emit(info_report(found, machine, robot, maps), output)

@@ -1,0 +1,61 @@
+"""Reduce logs to small triangles, to be identified together later or elsewhere."""
+
+from __future__ import annotations
+
+from elid_cli.cli import options
+from elid_cli.cli.group import verb
+from elid_cli.cli.inputs import load_robot
+from elid_cli.cli.options import Conditioning, Output, Reading, Spread
+from elid_cli.cli.routes import spread
+
+
+@verb(
+    "elid reduce run07.mcap --robot puma560 -o run07.npz",
+    "elid reduce fleet/*.mcap --robot puma560 -o fleet.npz --jobs 8",
+)
+@options.logs()
+@options.robot
+@options.reading
+@options.conditioning
+@spread
+@options.out("The triangles to write, NumPy's npz: some hundred kilobytes per log.", metavar="FILE.npz")
+@options.output
+def reduce(
+    logs: tuple[str, ...],
+    robot: str,
+    reading: Reading,
+    conditioning: Conditioning,
+    spread: Spread,
+    out: str,
+    output: Output,
+) -> None:
+    """Reduce logs to what identification keeps of them: small triangles, however long the log.
+
+    elid identify and elid classify take such files beside logs and give the same answer as from the logs.
+    """
+    from pathlib import Path
+
+    from elid_cli.cli.options import Fit
+    from elid_cli.cli.output import check_output, emit
+    from elid_cli.cli.progress import progress
+    from elid_cli.cli.routes import reduced_logs, whole_log_needed
+    from elid_cli.errors import UsageError
+    from elid_cli.files import check_suffix, check_writable
+
+    check_output(output)
+    check_suffix(Path(out), (".npz",), "triangles")
+    check_writable(Path(out))
+    with progress(output, "reading") as advance:
+        from elid_cli.estimation.streaming.files import write_triangles
+        from elid_cli.estimation.streaming.merge import check_alike, joined_recording
+        from elid_cli.report.answers.reduction import reduction_report
+
+        machine = load_robot(robot)
+        reason = whole_log_needed(machine, Fit())
+        if reason:
+            raise UsageError(f"{robot}: cannot be reduced for", detail=reason, hint="take the robot without effects")
+        found = reduced_logs(logs, machine, reading, conditioning, spread, output, advance)
+        check_alike(machine, found)
+        write_triangles(found, out)
+        report = reduction_report(machine, found, joined_recording(found), robot, out)
+    emit(report, output)

@@ -1,0 +1,67 @@
+"""Simulate a log: forward dynamics of the described robot, controller, sensors."""
+
+from __future__ import annotations
+
+from elid_cli.cli import options
+from elid_cli.cli import simulate_options as simulating
+from elid_cli.cli.group import verb
+from elid_cli.cli.inputs import load_robot
+from elid_cli.cli.options import Output
+from elid_cli.cli.simulate_options import ControlChoice, MotionChoice, SensorChoice
+from elid_cli.cli.values import File
+
+
+@verb(
+    "elid simulate --robot planar2 -o run.mcap",
+    "elid simulate --robot puma560 -o run.h5 --duration 60 --counts 65536 --motor-side --torque-noise 1%",
+)
+@options.robot
+@simulating.effect
+@simulating.motion
+@simulating.control
+@simulating.sensors
+@options.out("The log to write: .csv, .csv.gz, .h5 or .mcap.", metavar="LOG")
+@options.option(options.OUTPUT, "--truth", type=File(), metavar="LOG", help="Write the exact signals to another log.")
+@options.output
+def simulate(
+    robot: str,
+    effects: tuple[str, ...],
+    motion: MotionChoice,
+    control: ControlChoice,
+    sensors: SensorChoice,
+    out: str,
+    truth: str | None,
+    output: Output,
+) -> None:
+    """Simulate a robot with its reference parameters and effects, and write the log that its sensors would give.
+
+    The reference runs through random way-points within the joints' limits; the motors are under PD control.
+    """
+    from pathlib import Path
+
+    from elid_cli.cli.output import check_output, emit
+    from elid_cli.cli.progress import progress
+    from elid_cli.files import check_writable
+    from elid_cli.logs.registry import writer_for
+
+    check_output(output)
+    for name in (out, truth):
+        if name is not None:
+            writer_for(name)
+            check_writable(Path(name))
+    with progress(output, "simulating") as advance:
+        from dataclasses import replace
+
+        from elid_cli.experiment import simulation
+        from elid_cli.logs import write_recording
+        from elid_cli.report.answers.simulation import simulation_report
+
+        machine = load_robot(robot)
+        acting = replace(machine, effects=(*machine.effects, *simulating.effect_specs(effects)))
+        chosen = simulating.options_of(machine, motion, control, sensors)
+        share = None if advance is None else lambda done: advance("simulating", done)
+        result = simulation.run(acting, chosen, share)
+        write_recording(result.recording, out)
+        if truth is not None:
+            write_recording(simulation.exact(result), truth)
+    emit(simulation_report(acting, simulation.filed(result, out), chosen, robot), output)

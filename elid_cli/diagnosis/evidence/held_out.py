@@ -1,0 +1,25 @@
+"""What an effect is worth on the stretches that the search never sees."""
+
+from __future__ import annotations
+
+from elid_cli.diagnosis.fit.state import State, without
+from elid_cli.diagnosis.search.acceptance import touched
+from elid_cli.estimation.regression.triangles import Triangles, reduce
+
+
+def held_out_triangles(state: State) -> Triangles:
+    """Return the triangles of the held-out stretches with the state's columns."""
+    log = state.log
+    return reduce(log.observation.only(log.fold < 0), state.extras)
+
+
+def held_out_gain(state: State, number: int) -> float:
+    """Return the part of the held-out residual variance that effect `number` takes away in its rows."""
+    lacking = without(state, number)
+    rows = touched(lacking, state, state.columns[number].rows)
+    outside, inside = held_out_triangles(lacking), held_out_triangles(state)
+    # rows are compared in units of their noise floor, or the noisier row would hide what the quieter one shows
+    weight = {r: max(state.floor.rms[r], 1e-4 * state.triangles.torque_rms(r)) ** -2 for r in rows}
+    before = sum(weight[r] * t.squares(lacking.solution.values) for r in rows for t in outside.of(r))
+    after = sum(weight[r] * t.squares(state.solution.values) for r in rows for t in inside.of(r))
+    return 1.0 - after / before if before > 0 else 0.0

@@ -1,0 +1,312 @@
+"""The present model during a search: its effects, its fit to the training stretches, and the noise it is judged by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.diagnosis.fit.projection import Projected, project
+from elid_cli.diagnosis.fit.stretches import FOLDS
+from elid_cli.diagnosis.fit.whitening import whiteners
+from elid_cli.estimation.regression.covariance import sandwich
+from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
+from elid_cli.estimation.regression.least_squares import Solution, reweighted, solve
+from elid_cli.estimation.regression.nuisances import DELAY, delay_columns, significant
+from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.estimation.regression.triangles import Extra, Triangles, reduce
+from elid_cli.estimation.validation.noise_floor import Floor, noise_floor
+from elid_cli.model.base_parameters import BaseParameters, find_base
+from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.shifts import NAMES, Shifts, corrected
+from elid_cli.model.effects.tilt import LEVEL, STEEPEST, TILT, tilted, untilted
+from elid_cli.model.regressor import Model, Row
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
+
+Array = NDArray[np.float64]
+
+LONGEST_SHIFT = 0.05
+"""s; a channel that seems later than this is not moved."""
+CURVE_HEIGHT = 0.01
+"""Prior standard deviation of a smooth curve's heights, as a share of the torque."""
+_SETTLED = 0.002
+"""Part of a sample within which shifts count as settled."""
+_SHIFTING = 5
+_AGREED = 1e-4
+"""Change of an effect's torque, as a part of it, below which columns from the model and the fit agree …"""
+_AGREEING = 30
+"""… and most fits until they do."""
+_LEVELLING = 12
+"""Most fits until gravity is turned as far as the tilt's column says."""
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log and its division; everything that stays the same during a search."""
+
+    model: Model
+    base: BaseParameters
+    signals: Signals
+    observation: Observation
+    fold: NDArray[np.intp]
+    """Fold of every instant, -1 where held out, (M,)."""
+    raw: Signals
+    """The signals as logged; `signals` has late channels moved to where they belong."""
+    shifts: Shifts
+    """By how much channels were moved."""
+    level: Robot
+    """The robot as described; the model's has its gravity turned by `tilt`."""
+    tilt: Array
+    """Roll and pitch by which gravity is turned, rad, (2,)."""
+
+    def shifted(self, shifts: Shifts) -> Log:
+        """Return the log with other shifts of its channels."""
+        signals = corrected(self.raw, shifts)
+        return replace(self, signals=signals, observation=observe(self.model, signals), shifts=shifts)
+
+    def tilted(self, tilt: Array) -> Log:
+        """Return the log with the model in gravity turned by other angles."""
+        model = Model(tilted(self.level, tilt))
+        return replace(
+            self, model=model, base=find_base(model), observation=observe(model, self.signals), tilt=np.array(tilt)
+        )
+
+    @property
+    def training(self) -> Observation:
+        """Return the observation with the held-out stretches masked."""
+        return self.observation.only(self.fold >= 0)
+
+
+@dataclass(frozen=True)
+class State:
+    """A model with its fit."""
+
+    log: Log
+    effects: tuple[Effect, ...]
+    nuisances: tuple[Extra, ...]
+    columns: tuple[Extra, ...]
+    """Columns of the effects, in their order."""
+    triangles: Triangles
+    solution: Solution
+    scene: Scene
+    known: Array | None = None
+    """Covariance of the solution's basis where another estimator found the values, (r, r)."""
+
+    @property
+    def extras(self) -> tuple[Extra, ...]:
+        """All columns beyond the standard parameters: nuisances first, then effects."""
+        return (*self.nuisances, *self.columns)
+
+    @property
+    def standard(self) -> Array:
+        """Return a representative of the standard parameters, (p,)."""
+        return self.solution.values[: self.log.model.parameters]
+
+    def place(self, number: int) -> slice:
+        """Return where the coefficients of effect `number` stand in the solution."""
+        first = self.log.model.parameters + sum(e.width for e in (*self.nuisances, *self.columns[:number]))
+        return slice(first, first + self.columns[number].width)
+
+    def coefficients(self, number: int) -> Array:
+        """Return the fitted coefficients of an effect, (d,)."""
+        return self.solution.values[self.place(number)]
+
+    def named(self, number: int) -> dict[str, float]:
+        """Return an effect's parameters as reports name them."""
+        return self.renamed(number, self.coefficients(number))
+
+    def renamed(self, number: int, coefficients: Array) -> dict[str, float]:
+        """Return an effect's parameters for other coefficients; shifts in time add to those already corrected."""
+        effect = self.effects[number]
+        values = effect.named(self.scene, coefficients)
+        if effect.name in NAMES:
+            values[NAMES[effect.name]] += self.log.shifts.of(effect.name, effect.joint)
+        return untilted(values, self.log.tilt) if effect.name == TILT else values
+
+    @property
+    def delays(self) -> dict[int, float]:
+        """Return the torque delay that is corrected, s, by joint."""
+        first = self.log.model.parameters
+        return {
+            next(iter(extra.rows)).joint: float(self.solution.values[first + k])
+            for k, extra in enumerate(self.nuisances)
+            if extra.name == DELAY
+        }
+
+    @cached_property
+    def floor(self) -> Floor:
+        """Propagated sensor noise at this model's parameters."""
+        return noise_floor(self.log.model, self.log.signals, self.log.observation, self.standard)
+
+    @cached_property
+    def projected(self) -> Projected:
+        """Whitened problem in which further effects are scored, training stretches only."""
+        training = self.log.training
+        return project(training, self.extras, self.solution, whiteners(training, self.floor), self.log.fold, FOLDS)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the solution's basis, (r, r)."""
+        if self.known is not None:
+            return self.known
+        return sandwich(self.log.training, self.solution, self.extras)
+
+    @cached_property
+    def left_out(self) -> dict[Row, Array]:
+        """Residual sum of squares of every row group per fold, predicted by a fit to the other folds, (folds,)."""
+        squares = {row: np.zeros(FOLDS) for row in self.triangles.rows}
+        for f in range(FOLDS):
+            others = [g for g in range(FOLDS) if g != f]
+            fitted = solve(self.triangles, self.solution.weights, others, len(self.solution.basis)).values
+            for row in squares:
+                squares[row][f] = sum(t.squares(fitted) for t in self.triangles.of(row, [f]))
+        return squares
+
+    @property
+    def impossible(self) -> frozenset[str]:
+        """Return which stiffnesses, rotor inertias and friction coefficients are negative."""
+        names = self.log.model.names
+        return frozenset(
+            name
+            for name, value in zip(names, self.standard, strict=True)
+            if value < 0 and name.startswith(("K", "Jm", "fs", "fv")) and self.log.base.classes[name] == "independent"
+        )
+
+    def rms(self, row: Row) -> float:
+        """Return the training residual rms of a row group, N·m."""
+        return self.triangles.rms(self.solution.values, row)
+
+    def ratios(self) -> dict[Row, float]:
+        """Return residual over floor of every row group (training stretches)."""
+        least = {row: 2e-4 * self.triangles.torque_rms(row) for row in self.triangles.rows}
+        return {row: self.rms(row) / max(self.floor.rms[row], least[row]) for row in self.triangles.rows}
+
+
+def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None) -> State:
+    """Fit the model with some effects to the training stretches.
+
+    Parameters
+    ----------
+    log
+        The log and its division.
+    effects
+        Effects with their shapes.
+    scene
+        Scene from which the effects' columns are computed; None: made from a fit without effects.
+    """
+    training = log.training
+    if scene is None:
+        plain = reduce(training, (), log.fold)
+        scene = scene_of(log.model, log.signals, reweighted(plain, log.base.count).values[: log.model.parameters])
+    columns = tuple(extra_of(effect, scene, log.signals) for effect in effects)
+    late = {e.joint for e in effects if e.name == DELAY}
+    delays = [extra for extra in delay_columns(training) if next(iter(extra.rows)).joint not in late]
+    if delays:
+        extras = [*delays, *columns]
+        trial = reweighted(reduce(training, extras, log.fold), log.base.count + sum(e.width for e in extras))
+        kept = significant(training, trial, extras, log.signals)
+        delays = [extra for extra in delays if any(extra is k for k in kept)]
+    extras = [*delays, *columns]
+    triangles = reduce(training, extras, log.fold)
+    first = triangles.parameters + sum(e.width for e in delays)
+    triangles = replace(triangles, prior=_curve_prior(effects, columns, triangles, first))
+    solution = reweighted(triangles, log.base.count + sum(e.width for e in extras))
+    return State(log, tuple(effects), tuple(delays), columns, triangles, solution, scene)
+
+
+def _curve_prior(effects: Sequence[Effect], columns: Sequence[Extra], triangles: Triangles, first: int) -> Array | None:
+    """Return equations that hold the heights of smooth curves near 0, (k, p + e + 1); None without curves.
+
+    A curve holds straight lines, which viscous friction or the spring explains already: the line stays with those.
+    """
+    equations, place = [], first
+    for effect, extra in zip(effects, columns, strict=True):
+        if effect.name == "lookup":
+            torque = max(triangles.torque_rms(row) for row in extra.rows)
+            block = np.zeros((extra.width, triangles.width + 1))
+            block[:, place : place + extra.width] = np.eye(extra.width) / (CURVE_HEIGHT * torque)
+            equations.append(block)
+        place += extra.width
+    return np.concatenate(equations) if equations else None
+
+
+def refreshed(state: State) -> State:
+    """Return the state fitted again with the scene of its own parameters, late channels moved by what was found."""
+    for _ in range(_SHIFTING):
+        state = _levelled(agreed(state))
+        if np.any(state.log.tilt) and any(effect.from_model for effect in state.effects):
+            state = agreed(state)  # levelling leaves the columns of a fit without effects
+        shifts, change = _shifts(state)
+        if change <= _SETTLED * state.log.signals.dt:
+            break
+        log = state.log.shifted(shifts)
+        state = fit(log, state.effects, scene_of(log.model, log.signals, state.standard))
+    return state
+
+
+def _levelled(state: State) -> State:
+    """Return the state with gravity turned until nothing is left for the tilt's column to say."""
+    place = [k for k, effect in enumerate(state.effects) if effect.name == TILT]
+    for _ in range(_LEVELLING if place else 0):
+        more = state.coefficients(place[0])
+        if np.abs(more).max() < LEVEL:
+            break
+        log = state.log.tilted(np.clip(state.log.tilt + more, -STEEPEST, STEEPEST))
+        # what the tilt brings to light is not in the old parameters: columns come from a fit without them
+        level = reweighted(reduce(log.training, state.nuisances, log.fold), log.base.count).values
+        state = fit(log, state.effects, scene_of(log.model, log.signals, level[: log.model.parameters]))
+    return state
+
+
+def agreed(state: State) -> State:
+    """Return the state fitted with columns from its own parameters, repeatedly where effects depend on them closely.
+
+    What must settle is the effect's torque: of a gain, gain and parameters may drift together while the gain alone
+    hardly changes.
+    """
+    model = [k for k, effect in enumerate(state.effects) if effect.from_model]
+    for _ in range(_AGREEING if model else 1):
+        old = state
+        state = fit(state.log, state.effects, scene_of(state.log.model, state.log.signals, state.standard))
+        if all(_unchanged(old, state, k) for k in model):
+            break
+    return state
+
+
+def _unchanged(old: State, new: State, number: int) -> bool:
+    """Whether the torque of effect `number` is the same in two states of the same log."""
+    for row, columns in new.columns[number].rows.items():
+        before, after = old.coefficients(number) @ old.columns[number].rows[row], new.coefficients(number) @ columns
+        if float(np.linalg.norm(after - before)) > _AGREED * float(np.linalg.norm(after)):
+            return False
+    return True
+
+
+def without(state: State, number: int) -> State:
+    """Return the model without effect `number`, fitted; a channel that it had moved goes back to where it was."""
+    effect = state.effects[number]
+    log = state.log
+    if effect.name in NAMES and log.shifts.of(effect.name, effect.joint):
+        log = log.shifted(log.shifts.moved(effect.name, effect.joint, 0.0))
+    if effect.name == TILT and np.any(log.tilt):
+        log = log.tilted(np.zeros(2))
+    return fit(log, [e for i, e in enumerate(state.effects) if i != number], state.scene)
+
+
+def _shifts(state: State) -> tuple[Shifts, float]:
+    """Return the shifts that a state amounts to, and the largest change from those already corrected, s."""
+    shifts, change = state.log.shifts, 0.0
+    for k, effect in enumerate(state.effects):
+        if effect.name not in NAMES:
+            continue
+        present = state.log.shifts.of(effect.name, effect.joint)
+        value = state.named(k)[NAMES[effect.name]]
+        if not np.isfinite(value) or abs(value) > LONGEST_SHIFT:
+            value = present
+        shifts = shifts.moved(effect.name, effect.joint, value)
+        change = max(change, abs(value - present))
+    return shifts, change

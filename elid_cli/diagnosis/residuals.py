@@ -1,0 +1,225 @@
+"""Row triage: which side of the transmission a residual sits on, in words, and what it organises against."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.diagnosis.fit.state import State
+from elid_cli.model.regressor import SENSOR_KINDS, Kind, Row
+
+Array = NDArray[np.float64]
+
+HIGH = 1.3
+"""Residual over floor above which a row counts as high."""
+MATTERS = 5e-4
+"""Residual beyond the floor, as a part of the torque, below which smoothing's own errors are seen, and no physics."""
+STANDSTILL = 0.05
+"""Part of the top speed below which a motor counts as near standstill."""
+REVERSALS = "reversals"
+_BINS = 24
+
+
+@dataclass(frozen=True)
+class RowState:
+    """Residual of one row group against its floor (training stretches)."""
+
+    joint: str
+    rows: Kind
+    rms: float
+    share: float
+    """rms over the rms of the torque."""
+    ratio: float
+    """rms over the noise floor."""
+    away: float = np.inf
+    """The same away from the motor's reversals: what is left there only is the motor's sticking, in no model exact."""
+
+    @property
+    def high(self) -> bool:
+        """Whether more is left than noise: above the floor by a part of it and by a part of the torque that matters."""
+        if self.away <= HIGH:
+            return False
+        beyond = self.share * float(np.sqrt(max(1.0 - 1.0 / max(self.ratio, 1.0) ** 2, 0.0)))
+        return self.ratio > HIGH and beyond > MATTERS
+
+
+@dataclass(frozen=True)
+class Organised:
+    """How much of a row's residual variance follows one variable."""
+
+    variable: str
+    share: float
+
+
+def rows_of(state: State) -> tuple[RowState, ...]:
+    """Return residual, share of torque and ratio to the floor of every row group that is no sum of others."""
+    ratios = state.ratios()
+    names = state.log.model.robot.joint_names
+    return tuple(
+        RowState(
+            names[row.joint],
+            row.kind,
+            state.rms(row),
+            state.rms(row) / state.triangles.torque_rms(row),
+            ratios[row],
+            _away(state, row),
+        )
+        for row in judged_rows(state)
+    )
+
+
+def judged_rows(state: State) -> tuple[Row, ...]:
+    """Return the row groups that have data and are no sums of others."""
+    kept = {group.row for group in state.log.observation.independent}
+    return tuple(row for row in state.triangles.rows if row in kept)
+
+
+def words(rows: tuple[RowState, ...]) -> tuple[str, ...]:
+    """Return one sentence per joint whose residual is above the floor (METHODS: row triage)."""
+    ratio = {(r.joint, r.rows): r.ratio if r.high else min(r.ratio, HIGH) for r in rows}
+    joints = list(dict.fromkeys(r.joint for r in rows))
+    sentences = []
+    high_sum = [j for j in joints if max(ratio.get((j, "sum"), 0), ratio.get((j, "load"), 0)) > HIGH]
+    for joint in joints:
+        total, motor = ratio.get((joint, "sum"), 0.0), ratio.get((joint, "motor"))
+        if (joint, "spring") in ratio:
+            sentences += _sensor_words(joint, {kind: ratio.get((joint, kind), 0.0) for kind in SENSOR_KINDS})
+        elif motor is None:
+            if total > HIGH:
+                sentences.append(f"{joint}: torque row {total:.1f} times its floor (rigid joint: one row)")
+        elif motor > HIGH >= total:
+            sentences.append(f"{joint}: spring path: motor row {motor:.1f} times its floor, sum row at the floor")
+        elif motor > HIGH and total > HIGH:
+            sentences.append(
+                f"{joint}: motor side or torque channel: sum row {total:.1f} and motor row {motor:.1f} times the floor"
+            )
+        elif total > HIGH:
+            sentences.append(f"{joint}: link side: sum row {total:.1f} times its floor, motor row at the floor")
+    if len(high_sum) > 1:
+        sentences.append(f"several joints at once ({', '.join(high_sum)}): payload, gravity, contact or the base, too")
+    return tuple(sentences)
+
+
+def _sensor_words(joint: str, ratio: Mapping[str, float]) -> list[str]:
+    """Return a sentence for a joint with a torque sensor, whose rows tell the sides apart by themselves."""
+    high = [kind for kind in SENSOR_KINDS if ratio[kind] > HIGH]
+    if not high:
+        return []
+    if len(high) == 1:
+        where = {"load": "link side", "drive": "motor side, torque channel or sensor gain", "spring": "transmission"}
+        side = where[high[0]]
+    else:  # what the rows share is the reading
+        side = "joint torque sensor, or more than one side"
+    sizes = ", ".join(f"{kind} row {ratio[kind]:.1f}" for kind in SENSOR_KINDS)
+    return [f"{joint}: {side}: {sizes} times its floor"]
+
+
+def organise(state: State, row: Row) -> list[Organised]:
+    """Return what a row's residual follows, strongest first: binned means, and the strongest spectral line.
+
+    The share is the part of the variance between bins, corrected for the number of bins and the residual's own
+    correlation, so that noise gives about 0.
+    """
+    training = state.log.training
+    group = training.group(row)
+    use = group.use
+    residual = _residual(state, row)[use]
+    total = float(np.sum(residual**2))
+    if total <= 0 or len(residual) < 4 * _BINS:
+        return []
+    independent = max(len(residual) * _white_share(residual), 4.0 * _BINS)
+    found = [
+        Organised(name, _between(residual, values[use], total, independent))
+        for name, values in variables(state, row.joint).items()
+    ]
+    found.append(_line(residual, total, state.log.signals.rate))
+    found.append(_reversals(state, row.joint, residual, use))
+    return sorted((o for o in found if o.share > 0), key=lambda o: -o.share)
+
+
+def _away(state: State, row: Row) -> float:
+    """Return residual over floor at the training instants at which the motor is not near standstill."""
+    group = state.log.training.group(row)
+    fast = group.use & ~standing(state, row.joint, group.use)
+    if not fast.any():
+        return np.inf
+    rms = float(np.sqrt(np.mean(_residual(state, row)[fast] ** 2)))
+    floor = float(np.sqrt(np.mean(state.floor.series[row][:, fast] ** 2)))
+    return rms / max(floor, 2e-4 * state.triangles.torque_rms(row))
+
+
+def standing(state: State, joint: int, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the instants at which a motor is near standstill, (M,)."""
+    speed = np.abs(state.log.signals.motion.dtheta[state.log.signals.outputs, joint])
+    slow: NDArray[np.bool_] = speed < STANDSTILL * float(np.quantile(speed[use], 0.98))
+    return slow
+
+
+def _reversals(state: State, joint: int, residual: Array, use: NDArray[np.bool_]) -> Organised:
+    """Return the part of the variance near standstill of the motor, beyond what as many other instants would hold."""
+    slow = standing(state, joint, use)[use]
+    part, share = float(np.mean(slow)), float(np.sum(residual[slow] ** 2) / max(np.sum(residual**2), 1e-300))
+    return Organised(REVERSALS, (share - part) / (1.0 - part) if part < 0.5 else 0.0)
+
+
+def variables(state: State, joint: int) -> dict[str, Array]:
+    """Return what a residual may follow, at the observation's instants, each (M,)."""
+    signals = state.log.signals
+    motion, outputs = signals.motion, signals.outputs
+    robot = state.log.model.robot
+    result = {
+        "dtheta": motion.dtheta[outputs, joint],
+        "theta": motion.theta[outputs, joint],
+        "ddtheta": motion.ddtheta[outputs, joint],
+        "tau": state.log.observation.tau[joint],
+        "t": state.log.observation.t,
+    }
+    if robot.joints[joint].elastic:
+        result["deflection"] = motion.q[outputs, joint] - motion.theta[outputs, joint]
+        result["deflection_rate"] = motion.dq[outputs, joint] - motion.dtheta[outputs, joint]
+    for other in range(robot.n):
+        if other != joint and not signals.still[other]:
+            result[f"theta of {robot.joint_names[other]}"] = motion.theta[outputs, other]
+            result[f"dtheta of {robot.joint_names[other]}"] = motion.dtheta[outputs, other]
+    return result
+
+
+def _residual(state: State, row: Row) -> Array:
+    from elid_cli.estimation.regression.covariance import residuals
+
+    return residuals(state.log.observation, state.solution.values, state.extras)[(row.kind, row.joint)]
+
+
+def _between(residual: Array, values: Array, total: float, independent: float) -> float:
+    order = np.argsort(values, kind="stable")
+    bins = np.array_split(residual[order], _BINS)
+    between = sum(len(b) * float(np.mean(b)) ** 2 for b in bins) / total
+    # under noise alone the between share is about bins / independent samples
+    expected = _BINS / independent
+    return (between - expected) / max(1.0 - expected, 1e-9)
+
+
+def _white_share(residual: Array) -> float:
+    centred = residual - residual.mean()
+    power = float(centred @ centred)
+    rho = [float(centred[k:] @ centred[:-k]) / power for k in range(1, 12)] if power > 0 else [0.0]
+    return 1.0 / (1.0 + 2.0 * sum(max(r, 0.0) for r in rho))
+
+
+def _line(residual: Array, total: float, rate: float) -> Organised:
+    spectrum = np.abs(np.fft.rfft(residual * np.hanning(len(residual)))) ** 2
+    frequency = np.fft.rfftfreq(len(residual), 1.0 / rate)
+    spectrum[frequency < 0.5] = 0.0
+    peak = int(np.argmax(spectrum))
+    near = slice(max(peak - 3, 0), peak + 4)
+    share = float(spectrum[near].sum() / max(spectrum.sum(), 1e-300))
+    background = 7.0 / max(len(spectrum), 1)
+    return Organised(f"frequency {frequency[peak]:.1f} Hz", max(share - 4 * background, 0.0))
+
+
+def summary(organised: Mapping[str, list[Organised]]) -> dict[str, str]:
+    """Return the strongest variable per row in words."""
+    return {row: f"{o[0].variable} ({o[0].share:.0%})" for row, o in organised.items() if o}

@@ -1,0 +1,119 @@
+"""What a diagnosis answers: found effects, their rivals, what stays unexplained, the error before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.diagnosis.evidence.quarters import Survival
+from elid_cli.diagnosis.fit.state import State
+from elid_cli.diagnosis.residuals import Organised, RowState
+from elid_cli.estimation.identify import JointError, Nuisance
+from elid_cli.estimation.validation.prediction import Validation
+from elid_cli.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An effect that the data cannot tell apart from a named one."""
+
+    effect: str
+    joint: str | None
+    instead_of: str
+    gain: float
+    parameters: Mapping[str, float]
+    separate: str
+    """What to record to tell them apart."""
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that held-out data support."""
+
+    effect: str
+    joint: str | None
+    parameters: Mapping[str, float]
+    std_error: Mapping[str, float]
+    gain: float
+    """Fraction of the held-out residual variance, in the rows it acts on, that it takes away."""
+    net: float
+    """Gain in log-likelihood on the training stretches, net of its price."""
+    folds: tuple[bool, ...]
+    """In which cross-validation folds it helps."""
+    local: bool
+    """Whether it lives in a part of the log only, which cross-validation over time cannot judge."""
+    summary: str
+    deflection: tuple[float, float] | None = None
+    """Of an effect seen in the positions alone: held-out rms of the deflection without and with it, rad (m)."""
+    collocated: bool = False
+    """Whether it is a term of a friction curve that the collocation told: its gain is that of all such terms together,
+    of what the held-out stretches show beyond noise."""
+    quarters: tuple[float, ...] = ()
+    """Part of the squared error that it takes from each quarter of the log, predicted from the others; NaN where the
+    quarter cannot tell, empty for local effects and curves."""
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Structure that no effect of the library explains."""
+
+    joint: str
+    rows: str
+    variable: str
+    share: float
+    """Part of the row's residual variance that follows the variable."""
+    rms: float
+    ratio: float
+    """Residual over the noise floor."""
+    nearest: tuple[tuple[str, str | None, float], ...]
+    """Nearest candidates: effect, joint, part of the joint's whitened squared residual that they take from folds of the
+    search that they were not fitted to."""
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A base parameter that the found effects moved."""
+
+    name: str
+    before: float
+    after: float
+    deviations: float
+    """Shift in standard deviations of the estimate after."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything `elid diagnose` says."""
+
+    robot: Robot
+    refined: Robot
+    before: Mapping[str, JointError]
+    after: Mapping[str, JointError]
+    effects: tuple[FoundEffect, ...]
+    also_possible: tuple[Rival, ...]
+    nuisances: tuple[Nuisance, ...]
+    unexplained: tuple[Unexplained, ...]
+    rows_before: tuple[RowState, ...]
+    rows_after: tuple[RowState, ...]
+    triage: tuple[str, ...]
+    organised: Mapping[tuple[str, str], tuple[Organised, ...]]
+    """What the residual before follows, per (joint, rows)."""
+    moved: tuple[Moved, ...]
+    sufficient: bool
+    """Whether the model before already left nothing but noise."""
+    tried: int
+    held_out: tuple[tuple[float, float], ...]
+    """Held-out stretches, s."""
+    validation_before: Validation
+    validation_after: Validation
+    chosen: NDArray[np.bool_]
+    """Held-out instants, (M,)."""
+    state_before: State
+    state_after: State
+    curves: tuple[FoundEffect, ...] = ()
+    """Smooth curves added by request where no named effect explains the structure."""
+    refuted: tuple[Survival, ...] = ()
+    """Effects that the search found and that make some quarter of the log, predicted from the others, worse."""

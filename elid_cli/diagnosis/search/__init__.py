@@ -1,0 +1,1 @@
+"""Candidates, their scores, and what is accepted."""

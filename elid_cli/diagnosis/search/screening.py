@@ -1,0 +1,271 @@
+"""Screening: what every effect of the library, at every joint and shape, would gain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.diagnosis.fit.projection import Gain
+from elid_cli.diagnosis.fit.state import State, fit
+from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
+from elid_cli.estimation.regression.triangles import Extra
+from elid_cli.model.effects.effect import Effect, Scene
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+
+FOLDS_LOST = 1
+"""Folds in which an effect may fail to help, of those in which it acts."""
+NET_UNSEEN = 40.0
+"""Net gain of an effect that acts in a part of the log, which noise of a colour of its own imitates most easily."""
+REFINED = 8
+"""Best groups whose shapes are refined."""
+FORMS = 3
+"""Most forms of an effect (exponents, partners) whose shapes are refined."""
+NEXT = 1.25
+"""Factor between a shape and the next one that is looked at beyond what is plausible."""
+REFITTED = 12
+"""Best groups whose values are taken from a full fit where the stiffness matters."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at one joint with its best shape."""
+
+    effect: Effect
+    columns: Extra
+    gain: Gain
+    choice: float
+    """Price of the search: the logarithm of how many shapes and places were looked at."""
+    values: Mapping[str, float]
+    plausible: bool
+    shapes: int
+    """Shapes that were tried."""
+    forms: tuple[tuple[float, ...], ...] = ()
+    """The best shape of every form: of every combination of the shapes that are a choice (an exponent, a partner)."""
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Effect name and joint."""
+        return self.effect.name, self.effect.joint
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """What the forms of one effect are ordered by."""
+        return self.plausible, self.gain.whole - self._price(self.gain.count)
+
+    @property
+    def price(self) -> float:
+        """What its parameters and the search cost."""
+        return self._price(self.gain.count * self.gain.share)
+
+    def _price(self, equations: float) -> float:
+        free = self.gain.width + len(self.effect.shape)
+        return 0.5 * free * float(np.log(max(equations, 2.0))) + self.choice
+
+    @property
+    def net(self) -> float:
+        """Gain in log-likelihood minus the price of its parameters and of the search."""
+        return self.gain.likelihood - self.price
+
+    def settled(self) -> Candidate:
+        """Return the same with everything computed that its columns are needed for."""
+        return replace(self, gain=self.gain.settled())
+
+    def merit(self, share: float) -> float:
+        """Net gain with `share` of the instants counted: candidates for one residual are compared at the same share.
+
+        What a candidate leaves over tells how many instants are independent. If that is noise whose colour the sensors
+        do not explain, the best candidate is the one that shows it, and must not be punished for it.
+        """
+        return self.gain.whole * share - self.price
+
+    @property
+    def folds_won(self) -> int:
+        """Number of folds in which it helps."""
+        return int(np.sum(self.gain.folds > 0))
+
+    @property
+    def supported(self) -> bool:
+        """Whether data that did not fit it support it."""
+        if self.effect.local and self.net <= NET_UNSEEN:
+            return False
+        alone = self.effect.local and int(self.gain.acting.sum()) < 2
+        return self.plausible and (alone or validated(self.gain))
+
+    @property
+    def size(self) -> int:
+        """Number of free parameters: amplitudes, and shapes that are refined."""
+        return self.gain.width + sum(1 for p in self.effect.shapes if not p.fixed)
+
+
+def validated(gain: Gain) -> bool:
+    """Whether columns help in all but one of the folds in which they act, each predicted from the others."""
+    acting = gain.acting
+    won = int(np.sum(gain.folds[acting] > 0))
+    return won >= max(int(acting.sum()) - FOLDS_LOST, 1) and float(np.sum(gain.folds)) > 0
+
+
+def screen(
+    state: State, library: Mapping[str, type[Effect]], progress: Progress | None = None, label: str = "screening"
+) -> list[Candidate]:
+    """Return one candidate per effect and joint, best first.
+
+    Parameters
+    ----------
+    state
+        The present model.
+    library
+        Effects to try.
+    progress
+        Called with `label` and the finished part, 0 to 1.
+    label
+        What is being done, for the progress.
+    """
+    groups = list(_groups(state, library))
+    found = []
+    for number, (kind, joint) in enumerate(groups):
+        if progress is not None:
+            progress(label, number / len(groups))
+        candidate = _best_shape(state, kind, joint, len(groups))
+        if candidate is not None:
+            found.append(candidate)
+    found.sort(key=lambda c: -c.net)
+    found[:REFINED] = [refine(state, c, len(groups)) if c.effect.shape else c for c in found[:REFINED]]
+    found.sort(key=lambda c: -c.net)
+    found[:REFITTED] = [refitted(state, c) if c.effect.place in ("spring", "encoder") else c for c in found[:REFITTED]]
+    return found
+
+
+def refitted(state: State, candidate: Candidate) -> Candidate:
+    """Return the candidate with its values taken from a fit that includes it.
+
+    What an effect of the spring path means in physical units depends on the stiffness, which the effect's absence
+    may have falsified.
+    """
+    grown = fit(state.log, (*state.effects, candidate.effect), state.scene)
+    again = scene_of(state.log.model, state.log.signals, grown.standard)
+    values = candidate.effect.named(again, grown.coefficients(len(grown.effects) - 1))
+    return replace(candidate, values=values, plausible=sensible(candidate.effect, again, values))
+
+
+def sensible(effect: Effect, scene: Scene, values: Mapping[str, float]) -> bool:
+    """Whether an effect's values are finite and physically possible."""
+    finite = all(np.isfinite(v) for v in values.values() if isinstance(v, (int, float)))
+    return finite and type(effect).plausible(scene, effect.joint, values)
+
+
+def _groups(state: State, library: Mapping[str, type[Effect]]) -> Iterator[tuple[type[Effect], int]]:
+    for kind in library.values():
+        for joint in range(state.log.model.robot.n):
+            if kind.applies(state.log.model.robot, joint):
+                yield kind, joint
+
+
+def _periodic(kind: type[Effect]) -> bool:
+    return kind.shapes[0].name in ("order", "frequency")
+
+
+def _best_shape(state: State, kind: type[Effect], joint: int, groups: int) -> Candidate | None:
+    shapes = kind.grid(state.scene, joint)
+    present = [e.shape for e in state.effects if (e.name, e.joint) == (kind.name, joint)]
+    best: dict[tuple[float, ...], Candidate] = {}
+    for shape in shapes:
+        if not kind.distinct(state.scene, joint, shape, present):
+            continue
+        candidate = score(state, kind(joint, shape), kind.looks(state.scene, joint), groups)
+        if candidate is None:
+            continue
+        form = tuple(value for k, value in enumerate(shape) if _whole(kind, k))
+        if form not in best or candidate.rank > best[form].rank:
+            best[form] = candidate
+    if not best:
+        return None
+    order = sorted(best.values(), key=lambda c: c.rank, reverse=True)
+    return replace(order[0].settled(), forms=tuple(c.effect.shape for c in order[:FORMS]))
+
+
+def score(state: State, effect: Effect, shapes: int, groups: int) -> Candidate | None:
+    """Return what an effect with a given shape gains, or None where the model explains it already.
+
+    What one joint has the others are likely to have: such a candidate pays for the choice of the joint only.
+    """
+    columns = extra_of(effect, state.scene, state.log.signals)
+    gain = state.projected.gain(columns.rows)
+    if gain is None:
+        return None
+    places = state.log.model.robot.n if any(e.name == effect.name for e in state.effects) else groups
+    choice = float(np.log(max(shapes, 1)) + np.log(min(places, groups)))
+    values = effect.named(state.scene, gain.coefficients)
+    return Candidate(effect, columns, gain, choice, values, sensible(effect, state.scene, values), shapes)
+
+
+def refine(state: State, candidate: Candidate, groups: int) -> Candidate:
+    """Return the candidate with its positive shapes refined, in the form that then is best."""
+    kind, joint = type(candidate.effect), candidate.effect.joint
+    starts = [score(state, kind(joint, shape), candidate.shapes, groups) for shape in candidate.forms[1:]]
+    found = [_refined(state, c, groups) for c in (candidate, *starts) if c is not None]
+    best = max(found, key=lambda c: c.rank)
+    return replace(best, plausible=best.plausible and not _beyond(state, best, groups)).settled()
+
+
+def _beyond(state: State, candidate: Candidate, groups: int) -> bool:
+    """Whether a shape that is not plausible would fit better still: then the best plausible one is only its shadow."""
+    kind, joint = type(candidate.effect), candidate.effect.joint
+    for k, value in enumerate(candidate.effect.shape):
+        if value <= 0 or _whole(kind, k):
+            continue
+        for factor in (1.0 / NEXT, NEXT):
+            shape = list(candidate.effect.shape)
+            shape[k] = value * factor
+            try:
+                trial = score(state, kind(joint, tuple(shape)), candidate.shapes, groups)
+            except (ValueError, FloatingPointError):
+                continue
+            if trial is not None and not trial.plausible and trial.gain.whole > candidate.gain.whole:
+                return True
+    return False
+
+
+def _refined(state: State, candidate: Candidate, groups: int) -> Candidate:
+    """Return the candidate with its positive shapes refined by a bounded search around the grid's best."""
+    from scipy.optimize import minimize, minimize_scalar
+
+    kind, joint = type(candidate.effect), candidate.effect.joint
+    start = np.array(candidate.effect.shape)
+    free = np.array([s > 0 and not _whole(kind, k) for k, s in enumerate(start)])
+    if not free.any():
+        return candidate
+    narrow = _periodic(kind)
+    span = 0.08 if narrow else 0.7
+    best = candidate
+
+    def cost(logs: Array) -> float:
+        nonlocal best
+        shape = start.copy()
+        shape[free] = start[free] * np.exp(np.clip(logs, -span, span))
+        try:
+            trial = score(state, kind(joint, tuple(shape)), candidate.shapes, groups)
+        except (ValueError, FloatingPointError):
+            return 0.0
+        if trial is None:
+            return 0.0
+        if trial.rank > best.rank:
+            best = trial
+        return -trial.rank[1]
+
+    if int(free.sum()) == 1:
+        minimize_scalar(lambda z: cost(np.array([z])), bounds=(-span, span), method="bounded", options={"maxiter": 14})
+    else:
+        size = int(free.sum())
+        simplex = np.vstack([np.zeros(size), 0.35 * span * np.eye(size)])
+        minimize(cost, np.zeros(size), method="Nelder-Mead", options={"maxfev": 40, "initial_simplex": simplex})
+    return best
+
+
+def _whole(kind: type[Effect], number: int) -> bool:
+    """Whether a shape is a choice (another joint's number, an exponent) and not to be refined."""
+    return bool(getattr(kind.shapes[number], "fixed", False))

@@ -1,0 +1,57 @@
+"""Smooth curves over the variable that a row's residual follows most, for structure that no named effect explains."""
+
+from __future__ import annotations
+
+from elid_cli.diagnosis.fit.state import State, fit
+from elid_cli.diagnosis.residuals import HIGH
+from elid_cli.diagnosis.search.acceptance import predicted_better
+from elid_cli.diagnosis.search.screening import Candidate, score
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.library.lookup import VARIABLES, Lookup, Rows
+from elid_cli.model.regressor import Kind, Row
+
+MOST = 3
+"""Curves in one model."""
+NET = 12.0
+"""Net log-likelihood that a curve must gain."""
+FITTED = 3
+"""Best curves that are fitted and judged."""
+
+
+def best_curve(state: State) -> Effect | None:
+    """Return the `lookup` effect that explains most of what is left above the floor, or None where none is supported.
+
+    Every joint with a row above its floor is tried with every variable, in the rows where its residual sits; the best
+    ones are fitted, and must predict the folds from one another.
+    """
+    groups = len(VARIABLES) * state.log.model.robot.n
+    found: list[Candidate] = []
+    for joint in range(state.log.model.robot.n):
+        rows = residual_rows(state, joint)
+        for variable in VARIABLES if rows is not None else ():
+            assert rows is not None
+            curve = Lookup.over(state.scene, joint, variable, rows)
+            low, high = curve.shape[2:]
+            candidate = score(state, curve, 1, groups) if low < high else None
+            if candidate is not None and candidate.net > NET:
+                found.append(candidate)
+    for candidate in sorted(found, key=lambda c: -c.net)[:FITTED]:
+        grown = fit(state.log, (*state.effects, candidate.effect), state.scene)
+        if predicted_better(state, grown, list(candidate.columns.rows)) is not None:
+            return candidate.effect
+    return None
+
+
+def residual_rows(state: State, joint: int) -> Rows | None:
+    """Return where the residual of a joint sits, or None where all its rows are at their floors."""
+    ratios = state.ratios()
+    if Row("spring", joint) in ratios:
+        sides: tuple[tuple[Kind, Rows], ...] = (("drive", "motor"), ("spring", "transmission"), ("load", "link"))
+        level, where = max((ratios.get(Row(kind, joint), 0.0), name) for kind, name in sides)
+        return where if level > HIGH else None
+    total, motor = ratios.get(Row("sum", joint), 0.0), ratios.get(Row("motor", joint))
+    if motor is None or (motor > HIGH and total > HIGH):
+        return "motor" if total > HIGH else None
+    if motor > HIGH:
+        return "transmission"
+    return "link" if total > HIGH else None

@@ -1,0 +1,295 @@
+"""From the outcome of a search to what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.diagnosis.evidence.held_out import held_out_gain
+from elid_cli.diagnosis.fit.state import Log, State
+from elid_cli.diagnosis.fit.stretches import spans
+from elid_cli.diagnosis.residuals import Organised, RowState, judged_rows, organise, rows_of, words
+from elid_cli.diagnosis.result import Diagnosis, FoundEffect, Moved, Rival, Unexplained
+from elid_cli.diagnosis.search.encoder_skew import Skew
+from elid_cli.diagnosis.search.forward import Found, Step, Term
+from elid_cli.diagnosis.search.screening import Candidate
+from elid_cli.diagnosis.unexplained import away_from_changes, unseen
+from elid_cli.estimation.identify import JointError, Nuisance
+from elid_cli.estimation.refined_robot import refined_robot, representative
+from elid_cli.estimation.validation.prediction import validate
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.shifts import SKEW
+from elid_cli.model.regressor import Row
+from elid_cli.robot.robot import EffectSpec, Robot
+
+Array = NDArray[np.float64]
+
+
+GAIN = "torque_gain"
+_SIDES = {"load": "link", "drive": "motor"}
+"""What lies in a row of a joint with a torque sensor."""
+
+
+def result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence[Effect], named: State) -> Diagnosis:
+    """Return what is said of a search; `named` is the model after without curves, which explain nothing."""
+    before, after = found.before, found.after
+    chosen = log.fold < 0
+    first = described(robot, before)
+    last = described(robot, after)
+    validations = [validate(r, log.raw, chosen) for r in (first, last)]
+    rows_before, rows_after = rows_of(before), rows_of(after)
+    effects = tuple(_found(after, declared + k, step, found.terms) for k, step in enumerate(found.steps))
+    known = declared + len(found.steps)
+    terms = tuple(_term(after, k, term) for k, term in sorted(found.terms.items()) if k >= known)
+    fitted = {e.joint for e in after.effects if e.name == SKEW}
+    seen = tuple(_seen(robot, after, skew) for skew in found.skews if skew.joint not in fitted)
+    extra = tuple(_curve(after, len(after.effects) - len(curves) + k) for k in range(len(curves)))
+    last_error = _floored(validations[1].error, after)
+    unexplained = _unexplained(named, rows_of(named), found.remaining)
+    unexplained += unseen(away_from_changes(last_error, validations[1], after, chosen), rows_after, unexplained)
+    return Diagnosis(
+        robot=robot,
+        refined=last,
+        before=_floored(validations[0].error, before),
+        after=last_error,
+        effects=(*seen, *effects, *terms),
+        also_possible=_rivals(after, declared, found.steps, effects),
+        nuisances=(*_nuisances(after), *(_kept(after, k) for k in range(declared - found.kept, declared))),
+        unexplained=unexplained,
+        rows_before=rows_before,
+        rows_after=rows_after,
+        triage=words(rows_before),
+        organised={
+            (robot.joint_names[row.joint], row.kind): tuple(organise(before, row)[:4]) for row in judged_rows(before)
+        },
+        moved=moved(before, after),
+        sufficient=not effects and not seen and not unexplained,
+        tried=found.tried,
+        held_out=spans(log.observation.t, chosen),
+        validation_before=validations[0],
+        validation_after=validations[1],
+        chosen=chosen,
+        state_before=before,
+        state_after=after,
+        curves=extra,
+    )
+
+
+def described(robot: Robot, state: State) -> Robot:
+    """Return the robot description that a state amounts to: parameters, effects, corrected torque delays."""
+    base = state.log.base
+    standard = representative(base, base.transform @ state.standard, robot.reference())
+    names = robot.joint_names
+    specs = [
+        EffectSpec(e.name, None if e.whole_robot else names[e.joint], state.named(k))
+        for k, e in enumerate(state.effects)
+    ]
+    specs += [EffectSpec("torque_delay", names[j], {"delay": d}) for j, d in state.delays.items()]
+    moved_joints = {e.joint for e in state.effects if e.name == SKEW}
+    specs += [
+        EffectSpec(SKEW, names[j], {"skew": float(state.log.shifts.link[j])})
+        for j in np.flatnonzero(state.log.shifts.link)
+        if j not in moved_joints
+    ]
+    return refined_robot(robot, standard, specs)
+
+
+def _found(state: State, number: int, step: Step, terms: Mapping[int, Term]) -> FoundEffect:
+    effect = state.effects[number]
+    return FoundEffect(
+        effect=effect.name,
+        joint=None if effect.whole_robot else state.log.model.robot.joint_names[effect.joint],
+        parameters=state.named(number),
+        std_error=_errors(state, number),
+        gain=terms[number].gain if number in terms else held_out_gain(state, number),
+        net=step.net,
+        folds=tuple(bool(g > 0) for g in step.candidate.gain.folds),
+        local=effect.local,
+        summary=effect.summary,
+        collocated=number in terms,
+        quarters=step.quarters,
+    )
+
+
+def _term(state: State, number: int, term: Term) -> FoundEffect:
+    """Return a further term of a friction curve, which the collocation told."""
+    effect = state.effects[number]
+    return FoundEffect(
+        effect=effect.name,
+        joint=state.log.model.robot.joint_names[effect.joint],
+        parameters=state.named(number),
+        std_error=_errors(state, number),
+        gain=term.gain,
+        net=term.net,
+        folds=(),
+        local=False,
+        summary="term of a friction curve, told by collocation",
+        collocated=True,
+    )
+
+
+def _seen(robot: Robot, state: State, skew: Skew) -> FoundEffect:
+    """Return a skew that only the positions show; its gain is in the variance of the deflection."""
+    return FoundEffect(
+        effect=SKEW,
+        joint=robot.joint_names[skew.joint],
+        parameters={"skew": float(state.log.shifts.link[skew.joint])},
+        std_error={"skew": skew.deviation},
+        gain=skew.share,
+        net=0.0,
+        folds=(),
+        local=False,
+        summary="link encoder sampled at another instant than the motor encoder; seen in the positions alone",
+        deflection=(skew.without, skew.with_it),
+        quarters=skew.quarters,
+    )
+
+
+def _curve(state: State, number: int) -> FoundEffect:
+    effect = state.effects[number]
+    joint = state.log.model.robot.joint_names[effect.joint]
+    gain = held_out_gain(state, number)
+    return FoundEffect(effect.name, joint, state.named(number), {}, gain, 0.0, (), False, effect.summary)
+
+
+def _errors(state: State, number: int) -> dict[str, float]:
+    """Return standard errors of an effect's named parameters by first-order propagation of its coefficients."""
+    place = state.place(number)
+    where = [np.flatnonzero(state.solution.basis == c) for c in range(place.start, place.stop)]
+    free = [k for k, w in enumerate(where) if len(w)]  # the others are held at what the rest makes of them: 0
+    index = [int(where[k][0]) for k in free]
+    covariance = state.covariance[np.ix_(index, index)]
+    centre = state.coefficients(number)
+    names = state.named(number)
+    jacobian = np.zeros((len(names), len(centre)))
+    for k in range(len(centre)):
+        step = 1e-4 * max(abs(float(centre[k])), 1e-9)
+        moved_ = state.renamed(number, centre + step * np.eye(len(centre))[k])
+        jacobian[:, k] = [(moved_[n] - names[n]) / step for n in names]
+    jacobian = jacobian[:, free]
+    spread = np.sqrt(np.maximum(np.einsum("ak,kl,al->a", jacobian, covariance, jacobian), 0.0))
+    return {name: float(s) for name, s in zip(names, spread, strict=True) if s > 0}
+
+
+def _rivals(state: State, declared: int, steps: Sequence[Step], effects: Sequence[FoundEffect]) -> tuple[Rival, ...]:
+    robot = state.log.model.robot
+    named = {(e.effect, e.joint) for e in effects}
+    rivals: dict[tuple[str, str | None], Rival] = {}
+    for number, (step, effect) in enumerate(zip(steps, effects, strict=True), start=declared):
+        own = state.effects[number]
+        for twin in type(own).same_here(state.scene, own.joint, effect.parameters):
+            place = (twin.effect, robot.joint_names[twin.joint])
+            if place not in named:
+                record = effect_classes()[twin.effect].record
+                rivals[place] = Rival(*place, effect.effect, effect.gain, dict(twin.values), record)
+        for candidate in step.rivals:
+            joint = None if candidate.effect.whole_robot else robot.joint_names[candidate.effect.joint]
+            key = (candidate.effect.name, joint)
+            if key in named or key in rivals:
+                continue
+            ratio = candidate.gain.likelihood / max(step.candidate.gain.likelihood, 1e-9)
+            rivals[key] = Rival(
+                candidate.effect.name,
+                joint,
+                effect.effect,
+                effect.gain * min(ratio, 1.0),
+                candidate.values,
+                candidate.effect.record,
+            )
+    for rival in _gains_up_to_a_factor(robot, effects):
+        rivals.setdefault((rival.effect, rival.joint), rival)
+    return tuple(rivals.values())
+
+
+def _gains_up_to_a_factor(robot: Robot, effects: Sequence[FoundEffect]) -> tuple[Rival, ...]:
+    """Return the gain of the one joint without, where all others have one: a common factor moves it to any of them."""
+    gains = {e.joint: e for e in effects if e.effect == GAIN}
+    without_ = [name for name in robot.joint_names if name not in gains]
+    if len(gains) < 2 or len(without_) != 1:
+        return ()
+    record = effect_classes()[GAIN].record
+    first = next(iter(gains.values()))
+    values = {"gain": 1.0 / (1.0 + first.parameters["gain"]) - 1.0}
+    return (Rival(GAIN, without_[0], GAIN, first.gain, values, record),)
+
+
+def _nuisances(state: State) -> tuple[Nuisance, ...]:
+    names = state.log.model.robot.joint_names
+    found = []
+    first = state.log.model.parameters
+    for k, extra in enumerate(state.nuisances):
+        where = np.flatnonzero(state.solution.basis == first + k)
+        deviation = float(np.sqrt(state.covariance[where[0], where[0]])) if len(where) else float("nan")
+        joint = names[next(iter(extra.rows)).joint]
+        value = float(state.solution.values[first + k])
+        found.append(Nuisance(extra.name, joint, {"delay": value}, {"delay": deviation}))
+    return tuple(found)
+
+
+def _kept(state: State, number: int) -> Nuisance:
+    """Return an effect that stays in the model without being named."""
+    effect = state.effects[number]
+    joint = state.log.model.robot.joint_names[effect.joint]
+    return Nuisance(effect.name, joint, state.named(number), _errors(state, number))
+
+
+def _unexplained(state: State, rows: Sequence[RowState], remaining: Sequence[Candidate]) -> tuple[Unexplained, ...]:
+    names = state.log.model.robot.joint_names
+    found = []
+    for item in rows:
+        if not item.high:
+            continue
+        joint = names.index(item.joint)
+        organised = organise(state, Row(item.rows, joint))
+        best = organised[0] if organised else Organised("none", 0.0)
+        taken = sorted(
+            (
+                (c, state.projected.taken(c.columns.rows))
+                for c in remaining
+                if c.plausible and (c.effect.joint == joint or c.effect.whole_robot)
+            ),
+            key=lambda pair: -pair[1],
+        )
+        best_of = {(c.effect.name, None if c.effect.whole_robot else names[joint]): part for c, part in taken[::-1]}
+        near = tuple((*whose, part) for whose, part in reversed(best_of.items()) if part > 0)[:3]
+        side = "link" if item.rows == "sum" and _quiet(rows, item.joint) else _SIDES.get(item.rows, item.rows)
+        found.append(Unexplained(item.joint, side, best.variable, best.share, item.rms, item.ratio, near))
+    return tuple(found)
+
+
+def _quiet(rows: Sequence[RowState], joint: str) -> bool:
+    """Whether the motor row of a joint is at its floor (so that a high sum row means the link side)."""
+    motor = [r.high for r in rows if r.joint == joint and r.rows == "motor"]
+    return bool(motor) and not motor[0]
+
+
+def moved(before: State, after: State) -> tuple[Moved, ...]:
+    """Return the base parameters with their shift in standard deviations, largest first."""
+    base = before.log.base
+    transform = np.concatenate([base.transform, np.zeros((base.count, after.triangles.extras))], axis=1)
+    part = transform[:, after.solution.basis]
+    deviation = np.sqrt(np.maximum(np.diag(part @ after.covariance @ part.T), 0.0))
+    old, new = base.transform @ before.standard, base.transform @ after.standard
+    known = after.solution.estimable(transform)
+    shifts = [
+        Moved(name, float(a), float(b), float((b - a) / d))
+        for name, a, b, d, k in zip(base.names, old, new, deviation, known, strict=True)
+        if k and d > 0
+    ]
+    return tuple(sorted(shifts, key=lambda m: -abs(m.deviations)))
+
+
+def _floored(errors: Mapping[str, JointError], state: State) -> dict[str, JointError]:
+    names = state.log.model.robot.joint_names
+    return {
+        name: replace(
+            e,
+            floor=state.floor.rms.get(Row("sum", names.index(name))),
+            spring_floor=state.floor.rms.get(Row("motor", names.index(name))),
+        )
+        for name, e in errors.items()
+    }

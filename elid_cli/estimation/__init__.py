@@ -1,0 +1,1 @@
+"""Estimation: from signals and model to parameters and their uncertainty."""

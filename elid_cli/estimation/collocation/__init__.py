@@ -1,0 +1,1 @@
+"""Maximum likelihood over trajectory and parameters (``--accurate``)."""

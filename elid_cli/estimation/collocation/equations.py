@@ -1,0 +1,355 @@
+"""The robot's equations of motion as a collocation needs them: link and motor rows at given states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.collocation.problem import Setting, States
+from elid_cli.estimation.collocation.states import fill, moved_together, slots_of
+from elid_cli.estimation.default_fit import Fit
+from elid_cli.estimation.regression.effect_columns import FittedEffects
+from elid_cli.estimation.regression.nuisances import DELAY
+from elid_cli.model.effects.declared import Declared
+from elid_cli.model.effects.effect import Effect, RowKey, Scene, direction_widths
+from elid_cli.model.regressor import INPUTS, Row
+from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
+from elid_cli.signals.motion import Motion
+
+Array = NDArray[np.float64]
+
+_SLOW_WEIGHT = 0.05
+_SHAPE_STEP = 1e-4
+"""Step of differences in a shape's logarithm."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What stands where in a collocation of a fit."""
+
+    fit: Fit
+    channels: tuple[tuple[str, int], ...]
+    """Side (q or theta) and joint of every channel."""
+    rows: tuple[Row, ...]
+    p_columns: NDArray[np.intp]
+    """Columns of the fit that are unknowns, in the order of p."""
+    setting: Setting
+    rates: Sequence[Array] = ()
+    """Per piece: rate of the measured torque in every row, N·m/s (N/s), (rows, instants); 0 where no delay is free."""
+
+
+@dataclass(frozen=True)
+class Scanned:
+    """An effect whose one free shape can be scanned."""
+
+    number: int
+    """Its place among the fit's effects."""
+    joint: int
+    shape: int
+    """Place of its shape's logarithm in z."""
+    places: NDArray[np.intp]
+    """Places of its amplitudes in p."""
+    limits: tuple[float, float]
+    """Range of the shape's logarithm."""
+
+
+def free_shapes(effects: FittedEffects | None) -> Array:
+    """Return the logarithms of the shapes that are refined (only positive ones are)."""
+    if effects is None:
+        return np.zeros(0)
+    shapes = [item.effect.shape[k] for item in effects.effects for k in item.free]
+    return np.array([np.log(shape) for shape in shapes if shape > 0])
+
+
+def shaped(effects: FittedEffects, z: Array) -> list[Effect]:
+    """Return the effects at shapes whose logarithms are z."""
+    found, place = [], 0
+    for item in effects.effects:
+        shape = list(item.effect.shape)
+        for k in item.free:
+            if shape[k] > 0:
+                shape[k] = float(np.exp(z[place]))
+                place += 1
+        found.append(type(item.effect)(item.effect.joint, shape))
+    return found
+
+
+class RobotEquations:
+    """Link and motor rows of the robot at given states."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._fit = layout.fit
+        self._model = layout.fit.model
+        self._place = {int(c): k for k, c in enumerate(layout.p_columns)}
+        self._row = {row: k for k, row in enumerate(layout.rows)}
+        self._still = {
+            (side, k): float(np.nanmean(getattr(layout.fit.signals.motion, side)[:, k]))
+            for side in ("q", "theta")
+            for k in np.flatnonzero(layout.fit.signals.still).tolist()
+        }
+        self._folded: tuple[bytes, Program] | None = None
+        self._widths = direction_widths(self._model.robot)
+        self._slots = [
+            [slots_of(side, k, d, elastic=self._model.robot.joints[k].elastic) for d in range(3)]
+            for side, k in layout.channels
+        ]
+        self._kept: dict[tuple[int, int, int], tuple[Array, Array, Array]] = {}
+
+    def motion(self, states: States) -> Motion:
+        """Return the motion of all joints at the collocation points."""
+        n, instants = self._model.robot.n, states.values.shape[2]
+        arrays = {name: np.zeros((instants, n)) for name in ("q", "dq", "ddq", "theta", "dtheta", "ddtheta")}
+        for (side, k), value in self._still.items():
+            arrays[side][:, k] = value
+        for c, (side, k) in enumerate(self._layout.channels):
+            for d in range(3):
+                arrays["d" * d + side][:, k] = states.values[d, c]
+                if side == "q" and not self._model.robot.joints[k].elastic:
+                    arrays["d" * d + "theta"][:, k] = states.values[d, c]
+        t = (states.first + np.arange(instants)) * self._layout.setting.width / self._layout.setting.points
+        return Motion(t, *(arrays[k] for k in ("q", "dq", "ddq", "theta", "dtheta", "ddtheta")))
+
+    def residual(self, states: States, p: Array, z: Array) -> Array:
+        """Return the model's torques in link and motor rows, (rows, instants)."""
+        motion = self.motion(states)
+        out = np.empty((len(self._layout.rows), motion.samples))
+        self._program(p).run(self._inputs(motion), out)
+        if self._fit.effects is not None:
+            scene = self._scene(motion, states)
+            for effect, places in self._placed(z):
+                self._add(out, effect, places, scene, p)
+        for place, row, values in self._nuisances(states):
+            out[row] += p[place] * values
+        return out
+
+    def slopes(self, states: States, p: Array, z: Array, steps: Array) -> Array:
+        """Return the derivatives of `residual` by the states from forward differences, (3, rows, channels, instants).
+
+        States that no row of the robot depends on together are moved at once (Curtis, Powell and Reid 1974); effects
+        may depend on any. Nuisances are the same at any state.
+        """
+        motion, program = self.motion(states), self._program(p)
+        inputs = self._inputs(motion)
+        before, after = np.empty((2, len(self._layout.rows), motion.samples))
+        program.run(inputs, before)
+        found = np.zeros((3, len(before), len(self._layout.channels), motion.samples))
+        present = np.empty_like(inputs)
+        for group in moved_together(program, self._slots):
+            present[:] = inputs
+            for c, d, _ in group:
+                with self._moved(motion, c, d, steps[d, c]) as joint:
+                    fill(present, motion, joint, self._slots[c][d], self._widths[joint])
+            program.run(present, after)
+            for c, d, touched in group:
+                found[d, touched, c] = (after[touched] - before[touched]) / steps[d, c]
+        if self._fit.effects is None:
+            return found
+        self._effects(motion, states, p, z, before)
+        for c in range(len(self._layout.channels)):
+            for d in range(3):
+                with self._moved(motion, c, d, steps[d, c]):
+                    self._effects(motion, states, p, z, after)
+                found[d, :, c] += (after - before) / steps[d, c]
+        return found
+
+    @contextmanager
+    def _moved(self, motion: Motion, channel: int, derivative: int, step: float) -> Iterator[int]:
+        """Move a derivative of a channel by a step for a while; yields the joint."""
+        side, joint = self._layout.channels[channel]
+        sides = (side,) if self._model.robot.joints[joint].elastic else ("q", "theta")
+        columns = [getattr(motion, "d" * derivative + one)[:, joint] for one in sides]
+        held = [column.copy() for column in columns]
+        for column in columns:
+            column += step
+        yield joint
+        for column, values in zip(columns, held, strict=True):
+            column[:] = values
+
+    def _effects(self, motion: Motion, states: States, p: Array, z: Array, out: Array) -> None:
+        """Write the torques of the effects alone, (rows, instants)."""
+        out[:] = 0.0
+        scene = self._scene(motion, states)
+        for effect, places in self._placed(z):
+            self._add(out, effect, places, scene, p)
+
+    def shape_slopes(self, states: States, p: Array, z: Array) -> Array:
+        """Return the derivatives of `residual` by the logarithms of the effects' shapes, (rows, shapes, instants)."""
+        scene = self._scene(self.motion(states), states)
+        found = np.zeros((len(self._layout.rows), len(z), scene.samples))
+        before = self._placed(z)
+        torques: dict[int, Array] = {}
+        for k in range(len(z)):
+            moved = z.copy()
+            moved[k] += _SHAPE_STEP
+            for number, (here, there) in enumerate(zip(before, self._placed(moved), strict=True)):
+                if here[0].shape == there[0].shape:
+                    continue
+                if number not in torques:
+                    torques[number] = np.zeros((len(found), scene.samples))
+                    self._add(torques[number], *here, scene, p)
+                after = np.zeros_like(torques[number])
+                self._add(after, *there, replace(scene, cache={}), p)
+                found[:, k] = (after - torques[number]) / _SHAPE_STEP
+        return found
+
+    def _inputs(self, motion: Motion) -> Array:
+        rows = np.empty((INPUTS * self._model.robot.n, motion.samples))
+        for k, width in enumerate(self._widths):
+            fill(rows, motion, k, range(INPUTS * k, INPUTS * (k + 1)), width)
+        return rows
+
+    def _placed(self, z: Array) -> list[tuple[Effect, list[int]]]:
+        """Return the effects at shapes whose logarithms are z, with the places of their amplitudes in p, or -1."""
+        if self._fit.effects is None:
+            return []
+        found, column = [], self._model.parameters + sum(extra.width for extra in self._fit.nuisances)
+        for effect in shaped(self._fit.effects, z):
+            found.append((effect, [self._place.get(column + d, -1) for d in range(len(effect.amplitudes))]))
+            column += len(effect.amplitudes)
+        return found
+
+    def _add(self, out: Array, effect: Effect, places: Sequence[int], scene: Scene, p: Array) -> None:
+        """Add an effect's torques to those of the rows (rows, instants)."""
+        for key, rows in effect.columns(scene).items():
+            row = self._row_of(key)
+            for place, values in zip(places, rows, strict=True):
+                if place >= 0:
+                    out[row] += p[place] * values
+
+    def _row_of(self, key: RowKey) -> int:
+        elastic = self._model.robot.joints[key.joint].elastic
+        return self._row[Row(key.side, key.joint) if elastic else Row("sum", key.joint)]
+
+    def trust(self, states: States) -> Array:
+        """Return the weight of every row at given states: friction is undefined where a motor reverses or sticks."""
+        motion, signals = self.motion(states), self._fit.signals
+        weight = np.ones((len(self._layout.rows), motion.samples))
+        for k, row in enumerate(self._layout.rows):
+            if row.kind != "link" and not signals.still[row.joint]:
+                slow = np.abs(motion.dtheta[:, row.joint]) < signals.min_velocity[row.joint]
+                weight[k] = np.where(slow, _SLOW_WEIGHT, 1.0)
+        return weight
+
+    def columns(self, states: States, z: Array) -> Array:
+        """Return the columns of all linear parameters, (rows, p, instants)."""
+        motion = self.motion(states)
+        plan = self._model.equations
+        columns = np.zeros((len(plan.rows), len(self._place), motion.samples))
+        out = np.empty((plan.program.outputs, motion.samples))
+        plan.program.run(self._inputs(motion), out)
+        rows = {item.row: out[item.slots] for item in plan.rows}
+        for k, item in enumerate(plan.rows):
+            for position, column in enumerate(item.columns):
+                if int(column) in self._place:
+                    columns[k, self._place[int(column)]] = rows[item.row][position]
+        for place, number, values in self._nuisances(states):
+            columns[number, place] = values
+        if self._fit.effects is not None:
+            scene = self._scene(motion, states)
+            for effect, places in self._placed(z):
+                kept = [d for d, place in enumerate(places) if place >= 0]
+                columns[:, [places[d] for d in kept]] = self._effect_rows(effect, scene)[kept].swapaxes(0, 1)
+        return columns
+
+    def _program(self, p: Array) -> Program:
+        """Return the traced rows with the parameters folded in."""
+        key = p.tobytes()
+        if self._folded is None or self._folded[0] != key:
+            values = dict.fromkeys(self._model.names, 0.0)
+            for column, place in self._place.items():
+                if column < self._model.parameters:
+                    values[self._model.names[column]] = float(p[place])
+            graph = Graph(INPUTS * self._model.robot.n)
+            traced = self._model.trace(graph, paper=True)
+            outputs: list[Scalar] = []
+            for row in self._layout.rows:
+                total: Scalar = 0.0
+                for name, value in traced[row].items():
+                    total = total + value * values[name]
+                outputs.append(total)
+            self._folded = (key, compile_program(graph, outputs))
+        return self._folded[1]
+
+    def _nuisances(self, states: States) -> Iterator[tuple[int, int, Array | float]]:
+        """Yield (place in p, row, values) of delays and offsets."""
+        here = slice(states.first, states.first + states.values.shape[2])
+        for number, extra in enumerate(self._fit.nuisances, start=self._model.parameters):
+            if number not in self._place:
+                continue
+            rates = self._layout.rates[states.piece] if extra.name == DELAY else None
+            for row in extra.rows:
+                known = row in self._row and row.kind != "sum"
+                if known or (row.kind == "sum" and not self._model.robot.joints[row.joint].elastic):
+                    k = self._row[row]
+                    yield self._place[number], k, 1.0 if rates is None else rates[k, here]
+
+    def _effect_rows(self, effect: Effect, scene: Scene) -> Array:
+        """Return an effect's columns, (amplitudes, rows, instants)."""
+        out = np.zeros((len(effect.amplitudes), len(self._layout.rows), scene.motion.samples))
+        for key, rows in effect.columns(scene).items():
+            out[:, self._row_of(key)] += rows
+        return out
+
+    def scanned(self, z: Array) -> list[Scanned]:
+        """Return the effects that have one free, positive shape, which z holds."""
+        if self._fit.effects is None:
+            return []
+        found, place = [], 0
+        column = self._model.parameters + sum(extra.width for extra in self._fit.nuisances)
+        for number, item in enumerate(self._fit.effects.effects):
+            free = [k for k in item.free if item.effect.shape[k] > 0]
+            columns = range(column, column + len(item.effect.amplitudes))
+            if len(free) == 1 and all(c in self._place for c in columns):
+                spec = item.effect.shapes[free[0]]
+                limits = (np.log(spec.low) if spec.low > 0 else -np.inf, np.log(spec.high))
+                spots = np.array([self._place[c] for c in columns], dtype=np.intp)
+                found.append(Scanned(number, item.effect.joint, place, spots, limits))
+            column += len(item.effect.amplitudes)
+            place += len(free)
+        return found
+
+    def dictionary(self, states: States, items: Sequence[Scanned], grids: Sequence[Array]) -> Array:
+        """Return columns of effects at every shape of their grids of logarithms, (rows, columns, instants)."""
+        assert self._fit.effects is not None
+        scene = self._scene(self.motion(states), states)
+        columns = []
+        for item, grid in zip(items, grids, strict=True):
+            declared = self._fit.effects.effects[item.number]
+            (free,) = (k for k in declared.free if declared.effect.shape[k] > 0)
+            for value in grid:
+                shape = list(declared.effect.shape)
+                shape[free] = float(np.exp(value))
+                columns.append(self._effect_rows(type(declared.effect)(item.joint, shape), scene))
+        return np.concatenate(columns).transpose(1, 0, 2)
+
+    def _scene(self, motion: Motion, states: States) -> Scene:
+        assert self._fit.effects is not None
+        scene = self._fit.effects.scene
+        every = self._layout.setting.stride // self._layout.setting.points
+        where = (states.piece, states.first, motion.samples)
+        if where not in self._kept:
+            begin = scene.starts[min(states.piece, len(scene.starts) - 1)] + states.first * every
+            index = np.minimum(begin + np.arange(motion.samples) * every, len(scene.tau) - 1)
+            self._kept[where] = scene.tau[index], scene.predicted[index], scene.load[index]
+        tau, predicted, known = self._kept[where]
+        stiffness = np.nan_to_num(scene.stiffness)
+        load = np.where(np.isfinite(scene.stiffness), stiffness * (motion.theta - motion.q), known)
+        return replace(
+            scene, motion=motion, dt=scene.dt * every, tau=tau, load=load,
+            predicted=predicted, starts=(0,), temperature=None, cache={},
+        )  # fmt: skip
+
+    def final_effects(self, z: Array) -> FittedEffects | None:
+        """Return the fit's effects with the shapes found."""
+        fitted = self._fit.effects
+        if fitted is None:
+            return None
+        items: Sequence[Declared] = [
+            replace(item, effect=effect) for item, effect in zip(fitted.effects, shaped(fitted, z), strict=True)
+        ]
+        return replace(fitted, effects=tuple(items))

@@ -1,0 +1,104 @@
+"""A robot description that holds what was found: identified parameters, effects, corrected delays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.result import Identification
+from elid_cli.model.base_parameters import BaseParameters, find_base
+from elid_cli.model.consistency import consistency
+from elid_cli.model.effects.tilt import levelled
+from elid_cli.model.regressor import Model
+from elid_cli.robot.robot import EffectSpec, Robot
+
+Array = NDArray[np.float64]
+
+
+def representative(base: BaseParameters, estimate: Array, reference: Array) -> Array:
+    """Return standard parameters (p,) that reproduce base parameters exactly and stay nearest to the reference.
+
+    Parameters
+    ----------
+    base
+        Base parameters of the robot.
+    estimate
+        Their values, (b,); NaN where refused: there the reference stands (zero where that is unknown).
+    reference
+        Reference standard parameters, (p,); NaN where unknown.
+    """
+    start = np.nan_to_num(reference)
+    present = base.transform @ start
+    wanted = np.where(np.isfinite(estimate), estimate, present)
+    scale = np.maximum(np.abs(start), 1e-3 * np.maximum(np.abs(start).max(initial=0.0), 1.0))
+    weighted = base.transform * scale
+    step = scale * (np.linalg.pinv(weighted, rcond=1e-12) @ (wanted - present))
+    result: Array = start + step
+    # one correction removes the rounding of the pseudo-inverse in the leaders
+    result[base.leaders] += wanted - base.transform @ result
+    return result
+
+
+def identified_robot(found: Identification) -> Robot:
+    """Return the robot with what was found: values nearest to its own, nuisances as effects of the measurement."""
+    standard = representative(found.base, found.base.transform @ found.standard, found.robot.reference())
+    new = [
+        *(EffectSpec(e.effect, e.joint, e.parameters) for e in found.effects),
+        *(EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances),
+    ]
+    replaced = {(spec.effect, spec.joint) for spec in new}
+    kept = [spec for spec in found.robot.effects if (spec.effect, spec.joint) not in replaced]
+    return refined_robot(found.robot, standard, (*kept, *new))
+
+
+def remarks(found: Identification, *, physical: bool = False) -> tuple[str, ...]:
+    """Return what a reader of a written robot must know of its values, one sentence or more each.
+
+    `physical`: they are those of a robot that could be built.
+    """
+    base = found.base
+    lines = []
+    if physical:
+        lines.append("Identified by elid as a robot that could be built (--physical).")
+    else:
+        text = (
+            "Identified by elid. A log shows base parameters, sums of those below; of a sum's members, and of what no "
+            "motion shows, the values are one choice of many that predict the same torques, near those of the file "
+            "before."
+        )
+        if not _could_be_built(found):
+            text += " As single values they are not those of real bodies; elid identify --physical gives such."
+        lines.append(text)
+    for name, verdict in zip(base.names, found.verdict, strict=True):
+        if verdict == "refused":
+            why = found.reasons.get(name, "this log does not show it")
+            kept = "not from this log" if physical else "no estimate, only what the prediction needs"
+            lines.append(f"{name} is refused: {why}. Its value is {kept}.")
+    return tuple(lines)
+
+
+def _could_be_built(found: Identification) -> bool:
+    """Return whether the written values are those of real bodies."""
+    values = np.nan_to_num(identified_robot(found).reference())
+    cones = consistency(found.robot, values)
+    return cones.slack(values / cones.scales.sizes) >= 0
+
+
+def refined_robot(robot: Robot, standard: Array, effects: Sequence[EffectSpec]) -> Robot:
+    """Return the robot with standard parameters (p,) and effects in place of its own."""
+    values = dict(zip(robot.parameter_names(), standard, strict=True))
+    classes = find_base(Model(levelled(replace(robot, effects=tuple(effects))))).classes
+    joints = []
+    for i, joint in enumerate(robot.joints, start=1):
+        kinds = {name[: -len(str(i))]: float(v) for name, v in values.items() if _number(name) == i}
+        kept = {k: v for k, v in kinds.items() if k in joint.parameters or classes[f"{k}{i}"] != "unidentifiable"}
+        joints.append(replace(joint, parameters=MappingProxyType(kept)))
+    return replace(robot, joints=tuple(joints), effects=tuple(effects))
+
+
+def _number(name: str) -> int:
+    return int(name[len(name.rstrip("0123456789")) :])

@@ -1,0 +1,1 @@
+"""The linear problem: rows, triangles, least squares, covariance."""

@@ -1,0 +1,102 @@
+"""Covariance of estimates whose residuals are correlated in time and between rows.
+
+The filter correlates neighbouring instants, one torque channel drives two rows, and real residuals have structure;
+so the covariance is the sandwich of the normal matrix with the long-run covariance of the scores (Newey and West
+1987), Parzen kernel, bandwidth by Andrews (1991).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.regression.least_squares import Solution
+from elid_cli.estimation.regression.long_run import TAKEN, KernelSum, Persistence, small_sample, uncertain
+from elid_cli.estimation.regression.observation import Observation
+from elid_cli.estimation.regression.triangles import Extra, full_columns
+from elid_cli.model.regressor import Row
+
+Array = NDArray[np.float64]
+
+
+def residuals(observation: Observation, values: Array, extras: Sequence[Extra] = ()) -> dict[tuple[str, int], Array]:
+    """Return target minus model per row group, (M,), N·m; masked instants included."""
+    result: dict[tuple[str, int], Array] = {}
+    for group in observation.groups:
+        index, columns = full_columns(group, extras, observation.parameters)
+        result[(group.row.kind, group.row.joint)] = group.target - values[index] @ columns
+    return result
+
+
+def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extra] = ()) -> Array:
+    """Return the covariance of the solution's basis, (r, r)."""
+    live = solution.live
+    place = np.full(len(solution.values), -1, dtype=np.intp)
+    place[live] = np.arange(len(live))
+    scores = np.zeros((len(live), observation.instants))
+    for group in observation.groups:
+        weight = solution.weights.get(group.row, 0.0)
+        if weight == 0.0:
+            continue
+        index, columns = full_columns(group, extras, observation.parameters)
+        residual = np.where(group.use, group.target - solution.values[index] @ columns, 0.0) * weight**2
+        kept = place[index] >= 0
+        here = columns * residual if kept.all() else columns[kept] * residual
+        if not group.use.all():
+            here[:, ~group.use] = 0.0  # what is not known must not spread
+        scores[place[index[kept]]] += here
+    # of each column's own scores: any rotation of them by the order of the pivots would change the width
+    memory = Persistence(len(live))
+    memory.feed(scores)
+    rows = sum(1 for weight in solution.weights.values() if weight > 0.0)
+    meat = summed(scores[place[solution.basis]], observation.stretch, memory.bandwidth)
+    meat *= small_sample(observation.instants, len(meat), memory.bandwidth, rows)
+    meat *= uncertain(observation.instants, memory.bandwidth)
+    covariance: Array = solution.inverse @ (solution.inverse.T @ meat @ solution.inverse) @ solution.inverse.T
+    return covariance
+
+
+def lasting_weights(observation: Observation, solution: Solution, extras: Sequence[Extra] = ()) -> dict[Row, float]:
+    """Return the weight of every row group with which its instants count for as much as they would if independent.
+
+    A residual that lasts for many instants says once what it shows in all of them. One far below its weight's, as
+    without any noise, says nothing of the kind.
+    """
+    found = residuals(observation, solution.values, extras)
+    weights = dict(solution.weights)
+    for group in observation.groups:
+        weight = weights.get(group.row, 0.0)
+        if weight > 0 and group.count:
+            residual = weight * np.where(group.use, found[(group.row.kind, group.row.joint)], 0.0)
+            lasting = float(long_run(residual[:, None], observation.stretch)[0, 0]) / group.count
+            weights[group.row] = weight / np.sqrt(max(lasting, 1.0))
+    return weights
+
+
+def long_run(scores: Array, stretch: NDArray[np.intp], rows: int = 1, taken: float = TAKEN) -> Array:
+    """Return the long-run covariance sum of zero-mean scores (M, r), summed over instants.
+
+    `rows` and `taken` are those of `longrun.small_sample`.
+    """
+    bandwidth = bandwidth_of(scores)
+    factor = small_sample(len(scores), scores.shape[1], bandwidth, rows, taken)
+    return summed(np.ascontiguousarray(scores.T), stretch, bandwidth) * factor
+
+
+def bandwidth_of(scores: Array) -> float:
+    """Return the kernel's bandwidth for scores (M, r), instants."""
+    memory = Persistence(scores.shape[1])
+    memory.feed(np.ascontiguousarray(scores.T))
+    return memory.bandwidth
+
+
+def summed(scores: Array, stretch: NDArray[np.intp], bandwidth: float) -> Array:
+    """Return the kernel's sum over zero-mean scores (r, M), (r, r)."""
+    width, instants = scores.shape
+    total = KernelSum(width, bandwidth)
+    starts = np.flatnonzero(np.diff(stretch, prepend=-1))
+    for number, (start, stop) in enumerate(zip(starts, [*starts[1:], instants], strict=True)):
+        total.feed(scores[:, start:stop], number)
+    return total.total()

@@ -1,0 +1,149 @@
+"""Effects against a log: the scene that they are computed from, and their columns in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.regression.observation import pair
+from elid_cli.estimation.regression.triangles import Extra
+from elid_cli.model.effects.declared import Declared
+from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.regressor import Model, Row
+from elid_cli.signals.motion import Motion
+from elid_cli.signals.recording import Segment
+from elid_cli.signals.signals import Signals
+
+Array = NDArray[np.float64]
+
+_CHUNK = 16384
+"""Samples whose full-rate regressor is held at a time."""
+
+
+@dataclass(frozen=True)
+class FittedEffects:
+    """Declared effects at their fitted shapes, their columns, and the columns of their shapes' derivatives."""
+
+    effects: tuple[Declared, ...]
+    extras: tuple[Extra, ...]
+    scene: Scene
+    others: tuple[Mapping[int, Effect], ...] = ()
+    """One joint's effects, by place in `effects`, in shapes of another valley of the cost that explain the log
+    about as well."""
+
+
+def scene_of(model: Model, signals: Signals, standard: Array) -> Scene:
+    """Return what effects are computed from: all samples of all segments, one after the other.
+
+    Parameters
+    ----------
+    model, signals
+        The robot's model and a log's signals.
+    standard
+        Standard parameters (p,), any representative of the base parameters; K of 0 or NaN counts as unknown.
+    """
+    robot = model.robot
+    motion = _joined(signals.motion, signals.segments)
+    predicted, link = _torques(model, motion, standard)
+    stiffness = np.full(robot.n, np.nan)
+    load = link
+    for k, joint in enumerate(robot.joints):
+        if joint.elastic:
+            value = float(standard[model.index[f"K{k + 1}"]])
+            if np.isfinite(value) and value > 0:
+                stiffness[k] = value
+                load[:, k] = value * (motion.theta[:, k] - motion.q[:, k])
+    tau = _joined_rows(signals.tau, signals.segments)
+    lengths = [len(segment) for segment in signals.segments]
+    temperature = None if signals.temperature is None else _joined_rows(signals.temperature, signals.segments)
+    return Scene(
+        robot=robot,
+        motion=motion,
+        dt=signals.dt,
+        tau=np.where(np.isfinite(tau), tau, predicted),
+        load=load,
+        predicted=predicted,
+        parameters=np.nan_to_num(standard),
+        duration=signals.duration,
+        stiffness=stiffness,
+        starts=tuple(int(k) for k in np.concatenate([[0], np.cumsum(lengths)[:-1]])),
+        temperature=temperature,
+        **_optional(signals),
+    )
+
+
+def _optional(signals: Signals) -> dict[str, Any]:
+    """Return the readings of the joint torque sensors that are used, where there are any; NaN at the other joints."""
+    if signals.tau_link is None or not signals.sensed.any():
+        return {}
+    return {"tau_link": np.where(signals.sensed, _joined_rows(signals.tau_link, signals.segments), np.nan)}
+
+
+def _whole(segments: Sequence[Segment], samples: int) -> bool:
+    return len(segments) == 1 and segments[0].start == 0 and segments[0].stop == samples
+
+
+def _joined_rows(values: Array, segments: Sequence[Segment]) -> Array:
+    if _whole(segments, len(values)):
+        return values
+    return np.concatenate([values[s.start : s.stop] for s in segments])
+
+
+def _joined(motion: Motion, segments: Sequence[Segment]) -> Motion:
+    if _whole(segments, motion.samples):
+        return motion
+    index = np.concatenate([np.arange(s.start, s.stop, dtype=np.intp) for s in segments])
+    return motion[index]
+
+
+def _torques(model: Model, motion: Motion, standard: Array) -> tuple[Array, Array]:
+    """Return predicted motor torque and the link's share of it (what passes the transmission), each (N, n)."""
+    plan = model.estimation
+    known = np.nan_to_num(standard)
+    predicted = np.zeros((motion.samples, model.robot.n))
+    own = np.zeros_like(predicted)
+    for start in range(0, motion.samples, _CHUNK):
+        part = slice(start, min(start + _CHUNK, motion.samples))
+        rows = model.rows(motion[part])
+        for item in plan.rows:
+            if item.row.kind != "sum":
+                continue
+            k = item.row.joint
+            predicted[part, k] = known[item.columns] @ rows[item.row]
+            for position, column in enumerate(item.columns):
+                if model.names[column] in (f"Jm{k + 1}", f"fs{k + 1}", f"fv{k + 1}"):
+                    own[part, k] += known[column] * rows[item.row][position]
+    return predicted, predicted - own
+
+
+def full_rate(effect: Effect, scene: Scene) -> dict[Row, Array]:
+    """Return an effect's columns in the rows of estimation at the scene's instants, each (d, N)."""
+    columns = {(str(key.side), key.joint): values for key, values in effect.columns(scene).items()}
+    sensed: NDArray[np.bool_] | None = None
+    if scene.tau_link is not None:
+        sensed = np.array([np.isfinite(reading).any() for reading in scene.tau_link.T])
+    return pair(columns, scene.robot, sensed, reading=effect.place == "sensor")
+
+
+def extra_of(effect: Effect, scene: Scene, signals: Signals) -> Extra:
+    """Return an effect's columns filtered and decimated as the equations are."""
+    return _reduced(effect.name, full_rate(effect, scene), signals, tuple(p.unit for p in effect.amplitudes))
+
+
+def _reduced(name: str, rows: Mapping[Row, Array], signals: Signals, units: tuple[str, ...]) -> Extra:
+    samples = signals.motion.samples
+    reduced = {}
+    for row, values in rows.items():
+        spread = values
+        if not _whole(signals.segments, samples):
+            spread = np.zeros((values.shape[0], samples))
+            place = 0
+            for segment in signals.segments:
+                spread[:, segment.start : segment.stop] = values[:, place : place + len(segment)]
+                place += len(segment)
+        reduced[row] = signals.decimate(spread)
+    return Extra(name, reduced, units)

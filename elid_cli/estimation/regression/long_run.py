@@ -1,0 +1,142 @@
+"""Long-run covariance of scores that arrive block by block: how far they are correlated, and their weighted sum.
+
+The covariance of a sum of correlated scores is the sum over all pairs of instants of their products, weighted by a
+kernel of the lag (Newey and West 1987), here Parzen's, of a width chosen by Andrews' rule (1991). That kernel is the
+autocorrelation of a triangle of half its width: scores smoothed by the triangle are squared and summed, which is
+positive definite by construction, and smooth scores need not be summed at every instant.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.regression.student import beyond_normal
+from elid_cli.signals.lowpass import LowPass
+
+Array = NDArray[np.float64]
+
+NARROWEST = 8.0
+"""Least width of the kernel, instants."""
+TAKEN = 0.5
+"""Largest part of a long-run covariance that fitted parameters are taken to have explained."""
+
+
+class Persistence:
+    """Sums that tell how long each of r scores remembers: first-order autocorrelation and what it leaves.
+
+    Scores count alike, whatever their units.
+    """
+
+    def __init__(self, width: int) -> None:
+        self.instants = 0
+        self._power = np.zeros(width)
+        self._cross = np.zeros(width)
+        self._first: Array | None = None
+        self._last = np.zeros(width)
+
+    def feed(self, scores: Array) -> None:
+        """Add the next scores, (r, m)."""
+        if not scores.shape[1]:
+            return
+        if self._first is None:
+            self._first = scores[:, 0].copy()
+        else:
+            self._cross += scores[:, 0] * self._last
+        self._power += np.einsum("rm,rm->r", scores, scores)
+        self._cross += np.einsum("rm,rm->r", scores[:, 1:], scores[:, :-1])
+        self._last = scores[:, -1].copy()
+        self.instants += scores.shape[1]
+
+    @property
+    def bandwidth(self) -> float:
+        """Andrews' bandwidth of the Parzen kernel, instants, from first-order autoregressions of the scores."""
+        if self._first is None or self.instants < 2:
+            return NARROWEST
+        before, after = self._power - self._last**2, self._power - self._first**2
+        rho = np.clip(self._cross / np.where(before > 0, before, 1.0), -0.97, 0.97)
+        innovation = np.maximum(after - 2 * rho * self._cross + rho**2 * before, 0.0)
+        innovation /= np.where(self._power > 0, self._power, 1.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            top = np.nansum(4 * rho**2 * innovation**2 / (1 - rho) ** 8)
+            bottom = np.nansum(innovation**2 / (1 - rho) ** 4)
+        alpha = float(top / bottom) if bottom > 0 else 0.0
+        wanted = 2.6614 * (alpha * self.instants) ** 0.2
+        return float(np.clip(wanted, NARROWEST, max(self.instants / 6, NARROWEST)))
+
+
+class KernelSum:
+    """Sum over pairs of instants of scores times scores, weighted by the Parzen kernel of their lag, (r, r).
+
+    Instants of different stretches do not count as neighbours.
+
+    Parameters
+    ----------
+    width
+        Number of scores r.
+    bandwidth
+        Lag, in instants, from which scores count as independent.
+    """
+
+    def __init__(self, width: int, bandwidth: float) -> None:
+        self._half = max(1, round((bandwidth + 1.0) / 2))
+        self._step = max(1, self._half // 4)
+        triangle = 1.0 - np.abs(np.arange(-self._half + 1, self._half)) / self._half
+        self._smooth = LowPass(triangle, self._step, 0.0)
+        self._scale = self._step / float(triangle @ triangle)
+        self._total = np.zeros((width, width))
+        self._tail = self._nothing
+        self._stretch: int | None = None
+
+    @property
+    def _nothing(self) -> Array:
+        """Zeros before and after a stretch, so that the whole triangle passes over each of its instants."""
+        return np.zeros((len(self._total), 2 * self._half))
+
+    def feed(self, scores: Array, stretch: int) -> None:
+        """Add the next scores (r, m), all of one stretch; a stretch's blocks follow each other.
+
+        Scores in single precision are smoothed in it.
+        """
+        if stretch != self._stretch:
+            self._close()
+            self._stretch = stretch
+        waiting = np.concatenate([self._tail.astype(scores.dtype, copy=False), scores], axis=1)
+        smoothed = self._smooth.apply(waiting)
+        self._add(smoothed)
+        self._tail = waiting[:, smoothed.shape[1] * self._step :].copy()
+
+    def total(self) -> Array:
+        """Return the weighted sum over all that was fed."""
+        self._close()
+        return self._total * self._scale
+
+    def _close(self) -> None:
+        if self._stretch is None:
+            return
+        self._add(self._smooth.apply(np.pad(self._tail, ((0, 0), (0, 2 * self._half + self._step)))))
+        self._tail, self._stretch = self._nothing, None
+
+    def _add(self, smoothed: Array) -> None:
+        """Add products; in double precision, since the columns of weak directions nearly cancel in them."""
+        exact = smoothed.astype(np.float64, copy=False)
+        self._total += exact @ exact.T
+
+
+def small_sample(instants: int, width: int, bandwidth: float, rows: int = 1, taken: float = TAKEN) -> float:
+    """Return the factor for what `width` parameters fitted to `rows` equations at every instant take out of the sum.
+
+    Each equation loses the share width / (rows instants) of its residual to the fit, and as much of its product with
+    every other within reach of the kernel, whose integral is 3/4 of its bandwidth; but no more than the part `taken`.
+    """
+    lost = 0.75 * bandwidth * width / max(rows * instants, 1)
+    return 1.0 / (1.0 - min(lost, taken))
+
+
+def uncertain(instants: int, bandwidth: float) -> float:
+    """Return the factor on a variance whose kernel sum is itself known from few independent pieces.
+
+    The sum has the spread of chi-squared with n / (0.539 b) degrees of freedom (0.539: integral of the squared kernel;
+    Priestley 1981, 6.2), so 95 % lie within Student's quantile instead of 1.96 standard errors.
+    """
+    return beyond_normal(instants / (0.539 * bandwidth)) ** 2

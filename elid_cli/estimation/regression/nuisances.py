@@ -1,0 +1,132 @@
+"""Nuisances of every torque channel, estimated along so that they do not bias the parameters.
+
+Delay: a torque that is held by the drive and logged at the start of the sample acts half a sample later than
+logged; left alone, that moves rotor inertias by tens of per cent. To first order
+W p = u(t - delay) = u - delay du/dt. Offset: a constant in the torque channel (or friction that differs between
+the two directions, which motion alone cannot tell apart) moves Coulomb friction and gravity terms. A joint torque
+sensor has an offset of its own, and a gain: where the motor torque shows them beyond doubt they are corrected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.regression.covariance import sandwich
+from elid_cli.estimation.regression.least_squares import Solution
+from elid_cli.estimation.regression.observation import Observation
+from elid_cli.estimation.regression.triangles import Extra
+from elid_cli.model.regressor import Row
+from elid_cli.signals.signals import Signals
+
+Array = NDArray[np.float64]
+
+SIGNIFICANT = 4.0
+"""Standard deviations a nuisance must differ from zero to be corrected."""
+LIKELY = 2.0
+"""The same for a delay that agrees, within as many, with one beyond doubt: the channels of a log are sampled alike."""
+DELAY = "torque_delay"
+OFFSET = "torque_offset"
+READING_GAIN = "sensor_gain"
+READING_OFFSET = "sensor_offset"
+
+
+def delay_columns(observation: Observation) -> list[Extra]:
+    """Return one column per torque channel: du/dt in the joint's sum and motor rows, coefficient = delay in s."""
+    return _channel_columns(observation, DELAY, observation.tau_rate, "s")
+
+
+def offset_columns(observation: Observation) -> list[Extra]:
+    """Return one constant column per torque channel, coefficient = offset in N·m (N)."""
+    return _channel_columns(observation, OFFSET, np.ones_like(observation.tau), "N·m")
+
+
+def _channel_columns(observation: Observation, name: str, values: Array, unit: str) -> list[Extra]:
+    present = {group.row for group in observation.groups if group.count}
+    extras = []
+    for k in range(observation.robot.n):
+        acted = (Row("sum", k), Row("motor", k), Row("drive", k))
+        rows = {row: values[k][None] for row in acted if row in present}
+        if rows:
+            extras.append(Extra(name, rows, (unit,)))
+    return extras
+
+
+def reading_columns(observation: Observation, stiffness: Array, but: Container[tuple[str, int]] = ()) -> list[Extra]:
+    """Return offset and gain of every joint torque sensor, each in the three rows of its joint.
+
+    Parameters
+    ----------
+    observation
+        Filtered equations.
+    stiffness
+        Stiffnesses as far as known, (n,). The gain's column is K (theta - q): the reading itself would explain
+        everything, with every parameter at 0. A gain then shows in the motor's row only, as it should.
+    but
+        (name, joint) that the robot file declares as effects.
+    """
+    extras = []
+    for group in observation.groups:
+        kind, joint = group.row
+        if kind != "spring" or not group.count:
+            continue
+        spring = stiffness[joint] * group.columns.sum(axis=0)  # the row's only column is the deflection
+        for name, unit, values in ((READING_OFFSET, "N·m", np.ones_like(spring)), (READING_GAIN, "1", spring)):
+            if (name, joint) not in but and np.any(values):
+                rows = {Row("load", joint): values[None], Row("spring", joint): values[None]}
+                rows[Row("drive", joint)] = -values[None]
+                extras.append(Extra(name, rows, (unit,)))
+    return extras
+
+
+def significant(
+    observation: Observation,
+    solution: Solution,
+    extras: Sequence[Extra],
+    signals: Signals,
+    others: Sequence[Extra] = (),
+) -> list[Extra]:
+    """Return the nuisances whose coefficient is significant; a delay must also be no longer than one sample.
+
+    A longer delay is not a nuisance of sampling but an effect, for the diagnosis to name. `others` are further columns
+    that follow the nuisances in the solution.
+    """
+    covariance = sandwich(observation, solution, (*extras, *others))
+    values, deviations = np.full((2, len(extras)), np.nan)
+    for k in range(len(extras)):
+        where = np.flatnonzero(solution.basis == observation.parameters + k)
+        # an offset that stands for a weight as well is none: a joint that slides up and down cannot tell the two apart
+        if len(where) and solution.determined(observation.parameters + k):
+            values[k] = solution.values[observation.parameters + k]
+            deviations[k] = np.sqrt(covariance[where[0], where[0]])
+    delays = np.array([extra.name == DELAY for extra in extras], dtype=bool)
+    return [e for e, firm in zip(extras, beyond_doubt(values, deviations, delays, signals.dt), strict=True) if firm]
+
+
+def of_sampling(delays: Array, deviations: Array, dt: float) -> NDArray[np.bool_]:
+    """Return which delays, s, may be no longer than a sample, by their standard deviations; those that are NaN not."""
+    short: NDArray[np.bool_] = np.abs(delays) <= 1.05 * dt + 2 * deviations
+    return short
+
+
+def beyond_doubt(values: Array, deviations: Array, delays: NDArray[np.bool_], dt: float) -> NDArray[np.bool_]:
+    """Return which nuisances are significant, (k,).
+
+    Parameters
+    ----------
+    values, deviations
+        Coefficients and their standard deviations, (k,); NaN where the log does not determine them.
+    delays
+        Those that are delays, s, (k,).
+    dt
+        Sample time, s: a delay may be no longer.
+    """
+    size = np.abs(values)
+    short = ~delays | of_sampling(values, deviations, dt)
+    kept: NDArray[np.bool_] = short & (size > SIGNIFICANT * deviations)
+    for k in np.flatnonzero(delays & short & ~kept & (size > LIKELY * deviations)):
+        apart = np.abs(values[k] - values) <= LIKELY * np.hypot(deviations[k], deviations)
+        kept[k] = bool(np.any(apart & delays & short & (size > SIGNIFICANT * deviations)))
+    return kept

@@ -1,0 +1,160 @@
+"""Other shapes of declared effects that explain a log about as well, and what they mean for the standard errors.
+
+The cost over the shapes of a friction curve has several valleys. Which is the lowest, noise decides at times: the
+difference of two costs is a sum over instants whose scatter the residual's colour makes far larger than if they were
+independent (Vuong 1989, Econometrica 57). Valleys within that scatter cannot be told apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.regression.covariance import long_run, residuals
+from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of
+from elid_cli.estimation.regression.least_squares import Solution, solve
+from elid_cli.estimation.regression.observation import Observation
+from elid_cli.estimation.regression.triangles import Extra, Triangles, reduce
+from elid_cli.model.effects.declared import amplitude_prior
+from elid_cli.model.effects.effect import Effect
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
+
+Array = NDArray[np.float64]
+
+AS_WELL = 6.0
+"""Cost above that of the shapes found up to which others explain a log as well, whatever the scatter …"""
+SCATTER = 2.0
+"""… and standard deviations of the difference up to which they do."""
+REACH = 2.0
+"""Standard errors to the answer with shapes that explain the log as well."""
+APART = 0.6
+"""Distance of shapes' logarithms from which on they lie in different valleys."""
+
+
+def reduced(
+    observation: Observation,
+    nuisances: Sequence[Extra],
+    effects: FittedEffects | None,
+    fold: NDArray[np.intp] | None = None,
+) -> Triangles:
+    """Return triangles with the columns of nuisances and effects, and what is known of the effects' amplitudes."""
+    if effects is None:
+        return reduce(observation, nuisances, fold)
+    triangles = reduce(observation, (*nuisances, *effects.extras), fold)
+    first = triangles.parameters + sum(extra.width for extra in nuisances)
+    return replace(triangles, prior=amplitude_prior(effects.effects, first, triangles.width))
+
+
+def told_apart(
+    observation: Observation,
+    signals: Signals,
+    nuisances: Sequence[Extra],
+    effects: FittedEffects,
+    solution: Solution,
+    covariance: Array,
+) -> tuple[FittedEffects, Array]:
+    """Return the effects with those other shapes that explain the log as well, and a covariance (r, r) that knows them.
+
+    An interval of 95 % then reaches to the answer with each of them.
+    """
+    best = _squares(observation, nuisances, effects, solution)
+    kept, wider = [], covariance.copy()
+    for other in effects.others:
+        if not _acts(other, observation.parameters, nuisances, effects, solution, covariance):
+            continue
+        moved = _with(effects, other, signals)
+        found = solve(reduced(observation, nuisances, moved), solution.weights, basis=solution.basis)
+        more = _squares(observation, nuisances, moved, found) - best
+        if explains_as_well(more, observation.stretch):
+            kept.append(other)
+            apart = (found.values - solution.values)[solution.basis] / REACH
+            wider += np.outer(apart, apart)
+    return replace(effects, others=tuple(kept)), wider
+
+
+def explains_as_well(more: Array, stretch: NDArray[np.intp]) -> bool:
+    """Whether a cost that is so much larger at every instant (M,) may be so by chance."""
+    scatter = np.sqrt(float(long_run((more - more.mean())[:, None], stretch)[0, 0]))
+    return bool(more.sum() < max(AS_WELL, SCATTER * scatter))
+
+
+def in_other_valleys(effects: FittedEffects, candidates: Iterable[Mapping[int, Effect]]) -> FittedEffects:
+    """Return effects with those candidates as other shapes that are apart from the effects' own."""
+    kept = [other for other in candidates if any(_apart(e, effects.effects[k].effect) for k, e in other.items())]
+    return replace(effects, others=tuple(kept))
+
+
+def own_shapes(effects: FittedEffects) -> list[Mapping[int, Effect]]:
+    """Return the effects' own shapes, those that are searched together in one mapping from their places."""
+    found: dict[tuple[int, str], dict[int, Effect]] = {}
+    for place, item in enumerate(effects.effects):
+        if item.free:
+            found.setdefault(item.searched_with, {})[place] = item.effect
+    return list(found.values())
+
+
+def sentences(effects: FittedEffects, robot: Robot) -> list[str]:
+    """Return a sentence for each of the other shapes that explain the log as well."""
+    said = []
+    for other in effects.others:
+        first = next(iter(other.values()))
+        joint = robot.joints[first.joint]
+        shapes = [f"{effect.name} {_shape(effect, slides=not joint.revolute)}" for effect in other.values()]
+        where = "" if first.whole_robot else f"{joint.name}: "
+        said.append(f"{where}{' with '.join(shapes)} would explain this log as well; standard errors reach to that")
+    return said
+
+
+def _shape(effect: Effect, *, slides: bool) -> str:
+    return ", ".join(
+        f"{shape.name} {value:.3g} {shape.unit_at(slides=slides)}".rstrip()
+        for shape, value in zip(effect.shapes, effect.shape, strict=True)
+    )
+
+
+def _apart(one: Effect, other: Effect) -> bool:
+    return any(
+        np.abs(np.log(a / b)) > APART if a > 0 and b > 0 else a != b
+        for a, b, shape in zip(one.shape, other.shape, one.shapes, strict=True)
+        if not getattr(shape, "fixed", False)
+    )
+
+
+def _with(effects: FittedEffects, other: Mapping[int, Effect], signals: Signals) -> FittedEffects:
+    extras = list(effects.extras)
+    for place, effect in other.items():
+        extras[place] = extra_of(effect, effects.scene, signals)
+    return replace(effects, extras=tuple(extras))
+
+
+def _squares(observation: Observation, nuisances: Sequence[Extra], effects: FittedEffects, solution: Solution) -> Array:
+    """Return the weighted squared residual of every instant, summed over the rows, (M,)."""
+    left = residuals(observation, solution.values, [*nuisances, *effects.extras])
+    total = np.zeros(observation.instants)
+    for group in observation.groups:
+        weight = solution.weights.get(group.row, 0.0)
+        total += np.where(group.use, weight * left[(group.row.kind, group.row.joint)], 0.0) ** 2
+    return total
+
+
+def _acts(
+    other: Mapping[int, Effect],
+    parameters: int,
+    nuisances: Sequence[Extra],
+    effects: FittedEffects,
+    solution: Solution,
+    covariance: Array,
+) -> bool:
+    """Whether what would have other shapes acts at all: of a single effect, whether an amplitude differs from 0."""
+    if len(other) > 1:
+        return True
+    (place,) = other
+    widths = [extra.width for extra in effects.extras]
+    first = parameters + sum(extra.width for extra in nuisances) + sum(widths[:place])
+    mine = np.flatnonzero((solution.basis >= first) & (solution.basis < first + widths[place]))
+    deviations = np.sqrt(np.maximum(np.diag(covariance)[mine], 0.0))
+    return bool(np.any(np.abs(solution.values[solution.basis[mine]]) > 2.0 * deviations))

@@ -1,0 +1,142 @@
+"""What an identification answers: base parameters, their errors and verdicts, and how well they predict torque."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.regression.triangles import Triangles
+from elid_cli.model.base_parameters import BaseParameters
+from elid_cli.model.regressor import Row
+from elid_cli.robot.robot import Robot
+
+Array = NDArray[np.float64]
+Verdict = Literal["supported", "weak", "refused"]
+
+
+@dataclass(frozen=True)
+class EstimateOptions:
+    """How to estimate."""
+
+    estimator: Literal["default", "paper"] = "default"
+    accurate: bool = False
+    """Follow with the spline collocation (`collocation`), accepted only if it proves itself."""
+    folds: int = 6
+    """Contiguous stretches; each in turn is predicted by a fit to the others."""
+    delays: bool = True
+    """Estimate one torque delay per torque channel."""
+    offsets: bool = True
+    """Estimate one torque offset per torque channel."""
+    mask: bool | None = None
+    """Leave out reversals of the motors; None: of those motors that do not follow Coulomb friction there."""
+    guards: bool = True
+    """Test signs, units and swapped channels by flipping them."""
+
+
+@dataclass(frozen=True)
+class SensorError:
+    """Errors of one joint against its torque sensor, N·m (N), on the same data."""
+
+    load_rms: float
+    """Reading minus what the bodies need."""
+    drive_rms: float
+    """Motor torque minus reading, less rotor and friction; NaN where the motor torque is not known."""
+    spring_rms: float
+    """Reading minus K (theta - q)."""
+    reading_rms: float
+    """rms of the reading."""
+
+
+@dataclass(frozen=True)
+class JointError:
+    """Error of the predicted motor torque of one joint on data not used in the fit, N·m (N)."""
+
+    rms: float
+    """Motor torque minus prediction with the spring eliminated (sum row)."""
+    relative: float
+    """`rms` over the rms of the torque."""
+    spring_rms: float | None
+    """Motor row alone: spring torque from K (theta - q); None for a rigid joint."""
+    spring_relative: float | None
+    torque_rms: float
+    floor: float | None = None
+    """rms that the sensors' noise alone would leave in the sum row."""
+    spring_floor: float | None = None
+    sensor: SensorError | None = None
+    """The same against the joint's torque sensor, where it has one."""
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """Something of the measurement that was estimated along and corrected."""
+
+    effect: str
+    joint: str
+    parameters: Mapping[str, float]
+    std_error: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class FittedEffect:
+    """An effect that the robot file declares, with the parameters that this log gives it."""
+
+    effect: str
+    joint: str | None
+    parameters: Mapping[str, float]
+    std_error: Mapping[str, float]
+    """Standard errors of the amplitudes, by name."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What a log says about a robot's parameters."""
+
+    robot: Robot
+    base: BaseParameters
+    estimate: Array
+    """Base parameters, (b,); NaN where refused."""
+    std_error: Array
+    reference: Array
+    """Reference values of the base parameters, (b,); NaN where unknown."""
+    verdict: tuple[Verdict, ...]
+    this_log: Mapping[str, str]
+    """Class of every standard parameter for this log: as structural, or weak, or not excited."""
+    reasons: Mapping[str, str]
+    """Why a parameter is weak, refused or not excited."""
+    error: Mapping[str, JointError]
+    condition: float
+    rank_margin: float
+    rank: int
+    covariance: Array
+    """Covariance of the base parameters, (b, b); NaN rows where refused."""
+    standard: Array
+    """A representative set of standard parameters (p,) that predicts as the base parameters do."""
+    delays: Array
+    """Torque delay per joint that was corrected, s, (n,)."""
+    settings: Mapping[str, object] = field(default_factory=dict)
+    nuisances: tuple[Nuisance, ...] = ()
+    effects: tuple[FittedEffect, ...] = ()
+    """Effects declared in the robot file, as fitted to this log."""
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    """What was decided on the way and why (a collocation that was not accepted…)."""
+    estimator: str = "default"
+    triangles: Triangles | None = None
+    """The reduced data, for those who fit again under further conditions (`physical`)."""
+    weights: Mapping[Row, float] = field(default_factory=dict)
+    """Weight of every row group in the fit: one over its residual rms."""
+
+    def relative_error(self) -> Array:
+        """Return |estimate - reference| / |reference|, (b,); NaN where there is no non-zero reference."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error: Array = np.abs(self.estimate - self.reference) / np.abs(self.reference)
+        return np.where(self.reference == 0, np.nan, error)
+
+    def normalised_mean_error(self) -> float:
+        """Return the paper's figure: mean relative error over all base parameters, zero-valued ones counting 0."""
+        error = np.where(self.reference == 0, 0.0, np.nan_to_num(self.relative_error(), nan=1.0))
+        return float(error.mean())

@@ -1,0 +1,152 @@
+"""Guards on physics: wrong signs, swapped torque channels and degrees, found by trying the other way.
+
+What positions alone show is looked at in every log. Only where the fit is bad or a parameter came out negative is
+anything else tried: a good fit has nothing to explain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.default_fit import Fit
+from elid_cli.estimation.regression.least_squares import reweighted
+from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.estimation.regression.triangles import reduce
+from elid_cli.estimation.result import Identification
+from elid_cli.model.regressor import Model
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.motion import Motion
+from elid_cli.signals.signals import Signals
+
+Array = NDArray[np.float64]
+
+_LOOKED_AT = 4000
+"""Samples by which positions are compared."""
+BAD = 0.1
+"""Relative error of a joint's torque from which the other ways are tried."""
+BETTER = 1.4
+"""What the other way must save: log(rms before / rms after), summed over the row groups; one joint shows in few."""
+ALIKE = 0.2
+"""Share of the deflection that is left when two motors' positions are exchanged, below which they were swapped."""
+
+
+def physics_warnings(fit: Fit, found: Identification) -> tuple[str, ...]:
+    """Return a sentence for every sign, unit or swapped channel that the log contradicts."""
+    plain = channel_warnings(fit.signals, fit.model.robot)
+    if plain:
+        return plain
+    negative = [w for w in found.warnings if "negative" in w]
+    if not negative and max((e.relative for e in found.error.values()), default=0.0) < BAD:
+        return ()
+    base = fit.base.count
+    signals = replace(fit.signals, sensed=np.zeros(fit.signals.n, dtype=bool))  # by motor torque and positions alone
+    observation = observe(fit.model, signals, mask=False)
+    now = misfit(observation, base)
+    said: list[tuple[float, str]] = []
+
+    def tried(other: Observation, sentence: str) -> None:
+        gain = now - misfit(other, base)
+        if gain > BETTER:
+            said.append((gain, sentence))
+
+    robot, names = fit.model.robot, fit.model.robot.joint_names
+    moving = [k for k in range(robot.n) if not fit.signals.still[k]]
+    for k in moving if len(moving) > 1 else []:
+        # turning the others round fits as well; the joint whose own parameters are negative is the one
+        if negative and not any(
+            w.startswith(tuple(f"{kind}{k + 1} " for kind in ("Jm", "K", "fs", "fv"))) for w in negative
+        ):
+            continue
+        tried(turned(observation, k), f"the torque of {names[k]} looks as if its sign were wrong")
+    for a, b in combinations(moving, 2):
+        tried(swapped(observation, a, b), f"the torques of {names[a]} and {names[b]} look swapped")
+    for k in moving:
+        if robot.joints[k].elastic and robot.joints[k].gear_ratio and k > 0:
+            other = Model(_geared(robot, k))
+            tried(observe(other, signals, mask=False), f"gear_ratio of {names[k]} looks as if its sign were wrong")
+    for label, factor in (("degrees", np.pi / 180), ("radians where degrees are declared", 180 / np.pi)):
+        scaled = replace(signals, motion=_scaled(fit.signals.motion, factor))
+        tried(observe(fit.model, scaled, mask=False), f"the positions look as if they were in {label}")
+    for k in moving:
+        own = {kind for kind in ("Jm", "K", "fs", "fv") if any(w.startswith(f"{kind}{k + 1} ") for w in negative)}
+        sentence = f"the torque of {names[k]} looks as if its sign were wrong"
+        # whatever else fits: a motor whose inertia and friction are negative is driven the other way round
+        if {"Jm", "fs", "fv"} <= own and len(negative) < 3 * len(moving) and all(sentence != s for _, s in said):
+            said.append((np.inf, sentence))
+        if own == {"K"}:
+            said.append((np.inf, f"q and theta of {names[k]} look swapped: its spring pushes the wrong way"))
+    if len(moving) and len(negative) >= len(moving) and not said:
+        said.append((0.0, "inertia, friction or stiffness come out negative everywhere: the torque's sign looks wrong"))
+    said.sort(key=lambda item: -item[0])
+    return tuple(sentence for _, sentence in said[:3])
+
+
+def channel_warnings(signals: Signals, robot: Robot) -> tuple[str, ...]:
+    """Return a sentence for every sign or exchange that positions of links and motors show by themselves."""
+    names = robot.joint_names
+    moving = [k for k in range(robot.n) if not signals.still[k] and robot.joints[k].elastic and not signals.unlinked[k]]
+    step = max(1, signals.motion.samples // _LOOKED_AT)
+    part = np.arange(0, signals.motion.samples, step)
+    motion = signals.motion[part]
+    said = [f"theta of {names[k]} moves against q: its sign looks wrong" for k in moving if _opposed(motion, k)]
+
+    def apart(a: int, b: int) -> float:
+        return float(np.nanstd(motion.q[:, a] - motion.theta[:, b]))
+
+    for a, b in combinations(moving, 2):
+        if apart(a, b) + apart(b, a) < ALIKE * (apart(a, a) + apart(b, b)):
+            said.append(f"the motor positions of {names[a]} and {names[b]} look swapped")
+    return tuple(said)
+
+
+def misfit(observation: Observation, rank: int) -> float:
+    """Return the logarithm of the row groups' residual over their torque, summed."""
+    triangles = reduce(observation)
+    solution = reweighted(triangles, rank)
+    logs = []
+    for row in triangles.rows:
+        size = triangles.torque_rms(row)
+        if size > 0:
+            logs.append(np.log(max(triangles.rms(solution.values, row) / size, 1e-6)))
+    return float(np.sum(logs))
+
+
+def turned(observation: Observation, joint: int) -> Observation:
+    """Return the observation with one joint's torque turned round."""
+    tau = observation.tau.copy()
+    tau[joint] *= -1
+    return _with_torque(observation, tau)
+
+
+def swapped(observation: Observation, a: int, b: int) -> Observation:
+    """Return the observation with the torques of two joints exchanged."""
+    tau = observation.tau.copy()
+    tau[[a, b]] = tau[[b, a]]
+    return _with_torque(observation, tau)
+
+
+def _with_torque(observation: Observation, tau: Array) -> Observation:
+    groups = tuple(g if g.row.kind == "link" else replace(g, target=tau[g.row.joint]) for g in observation.groups)
+    return replace(observation, groups=groups, tau=tau)
+
+
+def _geared(robot: Robot, joint: int) -> Robot:
+    joints = list(robot.joints)
+    joints[joint] = replace(joints[joint], gear_ratio=-joints[joint].gear_ratio)
+    return replace(robot, joints=tuple(joints))
+
+
+def _scaled(motion: Motion, factor: float) -> Motion:
+    arrays: Sequence[Array] = (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)
+    return Motion(motion.t, *(factor * a for a in arrays))
+
+
+def _opposed(motion: Motion, joint: int) -> bool:
+    q, theta = motion.dq[:, joint], motion.dtheta[:, joint]
+    known = np.isfinite(q) & np.isfinite(theta)
+    return bool(known.sum() > 10 and np.corrcoef(q[known], theta[known])[0, 1] < -0.8)

@@ -1,0 +1,1 @@
+"""Stiffness when the deflection is noisy: errors in variables."""

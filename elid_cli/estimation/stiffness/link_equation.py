@@ -1,0 +1,241 @@
+"""Stiffness where the motor torque shows it badly: by both regressions, or from the link's own equation.
+
+The link's row has no measured torque in it: K (theta - q) = what the bodies need. It fixes the ratio of the stiffness
+to the inertias as sharply as the deflection is measured, whatever the motor's friction does. Where friction hides the
+transmitted torque, the file's reference inertias (CAD, a data sheet) supply the scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.regression.observation import Observation
+from elid_cli.estimation.regression.regression import regression
+from elid_cli.estimation.result import Identification, Verdict
+from elid_cli.estimation.stiffness.noise import deflection_noise, pull
+from elid_cli.model.base_parameters import BaseParameters
+from elid_cli.model.regressor import Row
+from elid_cli.signals.signals import Signals
+
+Array = NDArray[np.float64]
+
+EXPLAINED = 0.6
+"""Least part of the bodies' torque that the transmission's must explain."""
+GOOD = 0.84
+"""The same for a stiffness that counts as supported: at most 40 % of the torque's rms is left."""
+SHARPER = 0.5
+"""Error, as a part of the other's, from which the link's equation goes before a weak stiffness by the motor torque."""
+WEAK = 0.3
+"""Relative standard deviation above which a stiffness is weak."""
+REFUSED = 1.0
+"""Relative standard deviation above which a stiffness says nothing."""
+CLEAR = 0.7
+"""Part of the deflection's variance that must follow the torque for a stiffness to be read off one regression."""
+APART = 0.25
+"""Relative difference between two ways to a stiffness beyond which neither is well determined."""
+LEAST = 50
+"""Instants without which nothing is said."""
+
+
+@dataclass(frozen=True)
+class LinkStiffness:
+    """Stiffness that a link's equation gives with the file's inertias, N·m/rad."""
+
+    value: float
+    deviation: float
+    """With what noise of the encoders in the deflection pulls the value by (`stiffness.pull`)."""
+    explained: float
+    """Part of the variance of the bodies' torque that spring, damping and link friction explain."""
+
+
+def link_stiffness(
+    base: BaseParameters, observation: Observation, signals: Signals, reference: Array, joint: int
+) -> LinkStiffness | None:
+    """Return the stiffness of one joint from its link's equation, or None where the file's inertias do not suffice.
+
+    Parameters
+    ----------
+    base
+        Base parameters.
+    observation, signals
+        The log.
+    reference
+        Reference values of the standard parameters, (p,); NaN where unknown.
+    joint
+        Joint number from 0.
+    """
+    rows = {group.row: group for group in observation.groups}
+    if Row("motor", joint) not in rows or Row("sum", joint) not in rows or signals.still[joint]:
+        return None  # of a joint that is held the deflection is one more constant
+    total = rows[Row("sum", joint)]
+    own = {f"{kind}{joint + 1}" for kind in ("Jm", "fs", "fv", "K")}
+    values = dict(zip(base.leaders.tolist(), base.values(reference), strict=True))
+    load = np.zeros(observation.instants)
+    for position, column in enumerate(total.index.tolist()):
+        if column not in values or base.parameters[column] in own:
+            continue
+        if not np.isfinite(values[column]):
+            return None
+        load = load + values[column] * total.columns[position]
+    motion = signals.motion
+    others = [k for k in range(signals.n) if k != joint and not signals.still[k]]
+    channels = [
+        motion.theta[:, joint] - motion.q[:, joint],
+        motion.dtheta[:, joint] - motion.dq[:, joint],
+        motion.dq[:, joint],
+        *(motion.ddq[:, k] for k in others),
+    ]
+    columns = np.vstack([signals.decimate(np.array(channels)), np.ones((1, observation.instants))])
+    known = np.isfinite(columns).all(axis=0) & np.isfinite(load)
+    if known.sum() < LEAST or not np.any(load[known]):
+        return None
+    return _fitted(columns[:, known].T, load[known], observation.stretch[known], deflection_noise(signals, joint))
+
+
+def _fitted(columns: Array, load: Array, stretch: NDArray[np.intp], noise: float) -> LinkStiffness:
+    found = regression(columns, load, stretch)
+    variance = float(np.var(load))
+    explained = 1.0 - float(np.var(load - columns @ found.values)) / variance if variance > 0 else 0.0
+    value = float(found.values[0])
+    return LinkStiffness(value, float(np.hypot(found.spread[0], pull(value, noise, float(found.alone[0])))), explained)
+
+
+@dataclass(frozen=True)
+class TwoWays:
+    """A stiffness by the regressions of torque on deflection and of deflection on torque, N·m/rad.
+
+    Noise in the deflection makes the first too small, noise in the torque the second too large.
+    """
+
+    direct: float
+    inverse: float
+
+    @property
+    def middle(self) -> float:
+        """Return the geometric mean."""
+        return float(np.sqrt(self.direct * self.inverse))
+
+    @property
+    def spread(self) -> float:
+        """Return the standard deviation whose two-sided 95 % interval reaches about from one to the other."""
+        return self.middle * 0.25 * float(np.log(self.inverse / self.direct))
+
+    @property
+    def share(self) -> float:
+        """Return the part of the deflection's variance that follows the torque."""
+        return self.direct / self.inverse
+
+
+def two_ways(found: Identification, observation: Observation, joint: int) -> TwoWays | None:
+    """Return a joint's stiffness by both regressions of its motor row, or None where they do not exist.
+
+    The torque is the motor's less rotor inertia and friction as identified, or the joint torque sensor's; a constant is
+    eliminated.
+    """
+    rows = {group.row: group for group in observation.groups}
+    group = rows.get(observation.spring_row(joint))
+    if group is None or group.count < 50:
+        return None
+    names = found.base.parameters
+    spring = [k for k, column in enumerate(group.index) if names[column] == f"K{joint + 1}"]
+    if not spring:
+        return None
+    own = [k for k in range(len(group.index)) if k not in spring]
+    torque = group.target - found.standard[group.index[own]] @ group.columns[own]
+    x, y = (values[group.use] - values[group.use].mean() for values in (group.columns[spring[0]], torque))
+    xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
+    return TwoWays(xy / xx, yy / xy) if xx > 0 and xy > 0 else None
+
+
+def with_both_regressions(found: Identification, way: Callable[[int], TwoWays | None]) -> Identification:
+    """Return the identification with each stiffness that depends on the direction of regression put between the two.
+
+    `way` gives both for a joint (from 0).
+    """
+    estimate, deviation = found.estimate.copy(), found.std_error.copy()
+    verdict: list[Verdict] = list(found.verdict)
+    this_log, reasons = dict(found.this_log), dict(found.reasons)
+    for k, leader in enumerate(found.base.leaders):
+        name = found.base.parameters[leader]
+        if not name.startswith("K") or verdict[k] == "refused":
+            continue
+        ways = way(int(name[1:]) - 1)
+        if ways is None or ways.share >= CLEAR:
+            continue
+        estimate[k], deviation[k] = ways.middle, max(ways.spread, deviation[k])
+        known = deviation[k] <= REFUSED * estimate[k]  # false for NaN too
+        if not known:
+            verdict[k], this_log[name] = "refused", "not excited"
+        elif deviation[k] > WEAK * estimate[k]:
+            verdict[k], this_log[name] = "weak", "weak"
+        reasons[name] = (
+            f"only {ways.share:.0%} of the deflection follows the torque: between {ways.direct:.3g} (torque on "
+            f"deflection) and {ways.inverse:.3g} (deflection on torque)"
+        )
+        if not known:
+            spread = f"standard deviation {deviation[k]:.2g} against a value of {estimate[k]:.2g}"
+            reasons[name] = f"{spread}: {reasons[name]}"
+            estimate[k] = deviation[k] = np.nan
+    unsaid = np.isnan(estimate)
+    return replace(
+        found,
+        estimate=estimate,
+        std_error=deviation,
+        verdict=tuple(verdict),
+        this_log=this_log,
+        reasons=reasons,
+        covariance=np.where(unsaid[:, None] | unsaid[None], np.nan, found.covariance),
+    )
+
+
+def with_link_stiffness(
+    found: Identification, way: Callable[[int], LinkStiffness | None], classes: Mapping[str, str]
+) -> Identification:
+    """Return the identification with refused and weak stiffnesses taken from the links' equations, where they hold.
+
+    A stiffness that both ways give, but differently, is marked as weak. `way` gives the other way to the stiffness of
+    a joint (from 0).
+    """
+    base = found.base
+    estimate, deviation = found.estimate.copy(), found.std_error.copy()
+    verdict: list[Verdict] = list(found.verdict)
+    this_log, reasons, notes = dict(found.this_log), dict(found.reasons), list(found.notes)
+    for k, leader in enumerate(base.leaders):
+        name = base.parameters[leader]
+        if not name.startswith("K"):
+            continue
+        joint = int(name[1:]) - 1
+        other = way(joint)
+        if other is None or other.value <= 0 or other.explained < EXPLAINED or other.deviation > 0.3 * other.value:
+            continue
+        label = found.robot.joint_names[joint]
+        if verdict[k] == "refused" or (verdict[k] == "weak" and other.deviation < SHARPER * deviation[k]):
+            estimate[k], deviation[k] = other.value, other.deviation
+            good = other.explained > GOOD
+            verdict[k] = "supported" if good else "weak"
+            this_log[name] = classes[name] if good else "weak"
+            reasons[name] = (
+                f"from the link's equation and the file's inertias, which explain {other.explained:.0%} of its torque: "
+                "the motor torque does not show it"
+            )
+            notes.append(f"{name} of {label} is {reasons[name]}")
+        elif abs(estimate[k] - other.value) > APART * estimate[k] and deviation[k] > 0.05 * estimate[k]:
+            verdict[k] = "weak"
+            this_log[name] = "weak"
+            reasons[name] = (
+                f"poorly determined: the link's equation with the file's inertias gives {other.value:.3g} "
+                f"(± {other.deviation:.2g})"
+            )
+    return replace(
+        found,
+        estimate=estimate,
+        std_error=deviation,
+        verdict=tuple(verdict),
+        this_log=this_log,
+        reasons=reasons,
+        notes=tuple(notes),
+    )

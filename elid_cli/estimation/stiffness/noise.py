@@ -1,0 +1,149 @@
+"""Stiffness and noise in the deflection: errors in variables, which standard errors do not see.
+
+The deflection q - theta is a small difference of two measured positions. What remains of it after the other columns
+of the motor row are taken off decides K; where that is not well above the encoders' noise in it, the estimate is
+pulled towards 0 however small its standard error looks. A clock skew between the encoders adds a multiple of the
+velocity, which viscous friction takes off along.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.default_fit import Fit
+from elid_cli.estimation.regression.least_squares import Solution
+from elid_cli.estimation.regression.triangles import Triangle, Triangles
+from elid_cli.model.regressor import Kind, Model, Row
+from elid_cli.signals.signals import Signals
+
+Array = NDArray[np.float64]
+
+_ROWS: tuple[Kind, ...] = ("motor", "spring")
+LARGEST_SHARE = 0.2
+"""Share of the deciding deflection's energy that noise may have: K is then pulled by as much."""
+COLLAPSED = 0.5
+"""Share from which so little is left of K in the fit that what the spring passes on falls to the rotor."""
+
+
+def unsupported_stiffness(fit: Fit) -> dict[str, str]:
+    """Return stiffness parameters that this log cannot support, with the reason."""
+    return stiffness_in_noise(fit.model, fit.triangles, fit.solution.basis, deflections_noise(fit))
+
+
+def deflections_noise(fit: Fit) -> Array:
+    """Return the standard deviation of encoder noise in every filtered deflection, rad (m), (n,)."""
+    return np.array([deflection_noise(fit.signals, k) for k in range(fit.model.robot.n)])
+
+
+def stiffness_in_noise(model: Model, triangles: Triangles, basis: NDArray[np.intp], noise: Array) -> dict[str, str]:
+    """Return stiffness parameters that deflections with this noise cannot support, with the reason.
+
+    Parameters
+    ----------
+    model, triangles, basis
+        The robot, the reduced logs, and the columns that were solved for.
+    noise
+        Standard deviation of encoder noise in the filtered deflection, rad (m), (n,).
+    """
+    refused = {}
+    for k, joint in enumerate(model.robot.joints):
+        if not joint.elastic:
+            continue
+        left = deciding_deflection(model, triangles, basis, k)
+        if left is None:
+            continue
+        share = float(noise[k] ** 2 / max(left, 1e-300))
+        if share > LARGEST_SHARE:
+            reason = f"{min(share, 1.0):.0%} of the deflection that would tell it is encoder noise in {joint.name}"
+            refused[f"K{k + 1}"] = reason
+        if share > COLLAPSED:
+            refused[f"Jm{k + 1}"] = f"{reason}: without K the motor row takes the link's inertia for the rotor's"
+    return refused
+
+
+def with_pull(model: Model, triangles: Triangles, solution: Solution, covariance: Array, noise: Array) -> Array:
+    """Return the covariance of the basis, (r, r), with what noise in the deflections pulls the stiffnesses by.
+
+    A stiffness comes out smaller by the noise's share in the deciding deflection (errors in variables: attenuation),
+    and what its column is correlated with moves along. The share is known roughly only (smoothing takes some of the
+    noise away, and how much depends on its colour): anything from nothing to all of it, so that the errors are widened
+    by the standard deviation of a uniform distribution instead of correcting the values. More logs do not make it
+    smaller.
+
+    Parameters
+    ----------
+    model, triangles, solution, covariance
+        The robot, the reduced logs, what was solved for and its covariance.
+    noise
+        Standard deviation of encoder noise in the filtered deflection, rad (m), (n,).
+    """
+    wider = covariance.copy()
+    for k, joint in enumerate(model.robot.joints):
+        if not joint.elastic:
+            continue
+        place = np.flatnonzero(solution.basis == model.index[f"K{k + 1}"])
+        left = deciding_deflection(model, triangles, solution.basis, k) if len(place) else None
+        if left is None or not left > 0 or not np.isfinite(noise[k]):
+            continue
+        own = int(place[0])
+        if not covariance[own, own] > 0:
+            continue
+        value = float(solution.values[solution.basis[own]])
+        moved = covariance[:, own] / covariance[own, own] * pull(value, float(noise[k]), left)
+        wider += np.outer(moved, moved)
+    return wider
+
+
+def pull(value: float, noise: float, left: float) -> float:
+    """Return by how much noise in the deflection pulls a stiffness, a standard deviation, N·m/rad (N/m).
+
+    Parameters
+    ----------
+    value
+        The stiffness.
+    noise
+        Standard deviation of encoder noise in the filtered deflection, rad (m).
+    left
+        Mean square of the deflection that the other columns leave, rad² (m²).
+    """
+    return min(noise**2 / left, 1.0) * value / math.sqrt(3.0) if left > 0 else value
+
+
+def deciding_deflection(model: Model, triangles: Triangles, basis: NDArray[np.intp], joint: int) -> float | None:
+    """Return the mean square of the deflection that the other columns of its row leave, rad² (m²).
+
+    Where a joint torque sensor gives it a second row, the one in which more is left decides.
+    """
+    left = [_left(model, chosen, basis, joint) for row in _ROWS if (chosen := triangles.of(Row(row, joint)))]
+    return max((value for value in left if value is not None), default=None)
+
+
+def _left(model: Model, chosen: list[Triangle], basis: NDArray[np.intp], joint: int) -> float | None:
+    index = chosen[0].index
+    own = model.index[f"K{joint + 1}"]
+    place = np.flatnonzero(index == own)
+    if not len(place):
+        return None
+    factor = np.concatenate([t.factor for t in chosen])
+    solved = set(basis.tolist())
+    others = [k for k, column in enumerate(index) if column != own and int(column) in solved]
+    rest = factor[:, place[0]]
+    if others:
+        matrix = factor[:, others]
+        size = np.linalg.norm(matrix, axis=0)
+        matrix = matrix[:, size > 0] / size[size > 0]
+        rest = rest - matrix @ np.linalg.lstsq(matrix, rest, rcond=1e-10)[0]
+    return float(rest @ rest) / sum(t.count for t in chosen)
+
+
+def deflection_noise(signals: Signals, joint: int) -> float:
+    """Return the standard deviation of encoder noise in the smoothed, filtered deflection, rad (m)."""
+    raw = float(np.hypot(signals.noise.q[joint], signals.noise.theta[joint]))
+    knots = float(signals.knots[joint])
+    # a least-squares spline keeps one coefficient's worth of noise per knot; the filter keeps the energy of its taps
+    spline = signals.dt / knots if np.isfinite(knots) and knots > 0 else 1.0
+    kept = min(1.0, spline, float(np.sum(signals.filter.taps**2)))
+    return raw * float(np.sqrt(kept))

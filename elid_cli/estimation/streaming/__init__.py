@@ -1,0 +1,1 @@
+"""Long logs, many logs, reduced logs: triangles that grow, merge and are stored."""

@@ -1,0 +1,107 @@
+"""Triangles that grow block by block, one for every row group and fold, away from reversals and around them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.regression.triangles import Triangle, factor_of, onto
+from elid_cli.estimation.streaming.kept_blocks import Kept
+from elid_cli.model.regressor import Row
+
+Array = NDArray[np.float64]
+
+WAITING = 2000
+"""Equations that are reduced at a time."""
+
+
+class Growing:
+    """A triangle to which equations are added; they wait until there are enough of them for one QR."""
+
+    def __init__(self, width: int) -> None:
+        self.count = 0
+        self.power = 0.0
+        self._factor = np.zeros((width, width), order="F")
+        self._reduced = False
+        self._parts: list[Array] = []
+        self._waiting = 0
+
+    def add(self, system: Array) -> None:
+        """Add equations, (width, m), the last row the torque; the array is the triangle's from now on."""
+        self.count += system.shape[1]
+        self.power += float(system[-1] @ system[-1])
+        self._parts.append(system)
+        self._waiting += system.shape[1]
+        if self._waiting > WAITING:
+            self._reduce()
+
+    def factor(self) -> Array:
+        """Return the triangle of all that was added; of few equations, these."""
+        if not self._reduced:
+            return factor_of(np.concatenate(self._parts, axis=1).T)
+        if self._waiting:
+            self._reduce()
+        return np.ascontiguousarray(self._factor)
+
+    def _reduce(self) -> None:
+        whole = self._parts[0] if len(self._parts) == 1 else np.concatenate(self._parts, axis=1)
+        self._factor = onto(self._factor, whole.T)
+        self._parts, self._waiting, self._reduced = [], 0, True
+
+
+class Pile:
+    """The triangles of a log.
+
+    Parameters
+    ----------
+    layout
+        Row groups and the numbers of their columns.
+    instants
+        Instants of the whole log.
+    folds
+        Contiguous stretches that it is split into.
+    """
+
+    def __init__(self, layout: Sequence[tuple[Row, NDArray[np.intp]]], instants: int, folds: int) -> None:
+        self._layout = layout
+        self._instants = max(instants, 1)
+        self._folds = folds
+        self._found: tuple[dict[tuple[Row, int], Growing], ...] = ({}, {})
+
+    def add(self, block: Kept) -> None:
+        """Add the equations of a block."""
+        fold = np.arange(block.first, block.last) * self._folds // self._instants
+        bounds = np.flatnonzero(np.diff(fold, prepend=-1, append=self._folds)).tolist()
+        marks = [
+            (start, found, self._marked(use, start, stop))
+            for start, stop in pairwise(bounds)
+            for found, use in zip(self._found, (block.use, block.known & ~block.use), strict=True)
+        ]
+        for (row, _), pick in zip(self._layout, block.picks, strict=True):
+            system = block.rows.take(pick, axis=0)
+            for start, found, marked in marks:
+                chosen = marked[row.joint]
+                if len(chosen):
+                    whole = len(chosen) == block.instants
+                    growing = found.setdefault((row, int(fold[start])), Growing(len(pick)))
+                    growing.add(system if whole else system.take(chosen, axis=1))
+
+    @staticmethod
+    def _marked(use: NDArray[np.bool_], start: int, stop: int) -> list[NDArray[np.intp]]:
+        """Return the instants of a fold at which each joint's equations count."""
+        return [np.flatnonzero(joint[start:stop]) + start for joint in use]
+
+    def triangles(self) -> tuple[tuple[Triangle, ...], tuple[Triangle, ...]]:
+        """Return what has grown: away from reversals, and around them."""
+        index = dict(self._layout)
+        steady, reversing = (
+            tuple(
+                Triangle(row, fold, index[row], growing.factor(), growing.count, growing.power)
+                for (row, fold), growing in found.items()
+            )
+            for found in self._found
+        )
+        return steady, reversing

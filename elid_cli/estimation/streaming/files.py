@@ -1,0 +1,261 @@
+"""Reduced logs in a file: plain arrays and one text of JSON in NumPy's npz, without pickle.
+
+Array ``elid`` holds the JSON: schema, and for every log the robot's fingerprint, the options, what is known of the log
+and the layout of its arrays. The arrays of log k are named ``k/…``; triangles and symmetric matrices are stored packed,
+without the half that is zero or repeats.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zipfile
+import zlib
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import LogError
+from elid_cli.estimation.regression.triangles import Triangle
+from elid_cli.estimation.streaming.links import LinkSystem
+from elid_cli.estimation.streaming.reduced_log import ReducedLog, Scores, SignalFacts
+from elid_cli.estimation.streaming.triangle_check import check_reduced
+from elid_cli.files import replacing
+from elid_cli.model.regressor import Row
+from elid_cli.signals.recording import Recording, Segment
+
+Array = NDArray[np.float64]
+
+SCHEMA = "elid-triangles/1"
+LARGEST = 4 << 30
+"""Bytes of arrays beyond which a file is not read."""
+_MAGIC = b"PK\x03\x04"
+_FAULTS = (
+    zipfile.BadZipFile, KeyError, ValueError, IndexError, TypeError, AttributeError, EOFError, zlib.error, struct.error,
+    RuntimeError, OverflowError, MemoryError,
+)  # fmt: skip
+_KNOWN = ("files", "sha256", "repairs", "notes", "warnings")
+
+
+def is_triangle_file(path: str | Path) -> bool:
+    """Return whether a file is one that `write_triangles` wrote, or what is left of one, by its content.
+
+    A zip archive called ``.npz`` is taken for one too, so that its reader says what it lacks. A pipe or device is never
+    opened.
+    """
+    try:
+        if not Path(path).is_file():
+            return False
+        with Path(path).open("rb") as stream:
+            head = stream.read(80)
+        if not head.startswith(_MAGIC):
+            return False
+        if b"elid.npy" in head or Path(path).suffix.lower() == ".npz":
+            return True
+        with zipfile.ZipFile(path) as archive:
+            return "elid.npy" in archive.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return False
+
+
+def write_triangles(logs: Sequence[ReducedLog], path: str | Path) -> None:
+    """Write reduced logs, the file whole or not at all; the same logs give the same bytes.
+
+    Raises
+    ------
+    UsageError
+        The file cannot be written.
+    """
+    with replacing(path) as beside, beside.open("wb") as stream:
+        np.savez(stream, **packed(logs))
+
+
+def packed(logs: Sequence[ReducedLog]) -> dict[str, Any]:
+    """Return reduced logs as named plain arrays."""
+    arrays: dict[str, Any] = {}
+    heads = []
+    for k, log in enumerate(logs):
+        heads.append(_head(log))
+        for field in fields(SignalFacts):
+            arrays[f"{k}/{field.name}"] = np.asarray(getattr(log.facts, field.name))
+        arrays[f"{k}/segments"] = np.array([[s.start, s.stop, s.source] for s in log.recording.segments])
+        arrays[f"{k}/columns"] = np.concatenate([index for _, index in log.layout])
+        for name, triangles in (("steady", log.steady), ("reversing", log.reversing)):
+            rows = {row: number for number, (row, _) in enumerate(log.layout)}
+            shapes = [[rows[t.row], t.fold, t.count, *t.factor.shape, _packs(t.factor)] for t in triangles]
+            arrays[f"{k}/{name}"] = np.array(shapes, dtype=np.int64).reshape(len(triangles), 6)
+            arrays[f"{k}/{name}_power"] = np.array([t.power for t in triangles])
+            flat = [_upper(t.factor) if _packs(t.factor) else t.factor.ravel() for t in triangles]
+            arrays[f"{k}/{name}_factors"] = np.concatenate([*flat, np.zeros(0)])
+        for number, scores in enumerate(log.scores):
+            arrays[f"{k}/scores{number}"] = _upper(scores.gram)
+        arrays[f"{k}/reference"] = log.reference
+        for joint, link in enumerate(log.links):
+            if link is not None:
+                arrays[f"{k}/link{joint}"] = link.factor
+                arrays[f"{k}/link{joint}_scores"] = link.gram
+                arrays[f"{k}/link{joint}_count"] = np.array([link.count, link.bandwidth])
+    text = json.dumps({"schema": SCHEMA, "logs": heads}, allow_nan=False)
+    return {"elid": np.array(text), **arrays}
+
+
+def read_triangles(path: str | Path) -> list[ReducedLog]:
+    """Read reduced logs.
+
+    Raises
+    ------
+    LogError
+        The file is damaged, cut, or of a version that this elid does not know.
+    """
+    try:
+        with Path(path).open("rb") as stream:
+            return [replace(log, origin=str(path)) for log in read_stream(stream, str(path))]
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read", detail=(error.strerror or str(error)).lower()) from error
+
+
+def read_stream(stream: IO[bytes], name: str) -> list[ReducedLog]:
+    """Read reduced logs from an open file; `name` stands for it in errors."""
+    try:
+        with zipfile.ZipFile(stream) as archive:
+            size = sum(info.file_size for info in archive.infolist())
+        if size > LARGEST:
+            raise LogError(f"{name}: declares {size:.3g} bytes of triangles", hint="run elid reduce again")
+        stream.seek(0)
+        with np.load(stream, allow_pickle=False) as arrays:
+            if "elid" not in arrays.files:
+                raise LogError(
+                    f"{name}: a NumPy archive that elid reduce did not write",
+                    detail=f"it holds {', '.join(arrays.files[:6])}",
+                    hint="elid reduce LOG --robot ROBOT -o FILE.npz",
+                )
+            head = json.loads(str(arrays["elid"][()]))
+            if head.get("schema") != SCHEMA:
+                raise LogError(
+                    f"{name}: triangles of the kind {head.get('schema')!r}, this elid reads {SCHEMA!r}",
+                    hint="run elid reduce again with this elid",
+                )
+            found = []
+            for k, described in enumerate(head["logs"]):
+                found.append(_unpacked(described, arrays, k))
+                check_reduced(found[-1])
+            if not found:
+                raise ValueError("it holds no log")
+            return found
+    except _FAULTS as error:
+        why = "it is cut: its end is missing" if "not a zip file" in str(error) else str(error).split("\n")[0][:120]
+        raise LogError(
+            f"{name}: damaged, or not written by elid reduce",
+            detail=why or type(error).__name__,
+            hint=f"make it again: elid reduce LOG --robot ROBOT -o {name}",
+        ) from error
+
+
+def _head(log: ReducedLog) -> dict[str, Any]:
+    recording = log.recording
+    return {
+        "fingerprint": log.fingerprint,
+        "options": dict(log.options),
+        "joints": list(recording.joints),
+        "dt": recording.dt,
+        "samples": recording.samples,
+        **{name: list(getattr(recording, name)) for name in _KNOWN},
+        "sources": dict(recording.sources),
+        "layout": [[row.kind, row.joint, len(index)] for row, index in log.layout],
+        "scores": [{"bandwidth": s.bandwidth, "nuisances": list(s.nuisances)} for s in log.scores],
+    }
+
+
+def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:
+    layout, place = [], 0
+    columns = arrays[f"{k}/columns"].astype(np.intp)
+    for kind, joint, width in head["layout"]:
+        layout.append((Row(kind, joint), columns[place : place + width]))
+        place += width
+    values = {field.name: arrays[f"{k}/{field.name}"] for field in fields(SignalFacts)}
+    facts = SignalFacts(**{name: value if value.ndim else value.item() for name, value in values.items()})
+    samples, joints = int(head["samples"]), tuple(head["joints"])
+    empty = np.broadcast_to(np.nan, (samples, len(joints)))
+    recording = Recording(
+        joints=joints,
+        dt=float(head["dt"]),
+        t=np.broadcast_to(np.nan, (samples,)),
+        q=empty,
+        theta=empty,
+        tau=empty,
+        segments=tuple(Segment(*row) for row in arrays[f"{k}/segments"].tolist()),
+        sources=dict(head["sources"]),
+        files=tuple(head["files"]),
+        sha256=tuple(head["sha256"]),
+        repairs=tuple(head["repairs"]),
+        notes=tuple(head["notes"]),
+        warnings=tuple(head["warnings"]),
+    )
+    scores = tuple(
+        Scores(_symmetric(arrays[f"{k}/scores{number}"], place), told["bandwidth"], tuple(told["nuisances"]))
+        for number, told in enumerate(head["scores"])
+    )
+    steady, reversing = (_triangles(arrays, f"{k}/{name}", layout) for name in ("steady", "reversing"))
+    return ReducedLog(
+        head["fingerprint"],
+        head["options"],
+        recording,
+        facts,
+        tuple(layout),
+        steady,
+        reversing,
+        scores,
+        tuple(_link(arrays, f"{k}/link{joint}") for joint in range(len(joints))),
+        arrays[f"{k}/reference"],
+    )
+
+
+def _link(arrays: Any, name: str) -> LinkSystem | None:
+    if name not in arrays.files:
+        return None
+    count, bandwidth = arrays[f"{name}_count"].tolist()
+    return LinkSystem(arrays[name], int(count), arrays[f"{name}_scores"], bandwidth)
+
+
+def _triangles(arrays: Any, name: str, layout: Sequence[tuple[Row, NDArray[np.intp]]]) -> tuple[Triangle, ...]:
+    factors, powers = arrays[f"{name}_factors"], arrays[f"{name}_power"]
+    if not np.isfinite(factors).all():
+        raise ValueError("triangles hold values that are not numbers")
+    found, place, shapes = [], 0, arrays[name].tolist()
+    for (number, fold, count, rows, width, half), power in zip(shapes, powers.tolist(), strict=True):
+        row, index = layout[number]
+        if width != len(index) + 1:
+            raise ValueError(f"a triangle of {row.kind} row {row.joint + 1} has {width} columns")
+        size = width * (width + 1) // 2 if half else rows * width
+        part = factors[place : place + size]
+        place += size
+        factor = _triangle(part, width) if half else part.reshape(rows, width)
+        found.append(Triangle(row, fold, index, factor, count, power))
+    if place != len(factors):
+        raise ValueError(f"triangles hold {len(factors)} values, not {place}")
+    return tuple(found)
+
+
+def _packs(factor: Array) -> bool:
+    """Whether a factor is a square triangle; of few instants it may be anything."""
+    return factor.shape[0] == factor.shape[1] and not np.tril(factor, -1).any()
+
+
+def _upper(matrix: Array) -> Array:
+    """Return the upper half of a square matrix, row by row."""
+    return np.asarray(matrix[np.triu_indices(len(matrix))])
+
+
+def _triangle(values: Array, width: int) -> Array:
+    result = np.zeros((width, width))
+    result[np.triu_indices(width)] = values
+    return result
+
+
+def _symmetric(values: Array, width: int) -> Array:
+    half = _triangle(values, width)
+    return half + np.triu(half, 1).T

@@ -1,0 +1,227 @@
+"""Many logs reduced at once: in this process, in several, or on a Dask cluster.
+
+A log is a job of plain values; what comes back is the bytes of a triangle file, so that nothing of elid's own crosses
+between processes. A job whose worker is lost is done again here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from elid_cli import errors
+from elid_cli.errors import ElidError, UsageError
+from elid_cli.estimation.streaming.reduce import reduce_log
+from elid_cli.estimation.streaming.reduced_log import ReducedLog, without_positions
+from elid_cli.logs import read_recording
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import Signals, prepare
+
+Progress: TypeAlias = Callable[[float], None]
+Answer: TypeAlias = bytes | tuple[str, str, str, str]
+"""A triangle file, or an error: class, message, detail, hint."""
+
+STANDARD_INPUT = "-"
+READING = 0.6
+"""Share of the work on a log that is reading it, for progress."""
+CONNECT = 10.0
+"""s to wait for a scheduler."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A log to reduce, as plain values that any process understands."""
+
+    log: str
+    """As the user typed it."""
+    robot: str
+    """Text of the robot file."""
+    name: str
+    """Name of the robot."""
+    mapping: Mapping[str, Any] | None = None
+    strict: bool = False
+    time_source: str = "auto"
+    conditioning: Mapping[str, Any] = field(default_factory=dict)
+    """Options of `SignalOptions` that the user may give, None: chosen from the log."""
+    path: str = ""
+    """Where the log is, where the worker runs in another folder."""
+
+
+def prepared(recording: Recording, robot: Robot, conditioning: Mapping[str, Any]) -> Signals:
+    """Return the signals of a recording; a rate that told the sample rate of a log without time is no other wish."""
+    options = SignalOptions(**conditioning)
+    if options.rate == recording.rate:
+        options = SignalOptions(**{**conditioning, "rate": None})
+    return prepare(recording, robot, options)
+
+
+def reduce_job(job: Job, progress: Progress | None = None) -> ReducedLog:
+    """Read and reduce one log in this process."""
+    robot = _machine(job.robot, job.name)
+    recording = read_recording(
+        [job.path or job.log],
+        robot,
+        job.mapping,
+        strict=job.strict,
+        rate=job.conditioning.get("rate"),
+        time_source=job.time_source,
+        progress=None if progress is None else lambda share: progress(READING * share),
+    )
+    signals = prepared(recording, robot, job.conditioning)
+    recording = without_positions(recording)
+    signals = replace(signals, recording=recording)
+    told = None if progress is None else lambda share: progress(READING + (1 - READING) * share)
+    reduced = reduce_log(robot, signals, recording, job.conditioning, told)
+    if job.path and job.path != job.log:
+        reduced = replace(reduced, recording=replace(reduced.recording, files=(job.log,)))
+    return reduced
+
+
+def reduce_jobs(
+    jobs: Sequence[Job], workers: int = 1, scheduler: str | None = None, progress: Progress | None = None
+) -> list[ReducedLog]:
+    """Reduce logs, in their order.
+
+    Parameters
+    ----------
+    jobs
+        One per log.
+    workers
+        Processes on this machine.
+    scheduler
+        Address of a Dask scheduler, used instead.
+    progress
+        Told the share of all logs that is done.
+
+    Raises
+    ------
+    ElidError
+        Of the first log that cannot be used.
+    UsageError
+        The scheduler does not answer, or Dask is not installed.
+    """
+    here = [job for job in jobs if job.log == STANDARD_INPUT]
+    away = [job for job in jobs if job.log != STANDARD_INPUT]
+    if scheduler is not None and away:
+        answers = _on_cluster(away, scheduler)
+    elif workers > 1 and len(away) > 1:
+        answers = _on_processes(away, min(workers, len(away)))
+    else:
+        here, answers = list(jobs), _collected([])
+    done: dict[int, ReducedLog] = {}
+
+    def tell(share: float) -> None:
+        if progress is not None:
+            progress((len(done) + share) / len(jobs))
+
+    with contextlib.closing(answers):  # workers are let go also where a log is refused
+        for job, answer in zip(away, answers, strict=False):
+            done[id(job)] = reduce_job(job) if answer is None else _understood(answer)
+            tell(0.0)
+    for job in here:
+        done[id(job)] = reduce_job(job, tell)
+    return [done[id(job)] for job in jobs]
+
+
+def answer_job(job: Job) -> Answer:
+    """Reduce one log in a worker: bytes of a triangle file, or the error in plain words."""
+    from elid_cli.estimation.streaming.files import packed
+    from elid_cli.memory import keep_freed_memory
+
+    keep_freed_memory()
+    try:
+        reduced = reduce_job(job)
+    except ElidError as error:
+        return (type(error).__name__, error.message, error.detail, error.hint)
+    stream = io.BytesIO()
+    np.savez(stream, **packed([reduced]))
+    return stream.getvalue()
+
+
+def _understood(answer: Answer) -> ReducedLog:
+    from elid_cli.estimation.streaming.files import read_stream
+
+    if isinstance(answer, bytes):
+        return read_stream(io.BytesIO(answer), "worker")[0]
+    kind, message, detail, hint = answer
+    raise getattr(errors, kind, ElidError)(message, detail=detail, hint=hint)
+
+
+def _collected(futures: Sequence[Future[Answer]]) -> Generator[Answer | None, None, None]:
+    """Yield the workers' answers in order, None for a job that was lost with its worker."""
+    for future in futures:
+        try:
+            yield future.result()
+        except Exception:  # whatever a worker died of, the log is reduced again where the fault can be told
+            yield None
+
+
+def _on_processes(jobs: Sequence[Job], workers: int) -> Generator[Answer | None, None, None]:
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
+    # a fresh interpreter each: a fork would copy threads and locks in whatever state they are
+    pool: Executor = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+    try:
+        yield from _collected(_submitted(pool, jobs))
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _submitted(pool: Executor, jobs: Sequence[Job]) -> list[Future[Answer]]:
+    futures: list[Future[Answer]] = []
+    for job in jobs:
+        try:
+            futures.append(pool.submit(answer_job, job))
+        except RuntimeError as broken:  # the pool has lost a worker already
+            lost: Future[Answer] = Future()
+            lost.set_exception(broken)
+            futures.append(lost)
+    return futures
+
+
+def _on_cluster(jobs: Sequence[Job], scheduler: str) -> Generator[Answer | None, None, None]:
+    import logging
+
+    try:
+        from distributed import Client
+    except ImportError:
+        raise UsageError(
+            "--scheduler needs dask.distributed, which is not installed", hint="pip install 'elid[dask]'"
+        ) from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    try:
+        client: Any = Client(scheduler, timeout=CONNECT, set_as_default=False)  # type: ignore[no-untyped-call,unused-ignore]
+    except (OSError, TimeoutError, ValueError) as error:
+        raise UsageError(
+            f"--scheduler: no Dask scheduler at {scheduler}",
+            detail=str(error).split("\n")[0][:160],
+            hint="start one with: dask scheduler",
+        ) from error
+    try:
+        placed = [_placed(job) for job in jobs]
+        yield from _collected(client.map(answer_job, placed, pure=False))
+    finally:
+        client.close(timeout=CONNECT)
+
+
+def _placed(job: Job) -> Job:
+    """Return the job with the log's full path, since a worker may run in another folder."""
+    return replace(job, path=str(Path(job.log).absolute()))
+
+
+@lru_cache(maxsize=2)
+def _machine(text: str, name: str) -> Robot:
+    from elid_cli.robot.files import robot_from_text
+
+    return robot_from_text(text, name)

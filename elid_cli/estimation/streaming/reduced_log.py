@@ -1,0 +1,134 @@
+"""A log reduced to triangles: all that identification keeps of it, a few hundred kilobytes however long the log was.
+
+Beside the triangles stand the long-run covariance of the scores (for standard errors that know of correlation in
+time), what the signals were like, and where they came from. Several of these, of one robot and reduced under the same
+options, are identified together by `merging`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.regression.triangles import Triangle
+from elid_cli.estimation.streaming.links import LinkSystem
+from elid_cli.model.regressor import Row
+from elid_cli.signals.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SignalFacts:
+    """What the signals of one log were like: what verdicts and reports ask of them, arrays (n,)."""
+
+    dt: float
+    """Sample time of the log, s."""
+    rate: float
+    """Instants per second after decimation."""
+    cutoff: float
+    """Cut-off of the parallel filter, Hz."""
+    instants: int
+    knots: Array
+    min_velocity: Array
+    noise: Array
+    """Standard deviation of the noise of q, theta and tau, (3, n)."""
+    deflection_noise: Array
+    """The same in the smoothed, filtered deflection."""
+    still: NDArray[np.bool_]
+    torque: NDArray[np.bool_]
+    """Joints with a torque."""
+    unlinked: NDArray[np.bool_]
+    """Joints without a link position: their transmission counts as rigid."""
+    velocity_used: bool
+    known: NDArray[np.intp]
+    """Instants at which a joint's torque is known."""
+    poses: Array
+    """Link positions at a few instants spread over the log, (k, n)."""
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Long-run covariance of the scores (column times residual) of every column of every row group.
+
+    The residual is that of this log's own fit; another fit's differs by no more than both fits' errors.
+    """
+
+    gram: Array
+    """(s, s), the columns of `ReducedLog.layout` one row group after the other."""
+    bandwidth: float
+    nuisances: tuple[int, ...]
+    """Numbers of the nuisances in that fit."""
+
+
+@dataclass(frozen=True)
+class ReducedLog:
+    """One log, reduced.
+
+    Columns are the p standard parameters, then a delay and then an offset for each of the n torque channels, whether
+    the log has it or not, so that the columns of all logs of a robot agree.
+    """
+
+    fingerprint: str
+    """Of the model of the robot as described (`robot_text.fingerprint`)."""
+    options: Mapping[str, object]
+    """How the signals were conditioned, as asked for; JSON values."""
+    recording: Recording
+    """What is known of the log, its samples left out."""
+    facts: SignalFacts
+    layout: tuple[tuple[Row, NDArray[np.intp]], ...]
+    """Row groups and the numbers of their columns."""
+    steady: tuple[Triangle, ...]
+    """Triangles of the instants away from reversals, per row group and fold."""
+    reversing: tuple[Triangle, ...]
+    """The same of the instants around reversals."""
+    scores: tuple[Scores, ...]
+    """Of the fit with all nuisances and, where it differs, of the one with the significant ones only."""
+    links: tuple[LinkSystem | None, ...]
+    """Equation of every joint's link with the inertias of the robot file, where it gives them."""
+    reference: Array
+    """The robot file's parameters, (p,), NaN where it gives none."""
+    origin: str = ""
+    """Triangle file that it was read from."""
+
+    @property
+    def name(self) -> str:
+        """What to call it in an error: the triangle file and the log in it, or the log."""
+        logs = ", ".join(self.recording.files)
+        return f"{self.origin} ({logs})" if self.origin else logs
+
+
+def hollow(recording: Recording) -> Recording:
+    """Return a recording that says all about its samples but holds none: arrays of the same shape that take no room."""
+    empty = np.broadcast_to(np.nan, recording.q.shape)
+    return Recording(
+        joints=recording.joints,
+        dt=recording.dt,
+        t=np.broadcast_to(np.nan, recording.t.shape),
+        q=empty,
+        theta=empty,
+        tau=empty,
+        segments=recording.segments,
+        files=recording.files,
+        sha256=recording.sha256,
+        repairs=recording.repairs,
+        notes=recording.notes,
+        warnings=recording.warnings,
+        sources=dict(recording.sources),
+    )
+
+
+def without_positions(recording: Recording) -> Recording:
+    """Return a recording without its positions and velocities, but for whether a joint has them (0 there, else NaN).
+
+    Once splines stand for them, they only take memory.
+    """
+
+    def told(values: Array) -> Array:
+        known = [not np.isnan(column[:1]).all() or not np.isnan(column).all() for column in values.T]
+        return np.broadcast_to(np.where(known, 0.0, np.nan), values.shape)
+
+    return replace(recording, q=told(recording.q), theta=told(recording.theta), dq=None, dtheta=None)

@@ -1,0 +1,1 @@
+"""How good an estimate is: prediction, cross-validation, noise floor, verdicts."""

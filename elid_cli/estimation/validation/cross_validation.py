@@ -1,0 +1,71 @@
+"""Errors on data not used in the fit: every contiguous stretch predicted by a fit to the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli.estimation.regression.least_squares import Solution, solve_system
+from elid_cli.estimation.regression.triangles import Triangles, factor_of
+from elid_cli.estimation.result import Identification, JointError, SensorError
+from elid_cli.model.regressor import Row
+from elid_cli.robot.robot import Robot
+
+
+def held_out(
+    robot: Robot, triangles: Triangles, solution: Solution, before: Solution | None = None
+) -> dict[str, JointError]:
+    """Return each joint's error on every fold, predicted by a fit to the other folds.
+
+    `before` is the triangles' own solution where `solution` was refined from it; the refinement is then added to every
+    fold's fit.
+    """
+    shift = 0.0 if before is None else solution.values - before.values
+    squares: dict[Row, float] = dict.fromkeys(triangles.rows, 0.0)
+    folds = range(triangles.folds)
+    parts = [replace(triangles, prior=None).stacked(solution.weights, [fold]) for fold in folds]  # each reduced once
+    known = [] if triangles.prior is None else [triangles.prior]
+    for fold in folds:
+        others = [part for number, part in enumerate(parts) if number != fold or len(parts) == 1]
+        system = factor_of(np.concatenate([*others, *known]))
+        fitted = solve_system(system, triangles.parameters, solution.weights, len(solution.basis)).values + shift
+        for row in triangles.rows:
+            squares[row] += sum(t.squares(fitted) for t in triangles.of(row, [fold]))
+    return joint_errors(robot, triangles, squares)
+
+
+def joint_errors(
+    robot: Robot, triangles: Triangles, squares: Mapping[Row, float], folds: Sequence[int] | None = None
+) -> dict[str, JointError]:
+    """Return each joint's error from residual sums of squares per row group."""
+    errors = {}
+    for k, joint in enumerate(robot.joints):
+        total, motor = Row("sum", k), Row("motor", k)
+        if total not in squares:
+            continue
+        torque = triangles.torque_rms(total, folds)
+
+        def rms(row: Row) -> float:
+            count = sum(t.count for t in triangles.of(row, folds))
+            return float(np.sqrt(squares[row] / count)) if count else float("nan")
+
+        spring = rms(motor) if motor in squares else None
+        share = None if spring is None else spring / torque
+        sensor = None
+        if Row("spring", k) in squares:
+            read = triangles.torque_rms(Row("spring", k), folds)
+            sensor = SensorError(rms(Row("load", k)), rms(Row("drive", k)), rms(Row("spring", k)), read)
+        errors[joint.name] = JointError(rms(total), rms(total) / torque, spring, share, torque, sensor=sensor)
+    return errors
+
+
+def with_floor(identification: Identification, floor: Mapping[Row, float]) -> Identification:
+    """Return the identification with the noise floor of each row filled in."""
+    names = {joint.name: k for k, joint in enumerate(identification.robot.joints)}
+    errors = {
+        name: replace(e, floor=floor.get(Row("sum", names[name])), spring_floor=floor.get(Row("motor", names[name])))
+        for name, e in identification.error.items()
+    }
+    return replace(identification, error=errors)

@@ -1,0 +1,144 @@
+"""Noise floor: the residual that the sensors' noise alone would leave in each row.
+
+The noise of each position channel, as estimated from what the splines left over, is added to the smooth motion and
+sent through the same splines, regressor and filter; what the present parameters then predict differently is the
+propagated noise. White noise of the torques, motors' and joint sensors', estimated from sixth differences, goes through
+the same filter. The resulting
+series also serve as the model of the noise's colour: whitening by the residual's own colour would remove effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.model.regressor import SENSOR_KINDS, Model, Row
+from elid_cli.signals.motion import Motion
+from elid_cli.signals.signals import Signals
+from elid_cli.signals.spline_fit import fit_spline
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Propagated noise of every row group."""
+
+    rms: Mapping[Row, float]
+    series: Mapping[Row, Array]
+    """Noise series per row, (replicates, M), N·m."""
+
+
+def noise_floor(
+    model: Model,
+    signals: Signals,
+    observation: Observation,
+    standard: Array,
+    replicates: int = 3,
+    seed: int = 0,
+) -> Floor:
+    """Propagate sensor noise to the residuals of every row group.
+
+    Parameters
+    ----------
+    model, signals
+        As given to `observe`.
+    observation
+        What `observe` made of them.
+    standard
+        Standard parameters (p,) at which the noise is propagated.
+    replicates
+        Independent noise histories.
+    seed
+        Seed of the noise; the same seed gives the same floor.
+    """
+    generator = np.random.default_rng(seed)
+    series: dict[Row, list[Array]] = {group.row: [] for group in observation.groups}
+    sensed = any(group.row.kind in SENSOR_KINDS for group in observation.groups)
+    for number in range(replicates):
+        aside = 1 if number % 2 == 0 else -1
+        noisy = observe(model, replace(signals, motion=perturbed(signals, generator, aside)), mask=False)
+        torque = signals.decimate(_torque_noise(signals, generator).T)
+        read = signals.decimate(_reading_noise(signals, generator).T) if sensed else np.zeros_like(torque)
+        for group, other in zip(observation.groups, noisy.groups, strict=True):
+            moved = standard[group.index] @ (other.columns - group.columns)
+            if group.row.kind not in ("link", "load", "spring"):
+                moved = moved - np.nan_to_num(torque[group.row.joint])
+            if group.row.kind in SENSOR_KINDS:
+                moved = moved + (1.0 if group.row.kind == "drive" else -1.0) * np.nan_to_num(read[group.row.joint])
+            series[group.row].append(moved)
+    stacked = {row: np.array(values) for row, values in series.items()}
+    rms = {}
+    for group in observation.groups:
+        used = stacked[group.row][:, group.use]
+        rms[group.row] = float(np.sqrt(np.mean(used**2))) if used.size else float("nan")
+    return Floor(rms, stacked)
+
+
+def perturbed(signals: Signals, generator: np.random.Generator, aside: int = 0) -> Motion:
+    """Return the motion with white sensor noise of the estimated size, smoothed as the signals were.
+
+    Parameters
+    ----------
+    signals
+        The log's signals.
+    generator
+        Source of the noise.
+    aside
+        By how many samples the knots lie wider than the signals' own. Other knots cannot follow the motion exactly, as
+        the signals' own could not follow the true one: what the splines cut off becomes part of the noise.
+    """
+    motion = signals.motion
+    arrays = [a.copy() for a in (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)]
+    same = np.array_equal(motion.q, motion.theta, equal_nan=True)
+    for k in range(signals.n):
+        if signals.still[k]:
+            continue
+        own = max(2, round(float(signals.knots[k]) / signals.dt)) if np.isfinite(signals.knots[k]) else 20
+        stride = max(2, own + aside)
+        rigid = same or np.array_equal(motion.q[:, k], motion.theta[:, k])
+        for segment in signals.segments:
+            part = slice(segment.start, segment.stop)
+            link = generator.standard_normal(len(segment)) * np.nan_to_num(signals.noise.q[k])
+            motor = generator.standard_normal(len(segment)) * np.nan_to_num(signals.noise.theta[k])
+            smooth = (motion.q[part, k], motion.theta[part, k])
+            if stride != own:
+                link, motor = link + smooth[0], motor + smooth[1]
+            rates = _rates(signals, k, part, generator, smooth=stride != own)
+            fit = fit_spline(np.array([motor if rigid else link, motor]), stride, signals.dt, rates)
+            for derivative in range(3):
+                change = fit.spline.evaluate(derivative)
+                for place, values in ((derivative, change[0]), (3 + derivative, change[1])):
+                    kept = 0.0 if stride != own else arrays[place][part, k]
+                    arrays[place][part, k] = values + kept
+    return Motion(motion.t, *arrays)
+
+
+def _rates(
+    signals: Signals, joint: int, part: slice, generator: np.random.Generator, *, smooth: bool
+) -> list[tuple[int, Array, Array]]:
+    """Return the measured derivatives that joined a joint's splines, link and motor, with white noise of their size."""
+    motion = signals.motion
+    exact = {1: (motion.dq, motion.dtheta), 2: (motion.ddq, motion.ddtheta)}
+    drawn = []
+    for derivative, ratios in signals.rates:
+        ratio = ratios[[joint, signals.n + joint]]
+        spread = np.nan_to_num([signals.noise.q[joint], signals.noise.theta[joint]]) / np.where(
+            ratio > 0, ratio, np.inf
+        )
+        noise = spread[:, None] * generator.standard_normal((2, part.stop - part.start))
+        base = np.array([side[part, joint] for side in exact[derivative]]) if smooth else 0.0
+        drawn.append((derivative, np.where(ratio[:, None] > 0, base + noise, np.nan), ratio))
+    return drawn
+
+
+def _torque_noise(signals: Signals, generator: np.random.Generator) -> Array:
+    return generator.standard_normal(signals.tau.shape) * np.nan_to_num(signals.noise.tau)
+
+
+def _reading_noise(signals: Signals, generator: np.random.Generator) -> Array:
+    return generator.standard_normal(signals.tau.shape) * np.nan_to_num(signals.noise.tau_link)

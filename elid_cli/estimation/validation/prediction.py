@@ -1,0 +1,146 @@
+"""How well a described robot, parameters and effects fixed, predicts a log."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import RobotError
+from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
+from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.estimation.result import JointError, SensorError
+from elid_cli.model.base_parameters import BaseParameters, find_base
+from elid_cli.model.effects.declared import resolve, shown_by
+from elid_cli.model.effects.shifts import corrected, declared_shifts, unshifted_robot
+from elid_cli.model.effects.tilt import TILT, declared_tilt, levelled
+from elid_cli.model.regressor import Model, Row
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Prediction error of a robot description on a log, without fitting."""
+
+    robot: Robot
+    error: Mapping[str, JointError]
+    residual: Mapping[Row, Array]
+    """Measured minus predicted torque per row group, (M,); the columns of masked instants included."""
+    observation: Observation
+    settings: Mapping[str, object] = field(default_factory=dict)
+
+
+def validate(
+    robot: Robot, signals: Signals, chosen: NDArray[np.bool_] | None = None, *, observation: Observation | None = None
+) -> Validation:
+    """Predict the motor torque of a log from a robot description.
+
+    Parameters
+    ----------
+    robot
+        Description with parameter values, and effects with theirs.
+    signals
+        The log.
+    chosen
+        Instants to judge, (M,), default all.
+    observation
+        The log's equations where they are at hand.
+
+    Raises
+    ------
+    RobotError
+        If the description holds no parameter values, or an effect lacks some.
+    """
+    turned = bool(np.any(declared_tilt(robot)))
+    described, robot = robot, levelled(shown_by(robot, signals.unlinked))
+    model = Model(robot)
+    standard = complete(robot, find_base(model))
+    shifts = declared_shifts(robot)
+    signals = corrected(signals, shifts)
+    observation = observe(model, signals) if observation is None or shifts or turned else observation
+    residual = {group.row: group.target - standard[group.index] @ group.columns for group in observation.groups}
+    if robot.effects:
+        scene = scene_of(model, signals, standard)
+        for spec in unshifted_robot(robot).effects:
+            kind, joint = resolve(robot, spec)
+            if spec.effect == TILT:
+                continue
+            try:
+                linear, shape = kind.coefficients(scene, joint, spec.parameters)
+            except KeyError as error:
+                raise RobotError(
+                    f"{robot.name}: effect {spec.effect} has no value for {error.args[0]!r}",
+                    hint="elid identify fits declared effects: use its --write-robot",
+                ) from None
+            for row, columns in extra_of(kind(joint, shape), scene, signals).rows.items():
+                residual[row] = residual[row] - linear @ columns
+    settings = {"cutoff": signals.filter.cutoff, "rate": signals.rate, "instants": observation.instants}
+    return Validation(described, _errors(robot, observation, residual, chosen), residual, observation, settings)
+
+
+def complete(robot: Robot, base: BaseParameters) -> Array:
+    """Return the standard parameters (p,) of a robot file; those that no torque depends on count as 0.
+
+    Raises
+    ------
+    RobotError
+        A base parameter contains a parameter that the file does not give.
+    """
+    unknown = [base.parameters[k] for k in base.leaders[~np.isfinite(base.values(robot.reference()))]]
+    if unknown:
+        more = f" and {len(unknown) - 8} more" if len(unknown) > 8 else ""
+        raise RobotError(
+            f"{robot.name}: the robot file does not give {len(unknown)} of {base.count} base parameters",
+            detail=f"not known: those led by {', '.join(unknown[:8])}{more}",
+            hint=f"elid identify LOG --robot {robot.name} --write-robot {robot.name}-identified.yaml",
+        )
+    return np.nan_to_num(robot.reference())
+
+
+def _against_sensor(
+    observation: Observation, rms: Mapping[Row, float | None], use: Mapping[Row, NDArray[np.bool_]], joint: int
+) -> SensorError | None:
+    """Return the errors of a joint's three sensor rows, or None where it has no sensor."""
+    spring = Row("spring", joint)
+    size = rms.get(spring)
+    if size is None:
+        return None
+    read = observation.group(spring).target[use[spring]]
+    load, drive = (rms.get(Row(kind, joint)) for kind in ("load", "drive"))
+    nothing = float("nan")
+    return SensorError(
+        nothing if load is None else load, nothing if drive is None else drive, size, float(np.sqrt(np.mean(read**2)))
+    )
+
+
+def _errors(
+    robot: Robot, observation: Observation, residual: Mapping[Row, Array], chosen: NDArray[np.bool_] | None
+) -> dict[str, JointError]:
+    errors = {}
+    use = {g.row: g.use if chosen is None else g.use & chosen for g in observation.groups}
+
+    def rms(row: Row) -> float | None:
+        if row not in use or not use[row].any():
+            return None
+        return float(np.sqrt(np.mean(residual[row][use[row]] ** 2)))
+
+    for k, joint in enumerate(robot.joints):
+        total = rms(Row("sum", k))
+        if total is None:
+            continue
+        torque = float(np.sqrt(np.mean(observation.tau[k][use[Row("sum", k)]] ** 2)))
+        spring = rms(Row("motor", k))
+        errors[joint.name] = JointError(
+            total,
+            total / torque,
+            spring,
+            None if spring is None else spring / torque,
+            torque,
+            sensor=_against_sensor(observation, {row: rms(row) for row in use if row.joint == k}, use, k),
+        )
+    return errors

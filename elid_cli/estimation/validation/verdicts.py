@@ -1,0 +1,192 @@
+"""What a log supports: a verdict on every base parameter, and in words what a parameter that it misses would need."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.estimation.regression.least_squares import Solution
+from elid_cli.estimation.regression.triangles import Triangles
+from elid_cli.estimation.result import Verdict
+from elid_cli.model.base_parameters import BaseParameters
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
+
+Array = NDArray[np.float64]
+
+WEAK = 0.3
+"""Relative standard deviation above which a parameter is only weakly excited."""
+REFUSED = 1.0
+"""Relative standard deviation above which a value says nothing."""
+LEAST_FREEDOM = 3.0
+"""Independent instants beyond the parameters of a row, below which a standard error is hardly known itself."""
+TORQUE_SHARE = 0.01
+"""A parameter matters on the scale at which it makes this share of a row's torque."""
+
+
+def torque_scale(base: BaseParameters, triangles: Triangles) -> Array:
+    """Return per base parameter the value that makes `TORQUE_SHARE` of the torque of the row it acts on most, (b,)."""
+    strongest = np.zeros(len(base.parameters))
+    for row in triangles.rows:
+        chosen = triangles.of(row)
+        torque = triangles.torque_rms(row)
+        count = sum(t.count for t in chosen)
+        for triangle in chosen[:1]:
+            standard = triangle.index < len(base.parameters)
+            squares = sum((t.factor[:, :-1] ** 2).sum(axis=0) for t in chosen)
+            share = np.sqrt(squares[standard] / count) / max(torque, 1e-300)
+            index = triangle.index[standard]
+            strongest[index] = np.maximum(strongest[index], share)
+    with np.errstate(divide="ignore"):
+        return TORQUE_SHARE / strongest[base.leaders]
+
+
+def judge(
+    base: BaseParameters,
+    estimate: Array,
+    deviation: Array,
+    scale: Array,
+    known: NDArray[np.bool_],
+    robot: Robot,
+    signals: Signals,
+    refused: Mapping[str, str],
+    freedom: float = np.inf,
+) -> tuple[tuple[Verdict, ...], dict[str, str]]:
+    """Return the verdict on every base parameter and the reasons, by the leading parameter's name.
+
+    Parameters
+    ----------
+    base, estimate, deviation
+        Base parameters, their estimates and standard errors, (b,).
+    scale
+        `torque_scale`.
+    known
+        Which base parameters the log's rank determines, (b,).
+    robot, signals
+        The robot and what moved.
+    refused
+        Leading parameters that other tests refuse, with the reason.
+    freedom
+        Degrees of freedom that a short log leaves (`fitting.freedom`).
+    """
+    verdicts: list[Verdict] = []
+    reasons: dict[str, str] = {}
+    for k, leader in enumerate(base.leaders):
+        name = base.parameters[leader]
+        members = [base.parameters[j] for j in np.flatnonzero(base.transform[k])]
+        size = max(abs(estimate[k]), scale[k] if np.isfinite(scale[k]) else 0.0)
+        stiff = name.startswith("K")
+        if not known[k] or not np.isfinite(deviation[k]):
+            verdicts.append("refused")
+            reasons[name] = why(members, robot, signals)
+        elif name in refused:
+            verdicts.append("refused")
+            reasons[name] = refused[name]
+        elif deviation[k] > REFUSED * size or (stiff and estimate[k] < 2 * deviation[k]):
+            verdicts.append("refused")
+            spread = f"standard deviation {deviation[k]:.2g} against a value of {estimate[k]:.2g}"
+            reasons[name] = f"{spread}: {why(members, robot, signals)}"
+        elif deviation[k] > WEAK * size:
+            verdicts.append("weak")
+            of = " of what would show in the torque" if size > abs(estimate[k]) else ""
+            reasons[name] = f"known to {deviation[k] / size:.0%}{of} only: {why(members, robot, signals)}"
+        elif freedom < LEAST_FREEDOM:
+            verdicts.append("weak")
+            reasons[name] = f"the log is so short that its standard error is itself uncertain ({freedom:.1f} to spare)"
+        else:
+            verdicts.append("supported")
+    return tuple(verdicts), reasons
+
+
+def why(members: Sequence[str], robot: Robot, signals: Signals) -> str:
+    """Return in words what a log lacks for a base parameter with these standard parameters in it."""
+    name = members[0]
+    kind = name.rstrip("0123456789")
+    joint = int(name[len(kind) :]) - 1
+    label = signals.joints[joint]
+    if not np.isfinite(signals.tau[:, joint]).any():
+        return f"{label} has no torque in this log"
+    if signals.still[joint]:
+        return f"{label} does not move"
+    still = [signals.joints[k] for k in np.flatnonzero(signals.still)]
+    if kind == "K":
+        return f"too little torque that varies passes through the transmission of {label}"
+    if kind in ("fs", "fv", "Jm"):
+        return f"the motor of {label} moves too little against the noise"
+    if kind in ("m", "cx", "cy", "cz") and not any(robot.gravity):
+        return "there is no gravity, which first moments and masses show in"
+    if still:
+        return f"{', '.join(still)} {'does' if len(still) == 1 else 'do'} not move"
+    missing = missing_gravity(joint, robot, signals) if kind in ("m", "cx", "cy", "cz") else ""
+    return missing or "the motion excites it too little"
+
+
+def missing_gravity(joint: int, robot: Robot, signals: Signals) -> str:
+    """Return which axis of a body's frame gravity hardly turned through in this log, or an empty string."""
+    size = float(np.linalg.norm(robot.gravity))
+    outputs = signals.outputs[:: max(1, len(signals.outputs) // 200)]
+    spread = gravity_in_body(joint, robot, np.nan_to_num(signals.motion.q[outputs])).std(axis=0) / size
+    poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, robot.n))
+    possible = gravity_in_body(joint, robot, poses).std(axis=0) / size
+    held = [axis for axis, now, most in zip("xyz", spread, possible, strict=True) if now < 0.1 * most]
+    if not held:
+        return ""
+    body = signals.joints[joint]
+    return f"gravity along {' and '.join(held)} of {body}'s body hardly changes in this log: move it into other poses"
+
+
+def gravity_in_body(joint: int, robot: Robot, q: Array) -> Array:
+    """Return gravity in the frame of body `joint` at positions q (N, n), m/s², (N, 3)."""
+    field = np.broadcast_to(np.array(robot.gravity), (len(q), 3))
+    for k in range(joint + 1):
+        before, after = robot.placements()[k]
+        field = field @ before[:3, :3]
+        if robot.joints[k].revolute:
+            s, c = np.sin(q[:, k]), np.cos(q[:, k])
+            x, y, z = field.T
+            field = np.stack([c * x + s * y, c * y - s * x, z], axis=1)
+        field = field @ after[:3, :3]
+    return field
+
+
+def classes_in_log(base: BaseParameters, verdict: Sequence[Verdict], reasons: dict[str, str]) -> dict[str, str]:
+    """Return the class of every standard parameter for this log, and add the followers' reasons."""
+    result: dict[str, str] = dict(base.classes)
+    for k, leader in enumerate(base.leaders):
+        members = [base.parameters[j] for j in np.flatnonzero(base.transform[k])]
+        name = base.parameters[leader]
+        if verdict[k] == "supported":
+            continue
+        result[name] = "weak" if verdict[k] == "weak" else "not excited"
+        for member in members[1:]:
+            seen = [v for row, v in zip(base.transform, verdict, strict=True) if row[base.parameters.index(member)]]
+            if all(v == "refused" for v in seen):
+                result[member] = "not excited"
+                reasons.setdefault(member, reasons.get(name, ""))
+            elif all(v != "supported" for v in seen):
+                result[member] = "weak"
+                reasons.setdefault(member, reasons.get(name, ""))
+    return result
+
+
+def suspicious(base: BaseParameters, estimate: Array, deviation: Array, known: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Return a sentence for every stiffness, rotor inertia or friction that came out negative beyond doubt."""
+    sentences = []
+    for k, leader in enumerate(base.leaders):
+        name = base.parameters[leader]
+        positive = name.startswith(("K", "Jm", "fs", "fv")) and base.classes[name] == "independent"
+        if positive and known[k] and estimate[k] < -3 * deviation[k]:
+            sentences.append(f"{name} = {estimate[k]:.3g} is negative: check signs and units, or an effect is missing")
+    return tuple(sentences)
+
+
+def shortfall(base: BaseParameters, solution: Solution, known: NDArray[np.bool_], signals: Signals) -> str:
+    """Return a sentence where the log's rank falls short of the structural one, else an empty string."""
+    missing = base.count - int(known.sum())
+    if not missing:
+        return ""
+    still = [signals.joints[k] for k in np.flatnonzero(signals.still)]
+    cause = f"{', '.join(still)} did not move" if still else "some directions of motion are missing"
+    return f"this log determines {base.count - missing} of {base.count} base parameters: {cause}"

@@ -1,0 +1,1 @@
+"""Experiments: simulation, excitation and what a planned motion will show."""

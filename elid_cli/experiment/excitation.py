@@ -1,0 +1,343 @@
+"""Exciting trajectories: quintic B-splines from rest to rest that tell most about the base parameters.
+
+The log determinant of the information (D-optimality) is maximised by a quasi-Newton method with exact gradients;
+limits on position, velocity, acceleration and torque are penalties while optimising and are met exactly at the end,
+by letting a joint that still breaks one move a little less. With aims, the standard deviations of the base parameters
+that contain them come first and the rest of the information second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import DataError, UsageError, did_you_mean
+from elid_cli.experiment.forecast import RATE as FORECAST_RATE
+from elid_cli.experiment.forecast import forecast
+from elid_cli.experiment.information import Evaluation, Information, States, Weights, residuals_of
+from elid_cli.experiment.reference import (
+    ReferenceOptions,
+    Spline,
+    SplineReference,
+    limits_of,
+    random_reference,
+    range_of,
+)
+from elid_cli.model.base_parameters import BaseParameters, find_base
+from elid_cli.model.consistency import consistency, prior
+from elid_cli.model.regressor import Model
+from elid_cli.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+INSTANTS = 15.0
+"""Instants per second at which the motion is judged while it is optimised."""
+CHECKS = 100.0
+"""Instants per second at which limits are checked at the end."""
+BANDWIDTH = 20.0
+"""Independent samples per second that a log filtered at 10 Hz holds."""
+ANGLES = 1.7
+"""Weight per base parameter against the columns' variance inflation, beside the log volume. Without it the volume
+grows by a third more on PUMA 560, and the condition number does not fall."""
+BALANCE = 0.1
+"""Weight of the log volume beside the standard deviations aimed at."""
+PENALTIES = (20.0, 400.0)
+"""Weights of broken limits in the two rounds of optimisation, per instant and squared relative excess."""
+_ENDS = 4
+"""Control points at each end that are equal, so that it starts and ends at rest and without a jerk."""
+ROOM = 0.97
+"""Share of each limit that is used."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Limits of a robot's joints, each (n,); infinite where unknown."""
+
+    low: Array
+    high: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+
+
+@dataclass(frozen=True)
+class ExciteOptions:
+    """What to look for."""
+
+    duration: float = 20.0
+    """s."""
+    interval: float | None = None
+    """Time between the splines' way-points, s; by default each joint has its own, from its limits."""
+    aims: tuple[str, ...] = ()
+    """Standard parameters that the log must show above all."""
+    residual: float = 0.02
+    """Expected residual of each torque, as a share of its rms, after filtering."""
+    measured: tuple[tuple[float, float], ...] | None = None
+    """Residual rms of every joint's sum and motor row in the last log, N·m: expected instead of a share."""
+    starts: int = 8
+    """Random motions of which the best is improved."""
+    rounds: int = 40
+    """Steps of each of the two rounds of optimisation."""
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """An exciting trajectory, what a log of it will show, and what random motion of equal length would."""
+
+    robot: Robot
+    base: BaseParameters
+    trajectory: SplineReference
+    evaluation: Evaluation
+    random: Evaluation
+    """Median random motion (by its condition number) of the same length."""
+    std_error: Array
+    """Standard deviations of the base parameters that estimation will give, (b,); infinite where it sees nothing."""
+    random_std_error: Array
+    """Those after the random motion, (b,)."""
+    used: dict[str, Array]
+    """Share of each limit that the trajectory uses, (n,); NaN where the robot file has no limit."""
+    options: ExciteOptions
+
+    @property
+    def relative(self) -> Array:
+        """Predicted standard deviations relative to reference values, (b,); NaN where there is none."""
+        reference = np.abs(self.base.values(self.robot.reference()))
+        known = np.isfinite(reference) & (reference > 1e-12 * np.nanmax(reference))
+        relative = np.full(len(reference), np.nan)
+        relative[known] = self.std_error[known] / reference[known]
+        return relative
+
+    @property
+    def unknown(self) -> tuple[int, int]:
+        """How many parameters act on the torques, and of how many of them the robot file gives no value."""
+        acting = np.any(self.base.transform != 0, axis=0)
+        return int(acting.sum()), int((acting & np.isnan(self.robot.reference())).sum())
+
+    @property
+    def gain(self) -> float:
+        """How many times smaller standard errors are than after random motion, geometric mean."""
+        return float(np.exp((self.evaluation.log_det - self.random.log_det) / self.base.count))
+
+    def sampled(self, rate: float) -> tuple[Array, Array, Array, Array]:
+        """Return (t, q, q', q'') at `rate` samples per second, both ends included."""
+        t = np.arange(round(self.trajectory.duration * rate) + 1) / rate
+        return (t, *self.trajectory.evaluate(t))
+
+
+def excite(
+    robot: Robot, options: ExciteOptions | None = None, progress: Callable[[float], None] | None = None
+) -> Excitation:
+    """Return an exciting trajectory for a robot.
+
+    Parameters
+    ----------
+    robot
+        Its limits bound the motion (defaults where it has none); its reference values give the torques, a typical
+        body's where it has none.
+    options
+        What to look for.
+    progress
+        Called with the fraction done.
+
+    Raises
+    ------
+    UsageError
+        An aim that is no parameter of the robot, or a duration too short to move.
+    DataError
+        An aim that no motion can show.
+
+    """
+    options = options or ExciteOptions()
+    model = Model(robot)
+    base = find_base(model)
+    aims = _aims(base, options.aims)
+    parameters = prior(robot, consistency(robot, robot.reference()).scales)
+    bounds = bounds_of(robot)
+    grid = np.linspace(0.0, options.duration, max(round(options.duration * INSTANTS), 40))
+    starts = [_start(robot, options, seed) for seed in range(options.seed, options.seed + max(options.starts, 1))]
+    first = starts[0].evaluate(grid)
+    unit = Information(model, base, parameters, np.ones((2, robot.n)), 1.0, first)
+    residual = _residuals(unit.torques(first), options, robot)
+    information = Information(model, base, parameters, residual, options.duration * BANDWIDTH / len(grid), first)
+    judged = [information.evaluate(start.evaluate(grid)) for start in starts]
+    order = sorted(range(len(starts)), key=lambda k: judged[k].condition)
+    weights = Weights(BALANCE, 0.0, tuple(aims)) if aims else Weights(1.0, ANGLES * base.count)
+    best = max(range(len(starts)), key=lambda k: (_merit(judged[k], weights), -k))
+    search = _Search(information, bounds, grid, weights, starts[best])
+    trajectory = search.run(options.rounds, progress)
+    trajectory, used = _within(trajectory, information, bounds)
+    median = order[len(order) // 2]
+    noise = residual if options.measured else np.stack([residual[0], residual[0]])
+    mine, other = (forecast(information, base, _played(s, options), noise) for s in (trajectory, starts[median]))
+    return Excitation(
+        robot, base, trajectory, information.evaluate(trajectory.evaluate(grid)), judged[median], mine, other, used,
+        options,
+    )  # fmt: skip
+
+
+def _residuals(torque: Array, options: ExciteOptions, robot: Robot) -> Array:
+    """Return the expected residual rms of sum and motor rows, (2, n)."""
+    if options.measured is None:
+        return residuals_of(torque, options.residual, robot.elastic)
+    rms = np.sqrt(np.mean(torque**2, axis=0))
+    known = np.array(options.measured, dtype=float).T
+    return np.where(known > 0, known, options.residual * np.maximum(rms, 0.01 * rms.max()))
+
+
+def _played(motion: SplineReference, options: ExciteOptions) -> States:
+    return motion.evaluate(np.arange(round(options.duration * FORECAST_RATE) + 1) / FORECAST_RATE)
+
+
+def bounds_of(robot: Robot) -> Bounds:
+    """Return the limits that trajectories keep; range, speed and acceleration get defaults where unknown."""
+    ranges = np.array([range_of(joint) for joint in robot.joints])
+    speeds = np.array([limits_of(joint) for joint in robot.joints])
+    torques = [joint.limits.torque for joint in robot.joints]
+    torque = np.array([np.inf if value is None else value for value in torques])
+    return Bounds(ranges[:, 0], ranges[:, 1], speeds[:, 0], speeds[:, 1], torque)
+
+
+def _start(robot: Robot, options: ExciteOptions, seed: int) -> SplineReference:
+    return random_reference(robot, options.duration, seed, ReferenceOptions(interval=options.interval))
+
+
+def _merit(evaluation: Evaluation, weights: Weights) -> float:
+    aimed = float(np.log(evaluation.std_error[list(weights.aims)]).sum()) if weights.aims else 0.0
+    return weights.volume * evaluation.log_det - aimed - weights.angles * float(np.log(evaluation.condition))
+
+
+def _aims(base: BaseParameters, names: Sequence[str]) -> list[int]:
+    rows: set[int] = set()
+    for name in names:
+        if name not in base.parameters:
+            raise UsageError(f"--for: no parameter {name!r}", hint=did_you_mean(name, base.parameters))
+        found = np.flatnonzero(base.transform[:, base.parameters.index(name)])
+        if not found.size:
+            raise DataError(
+                f"--for: {name} has no effect on any torque of this robot: no motion can show it",
+                hint="elid classify lists what can be identified",
+            )
+        rows |= {int(row) for row in found}
+    return sorted(rows)
+
+
+class _Search:
+    """Maximises the information over the inner control points of every joint's spline."""
+
+    def __init__(
+        self, information: Information, bounds: Bounds, grid: Array, weights: Weights, start: SplineReference
+    ) -> None:
+        self.information, self.bounds, self.weights, self.start = information, bounds, weights, start
+        self.reach = np.minimum(bounds.high - bounds.low, 2 * np.pi)
+        self.bases = [[_basis(spline, grid, order) for spline in start.splines] for order in range(3)]
+        inner = [len(spline.points) - 2 * _ENDS for spline in start.splines]
+        self.parts = [slice(sum(inner[:k]), sum(inner[: k + 1])) for k in range(len(inner))]
+
+    def run(self, rounds: int, progress: Callable[[float], None] | None) -> SplineReference:
+        """Return the improved motion."""
+        from scipy.optimize import minimize
+
+        splines = zip(self.start.splines, self.reach, strict=True)
+        x = np.concatenate([spline.points[_ENDS:-_ENDS] / reach for spline, reach in splines])
+        done = 0
+
+        def stepped(_: Array) -> None:
+            nonlocal done
+            done += 1
+            if progress is not None:
+                progress(min(done / (rounds * len(PENALTIES)), 1.0))
+
+        watch: Any = stepped
+        settings: Any = {"maxiter": rounds, "maxfun": 2 * rounds, "maxcor": 20}
+        for penalty in PENALTIES:
+            cost: Any = partial(self._cost, penalty)
+            x = minimize(cost, x, jac=True, method="L-BFGS-B", callback=watch, options=settings).x
+        return self._motion(x)
+
+    def _motion(self, x: Array) -> SplineReference:
+        splines = []
+        for spline, reach, part in zip(self.start.splines, self.reach, self.parts, strict=True):
+            points = spline.points.copy()
+            points[_ENDS:-_ENDS] = x[part] * reach
+            splines.append(Spline(spline.knots, points))
+        return replace(self.start, splines=tuple(splines))
+
+    def _cost(self, penalty: float, x: Array) -> tuple[float, Array]:
+        points = [spline.points for spline in self._motion(x).splines]
+        q, dq, ddq = (np.stack([b @ c for b, c in zip(basis, points, strict=True)], axis=1) for basis in self.bases)
+        states = (q, dq, ddq)
+        excess, slopes, by_torque = _excess(states, self.information.torques(states), self.bounds)
+        value, gradients = self.information.gain(states, self.weights, -penalty * by_torque)
+        slope = np.zeros_like(x)
+        for basis, gradient, over in zip(self.bases, gradients, slopes, strict=True):
+            by_state = gradient - penalty * over
+            for k, part in enumerate(self.parts):
+                slope[part] += self.reach[k] * (basis[k].T @ by_state[:, k])[_ENDS:-_ENDS]
+        return penalty * excess - value, -slope
+
+
+def _basis(spline: Spline, grid: Array, order: int) -> Array:
+    """Return the matrix (N, control points) that gives a derivative of a spline at the grid."""
+    return Spline(spline.knots, np.eye(len(spline.points))).evaluate(grid, order)
+
+
+def _excess(states: States, torque: Array, bounds: Bounds) -> tuple[float, States, Array]:
+    """Return the mean squared relative excess over the limits and its derivatives by states and torques."""
+    q, dq, ddq = states
+    half = 0.5 * ROOM * (bounds.high - bounds.low)
+    centre = 0.5 * (bounds.high + bounds.low)
+    total = 0.0
+    slopes = []
+    for value, limit in ((q - centre, half), (dq, ROOM * bounds.velocity), (ddq, ROOM * bounds.acceleration),
+                         (torque, ROOM * bounds.torque)):  # fmt: skip
+        over = np.maximum(np.abs(value) / limit - 1.0, 0.0)
+        total += float(np.sum(over**2))
+        slopes.append(2 * over * np.sign(value) / limit)
+    return total, (slopes[0], slopes[1], slopes[2]), slopes[3]
+
+
+def _within(
+    trajectory: SplineReference, information: Information, bounds: Bounds
+) -> tuple[SplineReference, dict[str, Array]]:
+    """Return the trajectory moved as little less as its limits ask, and the share of every limit that it uses.
+
+    Raises
+    ------
+    DataError
+        The robot cannot even hold itself within its torque limits.
+
+    """
+    grid = np.linspace(0.0, trajectory.duration, round(trajectory.duration * CHECKS) + 1)
+    home = np.array([spline.points[0] for spline in trajectory.splines])
+    for _ in range(60):
+        states = trajectory.evaluate(grid)
+        used = _shares(states, information.torques(states), bounds, home)
+        worst = np.max([np.nan_to_num(share) for share in used.values()], axis=0)
+        if np.all(worst <= 1.0):
+            return trajectory, used
+        torque = bool(np.any(np.nan_to_num(used["torque"]) > 1.0))
+        # a torque depends on all joints' motion, so all of them move less; other limits are a joint's own
+        factor = np.where(torque, 0.97, 1.0) * np.where(worst > 1.0, np.minimum(0.999 / worst, 0.999), 1.0)
+        factor = np.maximum(factor, 0.9)
+        smaller = zip(trajectory.splines, home, factor, strict=True)
+        trajectory = replace(trajectory, splines=tuple(Spline(s.knots, h + f * (s.points - h)) for s, h, f in smaller))
+    raise DataError("no motion within the torque limits", hint="check limits: and the masses in the robot file")
+
+
+def _shares(states: States, torque: Array, bounds: Bounds, home: Array) -> dict[str, Array]:
+    q, dq, ddq = states
+    up, down = np.maximum((q - home).max(axis=0), 0.0), np.maximum((home - q).max(axis=0), 0.0)
+    room = np.maximum(up / (bounds.high - home), down / (home - bounds.low))
+    limited = np.where(np.isfinite(bounds.torque), np.abs(torque).max(axis=0) / bounds.torque, np.nan)
+    return {
+        "position": room,
+        "velocity": np.abs(dq).max(axis=0) / bounds.velocity,
+        "acceleration": np.abs(ddq).max(axis=0) / bounds.acceleration,
+        "torque": limited,
+    }

@@ -1,0 +1,208 @@
+"""Smooth references: fifth-order B-splines through random way-points, from rest to rest."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import UsageError
+from elid_cli.robot.robot import Joint, Robot
+
+Array = NDArray[np.float64]
+
+DEGREE = 5
+REVOLUTE_RANGE = (-1.2, 1.2)
+"""Range, rad, of a revolute joint whose limits are unknown."""
+PRISMATIC_RANGE = (-0.1, 0.1)
+"""Range, m, of a prismatic joint whose limits are unknown."""
+REVOLUTE_SPEED, REVOLUTE_ACCELERATION = 2.0, 8.0
+PRISMATIC_SPEED, PRISMATIC_ACCELERATION = 0.3, 2.0
+"""Top speeds (rad/s, m/s) and accelerations where limits are unknown."""
+_SLOWER = 1.3
+"""Way-points are this much further apart, since random ones leave a joint faster between some than between others."""
+
+
+class Reference(Protocol):
+    """What the links shall do."""
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return (q, q', q''), each of shape (N, n), at times t (s)."""
+        ...
+
+
+@dataclass(frozen=True)
+class ReferenceOptions:
+    """How a random reference is drawn.
+
+    `amplitude` is the share of each joint's range that way-points may fill. `speed` scales time: velocities stay
+    below `speed` times, accelerations below `speed`² times the joint's limits. `interval` is the time between
+    way-points in s; by default each joint has its own, at which velocity and acceleration come near their limits
+    together.
+    """
+
+    amplitude: float = 0.7
+    speed: float = 1.0
+    interval: float | None = None
+
+
+@dataclass(frozen=True)
+class Spline:
+    """The B-spline of one joint: knots (s) and control points (rad or m)."""
+
+    knots: Array
+    points: Array
+
+    def evaluate(self, t: Array, derivative: int = 0) -> Array:
+        """Return the spline or a derivative of it at times t inside the knots, shape (N,)."""
+        from scipy.interpolate import BSpline
+
+        return np.asarray(BSpline(self.knots, self.points, DEGREE)(t, derivative))
+
+
+@dataclass(frozen=True)
+class SplineReference:
+    """A fifth-order B-spline per joint; at rest before its start and after its end."""
+
+    splines: tuple[Spline, ...]
+    duration: float
+    """s."""
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return (q, q', q''), each of shape (N, n), at times t (s)."""
+        at = np.clip(t, 0.0, self.duration)
+        inside = ((t >= 0) & (t <= self.duration)).astype(float)
+        q, dq, ddq = (np.stack([s.evaluate(at, d) for s in self.splines], axis=1) for d in range(3))
+        return q, dq * inside[:, None], ddq * inside[:, None]
+
+
+def random_reference(
+    robot: Robot, duration: float, seed: int, options: ReferenceOptions | None = None
+) -> SplineReference:
+    """Return a reference through random way-points within the joints' limits, at rest at both ends.
+
+    A joint that would be too fast, or would accelerate too hard, moves less; its centre stays.
+
+    Parameters
+    ----------
+    robot
+        Ranges come from ``limits`` in its description, or are `REVOLUTE_RANGE` and `PRISMATIC_RANGE`.
+    duration
+        Length, s.
+    seed
+        The same seed gives the same motion.
+    options
+        Amplitude, speed and time between way-points.
+
+    """
+    options = options or ReferenceOptions()
+    splines = tuple(
+        _random_spline(joint, duration, np.random.default_rng([seed, 0, k]), options)
+        for k, joint in enumerate(robot.joints)
+    )
+    return SplineReference(splines, duration)
+
+
+def sampled_reference(t: Array, q: Array) -> SplineReference:
+    """Return a reference through given samples (s; rad or m, shape (N, n)), starting and ending at rest.
+
+    Raises
+    ------
+    UsageError
+        Fewer than six samples, or times that do not increase.
+
+    """
+    if t.shape[0] < DEGREE + 1 or not np.all(np.diff(t) > 0):
+        raise UsageError("a reference needs at least six samples with increasing times")
+    since = t - t[0]
+    return SplineReference(tuple(_through(since, column) for column in q.T), float(since[-1]))
+
+
+def read_reference(path: str, robot: Robot) -> SplineReference:
+    """Return the reference that a CSV file holds: columns ``t`` (s) and ``q.<joint>``, others are ignored.
+
+    Raises
+    ------
+    UsageError
+        No such file, a column that is missing, or something that is no number.
+
+    """
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as stream:
+            rows = [row for row in csv.reader(stream) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else "no CSV file"
+        raise UsageError(f"{path}: {reason.lower()}") from None
+    head = [name.strip() for name in rows[0]] if rows else []
+    columns = []
+    for name in ("t", *(f"q.{joint}" for joint in robot.joint_names)):
+        if name not in head:
+            raise UsageError(f"{path}: no column {name!r}", detail=f"it has {', '.join(head) or 'none'}")
+        columns.append(head.index(name))
+    try:
+        values = np.array([[float(row[k]) for k in columns] for row in rows[1:]]).reshape(-1, len(columns))
+    except (ValueError, IndexError):
+        raise UsageError(f"{path}: a row is short or holds something that is no number") from None
+    if not np.isfinite(values).all():
+        raise UsageError(f"{path}: a value is not finite")
+    return sampled_reference(values[:, 0], values[:, 1:])
+
+
+def _random_spline(joint: Joint, duration: float, generator: np.random.Generator, options: ReferenceOptions) -> Spline:
+    low, high = range_of(joint)
+    speed, acceleration = limits_of(joint)
+    speed, acceleration = speed * options.speed, acceleration * options.speed**2
+    # a harmonic motion between way-points reaches both limits when its half period is pi v / a
+    interval = options.interval or _SLOWER * math.pi * speed / acceleration
+    count = max(round(duration / interval) + 1, DEGREE + 2)
+    points = generator.uniform(-1.0, 1.0, count)
+    points[0] = points[-1] = 0.0
+    unit = _softly_through(np.linspace(0.0, duration, count), points)
+    fine = np.linspace(0.0, duration, 40 * count)
+    q, dq, ddq = (float(np.abs(unit.evaluate(fine, d)).max()) for d in range(3))
+    size = min(0.5 * (high - low) * options.amplitude / max(q, 1.0), speed / dq, acceleration / ddq)
+    return Spline(unit.knots, 0.5 * (low + high) + size * unit.points)
+
+
+def _through(t: Array, points: Array) -> Spline:
+    """Return the spline through all points, with zero velocity and acceleration at both ends."""
+    from scipy.interpolate import make_interp_spline
+
+    rest: Any = [(1, 0.0), (2, 0.0)]
+    spline = make_interp_spline(t, points, k=DEGREE, bc_type=(rest, rest))
+    return Spline(np.asarray(spline.t), np.asarray(spline.c))
+
+
+def _softly_through(t: Array, points: Array) -> Spline:
+    """Return the spline through all points but the second and the last but one, starting and ending without a jerk.
+
+    A jerk would make the wanted motor velocity jump, since it holds the rate of the spring's deflection.
+    """
+    from scipy.interpolate import BSpline
+
+    knots = np.concatenate([np.full(DEGREE, t[0]), t, np.full(DEGREE, t[-1])])
+    count = len(knots) - DEGREE - 1
+    basis = BSpline(knots, np.eye(count), DEGREE)
+    ends = [basis(end, d) for d in range(4) for end in (t[0], t[-1])]
+    wanted = [value for d in range(4) for value in ((points[0], points[-1]) if d == 0 else (0.0, 0.0))]
+    system = np.vstack([*ends, basis(t[2:-2])])
+    return Spline(knots, np.linalg.solve(system, np.concatenate([wanted, points[2:-2]])))
+
+
+def range_of(joint: Joint) -> tuple[float, float]:
+    """Return the range of a joint, rad or m, or a default where its limits are unknown."""
+    if joint.limits.position is not None:
+        return joint.limits.position
+    return REVOLUTE_RANGE if joint.revolute else PRISMATIC_RANGE
+
+
+def limits_of(joint: Joint) -> tuple[float, float]:
+    """Return the top speed and acceleration of a joint, or defaults where its limits are unknown."""
+    speed, acceleration = joint.limits.velocity, joint.limits.acceleration
+    default = (REVOLUTE_SPEED, REVOLUTE_ACCELERATION) if joint.revolute else (PRISMATIC_SPEED, PRISMATIC_ACCELERATION)
+    return (default[0] if speed is None else speed, default[1] if acceleration is None else acceleration)

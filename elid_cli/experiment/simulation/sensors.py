@@ -1,0 +1,134 @@
+"""What the logger sees of a simulated motion: noise, quantisation, which signals are recorded."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import UsageError
+from elid_cli.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+CHANNELS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
+"""Signals in the order of their random streams; a new one goes to the end, or the bytes of old seeds change."""
+
+
+@dataclass(frozen=True)
+class SensorOptions:
+    """Sensors of the log; everything is off by default.
+
+    Noise is white and Gaussian; it is added before quantisation. Sizes are joint-side, one number for all joints.
+    """
+
+    noise_db: float | None = None
+    """Signal-to-noise ratio of positions and velocities, dB of each channel's own rms (80 dB: 1e-4 of it)."""
+    position_noise: float = 0.0
+    """Standard deviation added to positions, rad or m."""
+    velocity_noise: float = 0.0
+    """Standard deviation added to measured velocities, rad/s or m/s."""
+    counts: float | None = None
+    """Counts per turn (per m for a prismatic joint) of the encoders; None: not quantised."""
+    motor_counts: float | None = None
+    """Counts of the motor encoders where they differ, per turn of the motor (`motor_side`) or of the joint."""
+    motor_side: bool = False
+    """Whether motor encoders count on the motor's side of the gear, which divides their step by the gear ratio."""
+    torque_noise: float = 0.0
+    """Standard deviation added to torques, N·m."""
+    torque_noise_relative: float = 0.0
+    """Standard deviation added to torques, as a share of each channel's rms."""
+    torque_correlation: float = 0.0
+    """Correlation time of the torque noise, s; 0: white. Coloured noise is first-order autoregressive."""
+    velocities: bool = False
+    """Whether velocities are logged."""
+    tau_link: bool = False
+    """Whether a torque sensor behind the gear is logged."""
+    temperature: bool = False
+    """Whether motor temperatures are logged (a warm-up that follows the friction losses)."""
+
+
+def measured(robot: Robot, signals: dict[str, Array], dt: float, options: SensorOptions, seed: int) -> dict[str, Array]:
+    """Return the logged channels, shape (N, n) each, from the exact ones.
+
+    Parameters
+    ----------
+    robot
+        Gear ratios and joint types.
+    signals
+        ``q``, ``theta``, ``tau``, ``dq``, ``dtheta``, ``tau_link`` and perhaps ``temperature``.
+    dt
+        Sample time, s.
+    options
+        The sensors.
+    seed
+        The same seed gives the same noise; every channel has its own stream.
+
+    Raises
+    ------
+    UsageError
+        An encoder with no counts.
+
+    """
+    wanted = ["q", "theta", "tau"]
+    wanted += ["dq", "dtheta"] if options.velocities else []
+    wanted += ["tau_link"] if options.tau_link else []
+    wanted += ["temperature"] if options.temperature and "temperature" in signals else []
+    logged: dict[str, Array] = {}
+    for name in wanted:
+        generator = np.random.default_rng([seed, 1 + CHANNELS.index(name)])
+        logged[name] = signals[name] + _noise(name, signals[name], dt, options, generator)
+    for name in ("q", "theta"):
+        step = _steps(robot, name, options)
+        if step is not None:
+            logged[name] = np.round(logged[name] / step) * step
+    # the gear of a rigid joint has one shaft, whichever encoder is read
+    rigid = ~robot.elastic
+    for link, motor in (("q", "theta"), ("dq", "dtheta")):
+        if motor in logged and rigid.any():
+            logged[link] = np.where(rigid, logged[motor], logged[link])
+    return logged
+
+
+def _noise(name: str, exact: Array, dt: float, options: SensorOptions, generator: np.random.Generator) -> Array:
+    white = generator.standard_normal(exact.shape)
+    rms = np.sqrt(np.mean(np.square(np.nan_to_num(exact)), axis=0))  # NaN: no such sensor at the joint
+    if name in ("tau", "tau_link"):
+        size = np.hypot(options.torque_noise, options.torque_noise_relative * rms)
+        coloured: Array = size * _coloured(white, dt, options.torque_correlation)
+        return coloured
+    if name == "temperature":
+        return np.zeros_like(exact)
+    absolute = options.position_noise if name in ("q", "theta") else options.velocity_noise
+    relative = 0.0 if options.noise_db is None else 10 ** (-options.noise_db / 20)
+    noise: Array = np.hypot(absolute, relative * rms) * white
+    return noise
+
+
+def _coloured(white: Array, dt: float, correlation: float) -> Array:
+    """Return first-order autoregressive noise of unit variance from white noise."""
+    if correlation <= 0:
+        return white
+    from scipy.signal import lfilter
+
+    pole = math.exp(-dt / correlation)
+    driven = white * math.sqrt(1 - pole * pole)
+    driven[0] = white[0]  # stationary from the first sample on
+    return np.asarray(lfilter([1.0], [1.0, -pole], driven, axis=0))
+
+
+def _steps(robot: Robot, name: str, options: SensorOptions) -> Array | None:
+    """Return the encoder's step at every joint, rad or m, shape (n,); None where not quantised."""
+    counts = options.counts
+    if name == "theta" and options.motor_counts is not None:
+        counts = options.motor_counts
+    if counts is None:
+        return None
+    if not counts > 0:
+        raise UsageError(f"an encoder with {counts:g} counts per turn")
+    turn = np.array([2 * math.pi if joint.revolute else 1.0 for joint in robot.joints])
+    if name == "theta" and options.motor_side:
+        return 2 * math.pi / (counts * np.abs(robot.gear_ratios))
+    return turn / counts

@@ -1,0 +1,1 @@
+"""Whether a log is what the robot needs: required signals, units, signs."""

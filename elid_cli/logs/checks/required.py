@@ -1,0 +1,222 @@
+"""What a log must hold for a robot: missing signals are refused or named, rigid joints completed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import LogError, nearest
+from elid_cli.logs.contract import RawLog
+from elid_cli.logs.mapping.resolve import Placement, Plan, fits
+from elid_cli.logs.mapping.suggest import suggestion
+from elid_cli.logs.repair.stuck import drop_stuck
+from elid_cli.mapped import passed, writable
+from elid_cli.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+MEANING = {"q": "link position", "theta": "motor position", "tau": "torque"}
+ZERO_IS_ABSENT = ("tau", "tau_link", "dq", "dtheta")
+LISTED = 8
+"""Channels of the log that an error names."""
+
+
+@dataclass
+class Checked:
+    """Complete signals, and what the user should know about missing ones."""
+
+    q: Array
+    theta: Array
+    tau: Array
+    optional: dict[str, Array]
+    warnings: list[str] = field(default_factory=list)
+
+
+def check(
+    signals: Mapping[str, Array], samples: int, robot: Robot, plan: Plan, raw: RawLog, name: str, *, strict: bool
+) -> Checked:
+    """Return the signals with absent ones as NaN columns, rigid joints completed.
+
+    Raises
+    ------
+    LogError
+        If a signal that the robot needs is missing; with `strict`, also if a joint lacks one it could do without.
+    """
+    filled = {s: signals[s] if s in signals else np.full((samples, robot.n), np.nan) for s in ("q", "theta", "tau")}
+    filled |= {s: values for s, values in signals.items() if s not in filled}
+    warnings = _drop_zeros(filled, robot.joint_names)
+    warnings += _drop_stuck(filled, robot)
+    has: dict[str, NDArray[np.bool_]] = {
+        s: np.isfinite(values[0]) if samples else np.zeros(robot.n, bool) for s, values in filled.items()
+    }
+    fault = _Fault(robot, plan, raw, name, tuple(warnings))
+    for j, joint in enumerate(robot.joints):
+        if not has["q"][j] and not has["theta"][j]:
+            fault.refuse("theta", joint.name, "no position")
+        if not joint.elastic:
+            _complete(filled, has, j)
+        elif not has["theta"][j]:
+            fault.refuse("theta", joint.name, "no motor position")
+    if not has["tau"].any():
+        fault.refuse("tau", robot.joint_names[0] if robot.n == 1 else "", "no torque")
+    lacking = [j.name for k, j in enumerate(robot.joints) if not has["q"][k]]
+    if lacking:
+        if strict or "q" in plan.unusable:
+            fault.refuse("q", lacking[0], "no link position")
+        stiffness = "its stiffness" if len(lacking) == 1 else "their stiffness"
+        warnings.append(f"{' '.join(lacking)}: no link position q: {stiffness} cannot be identified")
+    untorqued = [name for k, name in enumerate(robot.joint_names) if not has["tau"][k]]
+    if untorqued:
+        if strict:
+            fault.refuse("tau", untorqued[0], "no torque")
+        warnings.append(f"{' '.join(untorqued)}: no torque tau: the motor side cannot be identified there")
+    idle = [joint.name for joint in robot.joints if not joint.elastic and "K" in joint.parameters]
+    if idle:
+        warnings.append(f"{' '.join(idle)}: the robot file's K is not used: it declares the transmission rigid")
+    optional = {s: values for s, values in filled.items() if s not in MEANING and not np.isnan(values).all()}
+    return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings)
+
+
+def _complete(filled: dict[str, Array], has: dict[str, NDArray[np.bool_]], j: int) -> None:
+    """Give a rigid joint both sides of every signal of which it has one."""
+    for one, other in (("q", "theta"), ("theta", "q"), ("dq", "dtheta"), ("dtheta", "dq")):
+        if one in has and has[one][j] and not (other in has and has[other][j]):
+            if other not in filled:
+                filled[other] = np.full_like(filled[one], np.nan)
+                has[other] = np.zeros(has[one].size, bool)
+            filled[other] = writable(filled[other])
+            filled[other][:, j] = filled[one][:, j]
+            has[other][j] = True
+
+
+def _drop_zeros(filled: dict[str, Array], joints: Sequence[str]) -> list[str]:
+    """Take efforts and velocities that are zero throughout as absent: drivers fill what they do not know with 0."""
+    warnings = []
+    for signal in ZERO_IS_ABSENT:
+        values = filled.get(signal)
+        if values is None:
+            continue
+        zero: NDArray[np.bool_] = np.ones(values.shape[1], dtype=bool)
+        for block in passed(values):
+            zero &= ~block.any(axis=0)
+            if not zero.any():
+                break
+        if zero.any():
+            values = filled[signal] = writable(values)
+            values[:, zero] = np.nan
+        if zero.any() and signal == "tau":
+            who = " ".join(joint for joint, here in zip(joints, zero, strict=True) if here)
+            warnings.append(f"tau of {who} is zero throughout: taken as not recorded")
+    return warnings
+
+
+def _drop_stuck(filled: dict[str, Array], robot: Robot) -> list[str]:
+    """Take channels that never change while their joint moves as absent."""
+    drop = {signal: np.zeros(robot.n, bool) for signal in MEANING}
+    warnings = drop_stuck(filled, robot, drop) if filled["q"].shape[0] else []
+    for signal, chosen in drop.items():
+        if chosen.any():
+            filled[signal] = writable(filled[signal])
+            filled[signal][:, chosen] = np.nan
+    return warnings
+
+
+@dataclass(frozen=True)
+class _Fault:
+    """Words for a missing signal: what is missing, where elid looked, what there is instead."""
+
+    robot: Robot
+    plan: Plan
+    raw: RawLog
+    name: str
+    dropped: tuple[str, ...] = ()
+    """What was taken as not recorded, and why: sentences that begin with the signal and its joint."""
+
+    def refuse(self, signal: str, joint: str, what: str) -> None:
+        """Raise the LogError of one missing signal."""
+        who = f" for {joint}" if joint else ""
+        raise LogError(f"{self.name}: {what}{who}", detail=self._detail(signal, joint), hint=self._hint(signal, joint))
+
+    def _detail(self, signal: str, joint: str) -> str:
+        placement = self.plan.placements.get(signal)
+        need = f"{self.robot.name!r} needs {signal} ({MEANING[signal]})" + (f" of {joint}" if joint else "")
+        if placement is None:
+            reasons = self.plan.reasons
+            reason = "; ".join(dict.fromkeys(reasons[s] for s in (signal, "q") if s in reasons))
+            lost = f"; {self.raw.losses[0]}" if self.raw.losses else ""
+            return f"{need}; {reason + '; ' if reason else ''}{self._contents()}{lost}"
+        labels = self._labels(placement)
+        called = self._called(placement, joint)
+        close = nearest(called, labels) if joint else None
+        seen = f"which names {' '.join(labels)}" if labels else "which holds no numbers for it"
+        seen += f" (nearest: {close})" if close else ""
+        if called in labels or (labels and not joint):
+            seen = "which is empty, NaN or zero" + (" for it" if joint else " throughout")
+        if called in labels and signal != "tau":
+            seen = "which is empty, NaN or never changes for it"
+        why = [said for said in self.dropped if said.startswith(f"{signal} of {joint}")]
+        more = f"; and {len(why) - LISTED} more" if len(why) > LISTED else ""
+        told = "; " + "; ".join(why[:LISTED]) + more if why else f", {seen}"
+        return f"{need}; it is read from {placement.places}{told}"
+
+    @staticmethod
+    def _called(placement: Placement | None, joint: str) -> str:
+        """Return the name that a joint has in the log, by the mapping that places a signal."""
+        named = placement.spec.joints if placement is not None else None
+        return str(named.get(joint, joint)) if named else joint
+
+    def _labels(self, placement: Placement) -> list[str]:
+        """Return the joint names that the log has where a signal is read from."""
+        sources = {pick.source for pick in placement.picks}
+        labels = [label for channel in self.raw.channels if channel.source in sources for label in channel.labels]
+        before, joint, after = placement.places.partition("{joint}")
+        if joint:
+            pattern = re.compile(f"{re.escape(before)}(.+){re.escape(after)}")
+            found = (pattern.fullmatch(channel.source) for channel in self.raw.channels)
+            labels += [match.group(1) for match in found if match]
+        return list(dict.fromkeys(labels))
+
+    def _contents(self) -> str:
+        shown = [channel for channel in self.raw.channels if not _about(channel.field)]
+        named = list(dict.fromkeys(c.address if c.width else f"{c.source} (not decoded: {c.kind})" for c in shown))
+        more = f" and {len(named) - LISTED} more" if len(named) > LISTED else ""
+        return f"the log holds {', '.join(named[:LISTED])}{more}" if named else "the log holds no channels"
+
+    def _hint(self, signal: str, joint: str) -> str:
+        """Return what to paste: the nearest name where a place lacks the joint, else the channel that fits best."""
+        before = f"elid info {self.name}, or map it: "
+        placement = self.plan.placements.get(signal)
+        labels = self._labels(placement) if placement is not None else []
+        called = self._called(placement, joint)
+        close = nearest(called, labels) if joint and called not in labels else None
+        if placement is not None and close:
+            spec = placement.spec
+            # a pattern fills in what is not named here; of a topic, only the joints that are named are read
+            own = () if "{joint}" in placement.places else self.robot.joint_names
+            names = {**{name: name for name in own if name in labels}, **(spec.joints or {}), joint: close}
+            pairs = ", ".join(f"{key}: {value}" for key, value in names.items())
+            field = f", field: {spec.field}" if spec.field and isinstance(spec.source, str) else ""
+            source = spec.source if isinstance(spec.source, str) else placement.places
+            return f'{before}{signal}: {{from: "{source}"{field}, joints: {{{pairs}}}}}'
+        taken = {pick.source for pick in placement.picks} if placement is not None else set()
+        free = [c for c in self.raw.channels if c.width and c.source not in taken and not _about(c.field)]
+        fitting = suggestion(free, self.robot.joint_names, (signal,), partial(fits, self.raw.channels, self.robot))
+        held = [label for channel in free for label in channel.labels]
+        if fitting and held and not any(nearest(name, held) for name in self.robot.joint_names):
+            before = f"is this a log of {self.robot.name!r}? if so, map it: "
+        if not fitting and signal in self.plan.mapped:  # whoever has mapped it knows how to; an example is no answer
+            return f"elid info {self.name} lists what it holds"
+        return before + (fitting or f"--map {signal}={_EXAMPLES[signal]}")
+
+
+def _about(field: str) -> bool:
+    """Whether a field of a message tells about the message and not about the robot."""
+    return field.endswith(("sec", "secs")) or field.startswith("layout.")
+
+
+_EXAMPLES = {"tau": "/arm/motors.current", "theta": "/arm/motors.position", "q": "/arm/joint_states.position"}

@@ -1,0 +1,106 @@
+"""What every log format offers: channels to choose from, and streams of the chosen ones.
+
+A format is one module of this package that defines `FORMAT`, a `LogFormat`; `registry` finds it by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.logs.source import Source
+from elid_cli.signals.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One addressable set of numbers: a CSV column, an HDF5 dataset, a field of an MCAP topic."""
+
+    source: str
+    """Column, dataset path or topic: what a mapping's `from` names."""
+    field: str = ""
+    """Dotted path inside a message; empty for columns and datasets."""
+    width: int = 1
+    """Values per sample."""
+    labels: tuple[str, ...] = ()
+    """Names of the values (joint names), where the log has them."""
+    rows: int | None = None
+    """Samples, where known without reading the log."""
+    kind: str = ""
+    """Type of the message or of the dataset, for messages to the user."""
+    open_ended: bool = False
+    """Whether labels other than these may still occur further on in the log."""
+
+    @property
+    def address(self) -> str:
+        """How a user writes it: ``/topic.field`` or the column."""
+        return f"{self.source}.{self.field}" if self.field else self.source
+
+
+@dataclass(frozen=True)
+class Pick:
+    """A request for columns of one channel: by label, or by index where the channel has no labels."""
+
+    source: str
+    field: str
+    columns: tuple[int | str, ...]
+    time: str = ""
+    """Column or dataset with the stamps of this channel; empty: the log's own time."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Samples of one `Pick`, in the order of the file."""
+
+    values: Array
+    """Shape (N, columns); NaN where a message did not carry a column."""
+    clocks: Mapping[str, NDArray[Any]]
+    """Stamps by clock (``t``, ``header stamp``, ``log time``…), each of shape (N,); empty: the log has no time."""
+    missing: tuple[int | str, ...] = ()
+    """Columns that never occurred."""
+
+
+class RawLog(Protocol):
+    """An opened log; nothing but its directory has been read yet."""
+
+    @property
+    def channels(self) -> Sequence[Channel]:
+        """Everything numeric in the log."""
+
+    @property
+    def canonical(self) -> Sequence[Mapping[str, Any]]:
+        """The canonical names of FORMATS.md for this format and usual spellings, in the mapping language."""
+
+    @property
+    def losses(self) -> list[str]:
+        """What could not be read (a cut end, a corrupt chunk), one sentence each; complete after `load`."""
+
+    @property
+    def notes(self) -> list[str]:
+        """What the format decided by itself (separator, time column)."""
+
+    def load(self, picks: Sequence[Pick]) -> list[Stream]:
+        """Read the picked columns in one pass over the file."""
+
+
+@dataclass(frozen=True)
+class LogFormat:
+    """One log format: how to recognise, open and (where supported) write it."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    recognise: Callable[[Source], bool]
+    """Whether the content (never the suffix) is of this format; must be cheap."""
+    open: Callable[[Source], Sequence[RawLog]]
+    """Open a log; more than one part where it holds separate episodes."""
+    write: Callable[[Recording, str], bytes] | None = None
+    """Encode a recording canonically; same recording, same bytes. The second argument is the file's name."""
+    priority: int = 0
+    """Formats are asked in ascending order; text, which would take anything, comes last."""
+    options: Mapping[str, Any] = field(default_factory=dict)

@@ -1,0 +1,1 @@
+"""One file per log format: a module that defines `FORMAT` is found by itself."""

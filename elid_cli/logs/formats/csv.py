@@ -1,0 +1,183 @@
+"""CSV logs: one header row, any common separator, gzip; a fast path for clean files and a tolerant one for the rest."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import LogError, did_you_mean
+from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
+from elid_cli.logs.formats.csv_text import Dialect, parse_columns, sniff
+from elid_cli.logs.source import Source
+from elid_cli.signals.recording import Recording
+
+Array = NDArray[np.float64]
+
+LARGEST = 4 << 30
+"""Bytes of text after decompression that are still read."""
+TIME_NAMES = ("t", "time", "t_s", "time_s", "Time", "timestamp", "stamp", "__time", "Timestamp", "time [s]", "t [s]")
+"""Columns that may hold the time, in the order in which they are preferred; ``t`` is canonical."""
+PATTERNS = ("{signal}.{{joint}}", "{signal}_{{joint}}", "{signal}_{{i}}", "{signal}{{i}}", "{signal}({{i}})")
+"""Column names tried in turn: canonical, MATLAB's writetable (no dots), numbered."""
+FIELDS = {
+    "q": ("/joint_states", "position"),
+    "dq": ("/joint_states", "velocity"),
+    "tau_link": ("/joint_states", "effort"),
+    "theta": ("/motor_states", "position"),
+    "dtheta": ("/motor_states", "velocity"),
+    "tau": ("/motor_states", "effort"),
+}
+"""Topic and field of each signal in a log of joint states."""
+PLOTJUGGLER = ("{}/{{joint}}/{}", "{}/{}.{{joint}}", "{}/{}/{{joint}}", "{}/{}[{{i0}}]", "{}/{}.{{i0}}", "{}/{}/{{i0}}")
+"""How PlotJuggler and others write a field of a topic as columns."""
+MOST_COLUMNS = 20_000
+TIGHTEST = 50
+"""Bytes of text per byte of gzip that are believed of a log …"""
+SMALL = 128 << 20
+"""… of more than this many bytes."""
+CUT = "the gzip data end early: the log is cut"
+SIGNAL_NAMES = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
+
+
+class CsvLog:
+    """One CSV text; columns are parsed when they are loaded."""
+
+    def __init__(self, source: Source) -> None:
+        self._name = source.name
+        self._tell = source.tell
+        data, whole = unpack(source.read(), source.name)
+        self._text = decode(data, source.name)
+        self._dialect: Dialect = sniff(self._text, source.name)
+        names = self._dialect.names
+        if len(names) > MOST_COLUMNS:
+            raise LogError(f"{source.name}: {len(names)} columns", detail=f"at most {MOST_COLUMNS} are read")
+        self.channels: Sequence[Channel] = tuple(Channel(name, kind="column") for name in dict.fromkeys(names) if name)
+        self.units = {name: unit for name, unit in zip(names, self._dialect.units, strict=False) if unit}
+        self.losses: list[str] = [] if whole else [CUT]
+        self.notes: list[str] = []
+        if not self._dialect.named:
+            self.notes.append("no header row: columns are named column1, column2, …")
+        self._time = next((name for name in TIME_NAMES if name in names), "")
+
+    @property
+    def canonical(self) -> Sequence[Mapping[str, Any]]:
+        """Canonical column names, then the spellings of programs that cannot write them."""
+        time = {"t": {"from": self._time}} if self._time else {}
+        patterns = [{s: {"from": p.format(signal=s)} for s in SIGNAL_NAMES} for p in PATTERNS]
+        return [time | patterns[0], *patterns[1:], *_topics()]
+
+    def load(self, picks: Sequence[Pick]) -> list[Stream]:
+        """Parse the picked columns and their times."""
+        wanted = list(dict.fromkeys(name for pick in picks for name in (pick.source, pick.time) if name))
+        for name in wanted:
+            if self._dialect.names.count(name) > 1:
+                raise LogError(
+                    f"{self._name}: column {name!r} appears {self._dialect.names.count(name)} times",
+                    hint="rename or remove the copies, so that it is clear which is meant",
+                )
+            if name not in self._dialect.names:
+                raise LogError(f"{self._name}: no column {name!r}", hint=did_you_mean(name, self._dialect.names))
+        table, said = parse_columns(self._text, self._dialect, wanted, self._name, self._tell)
+        self.losses.extend(text for text in said if text not in self.losses)
+        columns = {name: table[:, k] for k, name in enumerate(wanted)}
+        return [Stream(columns[pick.source][:, None], {"t": columns[pick.time]} if pick.time else {}) for pick in picks]
+
+
+def _topics() -> list[dict[str, dict[str, str]]]:
+    return [{s: {"from": p.format(*where)} for s, where in FIELDS.items()} for p in PLOTJUGGLER]
+
+
+def unpack(data: bytes, name: str) -> tuple[bytes, bool]:
+    """Return the bytes, decompressed where they are gzip, and whether they are whole: a cut file gives what is left."""
+    if not data.startswith(b"\x1f\x8b"):
+        return data, True
+    most = min(LARGEST, max(SMALL, TIGHTEST * len(data)))
+    whole = True
+    out = bytearray()
+    rest = data
+    while rest.startswith(b"\x1f\x8b"):
+        inflate = zlib.decompressobj(wbits=31)
+        try:
+            out += inflate.decompress(rest, most - len(out))
+        except zlib.error as error:
+            hint = "copy or record it again; gzip -t tells whether a copy is whole"
+            raise LogError(f"{name}: damaged gzip data", detail=str(error).lower(), hint=hint) from error
+        if inflate.unconsumed_tail or len(out) >= most:
+            raise LogError(
+                f"{name}: more than {most >> 20} MiB of text in {len(data)} bytes of gzip",
+                detail="refused before taking more memory",
+                hint="if it is a log, unpack it first: gunzip",
+            )
+        whole = inflate.eof
+        rest = inflate.unused_data
+    return bytes(out), whole
+
+
+def decode(data: bytes, name: str) -> str:
+    """Return the text of a CSV file: UTF-8 (with or without BOM), UTF-16 with BOM, else Latin-1."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return _one_line_end(data.decode("utf-16", errors="replace"))
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    return _one_line_end(text)
+
+
+def _one_line_end(text: str) -> str:
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def _recognise(source: Source) -> bool:
+    if source.is_folder:
+        return False
+    head = source.head
+    if head.startswith(b"\x1f\x8b"):
+        try:
+            head = zlib.decompressobj(wbits=31).decompress(head, 4096)
+        except zlib.error:
+            return False
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return True
+    if b"\x00" in head:
+        return False
+    return re.search(rb"[0-9]", head) is not None and not head.lstrip().startswith((b"%YAML", b"{", b"<"))
+
+
+def _write(recording: Recording, name: str) -> bytes:
+    import gzip
+
+    columns: list[Array] = [recording.t[:, None]]
+    names = ["t"]
+    for signal in SIGNAL_NAMES:
+        values = getattr(recording, signal)
+        if values is None:
+            continue
+        for j, joint in enumerate(recording.joints):
+            if not np.isnan(values[:, j]).all():
+                names.append(f"{signal}.{joint}")
+                columns.append(values[:, j : j + 1])
+    table = np.hstack(columns)
+    lines = [",".join(_quoted(column) for column in names)]
+    lines.extend(",".join("" if x != x else repr(x) for x in row) for row in table.tolist())
+    text = ("\n".join(lines) + "\n").encode()
+    return gzip.compress(text, mtime=0) if name.lower().endswith(".gz") else text
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"' if re.search(r'[",;\s]', name) else name
+
+
+FORMAT = LogFormat(
+    name="CSV",
+    suffixes=(".csv", ".csv.gz"),
+    recognise=_recognise,
+    open=lambda source: [CsvLog(source)],
+    write=_write,
+    priority=90,
+)

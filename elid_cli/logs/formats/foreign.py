@@ -1,0 +1,52 @@
+"""Logs of other recorders, told by content: one line that names the converter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NoReturn
+
+from elid_cli.errors import LogError
+from elid_cli.logs.contract import LogFormat, RawLog
+from elid_cli.logs.source import Source
+
+KINDS: tuple[tuple[bytes, str, str], ...] = (
+    (b"SQLite format 3\x00", "a ROS 2 SQLite bag (.db3)", "mcap convert {name} out.mcap"),
+    (b"#ROSBAG V", "a ROS 1 bag", "mcap convert {name} out.mcap"),
+    (b"MATLAB 5.0 MAT-file", "a MATLAB file older than v7.3", "save('out.mat', '-v7.3') in MATLAB"),
+    (b"PAR1", "a Parquet file", "python -c \"import pandas; pandas.read_parquet('{name}').to_csv('out.csv')\""),
+    (b"ULog\x01\x12\x35", "a PX4 ULog", "ulog2csv {name}"),
+    (b"\x93NUMPY", "a NumPy array", "elid reads CSV, HDF5 and MCAP: store it in HDF5 as /t /q /theta /tau"),
+    (b"PK\x03\x04", "a zip archive", "unpack it first"),
+    (b"BZh", "bzip2 data", "bunzip2 {name}"),
+    (b"\xfd7zXZ\x00", "xz data", "unxz {name}"),
+    (b"\x28\xb5\x2f\xfd", "zstd data that hold no MCAP file", "unzstd {name}"),
+)
+
+
+def kind_of(head: bytes) -> tuple[str, str] | None:
+    """Return (what it is, converter) for a known foreign head, else None."""
+    if head.startswith(b"PK\x03\x04") and b"elid.npy" in head[:80]:
+        return "triangles of elid reduce, which hold no samples", "elid identify and elid classify take them"
+    return next(((what, how) for magic, what, how in KINDS if head.startswith(magic)), None)
+
+
+def refuse(source: Source) -> NoReturn:
+    """Raise the LogError that names the converter."""
+    known = kind_of(source.head)
+    assert known is not None
+    what, how = known
+    which = "" if "which" in what else ", which elid does not read"
+    raise LogError(f"{source.name}: {what}{which}", hint=how.format(name=source.name))
+
+
+def _open(source: Source) -> Sequence[RawLog]:
+    refuse(source)
+
+
+FORMAT = LogFormat(
+    name="foreign",
+    suffixes=(),
+    recognise=lambda source: kind_of(source.head) is not None,
+    open=_open,
+    priority=50,
+)

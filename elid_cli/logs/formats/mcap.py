@@ -1,0 +1,304 @@
+"""MCAP logs: topics of CDR, JSON or protobuf messages, chunk by chunk; damaged files give what is whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
+from elid_cli.logs.mcap.bulk_decode import CdrDecoder, Table
+from elid_cli.logs.mcap.container import MAGIC, Container, Messages, Readable, summary, walk
+from elid_cli.logs.mcap.fields import NameTable, values_topic
+from elid_cli.logs.mcap.flat_decode import FlatDecoder, flat_json
+from elid_cli.logs.mcap.protobuf import flattener
+from elid_cli.logs.mcap.ros_schema import definitions_of, short_name
+from elid_cli.logs.mcap.write import write_mcap
+from elid_cli.logs.source import Source
+
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+CANONICAL = {
+    "q": {"from": "/joint_states", "field": "position"},
+    "dq": {"from": "/joint_states", "field": "velocity"},
+    "tau_link": {"from": "/joint_states", "field": "effort"},
+    "theta": {"from": "/motor_states", "field": "position"},
+    "dtheta": {"from": "/motor_states", "field": "velocity"},
+    "tau": {"from": "/motor_states", "field": "effort"},
+}
+BARE = {signal: spec | {"from": spec["from"].lstrip("/")} for signal, spec in CANONICAL.items()}
+NAMED = ("sensor_msgs/JointState", "control_msgs/DynamicJointState", "std_msgs/Float64MultiArray")
+"""The types that are read without their schema, as errors list them."""
+EMPTY_CHUNKS = 4
+"""Chunks without a channel not seen before, after which discovery stops where a summary says what to expect."""
+
+
+class McapLog:
+    """One MCAP file, or several that continue each other (the splits of a rosbag2 folder)."""
+
+    def __init__(self, name: str, sources: Sequence[Source], missing: Sequence[str] = ()) -> None:
+        self._name = name
+        self._sources = sources
+        self._missing = list(missing)
+        self.losses: list[str] = list(missing)
+        self.notes: list[str] = []
+        self._decoders: dict[tuple[str, str, str, bytes], CdrDecoder | FlatDecoder | None] = {}
+        self._names: dict[str, NameTable] = {}
+        self.undecoded: dict[str, str] = {}
+        """Topics that cannot be decoded -> why."""
+        self.channels: Sequence[Channel] = self._discover()
+
+    @property
+    def canonical(self) -> Sequence[Mapping[str, Any]]:
+        """Link side on /joint_states, motor side on /motor_states."""
+        return [CANONICAL, BARE]
+
+    def load(self, picks: Sequence[Pick]) -> list[Stream]:
+        """Decode the wanted topics in one pass (two where names and values are topics of their own)."""
+        paired = {pick.source for pick in picks} & set(self._names)
+        if not paired:
+            return self._loaded(picks)
+        for _ in self._walk_names():  # names that change later on
+            pass
+        fields = {topic: [c.field for c in self.channels if c.source == topic] for topic in paired}
+        asked = [
+            self._names[pick.source].asked(pick, fields[pick.source]) if pick.source in paired else [pick]
+            for pick in picks
+        ]
+        loaded = iter(self._loaded([one for several in asked for one in several]))
+        streams = []
+        for pick, several in zip(picks, asked, strict=True):
+            parts = [next(loaded) for _ in several]
+            table = self._names.get(pick.source)
+            streams.append(parts[0] if table is None else table.chosen(pick, parts, self._name))
+        return streams
+
+    def _walk_names(self) -> Iterator[None]:
+        self.losses[:] = self._missing
+        for container, messages in self._walk():
+            self._take_names(container, messages)
+            yield
+
+    def _take_names(self, container: Container, messages: Messages) -> None:
+        """Take up the messages of names whose values are another topic."""
+        topics = {identifier: channel.topic for identifier, channel in container.channels.items()}
+        for identifier, topic in topics.items():
+            sibling = values_topic(topic, topics.values())
+            if not sibling:
+                continue
+            table = self._names.setdefault(sibling, NameTable(sibling))
+            decoder = self._decoder(container.channels[identifier], container)
+            if decoder is None:
+                continue
+            for index in np.flatnonzero(messages.channels == identifier).tolist():
+                logged = int(messages.log_times[index])
+                texts, scalars = decoder.texts(messages, index)
+                table.take_up(texts, scalars, logged)
+
+    def _loaded(self, picks: Sequence[Pick]) -> list[Stream]:
+        wanted: dict[str, list[tuple[str, tuple[int | str, ...]]]] = {}
+        for pick in picks:
+            wanted.setdefault(pick.source, []).append((pick.field, pick.columns))
+            if pick.time:
+                wanted[pick.source].append((pick.time, (0,)))
+        known = {channel.source: channel.rows or 0 for channel in self.channels}
+        most = sum(source.size for source in self._sources)  # a summary may lie; a message takes more than a byte
+        tables = {topic: Table(fields, min(known.get(topic, 0), most)) for topic, fields in wanted.items()}
+        self.losses[:] = self._missing
+        for container, messages in self._walk(told=True):
+            for identifier in np.unique(messages.channels):
+                channel = container.channels.get(int(identifier))
+                table = tables.get(channel.topic) if channel is not None else None
+                decoder = self._decoder(channel, container) if table is not None else None
+                if table is not None and decoder is not None:
+                    decoder.decode(messages, np.flatnonzero(messages.channels == identifier), table)
+        for topic, table in tables.items():
+            if table.misstamped:
+                self.losses.append(
+                    f"{table.misstamped} messages of {topic} have stamps with impossible nanoseconds: not used as times"
+                )
+            if table.undecodable:
+                self.losses.append(f"{table.undecodable} messages of {topic} cannot be decoded ({table.problem})")
+        return self._streams(picks, tables)
+
+    def _streams(self, picks: Sequence[Pick], tables: Mapping[str, Table]) -> list[Stream]:
+        clocks: dict[str, dict[str, Any]] = {}
+        values: dict[tuple[str, str, tuple[int | str, ...]], Any] = {}
+        for topic, table in tables.items():
+            clocks[topic] = {"header stamp": table.header.finish(), "log time": table.logged.finish()}
+            for (field, columns), grown in zip(table.wanted, table.values, strict=True):
+                values[topic, field, columns] = grown.finish()
+        streams = []
+        for pick in picks:
+            stamps = clocks[pick.source]
+            if pick.time:
+                stamps = {"t": values[pick.source, pick.time, (0,)][:, 0], **stamps}
+            streams.append(Stream(values[pick.source, pick.field, pick.columns], stamps))
+        return streams
+
+    def _discover(self) -> tuple[Channel, ...]:
+        """Find topics, fields and joint names from the first chunks (all of them where there is no summary)."""
+        expected, counts = self._summary()
+        found: dict[tuple[str, str], Channel] = {}
+        seen: set[str] = set()
+        barren = 0
+        for container, messages in self._walk():
+            before = len(seen)
+            self._take_names(container, messages)
+            for identifier in np.unique(messages.channels):
+                channel = container.channels.get(int(identifier))
+                if channel is None:
+                    continue
+                seen.add(channel.topic)
+                decoder = self._decoder(channel, container)
+                if decoder is None:
+                    continue
+                chosen = np.flatnonzero(messages.channels == identifier)[:200]
+                kind = _type_of(channel, container)
+                for shape in decoder.shapes(messages, chosen):
+                    for path, columns in shape.fields():
+                        key = (channel.topic, path)
+                        labels = tuple(dict.fromkeys([*(found[key].labels if key in found else ()), *columns.labels]))
+                        width = max(len(columns.indices), len(labels))
+                        rows = counts.get(channel.topic)
+                        found[key] = Channel(channel.topic, path, width, labels, rows, kind, open_ended=True)
+            barren = 0 if len(seen) > before else barren + 1
+            nameless = expected is not None and any(values_topic(topic, expected) for topic in expected - seen)
+            if expected is not None and (expected <= seen or (barren >= EMPTY_CHUNKS and not nameless)):
+                break
+        for topic, reason in self.undecoded.items():
+            found.setdefault((topic, ""), Channel(topic, "", 0, (), counts.get(topic), reason))
+        channels = list(found.values())
+        self._names = {topic: table for topic, table in self._names.items() if table.orders}
+        for table in self._names.values():
+            channels = table.named(channels)
+        return tuple(channels)
+
+    def _summary(self) -> tuple[set[str] | None, dict[str, int]]:
+        """Return the topics and message counts of the summary where the file has a sound one, else None."""
+        if len(self._sources) != 1 or self._sources[0].head.startswith(ZSTD_MAGIC):
+            return None, {}
+        with self._sources[0].stream() as stream:
+            found = summary(stream, self._sources[0].size)
+        if found is None:
+            self.notes.append("the end of the file is cut, its summary is not used")
+            return None, {}
+        container, by_channel = found
+        if not container.channels or not by_channel:
+            return None, {}
+        counts: dict[str, int] = {}
+        for identifier, channel in container.channels.items():
+            counts[channel.topic] = counts.get(channel.topic, 0) + by_channel.get(identifier, 0)
+        return {topic for topic, count in counts.items() if count}, counts
+
+    def _walk(self, *, told: bool = False) -> Iterator[tuple[Container, Messages]]:
+        sizes = [source.size for source in self._sources]
+        for number, source in enumerate(self._sources):
+            before = sum(sizes[:number])
+            container = Container()
+            if not source.head.startswith((MAGIC, ZSTD_MAGIC)):
+                self.losses.append(f"{source.name} is {'no MCAP file' if source.head else 'empty'}, left out")
+                continue
+            with _bytes(source) as (stream, size, place):
+                for messages in walk(stream, size, container):
+                    yield container, messages
+                    if told:
+                        self._sources[0].tell((before + place()) / max(sum(sizes), 1))
+            prefix = f"{source.name}: " if len(self._sources) > 1 else ""
+            self.losses.extend(prefix + loss for loss in container.losses)
+
+    def _decoder(self, channel: Any, container: Container) -> CdrDecoder | FlatDecoder | None:
+        schema = container.schemas.get(channel.schema_id)
+        name, language, data = (schema.name, schema.encoding, schema.data) if schema is not None else ("", "", b"")
+        key = (channel.topic, channel.message_encoding, name, data)
+        if key not in self._decoders:
+            decoder, reason = make_decoder(channel.message_encoding, name, language, data)
+            self._decoders[key] = decoder
+            if decoder is None:
+                self.undecoded[channel.topic] = reason
+        return self._decoders[key]
+
+
+def make_decoder(encoding: str, name: str, language: str, schema: bytes) -> tuple[CdrDecoder | FlatDecoder | None, str]:
+    """Return the decoder of a channel, or None and the reason."""
+    known = name or "no type"
+    if encoding == "json":
+        return FlatDecoder(flat_json), ""
+    if encoding == "cdr":
+        text = schema.decode("utf-8", "replace") if language in ("ros2msg", "") else ""
+        definitions = definitions_of(name, text)
+        if definitions is not None:
+            return CdrDecoder(short_name(name), definitions), ""
+        return None, (
+            f"{known}: its schema is {language or 'empty'}, expected ros2msg text or one of the types known by name, "
+            f"{', '.join(NAMED)}"
+        )
+    if encoding == "protobuf":
+        flatten = flattener(name, schema)
+        if flatten is not None:
+            return FlatDecoder(flatten), ""
+        return None, f"{known}: its protobuf descriptor is missing or damaged"
+    return None, f"{known}: encoding {encoding!r}, expected cdr, json or protobuf"
+
+
+def _type_of(channel: Any, container: Container) -> str:
+    schema = container.schemas.get(channel.schema_id)
+    return str(schema.name if schema is not None else channel.message_encoding)
+
+
+@contextmanager
+def _bytes(source: Source) -> Iterator[tuple[Readable, int | None, Callable[[], int]]]:
+    """Open the file; one that is compressed as a whole (`.mcap.zstd`) is decompressed while it is read.
+
+    With it come its length where known, and what tells how many bytes of the file have been read.
+    """
+    with source.stream() as stream:
+        if not source.head.startswith(ZSTD_MAGIC):
+            yield stream, source.size, stream.tell
+            return
+        import zstandard
+
+        with zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(stream, closefd=False) as reader:
+            yield _Patient(reader), None, stream.tell
+
+
+class _Patient:
+    """A decompressor whose reads return what was asked for, and nothing where the data are cut or damaged."""
+
+    def __init__(self, reader: Any) -> None:
+        self._reader = reader
+
+    def read(self, count: int) -> bytes:
+        import zstandard
+
+        parts: list[bytes] = []
+        while count > 0:
+            try:
+                part = self._reader.read(min(count, 1 << 24))
+            except zstandard.ZstdError:
+                break
+            if not part:
+                break
+            parts.append(part)
+            count -= len(part)
+        return b"".join(parts)
+
+
+def _recognise(source: Source) -> bool:
+    if source.head.startswith(MAGIC):
+        return True
+    if not source.head.startswith(ZSTD_MAGIC):
+        return False
+    with _bytes(source) as (stream, _, _):
+        return bytes(stream.read(len(MAGIC))) == MAGIC
+
+
+FORMAT = LogFormat(
+    name="MCAP",
+    suffixes=(".mcap",),
+    recognise=_recognise,
+    open=lambda source: [McapLog(source.name, [source])],
+    write=write_mcap,
+    priority=10,
+)

@@ -1,0 +1,1 @@
+"""Where each signal of a log is: the mapping language, its resolution, proposals."""

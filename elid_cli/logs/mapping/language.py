@@ -1,0 +1,325 @@
+"""The mapping language: where each signal of a log is, in which unit and sign (--map, and a robot file's `log:`).
+
+Value at the joint = sign · scale · (raw value in `unit`), divided by the gear ratio for a motor-side position
+or velocity and multiplied by it for a motor-side torque (`side: motor`), plus `offset` (SI, joint side), plus the
+signal named by `add`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import UsageError, did_you_mean
+from elid_cli.robot.robot import Robot
+from elid_cli.text_file import read_text
+
+Array = NDArray[np.float64]
+
+POSITIONS = ("q", "theta")
+VELOCITIES = ("dq", "dtheta")
+TORQUES = ("tau", "tau_link")
+SIGNALS = (*POSITIONS, "tau", *VELOCITIES, "tau_link", "temperature")
+KEYS = ("from", "field", "joints", "unit", "scale", "offset", "sign", "side", "add", "time", "unwrap")
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+ANGLES = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "turn": 2 * math.pi, "m": 1.0, "mm": 1e-3, "cm": 1e-2}
+RATES = {"rad/s": 1.0, "deg/s": math.pi / 180, "rev/s": 2 * math.pi, "rpm": math.pi / 30, "m/s": 1.0, "mm/s": 1e-3}
+EFFORTS = {"N.m": 1.0, "Nm": 1.0, "N·m": 1.0, "mN.m": 1e-3, "mNm": 1e-3, "kN.m": 1e3, "N": 1.0, "kN": 1e3, "mN": 1e-3}
+EFFORTS |= {"A": 1.0, "mA": 1e-3, "V": 1.0, "%": 1e-2}
+
+
+@dataclass(frozen=True)
+class SignalMap:
+    """Where one signal is, and how its numbers become SI values at the joint."""
+
+    signal: str
+    source: str | tuple[str | None, ...]
+    """Column pattern, dataset path or topic; or one column per joint."""
+    field: str = ""
+    joints: Mapping[str, str | int] | None = None
+    """The robot's joint -> its name (or index) in the log; None: the same names."""
+    factor: tuple[float, ...] | float = 1.0
+    """SI value of one unit."""
+    unit: str = ""
+    """One unit, or one per joint, as written."""
+    scale: tuple[float, ...] | float = 1.0
+    offset: tuple[float, ...] | float = 0.0
+    sign: tuple[float, ...] | float = 1.0
+    motor_side: bool = False
+    add: str = ""
+    time: str = ""
+    """Column or dataset with this signal's own stamps."""
+    unwrap: bool = False
+    """Whether the angle wraps at one turn of its unit and is to be made continuous first."""
+
+    def gain(self, robot: Robot) -> Array:
+        """Return the factor from raw to SI joint-side values, shape (n,)."""
+        gain = np.broadcast_to(self.factor, robot.n) * np.broadcast_to(self.scale, robot.n)
+        gain = gain * np.broadcast_to(self.sign, robot.n)
+        if self.motor_side:
+            ratios = robot.gear_ratios
+            gain = gain * ratios if self.signal in TORQUES else gain / ratios
+        return np.asarray(gain, dtype=float)
+
+    @property
+    def turn(self) -> float:
+        """One turn in the log's own unit, which is the same at all joints."""
+        factor = self.factor[0] if isinstance(self.factor, tuple) else self.factor
+        return 2 * math.pi / factor
+
+    def offsets(self, robot: Robot) -> Array:
+        """Return the offsets in SI units at the joint, shape (n,)."""
+        return np.array(np.broadcast_to(self.offset, robot.n), dtype=float)
+
+
+@dataclass(frozen=True)
+class TimeMap:
+    """Where the time is; `factor` is the unit in s, or None where it is to be told from the numbers."""
+
+    source: str
+    field: str = ""
+    factor: float | None = None
+
+
+SignalMaps = dict[str, SignalMap]
+
+
+def parse_mapping(raw: Mapping[str, Any], robot: Robot, where: str) -> tuple[SignalMaps, TimeMap | None]:
+    """Return the signals and the time of a mapping as written in YAML.
+
+    Raises
+    ------
+    UsageError
+        Naming `where`, the signal and the key, with the nearest valid name.
+    """
+    if not isinstance(raw, Mapping):
+        raise UsageError(f"{where}: a mapping is signals with their places", hint="q: {from: /arm/joint_states}")
+    signals: SignalMaps = {}
+    time: TimeMap | None = None
+    for name, spec in raw.items():
+        entry = _entry(name, spec, where)
+        if name == "t":
+            time = _time(entry, where)
+        else:
+            signals[str(name)] = _signal(str(name), entry, robot, f"{where}: {name}")
+    return signals, time
+
+
+def read_map_options(options: Sequence[str]) -> dict[str, Any]:
+    """Return one raw mapping from the values of ``--map``: YAML files, ``signal=place``, or lines as hints give them.
+
+    Raises
+    ------
+    UsageError
+        If a file cannot be read or is not a mapping.
+    """
+    merged: dict[str, Any] = {}
+    for option in options:
+        signal, equals, place = option.partition("=")
+        line = _line_of(option)
+        if line is not None:
+            merged.update(line)
+        elif equals and (signal in SIGNALS or signal == "t" or not Path(option).exists()):
+            if signal not in (*SIGNALS, "t"):
+                raise UsageError(f"--map: unknown signal {signal!r}", hint=did_you_mean(signal, ("t", *SIGNALS)))
+            merged[signal] = {"from": place}
+        else:
+            merged.update(_read_map_file(option))
+    return merged
+
+
+def _line_of(option: str) -> dict[str, Any] | None:
+    """Return the mapping that a value of ``--map`` spells out, as in a file: ``tau: {from: …}``, ``tau={from: …}``.
+
+    None where it does not; ``{joint}_torque`` is a pattern of columns.
+    """
+    from elid_cli.robot.yaml import parse_yaml
+
+    spelt = re.sub(r"^(\w+)=(?=\{\s*(from|field)\s*:)", r"\1: ", option)
+    if not re.match(r"\w+:\s*[\[{]", spelt):
+        return None
+    try:
+        raw = parse_yaml(spelt, "--map", UsageError).plain()
+    except UsageError as error:
+        error.hint = error.hint or "quote patterns: --map 'tau: {from: \"tau.{joint}\"}'"
+        raise
+    return dict(raw) if isinstance(raw, Mapping) else None
+
+
+def _read_map_file(name: str) -> dict[str, Any]:
+    from elid_cli.robot.yaml import parse_yaml
+
+    try:
+        text = read_text(Path(name), UsageError, suffixes=(".yaml", ".yml"))
+    except UsageError as error:
+        error.hint = error.hint or "--map map.yaml, or --map tau=/arm/motors.current"
+        raise
+    try:
+        raw = parse_yaml(text, name, UsageError).plain()
+    except UsageError as error:
+        error.hint = error.hint or 'quote patterns: "q.{joint}"'
+        raise
+    if isinstance(raw, Mapping) and set(raw) == {"log"}:
+        raw = raw["log"]
+    if not isinstance(raw, Mapping):
+        raise UsageError(f"{name}: holds no mapping", hint="q: {from: /arm/joint_states, field: position}")
+    return dict(raw)
+
+
+def _entry(name: Any, spec: Any, where: str) -> Mapping[str, Any]:
+    if name != "t" and name not in SIGNALS:
+        raise UsageError(f"{where}: unknown signal {name!r}", hint=did_you_mean(str(name), ("t", *SIGNALS)))
+    if isinstance(spec, str | list):
+        spec = {"from": spec}
+    if not isinstance(spec, Mapping):
+        raise UsageError(f"{where}: {name}: expected {{from: …}}", detail=f"found {spec!r:.60}")
+    for key in spec:
+        if key not in KEYS:
+            raise UsageError(f"{where}: {name}: unknown key {key!r}", hint=did_you_mean(str(key), KEYS))
+    if "from" not in spec and not (name == "t" and "field" in spec):
+        raise UsageError(f"{where}: {name}: no 'from'", hint="from: column pattern, dataset path or topic")
+    return spec
+
+
+def _time(spec: Mapping[str, Any], where: str) -> TimeMap:
+    unit = None if spec.get("unit") is None else _text(spec["unit"], where, "t: unit")
+    if unit is not None and unit not in TIME_UNITS:
+        raise UsageError(f"{where}: t: unknown unit {unit!r}", hint=did_you_mean(str(unit), TIME_UNITS))
+    for key in spec:
+        if key not in ("from", "field", "unit"):
+            raise UsageError(f"{where}: t: {key!r} does not apply to time", hint="from, field, unit")
+    factor = TIME_UNITS[unit] if unit is not None else None
+    return TimeMap(
+        _text(spec.get("from", ""), where, "t: from"), _text(spec.get("field", ""), where, "t: field"), factor
+    )
+
+
+def _signal(name: str, spec: Mapping[str, Any], robot: Robot, where: str) -> SignalMap:
+    side = spec.get("side", "joint")
+    if side not in ("motor", "joint", "link"):
+        raise UsageError(f"{where}: unknown side {side!r}", hint=did_you_mean(str(side), ("motor", "joint")))
+    add = _text(spec.get("add", ""), where, "add")
+    if add and (add not in SIGNALS or add == name):
+        others = [signal for signal in SIGNALS if signal != name]
+        raise UsageError(f"{where}: add: unknown signal {add!r}", hint=did_you_mean(add, others))
+    unit, factor = _units(spec.get("unit", ""), name, robot, where)
+    unwrap = _flag(spec.get("unwrap", False), where, "unwrap")
+    if unwrap and isinstance(factor, tuple) and len(set(factor)) > 1:
+        raise UsageError(f"{where}: unwrap: needs one unit for all joints", detail=f"found {unit}")
+    return SignalMap(
+        signal=name,
+        source=_places(spec["from"], robot, where),
+        field=_text(spec.get("field", ""), where, "field"),
+        joints=_joints(spec.get("joints"), robot, where),
+        factor=factor,
+        unit=unit,
+        scale=_per_joint(spec.get("scale", 1.0), robot, f"{where}: scale"),
+        offset=_per_joint(spec.get("offset", 0.0), robot, f"{where}: offset"),
+        sign=_per_joint(spec.get("sign", 1.0), robot, f"{where}: sign"),
+        motor_side=side == "motor",
+        add=add,
+        time=_text(spec.get("time", ""), where, "time"),
+        unwrap=unwrap,
+    )
+
+
+def _text(value: Any, where: str, key: str) -> str:
+    if not isinstance(value, str):
+        raise UsageError(f"{where}: {key}: expected text", detail=f"found {value!r:.60}")
+    return value
+
+
+def _flag(value: Any, where: str, key: str) -> bool:
+    if not isinstance(value, bool):
+        raise UsageError(f"{where}: {key}: expected true or false", detail=f"found {value!r:.60}")
+    return value
+
+
+def _places(value: Any, robot: Robot, where: str) -> str | tuple[str | None, ...]:
+    if isinstance(value, list):
+        if len(value) != robot.n:
+            raise UsageError(f"{where}: from: {len(value)} places for {robot.n} joints")
+        return tuple(None if place is None else _text(place, where, "from") for place in value)
+    return _text(value, where, "from")
+
+
+def _joints(value: Any, robot: Robot, where: str) -> Mapping[str, str | int] | None:
+    if value is None:
+        return None
+    if isinstance(value, list):
+        if len(value) != robot.n:
+            raise UsageError(f"{where}: joints: {len(value)} names for {robot.n} joints")
+        value = dict(zip(robot.joint_names, value, strict=True))
+    if not isinstance(value, Mapping):
+        raise UsageError(f"{where}: joints: expected {{joint1: name in the log, …}}")
+    for joint in value:
+        if joint not in robot.joint_names:
+            raise UsageError(f"{where}: joints: no joint {joint!r}", hint=did_you_mean(str(joint), robot.joint_names))
+    return {str(joint): name if isinstance(name, int) else str(name) for joint, name in value.items()}
+
+
+def _per_joint(value: Any, robot: Robot, where: str) -> tuple[float, ...] | float:
+    if isinstance(value, Mapping):
+        for joint in value:
+            if joint not in robot.joint_names:
+                raise UsageError(f"{where}: no joint {joint!r}", hint=did_you_mean(str(joint), robot.joint_names))
+        neutral = 0.0 if where.endswith("offset") else 1.0
+        value = [value.get(joint, neutral) for joint in robot.joint_names]
+    if isinstance(value, list):
+        if len(value) != robot.n:
+            what = f"{where}: {len(value)} numbers for {robot.n} joint{'s' if robot.n > 1 else ''}"
+            raise UsageError(what, hint="one number, or one per joint of --robot")
+        return tuple(_number(item, where) for item in value)
+    return _number(value, where)
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, str):
+        with contextlib.suppress(ValueError):
+            value = float(value)  # YAML 1.1 reads 1e-3 as text
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise UsageError(f"{where}: expected a finite number", detail=f"found {value!r:.60}")
+    return float(value)
+
+
+def _units(value: Any, name: str, robot: Robot, where: str) -> tuple[str, tuple[float, ...] | float]:
+    """Return the unit as written and the SI value of one, or one per joint."""
+    if isinstance(value, Mapping):
+        for joint in value:
+            if joint not in robot.joint_names:
+                raise UsageError(f"{where}: unit: no joint {joint!r}", hint=did_you_mean(str(joint), robot.joint_names))
+        value = [value.get(joint, "") for joint in robot.joint_names]
+    if isinstance(value, list):
+        if len(value) != robot.n:
+            what = f"{where}: unit: {len(value)} units for {robot.n} joint{'s' if robot.n > 1 else ''}"
+            raise UsageError(what, hint="one unit, or one per joint of --robot")
+        units = [_text(item, where, "unit") for item in value]
+        return ", ".join(units), tuple(_unit_factor(name, unit, where) if unit else 1.0 for unit in units)
+    unit = _text(value, where, "unit")
+    return unit, _unit_factor(name, unit, where) if unit else 1.0
+
+
+def _unit_factor(signal: str, unit: str, where: str) -> float:
+    table = ANGLES if signal in POSITIONS else ANGLES | RATES if signal in VELOCITIES else EFFORTS
+    if signal == "temperature":
+        table = {"degC": 1.0, "°C": 1.0, "C": 1.0}
+    if signal in (*POSITIONS, *VELOCITIES) and unit.startswith("counts"):
+        per_turn = unit.partition(":")[2]
+        try:
+            counts = float(per_turn)
+        except ValueError:
+            counts = 0.0
+        if not (math.isfinite(counts) and counts != 0):
+            raise UsageError(f"{where}: unit {unit!r} needs counts per turn", hint="unit: counts:4096")
+        return 2 * math.pi / counts
+    if unit not in table:
+        raise UsageError(f"{where}: unknown unit {unit!r}", hint=did_you_mean(unit, [*table, "counts:4096"]))
+    return table[unit]

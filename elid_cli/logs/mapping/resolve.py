@@ -1,0 +1,312 @@
+"""Decide which channel each signal is taken from: the user's mapping, the robot's, then the canonical names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from elid_cli.errors import UsageError, nearest
+from elid_cli.logs.contract import Channel, Pick
+from elid_cli.logs.mapping.language import (
+    POSITIONS,
+    SIGNALS,
+    TORQUES,
+    VELOCITIES,
+    SignalMap,
+    SignalMaps,
+    TimeMap,
+    parse_mapping,
+)
+from elid_cli.robot.robot import Robot
+
+PATTERNS = ("{joint}", "{i}", "{i0}")
+"""What stands for a joint's name, its number from 1 and its number from 0."""
+LISTED = 12
+"""Fields and names that a reason lists."""
+ABSENT = "the log has no "
+"""How the reason begins where a place is not in the log at all."""
+DEFAULT_FIELDS = dict.fromkeys(POSITIONS, "position") | dict.fromkeys(VELOCITIES, "velocity")
+DEFAULT_FIELDS |= dict.fromkeys(TORQUES, "effort") | {"temperature": "temperature"}
+
+
+@dataclass(frozen=True)
+class Placement:
+    """One signal's place: the picks that bring it, and which joint each picked column is."""
+
+    spec: SignalMap
+    picks: tuple[Pick, ...]
+    joints: tuple[tuple[int, ...], ...]
+    """Joint indices (from 0) of the columns of each pick."""
+    places: str
+    """Where it comes from, as a user would write it."""
+    unnamed: bool = False
+    """Whether values without names were taken in the robot's joint order."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One mapping to try, with the words that name it."""
+
+    where: str
+    signals: SignalMaps
+    time: TimeMap | None = None
+    canonical: bool = False
+    asked: bool = False
+    """Whether the user gave it for this log."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Where every signal of a log is read from, and what had to be decided for that."""
+
+    placements: Mapping[str, Placement]
+    time: TimeMap | None
+    unfit: tuple[str, ...]
+    """Mapped signals that the log does not hold, and what was done instead."""
+    notes: tuple[str, ...]
+    reasons: Mapping[str, str]
+    """Signals that nothing fits -> why."""
+    unusable: frozenset[str] = frozenset()
+    """Those of them that the log holds, or that the user has mapped."""
+    mapped: frozenset[str] = frozenset()
+    """Signals that the user gave a place for this log."""
+
+
+def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) -> Plan:
+    """Place every signal with the first layer that fits it."""
+    by_source = _by_source(channels)
+    time, unfit, notes = _place_time(by_source, layers)
+    placements: dict[str, Placement] = {}
+    reasons: dict[str, str] = {}
+    unusable: set[str] = set()
+    failed: dict[str, tuple[str, str]] = {}
+    for signal in SIGNALS:
+        for layer in layers:
+            spec = layer.signals.get(signal)
+            if spec is None:
+                continue
+            found = place(spec, by_source, robot, time, near=signal not in reasons)
+            if isinstance(found, Placement):
+                placements[signal] = found
+                break
+            reasons.setdefault(signal, found if layer.canonical else f"{layer.where}: {found}")
+            if layer.asked or not found.startswith(ABSENT):
+                unusable.add(signal)
+            if not layer.canonical and signal not in failed:
+                failed[signal] = (layer.where, found)
+    unfit += _unfit(failed, placements)
+    for signal, placement in placements.items():
+        reasons.pop(signal, None)
+        if placement.unnamed:
+            notes.append(f"{signal}: values of {placement.places} have no names: taken in the robot's joint order")
+    return Plan(
+        placements, time, tuple(unfit), tuple(notes), reasons, frozenset(unusable - set(placements)),
+        frozenset(signal for layer in layers if layer.asked for signal in layer.signals),
+    )  # fmt: skip
+
+
+def fits(channels: Sequence[Channel], robot: Robot, line: str) -> bool:
+    """Return whether a mapping of one signal, a line of YAML, finds a place in a log."""
+    from elid_cli.robot.yaml import parse_yaml
+
+    try:
+        signals, time = parse_mapping(parse_yaml(line, "mapping", UsageError).plain(), robot, "mapping")
+    except UsageError:  # a name that YAML reads as something else
+        return False
+    by_source = _by_source(channels)
+    return time is not None or all(
+        isinstance(place(spec, by_source, robot, None, near=False), Placement) for spec in signals.values()
+    )
+
+
+def _by_source(channels: Sequence[Channel]) -> dict[str, list[Channel]]:
+    found: dict[str, list[Channel]] = {}
+    for channel in channels:
+        found.setdefault(channel.source, []).append(channel)
+    return found
+
+
+def place(
+    spec: SignalMap,
+    by_source: Mapping[str, Sequence[Channel]],
+    robot: Robot,
+    time: TimeMap | None,
+    *,
+    near: bool = True,
+) -> Placement | str:
+    """Return where a signal is, or why its mapping does not fit the log; `near`: with the nearest name, which costs."""
+    if isinstance(spec.source, tuple) or any(mark in spec.source + spec.field for mark in PATTERNS):
+        return _place_each(spec, by_source, robot, time, near=near)
+    channel = _find(spec, spec.source, by_source, near=near)
+    if isinstance(channel, str):
+        return channel
+    chosen = _columns(spec, channel, robot)
+    if isinstance(chosen, str):
+        return chosen
+    columns, joints = chosen
+    pick = Pick(channel.source, channel.field, columns, _stamps(spec, channel, by_source, time))
+    unnamed = not channel.labels and robot.n > 1 and spec.joints is None
+    return Placement(spec, (pick,), (joints,), channel.address, unnamed=unnamed)
+
+
+def _place_each(
+    spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Robot, time: TimeMap | None, *, near: bool
+) -> Placement | str:
+    picks: list[Pick] = []
+    joints: list[tuple[int, ...]] = []
+    reason = ""
+    for j, (joint, source) in enumerate(zip(robot.joint_names, sources_of(spec, robot), strict=True)):
+        if source is None:
+            continue
+        own = replace(spec, field=_filled(spec, spec.field, j, joint)) if spec.field else spec
+        channel = _find(own, source, by_source, near=near and not reason)
+        if isinstance(channel, str):
+            reason = reason or channel
+            continue
+        column: int | str = 0
+        if channel.labels:
+            column = _log_name(spec, joint)
+            if column not in channel.labels and channel.width == 1:
+                column = channel.labels[0]
+        elif channel.width != 1:
+            reason = reason or f"{channel.address} holds {channel.width} values per sample, not one"
+            continue
+        picks.append(Pick(channel.source, channel.field, (column,), _stamps(spec, channel, by_source, time)))
+        joints.append((j,))
+    if not picks:
+        return reason or "no column is named"
+    pattern = spec.source if isinstance(spec.source, str) else ", ".join(str(place) for place in spec.source)
+    pattern += f".{spec.field}" if spec.field else ""
+    return Placement(spec, tuple(picks), tuple(joints), pattern)
+
+
+def _stamps(spec: SignalMap, channel: Channel, by_source: Mapping[str, Sequence[Channel]], time: TimeMap | None) -> str:
+    """Return the column, dataset or message field with a channel's stamps; empty: the log's own."""
+    if not channel.field:
+        return spec.time or (time.source if time else "")
+    wanted = spec.time or (time.field or time.source if time else "")
+    return wanted if any(other.field == wanted for other in by_source[channel.source]) else ""
+
+
+def sources_of(spec: SignalMap, robot: Robot) -> list[str | None]:
+    """Return the column, dataset or topic of every joint that a pattern or list of places stands for."""
+    if isinstance(spec.source, tuple):
+        return list(spec.source)
+    return [_filled(spec, spec.source, j, joint) for j, joint in enumerate(robot.joint_names)]
+
+
+def _filled(spec: SignalMap, pattern: str, j: int, joint: str) -> str:
+    """Return a pattern with the name and number of one joint."""
+    name = _log_name(spec, joint)
+    number = name if isinstance(name, int) else j + 1
+    return pattern.replace("{joint}", str(name)).replace("{i}", str(number)).replace("{i0}", str(number - 1))
+
+
+def _log_name(spec: SignalMap, joint: str) -> str | int:
+    return spec.joints.get(joint, joint) if spec.joints else joint
+
+
+def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel]], *, near: bool) -> Channel | str:
+    """Return the channel that `source` and the mapping's field name, or why there is none."""
+    field = spec.field
+    found = by_source.get(source) or by_source.get(re.sub(r"\s*[\[(][^\[\]()]*[A-Za-zµ°%][^\[\]()]*[\])]$", "", source))
+    if found is None and not field:  # the short form /topic.field
+        for cut in (i for i, letter in enumerate(source) if letter == "."):
+            if source[:cut] in by_source:
+                found, field = by_source[source[:cut]], source[cut + 1 :]
+                break
+    if found is None:
+        like = nearest(source, by_source) if near else None
+        return f"{ABSENT}{source!r}" + (f" (nearest: {like!r})" if like else "")
+    if len(found) == 1 and not found[0].width:
+        return f"{found[0].source} cannot be read: {found[0].kind}"
+    fields = {channel.field: channel for channel in found}
+    if field:
+        same = _field_like(field, fields)
+        if same is not None:
+            return fields[same]
+    else:
+        if DEFAULT_FIELDS[spec.signal] in fields:
+            return fields[DEFAULT_FIELDS[spec.signal]]
+        if len(found) == 1:
+            return found[0]
+        for plain in ("data", "values"):  # arrays of std_msgs, and those whose names are a topic of their own
+            if plain in fields:
+                return fields[plain]
+    wanted = field or DEFAULT_FIELDS[spec.signal]
+    named = [name for name in fields if name and not name.endswith("sec")]
+    held = f"only {', '.join(named[:LISTED])}" if named else f"it cannot be decoded: {found[0].kind}"
+    like = nearest(wanted, named) if near else None
+    return f"{found[0].source} has no field {wanted!r}, {held}" + (f" (nearest: {like!r})" if like else "")
+
+
+def _field_like(field: str, fields: Iterable[str]) -> str | None:
+    """Return the field that a path names: itself, an interface by its full path, or the only path that contains it."""
+    interface = field.removeprefix("interface_values.")
+    for exact in (field, interface):
+        if exact in fields:
+            return exact
+    holding = [path for path in fields if path.startswith(f"{field}.") or path.endswith(f".{field}")]
+    return holding[0] if len(holding) == 1 else None
+
+
+def _columns(spec: SignalMap, channel: Channel, robot: Robot) -> tuple[tuple[int | str, ...], tuple[int, ...]] | str:
+    names = [_log_name(spec, joint) for joint in robot.joint_names]
+    if spec.joints is not None:
+        names = [name if joint in spec.joints else None for joint, name in zip(robot.joint_names, names, strict=True)]  # type: ignore[misc]
+    if all(isinstance(name, int) for name in names if name is not None) and any(name is not None for name in names):
+        pairs = [(name, j) for j, name in enumerate(names) if name is not None]
+    elif channel.labels:
+        pairs = [(name, j) for j, name in enumerate(names) if name in channel.labels]
+        if not pairs:
+            return f"{channel.address} holds {_listed(channel.labels)}, none of them {_listed(names)}"
+        if channel.open_ended:
+            pairs = [(name, j) for j, name in enumerate(names) if name is not None]
+    elif channel.width == robot.n:
+        pairs = [(j, j) for j in range(robot.n)]
+    else:
+        which = ", ".join(f"{name}: {k}" for k, name in enumerate(robot.joint_names[: channel.width][:LISTED]))
+        said = f"{channel.address} holds {channel.width} unnamed values per sample for {robot.n} joints"
+        return f"{said}; which are whose says joints: {{{which}}} in a mapping"
+    beyond = [name for name, _ in pairs if isinstance(name, int) and not 0 <= name < channel.width]
+    if beyond:
+        return f"{channel.address} holds {channel.width} values per sample, counted from 0: no {beyond[0]}"
+    return tuple(name for name, _ in pairs), tuple(j for _, j in pairs)
+
+
+def _listed(names: Sequence[object]) -> str:
+    known = [str(name) for name in names if name is not None]
+    more = f" and {len(known) - LISTED} more" if len(known) > LISTED else ""
+    return " ".join(known[:LISTED]) + more
+
+
+def _place_time(
+    by_source: Mapping[str, Sequence[Channel]], layers: Sequence[Layer]
+) -> tuple[TimeMap | None, list[str], list[str]]:
+    unfit: list[str] = []
+    for layer in layers:
+        if layer.time is None:
+            continue
+        wanted = layer.time.field or layer.time.source
+        in_messages = any(channel.field == wanted for found in by_source.values() for channel in found)
+        if layer.time.source in by_source or in_messages:
+            own = layer.time.source.lstrip("/") in ("t", "")
+            return layer.time, unfit, [] if own or not layer.canonical else [f"time is taken from {layer.time.source}"]
+        if not layer.canonical:
+            near = nearest(layer.time.source, by_source)
+            unfit.append(f"{layer.where}: t: the log has no {wanted!r}" + (f" (nearest: {near!r})" if near else ""))
+    return None, unfit, []
+
+
+def _unfit(failed: Mapping[str, tuple[str, str]], placements: Mapping[str, Placement]) -> list[str]:
+    """Say once per mapping which of its signals fell back to other places."""
+    said: list[str] = []
+    for where in dict.fromkeys(where for where, _ in failed.values()):
+        signals = [signal for signal, (place_of, _) in failed.items() if place_of == where]
+        fallen = [signal for signal in signals if signal in placements]
+        if not fallen:
+            continue
+        places = ", ".join(f"{signal} from {placements[signal].places}" for signal in fallen)
+        said.append(f"{where} does not fit this log ({failed[fallen[0]][1]}): canonical names used instead, {places}")
+    return said

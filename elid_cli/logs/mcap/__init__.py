@@ -1,0 +1,1 @@
+"""What MCAP needs: the container and the encodings of its messages."""

@@ -1,0 +1,1 @@
+"""Every signal onto one even time base; what was repaired is said."""

@@ -1,0 +1,190 @@
+"""Which clock a log is read by, and its stamps in seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import LogError, UsageError
+from elid_cli.logs.contract import Stream
+
+Array = NDArray[np.float64]
+
+TIME_SOURCES = {"auto": "", "header": "header stamp", "log": "log time"}
+"""Values of --time -> the clock's name."""
+LONGEST = 1e10
+"""s; stamps further than this from the others are broken ones."""
+UNRULY = 0.05
+"""Share of backward steps above which a clock is not taken as increasing."""
+BLOCK = 1 << 15
+"""Stamps looked at at a time."""
+EPOCHS = ((1e17, 1e-9, "ns"), (1e14, 1e-6, "µs"), (1e11, 1e-3, "ms"))
+"""A time this large can only be counted from 1970 in this unit (1e9 s is 2001)."""
+
+
+def in_seconds(
+    streams: Sequence[Stream],
+    *,
+    source: str = "auto",
+    factor: float | None = None,
+    rate: float | None = None,
+    name: str = "log",
+    notes: list[str],
+) -> list[Array]:
+    """Return every stream's stamps in s from one common origin; streams sampled together share one array.
+
+    Raises
+    ------
+    UsageError
+        If `source` is not one of `TIME_SOURCES`.
+    LogError
+        If the log has no time and no `rate` is given.
+    """
+    if source not in TIME_SOURCES:
+        raise UsageError(f"--time: unknown clock {source!r}", hint=f"one of {', '.join(TIME_SOURCES)}")
+    clock = _choose(streams, TIME_SOURCES[source], notes)
+    if clock is None:
+        if rate is None:
+            raise LogError(
+                f"{name}: no time",
+                detail="it has no column, dataset or stamp that elid takes for t",
+                hint="name it in a mapping (--map t=PLACE), or give the sample rate: --rate 1000",
+            )
+        notes.append(f"the log has no time: {rate:g} Hz as given")
+        return [np.arange(stream.values.shape[0]) / rate for stream in streams]
+    unique: dict[int, NDArray[Any]] = {}
+    for stream in streams:
+        key = id(stream.clocks[clock])
+        if key not in unique:
+            unique[key] = _mended(stream.clocks, clock)
+    seconds = _from_origin(unique, factor, notes, name, another_clock(streams, source))
+    return [seconds[id(stream.clocks[clock])] for stream in streams]
+
+
+def another_clock(streams: Sequence[Stream], asked: str = "auto") -> str:
+    """Return what a log whose time is of no use may be read with: a clock of its own that was not asked for."""
+    held = set.intersection(*(set(stream.clocks) for stream in streams)) if streams else set()
+    other = "header" if asked == "log" else "log"
+    return "--map t=PLACE" + (f", or --time {other}" if TIME_SOURCES[other] in held else "")
+
+
+def _choose(streams: Sequence[Stream], asked: str, notes: list[str]) -> str | None:
+    clocks = [set(stream.clocks) for stream in streams]
+    common = set.intersection(*clocks) if clocks else set()
+    if not common:
+        return None
+    if asked:
+        if asked in common:
+            notes.append(f"time is the {asked}, as asked")
+            return asked
+        notes.append(f"the log has no {asked}: its own time is taken")
+    if "t" in common:
+        return "t"
+    unusable = next((reason for stream in streams if (reason := _unusable(stream.clocks["header stamp"]))), "")
+    if not unusable:
+        return "header stamp"
+    if any(_unusable(stream.clocks["log time"]) for stream in streams) and "zero" not in unusable:
+        return "header stamp"
+    notes.append(f"header stamps {unusable}: time is the log time")
+    return "log time"
+
+
+def _unusable(stamps: NDArray[np.int64]) -> str:
+    """Return why a clock cannot be used, or an empty text."""
+    if stamps.size < 2:
+        return ""
+    if np.count_nonzero(stamps) < 0.5 * stamps.size:
+        return "are zero"
+    moving, backwards = False, 0
+    for start in range(0, stamps.size - 1, BLOCK):
+        steps = np.diff(stamps[start : start + BLOCK + 1])
+        moving = moving or bool(steps.any())
+        backwards += int(np.count_nonzero(steps < 0))
+    if not moving:
+        return "never advance"
+    if backwards > UNRULY * (stamps.size - 1):
+        return "run backwards"
+    return ""
+
+
+def _mended(clocks: Mapping[str, NDArray[Any]], clock: str) -> NDArray[Any]:
+    """Return the stamps with single zero ones replaced by the log time where that is the same clock."""
+    stamps = clocks[clock]
+    if clock != "header stamp":
+        return stamps
+    if np.count_nonzero(stamps) == stamps.size:
+        return stamps
+    zero = stamps == 0
+    logged = clocks["log time"]
+    known = stamps[~zero]
+    span = int(known.max() - known.min()) + 10**9
+    near = np.abs(logged[zero].astype(float) - known.mean()) < 2 * span
+    if known.min() < span:  # a clock that starts at zero, as simulators' do
+        return stamps
+    mended = stamps.astype(float)
+    mended[zero] = np.where(near, logged[zero], np.nan)
+    return mended
+
+
+def _from_origin(
+    unique: Mapping[int, NDArray[Any]], factor: float | None, notes: list[str], name: str, other: str
+) -> dict[int, Array]:
+    """Subtract the earliest stamp while the numbers are exact, then scale to s."""
+    ends = {key: found for key, stamps in unique.items() if (found := _extremes(stamps)) is not None}
+    if not ends:
+        raise LogError(f"{name}: its time holds no numbers", hint=f"name another clock: {other}")
+    whole = all(stamps.dtype.kind == "i" for stamps in unique.values())
+    if whole:
+        factor = 1e-9
+    elif factor is None:
+        factor = _epoch_unit(max(abs(_middle(unique[key])) for key in ends), notes)
+    first, last = min(low for low, _ in ends.values()), max(high for _, high in ends.values())
+    if not (last - first) * factor < LONGEST:  # broken stamps among them: those near the middle tell the origin
+        first = _believed_origin([unique[key] for key in ends], factor)
+    return {key: _scaled(stamps, first, factor) for key, stamps in unique.items()}
+
+
+def _extremes(stamps: NDArray[Any]) -> tuple[Any, Any] | None:
+    """Return the smallest and the largest number, exactly; None where there is none."""
+    if not stamps.size:
+        return None
+    low, high = stamps.min().item(), stamps.max().item()
+    if np.isfinite(low) and np.isfinite(high):
+        return low, high
+    known = stamps[np.isfinite(stamps)]
+    return (known.min().item(), known.max().item()) if known.size else None
+
+
+def _middle(stamps: NDArray[Any]) -> float:
+    return float(np.median(stamps[np.isfinite(stamps)]))
+
+
+def _believed_origin(clocks: Sequence[NDArray[Any]], factor: float) -> Any:
+    """Return the earliest stamp that is not far from the middle of the first clock."""
+    middle = _middle(clocks[0])
+    believed = [stamps[np.abs(stamps - middle) < LONGEST / factor] for stamps in clocks]
+    return min((stamps.min() for stamps in believed if stamps.size), default=middle)
+
+
+def _scaled(stamps: NDArray[Any], origin: Any, factor: float) -> Array:
+    """Return stamps in s from an origin, NaN where they are broken; a block at a time, to touch no further memory."""
+    t = np.empty(stamps.size)
+    for start in range(0, stamps.size, BLOCK):
+        here = t[start : start + BLOCK]
+        with np.errstate(over="ignore"):
+            np.multiply(stamps[start : start + BLOCK] - origin, factor, out=here)
+        broken = ~(np.abs(here) < 2 * LONGEST)
+        if broken.any():
+            here[broken] = np.nan
+    return t
+
+
+def _epoch_unit(largest: float, notes: list[str]) -> float:
+    for limit, factor, unit in EPOCHS:
+        if largest > limit:
+            notes.append(f"time is {unit} since 1970, by its size")
+            return factor
+    return 1.0

@@ -1,0 +1,232 @@
+"""Stamps compared with an even grid, and values placed or interpolated onto it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.logs.repair.interpolate import interpolate
+from elid_cli.logs.repair.timeline import BLOCK, SNAP, Timeline
+
+Array = NDArray[np.float64]
+
+OFFSET = 2e-3
+"""Sample times by which two streams may be apart and still count as sampled together."""
+LONGEST_GAP = 1e6
+"""s; a longer gap is a clock that was set, and is shown as 1 s."""
+JUDGED = 20_000
+"""Samples by which jitter of the stamps is told from jitter of the sampling."""
+SMOOTHER = 0.8
+"""Roughness ratio below which evenly spaced samples explain the log better than the stamps do."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Even stretches of time: start in s and number of samples each, `dt` s apart."""
+
+    dt: float
+    starts: tuple[float, ...]
+    counts: tuple[int, ...]
+
+    @property
+    def samples(self) -> int:
+        """Samples of all stretches."""
+        return sum(self.counts)
+
+    def bounds(self) -> list[tuple[int, int]]:
+        """Return (start, stop) of each stretch among all samples."""
+        stops = np.cumsum(self.counts).tolist()
+        return list(zip([0, *stops[:-1]], stops, strict=True))
+
+    def shortened(self) -> Grid:
+        """Return the grid with absurd gaps (a clock set while recording) made short, so that time keeps its digits."""
+        starts = [0.0]
+        for k in range(1, len(self.starts)):
+            length = (self.counts[k - 1] - 1) * self.dt
+            gap = self.starts[k] - self.starts[k - 1] - length
+            starts.append(starts[-1] + length + (gap if gap < LONGEST_GAP else 1.0))
+        return Grid(self.dt, tuple(starts), self.counts)
+
+    def times(self) -> Array:
+        """Return the time of every sample, s, shape (N,)."""
+        t = np.empty(self.samples)
+        for (first, stop), start in zip(self.bounds(), self.starts, strict=True):
+            _fill_evenly(t[first:stop], start, self.dt)
+        return t
+
+
+def regularised(line: Timeline, values: Array, label: str) -> Timeline:
+    """Return the timeline with stamps moved onto an even grid where they only jitter about one.
+
+    `values` (the stream's rows, positions if possible) tell jitter of the stamps from jitter of the sampling:
+    a joint moves smoothly, so the reading under which it does is the right one.
+    """
+    t = line.t.copy()
+    worst = 0.0
+    evened = False
+    for start, stop in line.stretches:
+        if stop - start < 3:
+            continue
+        piece = line.t[start:stop]
+        if _evened(piece, line.dt, t[start:stop]):
+            continue
+        slots, phase, jitter = _slots(piece, line.dt)
+        even = phase + slots * line.dt
+        ascending = bool((np.diff(slots) > 0).all())
+        if ascending and np.abs(piece - even).max() <= SNAP * line.dt:
+            t[start:stop] = even
+            continue
+        worst = max(worst, jitter)
+        rows = values[start:stop] if line.rows is None else values[line.rows[start:stop]]
+        if not ascending:
+            slots = np.arange(stop - start, dtype=float)
+            even = phase + slots * line.dt
+            if abs(float(piece[-1] - even[-1])) > 2.5 * line.dt:  # not one sample per slot either
+                continue
+        if _stamps_jitter(piece, even, slots, rows, line.dt):
+            t[start:stop] = even
+            evened = True
+    said = line.repairs
+    if worst:
+        how = "the motion is smoother when taken as evenly spaced" if evened else "interpolated onto even spacing"
+        said = (*said, f"{label}: stamps jitter by {worst * 1e3:.3g} ms rms about {1 / line.dt:.6g} Hz: {how}")
+    return replace(line, t=t, repairs=said)
+
+
+def _evened(t: Array, dt: float, out: Array) -> bool:
+    """Write stamps that lie on an even grid, one to every slot, moved onto it; return whether they do.
+
+    It is what `_slots` leads to in that case, with little memory touched.
+    """
+    low, high, total = np.inf, -np.inf, 0.0
+    for start in range(0, t.size, BLOCK):
+        part = t[start : start + BLOCK]
+        apart = part - (t[0] + dt * np.arange(start, start + part.size))
+        low, high, total = min(low, float(apart.min())), max(high, float(apart.max())), total + float(apart.sum())
+    mean = total / t.size
+    if not max(high - mean, mean - low, high, -low) <= SNAP * dt:
+        return False
+    _fill_evenly(out, t[0] + mean, dt)
+    return True
+
+
+def _fill_evenly(out: Array, start: float, dt: float) -> None:
+    for first in range(0, out.size, BLOCK):
+        part = out[first : first + BLOCK]
+        np.multiply(dt, np.arange(first, first + part.size), out=part)
+        part += start
+
+
+def _slots(t: Array, dt: float) -> tuple[Array, float, float]:
+    """Return the grid slot of every stamp, the grid's phase (s) and the rms distance from it (s)."""
+    slots = np.rint((t - t[0]) / dt)
+    for _ in range(2):
+        phase = float(np.mean(t - slots * dt))
+        slots = np.rint((t - phase) / dt)
+    phase += float(slots[0]) * dt
+    slots = slots - slots[0]
+    return slots, phase, float(np.std(t - phase - slots * dt))
+
+
+def _stamps_jitter(t: Array, even: Array, slots: Array, values: Array, dt: float) -> bool:
+    """Whether the motion is smoother on the even times than on the stamps."""
+    t, even, slots, values = t[:JUDGED], even[:JUDGED], slots[:JUDGED], values[:JUDGED]
+    if t.size < 50 or not (np.diff(slots) == 1).all() or not np.isfinite(values).all():
+        return False
+    points = even[2:-2]
+    points = points[(points >= t[0]) & (points <= t[-1])]
+    spaced = np.concatenate([[True], np.diff(t) > 0.25 * dt])
+    moved = interpolate(t[spaced], values[spaced], points, order=4)
+    as_stamped = np.diff(moved, 3, axis=0).std(axis=0)
+    as_even = np.diff(values, 3, axis=0).std(axis=0)
+    known = as_stamped > 0
+    if not known.any():
+        return False
+    return bool(np.median(as_even[known] / as_stamped[known]) < SMOOTHER)
+
+
+def grid_of(line: Timeline) -> Grid:
+    """Return the even grid that a regularised timeline spans."""
+    starts, counts = [], []
+    for start, stop in line.stretches:
+        span = (line.t[stop - 1] - line.t[start]) / line.dt
+        starts.append(float(line.t[start]))
+        counts.append(int(np.floor(span + SNAP)) + 1)
+    return Grid(line.dt, tuple(starts), tuple(counts))
+
+
+def identical(line: Timeline, grid: Grid) -> bool:
+    """Whether the stream's rows, as they are, are the grid's samples."""
+    return (
+        line.rows is None
+        and len(grid.counts) == 1
+        and grid.counts[0] == line.t.size
+        and _fills(line.t, grid.starts[0], grid.dt)
+    )
+
+
+def onto(grid: Grid, line: Timeline, values: Array) -> tuple[Array, bool]:
+    """Return a stream's values on a grid, NaN where it has none, shape (N, k), and whether it was interpolated."""
+    result = np.full((grid.samples, values.shape[1]), np.nan)
+    interpolated = False
+    stretches = line.stretches
+    begins = np.array([line.t[begin] for begin, _ in stretches])
+    ends = np.array([line.t[stop - 1] for _, stop in stretches])
+    for (first, last), start, count in zip(grid.bounds(), grid.starts, grid.counts, strict=True):
+        target = result[first:last]
+        end = start + (count - 1) * grid.dt
+        near = slice(  # stretches are in order of time, and there may be thousands of them
+            int(np.searchsorted(ends, start - 4 * line.dt)),
+            int(np.searchsorted(begins, end + 4 * line.dt, side="right")),
+        )
+        for begin, stop in stretches[near]:
+            low = begin + int(np.searchsorted(line.t[begin:stop], start - 4 * line.dt))
+            high = begin + int(np.searchsorted(line.t[begin:stop], end + 4 * line.dt, side="right"))
+            if high <= low:
+                continue
+            t = line.t[low:high]
+            rows = slice(low, high) if line.rows is None else line.rows[low:high]
+            slots = _on_grid(t, start, grid.dt) if line.dt < 1.5 * grid.dt else None
+            if slots is not None:
+                inside = (slots >= 0) & (slots < count)
+                target[slots[inside]] = values[rows][inside]
+            elif high - low >= 2:
+                interpolated = True
+                _interpolate(target, start, grid.dt, t, values[rows], line.dt)
+    return result, interpolated
+
+
+def _fills(t: Array, start: float, dt: float) -> bool:
+    """Whether stamps are the first slots of a grid, one after the other (`_on_grid`)."""
+    worst, total = 0.0, 0.0
+    for first in range(0, t.size, BLOCK):
+        apart = (t[first : first + BLOCK] - start) / dt - np.arange(first, min(first + BLOCK, t.size))
+        worst, total = max(worst, float(np.abs(apart).max())), total + float(apart.sum())
+    return worst <= SNAP and abs(total / t.size) <= OFFSET
+
+
+def _on_grid(t: Array, start: float, dt: float) -> NDArray[np.intp] | None:
+    """Return the slots of stamps that lie on the grid, or None."""
+    exact = (t - start) / dt
+    slots = np.rint(exact)
+    apart = exact - slots
+    if np.abs(apart).max() > SNAP or abs(float(apart.mean())) > OFFSET or not (np.diff(slots) > 0).all():
+        return None
+    return slots.astype(np.intp)
+
+
+def _interpolate(target: Array, start: float, dt: float, t: Array, values: Array, own_dt: float) -> None:
+    """Fill the rows of `target` that lie between the first and the last sample."""
+    first = max(0, int(np.ceil((t[0] - start) / dt - 1e-6)))
+    last = min(target.shape[0] - 1, int(np.floor((t[-1] - start) / dt + 1e-6)))
+    if last < first:
+        return
+    steps = np.diff(t)
+    even = bool((np.abs(steps - own_dt) < 0.2 * own_dt).all())
+    if not even:
+        spaced = np.concatenate([[True], steps > 0.25 * own_dt])  # near twins would amplify noise
+        t, values = t[spaced], values[spaced]
+    at = start + dt * np.arange(first, last + 1)
+    target[first : last + 1] = interpolate(t, values, at, order=6 if even else 4)

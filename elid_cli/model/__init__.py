@@ -1,0 +1,1 @@
+"""The model: kinematics, regressor, base parameters, dynamics, terms and effects."""

@@ -1,0 +1,190 @@
+"""Effects as a robot file declares them, and what is known of their amplitudes beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import RobotError, did_you_mean
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.robot.robot import EffectSpec, Robot
+
+Array = NDArray[np.float64]
+
+
+def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:
+    """Return the class of a declared effect and its joint (0 for effects of the whole robot).
+
+    Raises
+    ------
+    RobotError
+        An effect, joint or parameter that does not exist, or an effect that cannot exist at this joint.
+    """
+    kind = _known(robot, spec)
+    where = _where(robot, spec)
+    if spec.joint is not None and spec.joint not in robot.joint_names:
+        raise RobotError(f"{where}: no joint named {spec.joint!r}", hint=did_you_mean(spec.joint, robot.joint_names))
+    if spec.joint is None and not kind.whole_robot and robot.n > 1:
+        raise RobotError(f"{where}: no joint", hint=f"joint: {robot.joint_names[0]}")
+    joint = 0 if spec.joint is None or kind.whole_robot else robot.joint_names.index(spec.joint)
+    reason = kind.unfit(robot, joint)
+    if reason:
+        elastic = f", or set 'transmission: elastic' of {robot.joints[joint].name}" if kind.elastic_only else ""
+        raise RobotError(
+            f"{where}: does not apply to {robot.joints[joint].name}", detail=reason, hint=f"leave it out{elastic}"
+        )
+    return kind, joint
+
+
+def check_effects(robot: Robot) -> Robot:
+    """Return the robot, all of whose declared effects and their parameters have names that the library knows.
+
+    Raises
+    ------
+    RobotError
+        An effect or parameter that does not exist.
+    """
+    for spec in robot.effects:
+        _known(robot, spec)
+    return robot
+
+
+def _known(robot: Robot, spec: EffectSpec) -> type[Effect]:
+    """Return the class of a declared effect whose name and parameters' names exist (RobotError)."""
+    library = effect_classes()
+    if spec.effect not in library:
+        what = f"{spec.where or robot.name}: unknown effect {spec.effect!r}"
+        raise RobotError(what, hint=did_you_mean(spec.effect, library))
+    kind = library[spec.effect]
+    names = kind.parameter_names()
+    for name in spec.parameters:
+        if name not in names:
+            what = f"{_where(robot, spec)}: unknown parameter {name!r}"
+            detail = f"{spec.effect} has {', '.join(names)}"
+            raise RobotError(what, detail=detail, hint=did_you_mean(name, names))
+    return kind
+
+
+def _where(robot: Robot, spec: EffectSpec) -> str:
+    """Return where an effect is declared, with its name."""
+    of = f" of {spec.joint}" if spec.joint else ""
+    return f"{spec.where}: {spec.effect}{of}" if spec.where else f"{robot.name}: effect {spec.effect}"
+
+
+def shown_by(robot: Robot, unlinked: NDArray[np.bool_]) -> Robot:
+    """Return the robot as a log shows it that holds no link positions of some joints (n,): rigid there.
+
+    Declared effects that need the transmission are left out with it (`lost_effects`).
+    """
+    stiff = robot.stiffened(unlinked)
+    lost = lost_effects(robot, unlinked)
+    return replace(stiff, effects=tuple(spec for spec in robot.effects if spec not in lost)) if lost else stiff
+
+
+def lost_effects(robot: Robot, unlinked: NDArray[np.bool_]) -> tuple[EffectSpec, ...]:
+    """Return the declared effects at elastic joints that a log without link positions there, (n,), cannot show."""
+    blind = {joint.name for joint, without in zip(robot.joints, unlinked, strict=True) if without and joint.elastic}
+    sprung = {name for name, kind in effect_classes().items() if kind.elastic_only}
+    here = robot.joint_names[0]  # of a robot of one joint, whose effects need not name it
+    return tuple(spec for spec in robot.effects if spec.effect in sprung and (spec.joint or here) in blind)
+
+
+FRICTIONS = 3.0
+"""Prior standard deviation of an amplitude that the file does not give, over the friction's rms: terms of one curve
+that nearly cancel may each be larger than the friction."""
+
+
+@dataclass(frozen=True)
+class Declared:
+    """An effect of the robot file with the shape fitted so far."""
+
+    spec: EffectSpec
+    effect: Effect
+    mean: Array = field(default_factory=lambda: np.zeros(0))
+    """Amplitudes that the file gives, 0 where it gives none, (d,); empty: nothing is known of them."""
+    spread: Array = field(default_factory=lambda: np.zeros(0))
+    """Prior standard deviation of the amplitudes, (d,); infinite where nothing is known."""
+    start: Effect | None = None
+    """The effect in the shape that the file gives; None where it gives none."""
+
+    @property
+    def searched_with(self) -> tuple[int, str]:
+        """Effects of one kind at one joint trade against each other: their shapes are searched together."""
+        return (-1 if self.effect.whole_robot else self.effect.joint, self.effect.name)
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Positions of the shapes that are refined."""
+        return tuple(k for k, p in enumerate(self.effect.shapes) if not getattr(p, "fixed", False))
+
+
+def declared_effects(robot: Robot, scene: Scene) -> tuple[Declared, ...]:
+    """Return the effects of a robot file; a shape that it does not give starts in the middle of the effect's grid.
+
+    Raises
+    ------
+    RobotError
+        See `resolve`.
+    """
+    found = []
+    for spec in robot.effects:
+        kind, joint = resolve(robot, spec)
+        values = {p.name: 0.0 for p in kind.amplitudes} | dict(spec.parameters)
+        mean = np.zeros(len(kind.amplitudes))
+        given = True
+        try:
+            mean, shape = kind.coefficients(scene, joint, values)
+        except KeyError:
+            given = False
+            grid = kind.grid(scene, joint)
+            if not grid:
+                continue
+            shape = grid[len(grid) // 2]
+        effect = kind(joint, shape)
+        spread = _amplitude_spread(kind, joint, mean, scene)
+        found.append(Declared(spec, effect, mean, spread, effect if given else None))
+    return tuple(found)
+
+
+def _amplitude_spread(kind: type[Effect], joint: int, mean: Array, scene: Scene) -> Array:
+    """Return how far amplitudes may lie from what the file gives: by its own size, or by some times the friction."""
+    spread = np.where(mean != 0, np.abs(mean), np.inf)
+    if kind.place == "motor":
+        names = {name: k for k, name in enumerate(scene.robot.parameter_names())}
+        speed = np.abs(scene.motion.dtheta[:, joint])
+        level = np.sqrt(
+            np.mean(
+                (scene.parameters[names[f"fs{joint + 1}"]] + scene.parameters[names[f"fv{joint + 1}"]] * speed) ** 2
+            )
+        )
+        units = np.array([p.unit in ("N·m", "N") for p in kind.amplitudes])
+        spread = np.where(units & ~(mean != 0) & (level > 0), FRICTIONS * level, spread)
+    return spread
+
+
+def amplitude_prior(effects: Sequence[Declared], first: int, width: int) -> Array | None:
+    """Return the equations that hold amplitudes near what is known of them, (k, width + 1), or None.
+
+    Parameters
+    ----------
+    effects
+        Effects in the order of their columns.
+    first
+        Column of the first amplitude.
+    width
+        Number of columns.
+    """
+    rows = []
+    place = first
+    for item in effects:
+        for d, (mean, spread) in enumerate(zip(item.mean, item.spread, strict=True)):
+            if np.isfinite(spread) and spread > 0:
+                row = np.zeros(width + 1)
+                row[place + d], row[-1] = 1.0 / spread, mean / spread
+                rows.append(row)
+        place += len(item.effect.amplitudes)
+    return np.array(rows) if rows else None

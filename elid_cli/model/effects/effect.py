@@ -1,0 +1,360 @@
+"""What an effect knows: a term that the 14-parameters-per-joint model lacks.
+
+An effect is one file in this folder holding one subclass of `Effect`. Its formula stands once, in `columns`:
+identification, diagnosis and prediction evaluate it on a whole log, the simulator on one instant at a time.
+All columns are on the model's side of the equation (model = torque), so a positive friction has a positive
+coefficient in the motor row. A spring-path effect enters the link row with + and the motor row with -.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model.terms.base_term import Side
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.motion import Motion
+
+Array = NDArray[np.float64]
+Shapes = tuple[tuple[float, ...], ...]
+"""Shapes of several terms."""
+Simulated = Literal["torque", "robot", "motor", "log"]
+"""How an effect enters a simulation: ``torque`` through its columns (or its state), ``robot`` by `Effect.altered`,
+``motor`` by `Effect.delivered`, ``log`` by `Effect.logged`."""
+Place = Literal["motor", "link", "spring", "chain", "torque", "encoder", "sensor"]
+"""Where an effect acts: a motor row, a link row, both rows of the spring with opposite signs, the link rows of
+the whole chain, the torque channel, the position channels, or the reading of the joint torque sensor."""
+
+DIRECTION_WIDTH = 5e-3
+"""Joint-side speed, rad/s, over which sign(v) is rounded as tanh(v / width), in effects and simulations only."""
+ARM = 0.1
+"""m; speeds of prismatic joints count as those of a point at this distance from a revolute joint's axis. Rounded over
+5 mm/s, the friction of a lift at 0.2 m/s would look like Stribeck friction."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of an effect as files and reports name it."""
+
+    name: str
+    unit: str
+    meaning: str
+    low: float = -np.inf
+    high: float = np.inf
+    fixed: bool = False
+    """Of a shape: chosen from the grid and never refined (an exponent, the number of another joint)."""
+
+    def unit_at(self, *, slides: bool) -> str:
+        """Return the unit at a joint that slides or turns, empty for a number; a phase is an angle at both."""
+        unit = self.unit.removeprefix("1")
+        if slides and self.name != "phase":
+            unit = unit.replace("N·m·s/rad", "N·s/m").replace("N·m", "N").replace("rad", "m")
+        return unit
+
+
+class RowKey(NamedTuple):
+    """A row of eq. (13): the link or motor equation of joint `joint` (from 0)."""
+
+    side: Side
+    joint: int
+
+
+class Same(NamedTuple):
+    """Another effect that is the same in every row of a log."""
+
+    effect: str
+    joint: int
+    values: Mapping[str, float]
+    """Its named parameters as far as they follow."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What effects are computed from: the motion, the torques and the model as far as it is known.
+
+    Arrays are (N, n), SI, at N consecutive instants `dt` apart (N = 1 in a simulator).
+    """
+
+    robot: Robot
+    motion: Motion
+    dt: float
+    tau: Array
+    """Motor torque as logged."""
+    load: Array
+    """Torque through the transmission, K (theta - q) or its best estimate (zeros where unknown)."""
+    predicted: Array
+    """Motor torque that the present model predicts (zeros where unknown)."""
+    parameters: Array
+    """Standard parameters of the present model, any representative of the base parameters, shape (p,)."""
+    duration: float
+    """Length of the whole log, s; effects that vary with time are scaled by it."""
+    stiffness: Array
+    """Transmission stiffness as far as known, shape (n,); NaN where unknown or rigid."""
+    starts: Sequence[int] = (0,)
+    """Indices at which a new segment begins; effects with memory start afresh there."""
+    temperature: Array | None = None
+    tau_link: Array | None = None
+    """Measured torque in the transmission, where joint torque sensors exist."""
+    cache: dict[object, Array] = field(default_factory=dict, compare=False, repr=False)
+    """Results that several effects share, keyed by (name, …)."""
+
+    @property
+    def samples(self) -> int:
+        """Number of instants."""
+        return self.motion.samples
+
+    def direction(self, joint: int) -> Array:
+        """Return the rounded sign of motor velocity, shape (N,)."""
+        width = DIRECTION_WIDTH if self.robot.joints[joint].revolute else ARM * DIRECTION_WIDTH
+        rounded: Array = np.tanh(self.motion.dtheta[:, joint] / width)
+        return rounded
+
+    def deflection(self, joint: int) -> Array:
+        """Return q - theta, shape (N,)."""
+        return self.motion.q[:, joint] - self.motion.theta[:, joint]
+
+
+def direction_widths(robot: Robot, width: float = DIRECTION_WIDTH) -> Array:
+    """Return the speed over which the sign of each joint's velocity is rounded, (n,), rad/s or m/s."""
+    return np.array([width if joint.revolute else ARM * width for joint in robot.joints])
+
+
+Columns = Mapping[RowKey, Array]
+"""Row -> array (d, N), one row per amplitude, in the order of `Effect.amplitudes`."""
+
+
+@dataclass(frozen=True)
+class Alteration:
+    """Another robot, or other standard parameters, from time `start` (s) on (see `Effect.altered`)."""
+
+    start: float
+    robot: Robot
+    parameters: Array
+
+
+class Effect(ABC):
+    """One effect at one joint; instances carry the joint and the shape, amplitudes are fitted linearly.
+
+    Parameters
+    ----------
+    joint
+        Joint number from 0 (for effects of the whole robot: 0).
+    shape
+        Values of `shapes`, in order.
+
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+    """One line for lists: what it is."""
+    equation: ClassVar[str]
+    physics: ClassVar[str]
+    typical: ClassVar[str]
+    fingerprint: ClassVar[str]
+    """What its residual organises against, in which rows."""
+    record: ClassVar[str]
+    """What to record in order to see it and to separate it from its twins."""
+    place: ClassVar[Place]
+    amplitudes: ClassVar[tuple[Parameter, ...]]
+    """Linear parameters."""
+    shapes: ClassVar[tuple[Parameter, ...]] = ()
+    """Nonlinear parameters."""
+    twins: ClassVar[tuple[str, ...]] = ()
+    """Effects that no data, or only special data, can tell apart from this one."""
+    elastic_only: ClassVar[bool] = False
+    """Whether the effect needs an elastic transmission."""
+    whole_robot: ClassVar[bool] = False
+    """Whether the effect belongs to no single joint."""
+    least_gain: ClassVar[float] = 0.1
+    """Part of the held-out residual variance that the effect must take away to be named: below it the smoothing's own
+    errors imitate anything."""
+    local: ClassVar[bool] = False
+    """Whether the effect lives in a part of the log only, so that cross-validation over time cannot judge it."""
+    from_model: ClassVar[bool] = False
+    """Whether the columns come from the present model's torques, so that a fit has to be repeated until both agree."""
+    memory: ClassVar[bool] = False
+    """Whether the effect has an internal state (see `MemoryEffect`)."""
+    simulated: ClassVar[Simulated] = "torque"
+    """Which of the simulator's hooks brings the effect into a simulated log."""
+
+    def __init__(self, joint: int, shape: Sequence[float] = ()) -> None:
+        if len(shape) != len(self.shapes):
+            raise ValueError(f"{self.name} has {len(self.shapes)} shape parameters, got {len(shape)}")
+        self.joint = joint
+        self.shape = tuple(float(value) for value in shape)
+
+    @classmethod
+    def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
+        """Return shapes from which a search starts, scaled to what the log holds; [()] without shapes.
+
+        An empty list says that the log cannot show this effect at all (no torque near a limit, no full turn…).
+        """
+        return [()]
+
+    @classmethod
+    def same_here(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Same, ...]:
+        """Return the twins that this log shows no difference from at all, whatever their size."""
+        return ()
+
+    @classmethod
+    def distinct(cls, scene: Scene, joint: int, shape: Sequence[float], present: Sequence[Sequence[float]]) -> bool:
+        """Return whether the effect can stand at a joint in this shape, too, beside those with shapes `present`."""
+        return not present
+
+    @classmethod
+    def whole_curves(cls, scene: Scene, joint: int, shape: Sequence[float]) -> tuple[Shapes, ...]:
+        """Return the curves that one term of this shape can be a part of: the shapes of their terms to start from.
+
+        The usual curve comes first, and in it the term that is most like this one; () for most effects. A search finds
+        one term of such a curve, whose other terms hide in the noise that it works under.
+        """
+        return ()
+
+    @classmethod
+    def looks(cls, scene: Scene, joint: int) -> int:
+        """Return how many shapes the grid was chosen from: the look-elsewhere factor of a search."""
+        return max(1, len(cls.grid(scene, joint)))
+
+    @classmethod
+    def applies(cls, robot: Robot, joint: int) -> bool:
+        """Whether the effect can exist at this joint."""
+        return not cls.unfit(robot, joint)
+
+    @classmethod
+    def unfit(cls, robot: Robot, joint: int) -> str:
+        """Return why the effect cannot exist at this joint, as a sentence about it; empty where it can."""
+        if cls.whole_robot and joint != 0:
+            return "it belongs to the whole robot, not to one joint"
+        if cls.elastic_only and not robot.joints[joint].elastic:
+            return f"it needs an elastic transmission, and that of {robot.joints[joint].name} is rigid"
+        return ""
+
+    @abstractmethod
+    def columns(self, scene: Scene) -> Columns:
+        """Return the columns of the amplitudes in the rows they act on (link and motor rows, model side).
+
+        A row of zeros is an amplitude that this robot cannot show (a tilt about an axis that no joint feels); its
+        coefficient is 0.
+        """
+
+    def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
+        """Return the parameters as files and reports name them, from fitted linear coefficients (d,).
+
+        The default pairs `amplitudes` with the coefficients and `shapes` with the shape.
+        """
+        values = {p.name: float(c) for p, c in zip(self.amplitudes, coefficients, strict=True)}
+        values |= {p.name: s for p, s in zip(self.shapes, self.shape, strict=True)}
+        return values
+
+    @classmethod
+    def parameter_names(cls) -> tuple[str, ...]:
+        """Return the names that a file may give, amplitudes before shapes."""
+        return tuple(parameter.name for parameter in (*cls.amplitudes, *cls.shapes))
+
+    @classmethod
+    def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
+        """Invert `named`: return (linear coefficients (d,), shape) from named parameters.
+
+        Raises
+        ------
+        KeyError
+            If a parameter is missing.
+
+        """
+        linear = np.array([values[p.name] for p in cls.amplitudes], dtype=float)
+        return linear, tuple(float(values[p.name]) for p in cls.shapes)
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether fitted, named values are physically possible (a backlash must open, a delay must not lead)."""
+        specs = (*cls.amplitudes, *cls.shapes)
+        return all(p.low <= values[p.name] <= p.high for p in specs if p.name in values)
+
+    def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
+        """Return what the robot becomes (``simulated = "robot"``: a payload, a tilted base).
+
+        Parameters
+        ----------
+        robot, parameters
+            The robot and its standard parameters (p,) so far.
+        coefficients
+            The amplitudes, from `coefficients`.
+
+        """
+        raise NotImplementedError(f"{self.name} does not alter the robot")
+
+    def delivered(self, command: float, coefficients: Array) -> float:
+        """Return the torque (N·m) that the motor delivers while `command` is logged (``simulated = "motor"``)."""
+        raise NotImplementedError(f"{self.name} does not act in the motor")
+
+    def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
+        """Return the signals that differ in the log from what happened (``simulated = "log"``).
+
+        Parameters
+        ----------
+        signals
+            What happened: ``t`` (N,), ``q``, ``theta``, ``tau``, ``dq``, ``dtheta``, ``tau_link`` (N, n); leave them as
+            they are and return changed copies.
+        dt
+            Sample time, s.
+        values
+            The parameters as `named` gives them; with the signs of its amplitudes turned, a log is corrected.
+
+        """
+        raise NotImplementedError(f"{self.name} does not act in the log")
+
+
+class MemoryEffect(Effect):
+    """An effect whose columns follow from an internal state driven by one signal (hysteresis, creep)."""
+
+    memory: ClassVar[bool] = True
+
+    @abstractmethod
+    def drive(self, scene: Scene) -> Array:
+        """Return the signal that drives the state, shape (N,)."""
+
+    @abstractmethod
+    def advance(self, state: float, previous: float, now: float) -> float:
+        """Return the state after the drive moved from `previous` to `now` within one sample."""
+
+    @abstractmethod
+    def columns_of(self, scene: Scene, state: Array) -> Columns:
+        """Return the columns for a history of states, shape (N,)."""
+
+    def columns(self, scene: Scene) -> Columns:
+        """Run the state through the log, from 0 at every segment's start."""
+        return self.columns_of(scene, self.history(scene))
+
+    def history(self, scene: Scene) -> Array:
+        """Return the state at every instant, shape (N,)."""
+        drive = self.drive(scene).tolist()
+        states = np.zeros(len(drive))
+        starts = set(scene.starts)
+        state = 0.0
+        for k in range(1, len(drive)):
+            state = 0.0 if k in starts else self.advance(state, drive[k - 1], drive[k])
+            states[k] = state
+        return states
+
+
+class OscillatorEffect(Effect):
+    """An effect with a continuous state of its own that the motion drives (a flexible mode of link or base).
+
+    The simulator integrates `rates` together with the robot; `columns` of a log has to integrate them itself.
+    """
+
+    states: ClassVar[int] = 2
+    memory: ClassVar[bool] = True
+
+    @abstractmethod
+    def rates(self, scene: Scene, state: Array) -> Array:
+        """Return the state's time derivative (states, N); accelerations in `scene.motion` are valid here."""
+
+    @abstractmethod
+    def columns_of(self, scene: Scene, state: Array) -> Columns:
+        """Return the columns for given states (states, N); accelerations in `scene.motion` are not valid here."""

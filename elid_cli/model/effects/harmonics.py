@@ -1,0 +1,86 @@
+"""Effects that repeat with the angle of a joint: a sine of one order with amplitude and phase."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model.effects.effect import Effect, Parameter, Scene
+
+Array = NDArray[np.float64]
+
+PHASE = Parameter("phase", "rad", "phase of the sine at zero angle", low=-math.pi, high=math.pi)
+APART = 0.75
+"""Periods over the angle covered by which two orders at one joint must differ."""
+ORDER = Parameter("order", "1/rev", "periods per turn of the joint (per 2π metres of a sliding joint)", low=1e-3)
+
+
+class Harmonic(Effect):
+    """A pair of columns sin(order angle), cos(order angle), named as amplitude and phase."""
+
+    highest: ClassVar[int] = 128
+    """Highest order tried apart from the gear's own."""
+    periods: ClassVar[float] = 1.0
+    """Least number of periods within the angle covered."""
+
+    @classmethod
+    def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
+        """Return orders that complete a period within the angle covered, as finely as that angle can tell apart."""
+        return [(order,) for order in orders(scene, joint, cls.highest, cls.periods)]
+
+    @classmethod
+    def distinct(cls, scene: Scene, joint: int, shape: Sequence[float], present: Sequence[Sequence[float]]) -> bool:
+        """Whether the order is told apart from those present over the angle covered: nearer ones only beat."""
+        span = float(np.ptp(scene.motion.theta[:, joint]))
+        return all(abs(shape[0] - other[0]) * span > 2 * math.pi * APART for other in present)
+
+    def waves(self, scene: Scene) -> tuple[Array, Array]:
+        """Return sin and cos of order times motor angle, each (N,)."""
+        angle = self.shape[0] * scene.motion.theta[:, self.joint]
+        return np.sin(angle), np.cos(angle)
+
+    def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
+        """Return amplitude, phase and order."""
+        sine, cosine = (float(c) / self.unit_amplitude(scene, self.joint) for c in coefficients)
+        return {"amplitude": math.hypot(sine, cosine), "phase": math.atan2(cosine, sine), "order": self.shape[0]}
+
+    @classmethod
+    def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
+        """Invert `named`."""
+        amplitude = values["amplitude"] * cls.unit_amplitude(scene, joint)
+        phase = values["phase"]
+        return amplitude * np.array([math.cos(phase), math.sin(phase)]), (float(values["order"]),)
+
+    @classmethod
+    def unit_amplitude(cls, scene: Scene, joint: int) -> float:
+        """Return the coefficient of an amplitude of 1 in its unit."""
+        return 1.0
+
+
+def orders(scene: Scene, joint: int, highest: int, periods: float = 1.0) -> list[float]:
+    """Return orders to try: integers for a turning joint, multiples of the range for a sliding one, the gear's own.
+
+    An order with less than `periods` in the covered angle is a bend that other effects explain as well; two
+    orders closer than a quarter period over that angle look alike, so that the step follows the range.
+    """
+    angle = scene.motion.theta[:, joint]
+    span = float(np.ptp(angle)) if len(angle) else 0.0
+    if span <= 0 or not math.isfinite(span):
+        return []
+    least = 2 * math.pi * periods / span
+    description = scene.robot.joints[joint]
+    if description.revolute:
+        step = 1 if span > 3.5 else 2
+        found = [float(k) for k in (*range(1, 10), *range(10, highest + 1, step)) if k >= least]
+    else:
+        found = [least * k for k in np.arange(1.0, 33.0 / periods, 0.5 / periods)]
+    fastest = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.9))
+    gear = abs(description.gear_ratio)
+    # the rotor's own orders, as long as they are slow enough to be sampled
+    own = [gear * k for k in (1.0, 2.0, 4.0) if gear * k * fastest < 2 * math.pi / (8 * scene.dt)]
+    found += [k for k in own if k >= least and all(abs(k - other) > 0.25 for other in found)]
+    return found

@@ -1,0 +1,65 @@
+"""Encoder offset: motor and link encoders disagree by a constant angle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model.effects.effect import Columns, Effect, Parameter, Same, Scene
+from elid_cli.model.effects.rows import spring_rows
+
+Array = NDArray[np.float64]
+
+LARGEST = 3.5
+"""rad (m); an encoder zeroed wherever it was may be off by half a turn."""
+ONE_SIDED = 0.9
+"""Mean sign of the load from which it counts as always on one side."""
+
+
+class EncoderOffset(Effect):
+    """A constant in the deflection that is no deflection."""
+
+    name = "encoder_offset"
+    summary = "zeros of motor and link encoder that do not agree"
+    equation = "link row: +K offset, motor row: the same with -"
+    physics = "The two encoders were zeroed at different times, or under load, so that their difference has a constant."
+    typical = "0.1-5 mrad"
+    fingerprint = "motor row shifted by a constant with the sum row at its floor"
+    record = "anything that moves; a torque offset would shift the sum row as well"
+    place = "encoder"
+    elastic_only = True
+    amplitudes = (Parameter("offset", "rad", "what the motor encoder reads too much, the link's taken as true"),)
+    twins = ("backlash",)
+    simulated = "log"
+
+    def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
+        """Return the offset: the coefficient is K times it."""
+        return {"offset": float(coefficients[0]) / float(scene.stiffness[self.joint])}
+
+    @classmethod
+    def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
+        """Invert `named`."""
+        return np.array([values["offset"] * float(scene.stiffness[joint])]), ()
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether the offset is less than about half a turn, by a positive K."""
+        return abs(values["offset"]) < LARGEST and not scene.stiffness[joint] <= 0
+
+    @classmethod
+    def same_here(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Same, ...]:
+        """Return backlash where the load hardly ever changes sides: the gap is then crossed once for all."""
+        load = scene.load[:, joint]
+        return (Same("backlash", joint, {}),) if abs(float(np.mean(np.sign(load)))) > ONE_SIDED else ()
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the constant in both rows of the transmission."""
+        return spring_rows(self.joint, np.ones(scene.samples))
+
+    def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
+        """Return the motor's position as logged."""
+        theta = np.array(signals["theta"])
+        theta[:, self.joint] += values["offset"]
+        return {"theta": theta}

@@ -1,0 +1,82 @@
+"""Gravity direction: the robot's base is not level."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model.effects.bodies import gravity_torque, with_gravity
+from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter, RowKey, Scene
+from elid_cli.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+class GravityDirection(Effect):
+    """Gravity turned about the two base axes that are most nearly horizontal.
+
+    The columns are the derivatives of the links' gravity torques with respect to the two angles, at the present
+    parameters. What an angle does to second order scales gravity by its cosine, which the masses absorb.
+    """
+
+    name = "gravity_direction"
+    summary = "base not level: gravity points elsewhere than described"
+    equation = "link rows: roll dG/d(roll) + pitch dG/d(pitch),  G = gravity torques of the present model"
+    physics = "A robot bolted to a sloping floor, a wall or a cart, or a base frame that was never measured."
+    typical = "0.5-5 degrees"
+    fingerprint = "sum rows of several joints with the motor rows at their floor; static, the pattern of gravity turned"
+    record = "rests in many poses, with links on all sides of the base"
+    place = "chain"
+    whole_robot = True
+    from_model = True
+    amplitudes = (
+        Parameter("roll", "rad", "turn of gravity about the first horizontal base axis (x, or y)", low=-0.5, high=0.5),
+        Parameter("pitch", "rad", "turn about the second horizontal base axis (y, or z)", low=-0.5, high=0.5),
+    )
+    twins = ("link_spring",)
+    simulated = "robot"
+
+    @classmethod
+    def unfit(cls, robot: Robot, joint: int) -> str:
+        """Return that there is no gravity, or that the joint is not the first: the effect is the whole robot's."""
+        return super().unfit(robot, joint) or ("" if any(robot.gravity) else "the robot file says that there is none")
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the derivatives of gravity torques with respect to both angles in the link rows."""
+        key = ("gravity tilt",)
+        if key not in scene.cache:
+            gravity = np.array(scene.robot.gravity)
+            scene.cache[key] = np.stack(
+                [
+                    gravity_torque(scene.robot, scene.motion.q, scene.parameters, np.cross(axis, gravity).tolist())
+                    for axis in horizontal_axes(scene.robot)
+                ],
+                axis=1,
+            )
+        return {RowKey("link", j): rows.copy() for j, rows in enumerate(scene.cache[key]) if np.any(rows)}
+
+    def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
+        """Return the robot in the turned field of gravity."""
+        first, second = horizontal_axes(robot)
+        field = turned(np.array(robot.gravity), coefficients[0] * first + coefficients[1] * second)
+        return Alteration(0.0, with_gravity(robot, field.tolist()), parameters)
+
+
+def horizontal_axes(robot: Robot) -> tuple[Array, Array]:
+    """Return the two base axes that gravity points along least, in the order x, y, z."""
+    vertical = int(np.argmax(np.abs(robot.gravity)))
+    first, second = (np.eye(3)[k] for k in range(3) if k != vertical)
+    return first, second
+
+
+def turned(vector: Array, rotation: Array) -> Array:
+    """Return a vector turned by a rotation vector, rad (Rodrigues)."""
+    angle = float(np.linalg.norm(rotation))
+    if angle == 0:
+        return vector
+    axis = rotation / angle
+    along = axis * float(axis @ vector)
+    turned: Array = along + math.cos(angle) * (vector - along) + math.sin(angle) * np.cross(axis, vector)
+    return turned

@@ -1,0 +1,36 @@
+"""Kinematic error of the gear: the output does not turn evenly with the input."""
+
+from __future__ import annotations
+
+from elid_cli.model.effects.effect import Columns, Parameter, Scene
+from elid_cli.model.effects.harmonics import ORDER, PHASE, Harmonic
+from elid_cli.model.effects.rows import spring_rows
+
+
+class KinematicError(Harmonic):
+    """A transmission error that repeats with the motor's angle and strains the spring."""
+
+    name = "kinematic_error"
+    summary = "transmission error that repeats with the angle (harmonic drive)"
+    equation = "link row: +K amplitude sin(order θ + phase), motor row: the same with -"
+    physics = (
+        "Teeth that are not evenly placed make the output lead and lag; in a harmonic drive mostly twice per turn of"
+        " the wave generator."
+    )
+    typical = "amplitude 0.5-2 arc minutes (1.5e-4 to 6e-4 rad); order twice the gear ratio, once or four times"
+    fingerprint = "motor row high with the sum row at its floor, periodic in the angle whatever the direction"
+    record = "whole turns of the wave generator, slow; link and motor encoders"
+    place = "spring"
+    elastic_only = True
+    amplitudes = (Parameter("amplitude", "rad", "transmission error at the joint", low=0.0, high=0.1), PHASE)
+    shapes = (ORDER,)
+    twins = ()
+
+    @classmethod
+    def unit_amplitude(cls, scene: Scene, joint: int) -> float:
+        """Return K: the spring turns the error into torque."""
+        return float(scene.stiffness[joint])
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the sine and the cosine column in both rows of the transmission."""
+        return spring_rows(self.joint, *self.waves(scene))

@@ -1,0 +1,28 @@
+"""Coulomb friction on the link side of the transmission."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elid_cli.model.effects.effect import DIRECTION_WIDTH, Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.rows import link_row
+
+
+class LinkCoulomb(Effect):
+    """Dry friction of the link's bearings and seals."""
+
+    name = "link_coulomb"
+    summary = "Coulomb friction on the link side (bearings, seals)"
+    equation = "link row: friction sign(q')"
+    physics = "Output bearing and lip seal sit behind the elastic gear: their friction bends the transmission."
+    typical = "5-30 % of the motor's Coulomb friction"
+    fingerprint = "sum row high with the motor row at its floor, along the sign of the link's velocity"
+    record = "slow reversals with link and motor encoders; without elasticity it is the motor's own friction"
+    place = "link"
+    elastic_only = True
+    amplitudes = (Parameter("friction", "N·m", "friction torque while the link moves", low=0.0),)
+    twins = ()
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the column of the friction in the link row."""
+        return link_row(self.joint, np.tanh(scene.motion.dq[:, self.joint] / DIRECTION_WIDTH))

@@ -1,0 +1,30 @@
+"""A spring between a link and the one before it: counterbalance, gas spring, cable package."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.rows import link_row
+
+
+class LinkSpring(Effect):
+    """A linear spring on the link's own angle."""
+
+    name = "link_spring"
+    summary = "spring on the link's angle (counterbalance, gas spring, cables)"
+    equation = "link row: stiffness q + preload"
+    physics = "A counterbalance cylinder, a torsion spring or a stiff cable package pushes the link towards some angle."
+    typical = "up to the whole gravity torque of one axis"
+    fingerprint = "sum row high with the motor row at its floor, a function of the link's angle alone, at rest too"
+    record = "the joint's full range, with slow and fast passes: gravity of the same shape comes with inertia"
+    place = "link"
+    amplitudes = (
+        Parameter("stiffness", "N·m/rad", "torque per angle"),
+        Parameter("preload", "N·m", "torque at q = 0; -preload/stiffness is the angle at which the spring is at rest"),
+    )
+    twins = ("gravity_direction",)
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the columns of stiffness and preload in the link row."""
+        return link_row(self.joint, scene.motion.q[:, self.joint], np.ones(scene.samples))

@@ -1,0 +1,26 @@
+"""Viscous friction on the link side of the transmission."""
+
+from __future__ import annotations
+
+from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.rows import link_row
+
+
+class LinkViscous(Effect):
+    """Viscous friction of the link's bearings and seals, or of the medium it moves in."""
+
+    name = "link_viscous"
+    summary = "viscous friction on the link side"
+    equation = "link row: friction q'"
+    physics = "Grease in the output bearing, drag in cables and hoses, a damper mounted on the link."
+    typical = "5-30 % of the motor's viscous friction"
+    fingerprint = "sum row high with the motor row at its floor, along the link's velocity"
+    record = "fast motion with link and motor encoders; without elasticity it is the motor's own friction"
+    place = "link"
+    elastic_only = True
+    amplitudes = (Parameter("friction", "N·m·s/rad", "friction torque per link velocity", low=0.0),)
+    twins = ()
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the column of the friction in the link row."""
+        return link_row(self.joint, scene.motion.dq[:, self.joint])

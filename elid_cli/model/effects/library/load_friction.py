@@ -1,0 +1,30 @@
+"""Load-dependent friction: a gear that loses a share of the torque it transmits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.rows import motor_row
+
+
+class LoadFriction(Effect):
+    """Coulomb friction proportional to the transmitted torque."""
+
+    name = "load_friction"
+    summary = "friction that grows with the transmitted torque"
+    equation = "motor row: coefficient |load| sign(θ'),  load = K (θ - q); of a rigid joint, the motor torque"
+    physics = "Tooth contacts slide under load: the normal force, and with it the friction, follows the torque."
+    typical = "coefficient 0.03-0.3 (gear efficiency 97-75 %)"
+    fingerprint = "motor and sum rows, the product of direction of motion and size of the load"
+    record = "the same speeds under different gravity loads, in both directions"
+    place = "motor"
+    amplitudes = (Parameter("coefficient", "1", "friction per transmitted torque", low=0.0, high=1.0),)
+    twins = ()
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the column of the coefficient in the motor row."""
+        j = self.joint
+        # a rigid joint has no deflection to tell its load from; what the model predicts lacks this very friction
+        load = scene.load[:, j] if scene.robot.joints[j].elastic else scene.tau[:, j]
+        return motor_row(j, np.abs(load) * scene.direction(j))

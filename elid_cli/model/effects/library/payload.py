@@ -1,0 +1,154 @@
+"""Payload: the last body changes while the log runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model.effects.bodies import last_body
+from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter, RowKey, Scene
+from elid_cli.robot.robot import LINK_PARAMETERS, Robot
+from elid_cli.signals.motion import random_motion
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-8
+"""Share of a column that has to be new for it to count as independent of those before it."""
+THINNED = 600
+"""Instants of the log at which a change is tried."""
+MARGIN = 0.04
+"""Share of the log at either end in which no change is looked for."""
+BEST = 3
+_UNITS = ("kg", *["kg·m"] * 3, *["kg·m²"] * 6)
+
+
+class Payload(Effect):
+    """Ten inertial parameters added to the last body from one instant on.
+
+    A chain cannot tell all ten apart. As in the base parameters, the leftmost independent ones carry those that
+    depend on them; the others have columns of zeros and are not named.
+    """
+
+    name = "payload"
+    summary = "mass gripped (or dropped) during the log"
+    equation = "link rows: (last body's columns) · change, for t ≥ start"
+    physics = (
+        "A gripper closes on a part. A payload that is there from the first instant to the last is part of the last"
+        " body and cannot be seen in the log."
+    )
+    typical = "a tenth to the whole of the rated payload"
+    fingerprint = "sum rows of all joints from one instant on, in the pattern of the last body's gravity and inertia"
+    record = "the same motion before and after the change"
+    place = "chain"
+    whole_robot = True
+    amplitudes = tuple(
+        Parameter(name, unit, f"change of the last body's {name}")
+        for name, unit in zip(LINK_PARAMETERS, _UNITS, strict=True)
+    )
+    shapes = (Parameter("start", "s", "instant of the change", low=0.0),)
+    twins = ()
+    local = True
+    simulated = "robot"
+
+    @classmethod
+    def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
+        """Return the instants at which a change would explain most of the torque that the model misses."""
+        t = scene.motion.t
+        if len(t) < 100:
+            return []
+        thin = slice(None, None, max(1, len(t) // THINNED))
+        rows = _columns(scene)[:, :, thin]
+        gain = _gain(rows, (scene.tau - scene.predicted).T[:, thin])
+        times = t[thin]
+        gain[(times < times[0] + MARGIN * np.ptp(times)) | (times > times[-1] - MARGIN * np.ptp(times))] = 0.0
+        found: list[tuple[float, ...]] = []
+        apart = max(1, len(times) // 20)
+        for _ in range(BEST):
+            k = int(np.argmax(gain))
+            if gain[k] <= 0:
+                break
+            found.append((float(times[k]),))
+            gain[max(k - apart, 0) : k + apart + 1] = 0.0
+        return found
+
+    @classmethod
+    def looks(cls, scene: Scene, joint: int) -> int:
+        """Return how many instants the grid was chosen from."""
+        return min(THINNED, max(scene.samples, 1))
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the last body's independent columns in the link rows from the start on, zeros for the others."""
+        after = scene.motion.t >= self.shape[0]
+        return {RowKey("link", j): rows * after for j, rows in enumerate(_columns(scene))}
+
+    def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
+        """Return the changes that can be told apart, and the start."""
+        kept = independent(scene.robot)
+        values = {
+            name: float(c) for name, c, keep in zip(LINK_PARAMETERS, coefficients, kept, strict=True) if keep or c != 0
+        }
+        return {**values, "start": self.shape[0]}
+
+    @classmethod
+    def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
+        """Invert `named`; changes that are not given are 0."""
+        return np.array([float(values.get(name, 0.0)) for name in LINK_PARAMETERS]), (float(values["start"]),)
+
+    def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
+        """Return the parameters with the payload."""
+        names = robot.parameter_names()
+        changed = np.array(parameters, dtype=float)
+        for name, change in zip(LINK_PARAMETERS, coefficients, strict=True):
+            changed[names.index(f"{name}{robot.n}")] += change
+        return Alteration(self.shape[0], robot, changed)
+
+
+def _columns(scene: Scene) -> Array:
+    """Return the last body's columns, those that depend on others as zeros, (n, 10, N); shared by all starts."""
+    key = ("last body",)
+    if key not in scene.cache:
+        scene.cache[key] = last_body(scene.robot, scene.motion) * independent(scene.robot)[:, None]
+    return scene.cache[key]
+
+
+def _gain(rows: Array, missing: Array) -> Array:
+    """Return how much of the missing torque's square a change of the last body from each instant on explains, (N,).
+
+    `rows` (n, 10, N), `missing` (n, N). The model holds these columns from the first instant to the last already, so
+    that only what is orthogonal to them counts.
+    """
+    columns = rows[:, np.any(rows, axis=(0, 2))]
+    if not columns.size:
+        return np.zeros(missing.shape[1])
+    scale = 1.0 / np.maximum(np.std(missing, axis=1), 1e-12)  # rows of joints with more unexplained count less
+    columns, missing = columns * scale[:, None, None], missing * scale[:, None]
+    columns = columns / np.sqrt(np.sum(columns**2, axis=(0, 2)))[:, None]
+    squares = np.cumsum(np.einsum("jan,jbn->nab", columns, columns)[::-1], axis=0)[::-1]
+    products = np.cumsum(np.einsum("jan,jn->na", columns, missing)[::-1], axis=0)[::-1]
+    whole = np.linalg.pinv(squares[0], rcond=1e-8, hermitian=True)
+    left = squares - squares @ whole @ squares
+    right = products - squares @ whole @ products[0]
+    # a little of the whole keeps instants near the ends, which hardly change anything, from exploding
+    left = left + 1e-6 * np.eye(left.shape[1])
+    gain: Array = np.einsum("na,na->n", right, np.linalg.solve(left, right[..., None])[..., 0])
+    return gain
+
+
+def independent(robot: Robot) -> Array:
+    """Return 1 for the last body's parameters that no earlier one of them can stand for, else 0, shape (10,)."""
+    motion = random_motion(robot.n, robot.elastic, samples=24)
+    columns = last_body(robot, motion).transpose(1, 0, 2).reshape(len(LINK_PARAMETERS), -1)
+    basis: list[Array] = []
+    kept = np.zeros(len(LINK_PARAMETERS))
+    for k, column in enumerate(columns):
+        rest = column.copy()
+        for _ in range(2):  # the second pass takes away what rounding left
+            for direction in basis:
+                rest -= direction * float(direction @ rest)
+        size = float(np.linalg.norm(rest))
+        if size > TOLERANCE * max(float(np.linalg.norm(column)), 1e-12):
+            kept[k] = 1.0
+            basis.append(rest / size)
+    return kept

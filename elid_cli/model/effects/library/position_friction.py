@@ -1,0 +1,31 @@
+"""Friction that varies with the angle of the joint."""
+
+from __future__ import annotations
+
+from elid_cli.model.effects.effect import Columns, Parameter, Scene
+from elid_cli.model.effects.harmonics import ORDER, PHASE, Harmonic
+from elid_cli.model.effects.rows import motor_row
+
+
+class PositionFriction(Harmonic):
+    """Coulomb friction with a part that repeats with the joint's angle."""
+
+    name = "position_friction"
+    summary = "Coulomb friction that varies with the joint's angle"
+    equation = "motor row: amplitude sin(order θ + phase) sign(θ')"
+    physics = "An eccentric gear, a bent shaft or a worn stretch presses harder at some angles than at others."
+    typical = "5-20 % of the Coulomb friction; order 1 to a few, or that of a gear stage"
+    fingerprint = "motor and sum rows, periodic in the angle, and its sign flips with the direction of motion"
+    record = "whole turns of the joint, or its full range, in both directions at low speed"
+    place = "motor"
+    amplitudes = (Parameter("amplitude", "N·m", "how far Coulomb friction swings about its mean", low=0.0), PHASE)
+    shapes = (ORDER,)
+    twins = ()
+    highest = 30
+    periods = 0.5  # it flips with the direction of motion, which no other bend does
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the sine and the cosine column in the motor row."""
+        direction = scene.direction(self.joint)
+        sine, cosine = self.waves(scene)
+        return motor_row(self.joint, sine * direction, cosine * direction)

@@ -1,0 +1,46 @@
+"""Offset of a joint torque sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.library.sensor_gain import has_sensor
+from elid_cli.model.effects.rows import spring_rows
+
+Array = NDArray[np.float64]
+
+
+class SensorOffset(Effect):
+    """A joint torque sensor that reads a constant too much."""
+
+    name = "sensor_offset"
+    summary = "joint torque sensor off by a constant"
+    equation = "link row: +offset, motor row: the same with -;  reading = load + offset"
+    physics = "Bridges drift with temperature and mounting stress, and are zeroed under a load that was not zero."
+    typical = "0.5-3 % of the sensor's range"
+    fingerprint = "sensor against motor torque and against deflection: a constant, sum row untouched"
+    record = "poses with load torques of both signs, warm and cold"
+    place = "sensor"
+    elastic_only = True
+    amplitudes = (Parameter("offset", "N·m", "what the sensor reads too much"),)
+    twins = ()
+    simulated = "log"
+
+    @classmethod
+    def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
+        """Return the one shape where this joint has a sensor."""
+        return [()] if has_sensor(scene, joint) else []
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the constant in both rows of the transmission."""
+        return spring_rows(self.joint, np.ones(scene.samples))
+
+    def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
+        """Return the sensor's reading as logged."""
+        reading = np.array(signals["tau_link"])
+        reading[:, self.joint] += values["offset"]
+        return {"tau_link": reading}

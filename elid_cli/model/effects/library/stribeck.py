@@ -1,0 +1,100 @@
+"""Stribeck friction: boundary friction that changes with speed before the full film forms (eq. 43)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene, Shapes
+from elid_cli.model.effects.rows import motor_row
+
+Array = NDArray[np.float64]
+
+SLOWEST = 0.015
+"""Least Stribeck velocity, as a part of the top speed."""
+TYPICAL = 0.1
+"""Stribeck velocity to start from, as a part of the top speed."""
+
+
+class Stribeck(Effect):
+    """Friction that is higher (or lower) at low speed than Coulomb and viscous friction alone.
+
+    One formula covers the forms in use: exponent 1 is the exponential form, f3 and f4 of eq. (43); exponent 2 the
+    Gaussian one; exponent -1 is eq. (43)'s last term, f5 and velocity = 1/f6, which vanishes at standstill and
+    saturates at speed. The paper's friction is two of these effects at one joint.
+    """
+
+    name = "stribeck"
+    summary = "friction that rises or falls towards zero speed"
+    equation = "motor row: amplitude sign(θ') exp(-(|θ'|/velocity)^exponent)"
+    physics = (
+        "At low speed the surfaces touch (boundary lubrication); as the speed rises a film forms between them and the"
+        " friction drops to the Coulomb and viscous level (Stribeck 1902)."
+    )
+    typical = "10-100 % of the Coulomb friction; velocity 0.01-0.3 rad/s at the joint"
+    fingerprint = "motor and sum rows, odd in velocity, within three Stribeck velocities of standstill"
+    record = "slow passes through zero speed in both directions, and steady slow motion"
+    place = "motor"
+    amplitudes = (Parameter("amplitude", "N·m", "friction beyond Coulomb and viscous, at zero speed"),)
+    shapes = (
+        Parameter("velocity", "rad/s", "speed over which it fades", low=1e-4),
+        Parameter(
+            "exponent",
+            "1",
+            "1 exponential, 2 Gaussian, -1 vanishing at standstill (last term of eq. 43); 1 when not given",
+            low=-2.0,
+            high=4.0,
+            fixed=True,
+        ),
+    )
+    twins = ()
+
+    @classmethod
+    def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
+        """Return velocities from the slowest that the log resolves to half its top speed, in the three forms."""
+        top = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.98))
+        if top <= 0:
+            return []
+        fading = [v for v in (0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.35, 0.6) if 0.01 * top < v < 0.5 * top]
+        fading = fading or [0.02 * top, 0.05 * top, 0.12 * top, 0.3 * top]  # slow or sliding joints
+        rising = [v for v in fading if v <= 0.2 * top]
+        return [*((v, e) for e in (1.0, 2.0) for v in fading), *((v, -1.0) for v in rising)]
+
+    @classmethod
+    def distinct(cls, scene: Scene, joint: int, shape: Sequence[float], present: Sequence[Sequence[float]]) -> bool:
+        """Whether the curve has another form: one that fades and one that vanishes at standstill make eq. (43)."""
+        return all((shape[1] < 0) != (other[1] < 0) for other in present)
+
+    @classmethod
+    def whole_curves(cls, scene: Scene, joint: int, shape: Sequence[float]) -> tuple[Shapes, ...]:
+        """Return a term that fades, as an exponential or a Gaussian, with one that vanishes at standstill (eq. 43)."""
+        start = TYPICAL * float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.98))
+        if start <= 0:
+            return ()
+        pairs = [((start, exponent), (start, -1.0)) for exponent in (1.0, 2.0)]
+        return tuple(pair if shape[1] > 0 else pair[::-1] for pair in pairs)
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether the velocity is one that a log resolves.
+
+        Below it there is the motor's sticking only; a curve that does not fade within the speeds of the log is Coulomb
+        and viscous friction.
+        """
+        top = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.98))
+        return super().plausible(scene, joint, values) and SLOWEST * top < values["velocity"] < top
+
+    @classmethod
+    def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
+        """Invert `named`; the exponent may be left out."""
+        return np.array([float(values["amplitude"])]), (float(values["velocity"]), float(values.get("exponent", 1.0)))
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the column of the amplitude in the motor row."""
+        velocity, exponent = self.shape
+        ratio = np.abs(scene.motion.dtheta[:, self.joint]) / velocity
+        if exponent < 0:
+            ratio = np.maximum(ratio, 1e-12)
+        return motor_row(self.joint, scene.direction(self.joint) * np.exp(-(ratio**exponent)))

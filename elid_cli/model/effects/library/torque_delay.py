@@ -1,0 +1,52 @@
+"""Torque delay: the logged torque is ahead of the one that acts, or behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.rows import derivative, motor_row
+from elid_cli.signals.time_shift import shifted
+
+Array = NDArray[np.float64]
+
+LATEST = -0.015
+"""s; a torque that seems logged later than that is friction that builds up over a distance, which lags by as much."""
+
+
+class TorqueDelay(Effect):
+    """A time shift between the torque channel and the position channels."""
+
+    name = "torque_delay"
+    summary = "torque that acts later than logged, or is logged later than it acts"
+    equation = "motor row: delay dτ/dt, that is τ(t - delay) acts at t"
+    physics = (
+        "A log that holds the commanded torque is ahead: current loop, amplifier and zero-order hold deliver it later"
+        " (half a sample at least). One that holds a measured current, filtered or stamped on arrival, is behind: the"
+        " delay is negative."
+    )
+    typical = "half a sample to 8 ms, either way"
+    fingerprint = "motor and sum rows, along the torque's own rate of change"
+    record = "fast torque changes; a transmission damper shows in the motor row only, a delay in the sum row as well"
+    place = "torque"
+    amplitudes = (
+        Parameter("delay", "s", "time from a logged torque to its effect, negative where it acts first", LATEST, 0.1),
+    )
+    twins = ("transmission_damping",)
+    simulated = "log"
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the torque's derivative in the motor row: model + delay dτ/dt = τ."""
+        key = ("torque rate", self.joint)
+        if key not in scene.cache:
+            scene.cache[key] = derivative(scene.tau[:, self.joint], scene.dt, scene.starts)
+        return motor_row(self.joint, scene.cache[key])
+
+    def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
+        """Return the torque as logged: ahead of the one that acts by the delay."""
+        tau = np.array(signals["tau"])
+        tau[:, self.joint] = shifted(tau[:, self.joint], values["delay"] / dt)
+        return {"tau": tau}

@@ -1,0 +1,68 @@
+"""Torque gain: the torque channel is off by a factor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model.effects.effect import Columns, Effect, Parameter, Same, Scene
+from elid_cli.model.effects.rows import motor_row
+from elid_cli.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+LEAST = 0.015
+"""Least gain error that is told from the errors of smoothing."""
+
+
+class TorqueGain(Effect):
+    """A torque constant that differs from the one the log was scaled with.
+
+    The column is the torque that the model predicts. The measured one would explain everything by itself, with
+    every parameter at 0 and a gain of -1.
+    """
+
+    name = "torque_gain"
+    summary = "torque constant off by a factor, against the other joints"
+    equation = "motor row: gain τ_predicted, that is τ_logged = (1 + gain) τ"
+    physics = "Torque constants scatter by a few per cent and fall as the magnets warm; current sensors have gains."
+    typical = "±3-10 %"
+    fingerprint = "motor and sum rows of one joint, proportional to its torque"
+    record = (
+        "motion in which joints load each other; a factor common to all joints scales every parameter and no log shows"
+        " it, so that a gain is always one against the others"
+    )
+    place = "torque"
+    from_model = True
+    amplitudes = (Parameter("gain", "1", "share by which the logged torque is too large", low=-0.35, high=0.5),)
+    twins = ()
+    simulated = "log"
+
+    @classmethod
+    def unfit(cls, robot: Robot, joint: int) -> str:
+        """Return that there is no other joint to compare with, if so."""
+        return "" if robot.n > 1 else "it is a gain against other joints, and the robot has only one"
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether the gain is one of a torque constant and not the last per cent that smoothing takes."""
+        return super().plausible(scene, joint, values) and abs(values["gain"]) > LEAST
+
+    @classmethod
+    def same_here(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Same, ...]:
+        """Return the gain of the other joint of two: with all parameters scaled along, either explains the other."""
+        if scene.robot.n != 2:
+            return ()
+        return (Same(cls.name, 1 - joint, {"gain": 1.0 / (1.0 + values["gain"]) - 1.0}),)
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the predicted torque in the motor row."""
+        return motor_row(self.joint, scene.predicted[:, self.joint])
+
+    def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
+        """Return the torque as logged."""
+        tau = np.array(signals["tau"])
+        tau[:, self.joint] *= 1.0 + values["gain"]
+        return {"tau": tau}

@@ -1,0 +1,27 @@
+"""Damping in the transmission, parallel to its spring."""
+
+from __future__ import annotations
+
+from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.rows import spring_rows
+
+
+class TransmissionDamping(Effect):
+    """A damper beside the spring of the transmission."""
+
+    name = "transmission_damping"
+    summary = "viscous damping in the transmission"
+    equation = "link row: +damping (q' - θ'), motor row: the same with -"
+    physics = "Material damping of flexspline, belt or shaft, and oil squeezed between teeth."
+    typical = "0.1-1 % of critical; damping/K 1-5 ms"
+    fingerprint = "motor row high with the sum row at its floor, along the deflection's rate"
+    record = "motion that makes the joint vibrate (jerky steps), link encoder and torque on one clock"
+    place = "spring"
+    elastic_only = True
+    amplitudes = (Parameter("damping", "N·m·s/rad", "damping torque per deflection rate", low=0.0),)
+    twins = ("torque_delay",)
+
+    def columns(self, scene: Scene) -> Columns:
+        """Return the column of the damping in both rows of the transmission."""
+        j = self.joint
+        return spring_rows(j, scene.motion.dq[:, j] - scene.motion.dtheta[:, j])

@@ -1,0 +1,114 @@
+"""Channels that were sampled at other instants than the rest, put right by moving them in time.
+
+A skewed link encoder or a late torque is first found through its first-order column and then corrected exactly, by
+interpolation, so that no higher-order remainder is left for another effect to explain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import RobotError
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.motion import Motion
+from elid_cli.signals.signals import Signals
+from elid_cli.signals.time_shift import shifted
+
+Array = NDArray[np.float64]
+
+SKEW, DELAY = "encoder_skew", "torque_delay"
+NAMES: Mapping[str, str] = {SKEW: "skew", DELAY: "delay"}
+"""Effects that are a shift in time, and the parameter that says by how much."""
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """By how much channels are late, s, (n,) each."""
+
+    link: Array
+    """Age of the link encoder's reading beyond the motor encoder's."""
+    torque: Array
+    """How much later than logged the torque acts."""
+
+    @classmethod
+    def none(cls, n: int) -> Shifts:
+        """Return no shift for n joints."""
+        return cls(np.zeros(n), np.zeros(n))
+
+    def of(self, effect: str, joint: int) -> float:
+        """Return the shift that an effect of `NAMES` stands for, s."""
+        return float(self.link[joint] if effect == SKEW else self.torque[joint])
+
+    def moved(self, effect: str, joint: int, value: float) -> Shifts:
+        """Return the shifts with one of them set to `value` (s)."""
+        channel = (self.link if effect == SKEW else self.torque).copy()
+        channel[joint] = value
+        return replace(self, link=channel) if effect == SKEW else replace(self, torque=channel)
+
+    def __bool__(self) -> bool:
+        return bool(np.any(self.link) or np.any(self.torque))
+
+
+def declared_shifts(robot: Robot) -> Shifts:
+    """Return the shifts that a robot file declares among its effects; an effect without a value counts as 0.
+
+    Raises
+    ------
+    RobotError
+        An effect at a joint that the robot does not have.
+    """
+    shifts = Shifts.none(robot.n)
+    for spec in robot.effects:
+        if spec.effect not in NAMES:
+            continue
+        if spec.joint not in robot.joint_names:
+            raise RobotError(f"{robot.name}: effect {spec.effect} needs a joint of the robot, not {spec.joint!r}")
+        joint = robot.joint_names.index(spec.joint)
+        shifts = shifts.moved(spec.effect, joint, float(spec.parameters.get(NAMES[spec.effect], 0.0)))
+    return shifts
+
+
+def unshifted_robot(robot: Robot) -> Robot:
+    """Return the robot without the effects that are shifts in time."""
+    return replace(robot, effects=tuple(spec for spec in robot.effects if spec.effect not in NAMES))
+
+
+def corrected(signals: Signals, shifts: Shifts) -> Signals:
+    """Return the signals with late channels moved to where they belong, segment by segment.
+
+    Parameters
+    ----------
+    signals
+        As logged.
+    shifts
+        By how much channels are late.
+    """
+    if not shifts:
+        return signals
+    motion, tau = signals.motion, signals.tau.copy()
+    link = [motion.q.copy(), motion.dq.copy(), motion.ddq.copy()]
+    for segment in signals.segments:
+        part = slice(segment.start, segment.stop)
+        for k in range(signals.n):
+            if shifts.link[k] and not signals.still[k]:
+                for channel in link:
+                    channel[part, k] = shifted(channel[part, k], float(shifts.link[k]) / signals.dt)
+            if shifts.torque[k]:
+                tau[part, k] = _later(tau[part, k], float(shifts.torque[k]) / signals.dt)
+    moved = Motion(motion.t, link[0], link[1], link[2], motion.theta, motion.dtheta, motion.ddtheta)
+    return replace(signals, motion=moved, tau=tau)
+
+
+def _later(values: Array, samples: float) -> Array:
+    """Return values that act `samples` later than logged; NaN where an instant needed was not logged."""
+    known = np.isfinite(values)
+    if not known.any():
+        return values
+    filled = np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
+    moved = shifted(filled, -samples)
+    spread = np.convolve(~known, np.ones(3), mode="same") > 0
+    return np.where(spread & ~known, np.nan, moved)

@@ -1,0 +1,58 @@
+"""A base that is not level: declared or found tilt turns the model's gravity, instead of a column about level ground.
+
+A tilt lets the log see parameters that a level robot never shows (first moments about a vertical first axis). Their
+product with the angle is no column of a level robot's model, so the model itself is turned, and the effect's column
+tells only what is still missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.model.effects.library.gravity_direction import horizontal_axes, turned
+from elid_cli.robot.robot import EffectSpec, Robot
+
+Array = NDArray[np.float64]
+
+TILT = "gravity_direction"
+ANGLES = ("roll", "pitch")
+LEVEL = 1e-6
+"""rad; tilt below which nothing more is turned."""
+STEEPEST = 0.5
+"""rad; a base that seems steeper is not turned further."""
+
+
+def declared_tilt(robot: Robot) -> Array:
+    """Return roll and pitch (rad) that a robot file declares, 0 where it gives none, (2,)."""
+    angles = np.zeros(2)
+    for spec in robot.effects:
+        if spec.effect == TILT:
+            angles += [float(spec.parameters.get(name, 0.0)) for name in ANGLES]
+    return angles
+
+
+def tilted(robot: Robot, angles: Array) -> Robot:
+    """Return the robot in gravity turned by roll and pitch (rad, (2,)) about its horizontal base axes."""
+    if not np.any(angles):
+        return robot
+    first, second = horizontal_axes(robot)
+    x, y, z = (float(v) for v in turned(np.array(robot.gravity), angles[0] * first + angles[1] * second))
+    return replace(robot, gravity=(x, y, z))
+
+
+def levelled(robot: Robot) -> Robot:
+    """Return the robot in the gravity that its declared tilt gives; the effect stays, with nothing left to add."""
+    angles = declared_tilt(robot)
+    if not np.any(angles):
+        return robot
+    rest = tuple(EffectSpec(s.effect, s.joint, {}) if s.effect == TILT else s for s in robot.effects)
+    return replace(tilted(robot, angles), effects=rest)
+
+
+def untilted(values: Mapping[str, float], angles: Array) -> dict[str, float]:
+    """Return roll and pitch of the whole tilt, from what is left beyond `angles`."""
+    return {name: values.get(name, 0.0) + float(a) for name, a in zip(ANGLES, angles, strict=True)}

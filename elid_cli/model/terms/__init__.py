@@ -1,0 +1,1 @@
+"""The base terms: 14 parameters per joint, one file per term."""

@@ -1,0 +1,20 @@
+"""Coulomb friction of the motors, seen at the joint (eqs. 5, 32)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from elid_cli.model.terms.base_term import ChainMotion, Entry
+from elid_cli.robot.robot import Robot
+
+
+class Coulomb:
+    """Coulomb ("static") friction fs_i."""
+
+    name = "coulomb"
+    equation = "motor row: fs sign(θ')"
+
+    def entries(self, robot: Robot, motion: ChainMotion) -> Iterator[Entry]:
+        """Yield fs_i in motor row i."""
+        for i, motor in enumerate(motion.motors):
+            yield Entry("motor", i, f"fs{i + 1}", motor.direction)

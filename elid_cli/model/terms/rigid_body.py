@@ -1,0 +1,56 @@
+"""Inertial forces and gravity of the bodies: ten parameters each, in link rows 1…i (eqs. 8, 14-31).
+
+The rows are the virtual power of a body's inertial wrench on the unit motion of each joint below it, which
+equals Lagrange's equations of eq. (1) without the rotor terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from elid_cli.model.kinematics import Vector, acceleration_field, cross, dot
+from elid_cli.model.terms.base_term import ChainMotion, Entry
+from elid_cli.robot.robot import Robot
+
+_INERTIA = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+
+
+class RigidBody:
+    """Mass, first moment and inertia tensor of body i about frame i's origin."""
+
+    name = "rigid_body"
+    equation = "tau_j = v_j·f + w_j·n,  f = m a + alpha×c + omega×(omega×c),  n = c×a + I alpha + omega×(I omega)"
+
+    def entries(self, robot: Robot, motion: ChainMotion) -> Iterator[Entry]:
+        """Yield the coefficients of m, c and I of every body in the link rows of the joints that carry it."""
+        for i in range(1, robot.n + 1):
+            body = motion.bodies[i]
+            a, omega, alpha = body.acceleration, body.omega, body.alpha
+            field = acceleration_field(omega, alpha)
+            moments = _moments(omega, alpha)
+            for j, (v, w) in enumerate(body.twists):
+                yield Entry("link", j, f"m{i}", dot(v, a))
+                lever = cross(a, w)
+                for axis, column in enumerate("xyz"):
+                    value = v[0] * field[0][axis] + v[1] * field[1][axis] + v[2] * field[2][axis] + lever[axis]
+                    yield Entry("link", j, f"c{column}{i}", value)
+                for kind, moment in zip(_INERTIA, moments, strict=True):
+                    yield Entry("link", j, f"{kind}{i}", dot(w, moment))
+
+
+def _moments(omega: Vector, alpha: Vector) -> tuple[Vector, ...]:
+    """Return E alpha + omega x E omega for the unit symmetric matrix E of each inertia.
+
+    Written with the elements of the acceleration field, which the trace computes once for both.
+    """
+    xx, yy, zz = omega[0] * omega[0], omega[1] * omega[1], omega[2] * omega[2]
+    xy, xz, yz = omega[0] * omega[1], omega[0] * omega[2], omega[1] * omega[2]
+    x, y, z = alpha
+    return (
+        (x, xz, -xy),
+        (-yz, y, xy),
+        (yz, -xz, z),
+        (-(xz - y), yz + x, xx - yy),
+        (xy + z, zz - xx, -(yz - x)),
+        (yy - zz, -(xy - z), xz + y),
+    )

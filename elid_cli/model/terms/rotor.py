@@ -1,0 +1,27 @@
+"""Inertia of the rotors: spinning at k_m times the motor velocity, riding on body i-1 (eq. 8: B_d, B_Y; eq. 27-28)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from elid_cli.model.kinematics import add, cross, dot, scale
+from elid_cli.model.terms.base_term import ChainMotion, Entry
+from elid_cli.robot.robot import Robot
+
+
+class Rotor:
+    """Rotor inertia Jm_i about its own axis, motor side of the gear."""
+
+    name = "rotor"
+    equation = "motor row: k² Jm θ'' + k Jm z·alpha_{i-1};  link row j<i: k Jm w_j·(θ'' z + θ' omega_{i-1}×z)"
+
+    def entries(self, robot: Robot, motion: ChainMotion) -> Iterator[Entry]:
+        """Yield the coefficients of Jm_i in motor row i and, through the body it rides on, in link rows 1…i-1."""
+        for i, (joint, motor) in enumerate(zip(robot.joints, motion.motors, strict=True), start=1):
+            carrier = motion.bodies[i - 1]
+            ratio, axis = joint.gear_ratio, joint.motor_axis
+            own = motor.ddtheta * (ratio * ratio)
+            yield Entry("motor", i - 1, f"Jm{i}", own + dot(axis, carrier.alpha) * ratio)
+            moment = add(scale(axis, motor.ddtheta), scale(cross(carrier.omega, axis), motor.dtheta))
+            for j, (_, w) in enumerate(carrier.twists):
+                yield Entry("link", j, f"Jm{i}", dot(w, moment) * ratio)

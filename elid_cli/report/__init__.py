@@ -1,0 +1,1 @@
+"""Everything said to a user is one `Report`."""

@@ -1,0 +1,139 @@
+"""Classes of the standard parameters: what the equations allow, and what a log adds to that."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from elid_cli.estimation.result import Identification
+from elid_cli.model.base_parameters import BaseParameters
+from elid_cli.report.answers.inputs import (
+    Items,
+    command,
+    heading,
+    log_payload,
+    recorded_items,
+    robot_payload,
+    used_items,
+)
+from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Report, Section, Table, Text, Tone, number_text
+from elid_cli.robot.robot import JOINT_PARAMETERS, Robot
+from elid_cli.signals.recording import Recording
+
+WORDS: dict[str, tuple[str, Tone]] = {
+    "independent": ("indep.", "good"),
+    "combined": ("comb.", "plain"),
+    "unidentifiable": ("–", "dim"),
+    "weak": ("weak", "warn"),
+    "not excited": ("unseen", "bad"),
+}
+"""Class -> word and tone in the grid of joints and parameters."""
+LEGEND = "indep.: identifiable by itself; comb.: in a combination only; –: no effect on any torque"
+LEGEND_LOG = f"{LEGEND}; weak: worse than 30 %; unseen: not excited by this log"
+
+
+def classification_report(
+    robot: Robot, base: BaseParameters, robot_argument: str, found: Identification | None, recording: Recording | None
+) -> Report:
+    """Return the report of ``elid classify``, with a log (`found` and `recording`) or from structure alone."""
+    payload: dict[str, Any] = robot_payload(robot)
+    facts: Items = ()
+    if found is not None and recording is not None:
+        payload["log"] = log_payload(recording)
+        facts = (*recorded_items(robot, recording), *used_items(found.settings))
+    payload |= class_payload(base, found)
+    payload["base_parameters"] = [_entry(base, k, found) for k in range(base.count)]
+    sections: list[Section] = [
+        heading(robot, recording),
+        KeyValues("inputs", (*facts, *count_items(base))),
+        _base_table(base, found),
+        grid("classes", "structural class", robot, base.classes, LEGEND),
+    ]
+    if found is not None:
+        sections.append(grid("this_log", "class in this log", robot, found.this_log, LEGEND_LOG))
+        sections += reasons_table(found)
+        sections.append(Text("next", command("identify", recording, robot_argument), "next"))
+    else:
+        sections.append(Text("next", command("identify", None, robot_argument), "next"))
+    return Report("classify", payload, tuple(sections))
+
+
+def class_payload(base: BaseParameters, found: Identification | None) -> dict[str, Any]:
+    """Return the keys of JSON on counts and classes."""
+    payload: dict[str, Any] = {
+        "counts": base.counts,
+        "structural_rank_margin": base.margin,
+        "classification": dict(base.classes),
+    }
+    if found is not None:
+        payload["this_log"] = dict(found.this_log)
+        payload["reasons"] = dict(found.reasons)
+    return payload
+
+
+def count_items(base: BaseParameters) -> Items:
+    """Return the counts in words."""
+    counts = base.counts
+    return (
+        (
+            "parameters",
+            f"{counts['parameters']} standard, {counts['base']} base; {counts['independent']} independent, "
+            f"{counts['combined']} combined, {counts['unidentifiable']} unidentifiable",
+        ),
+        ("rank margin", f"{number_text(base.margin, 2)} between the last kept and the first dropped"),
+    )
+
+
+def grid(key: str, title: str, robot: Robot, classes: Mapping[str, str], legend: str) -> Table:
+    """Return a table of kinds by joints, one word per parameter."""
+    columns = (Column("parameter", ""), *(Column(joint.name, joint.name) for joint in robot.joints))
+    rows: list[tuple[Cell, ...]] = []
+    for kind in JOINT_PARAMETERS:
+        cells = [_word(classes.get(f"{kind}{i}")) for i in range(1, robot.n + 1)]
+        if any(cells):
+            rows.append((kind, *cells))
+    return Table(key, columns, tuple(rows), title=title, note=legend)
+
+
+def _word(kind: str | None) -> Cell:
+    if kind is None:
+        return ""
+    word, tone = WORDS.get(kind, (kind, "plain"))
+    return Mark(word, tone)
+
+
+def reasons_table(found: Identification, shown: int = 12) -> list[Section]:
+    """Return why parameters that the robot could identify are weak or missing; nothing where none is."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name, kind in found.this_log.items():
+        if kind in ("weak", "not excited"):
+            groups.setdefault((kind, found.reasons.get(name, "")), []).append(name)
+    if not groups:
+        return []
+    columns = (Column("parameter", "parameter"), Column("this_log", "this log"), Column("reason", "why"))
+    rows = tuple((" ".join(names), Mark(kind, WORDS[kind][1]), reason) for (kind, reason), names in groups.items())
+    return [Table("reasons", columns, rows, title="what this log cannot show", shown=shown)]
+
+
+def _base_table(base: BaseParameters, found: Identification | None) -> Table:
+    columns = [Column("name", "base parameter"), Column("unit", "unit")]
+    if found is not None:
+        columns.append(Column("verdict", "this log"))
+    rows: list[tuple[Cell, ...]] = []
+    for k, name in enumerate(base.names):
+        verdict: tuple[Cell, ...] = () if found is None else (verdict_mark(found.verdict[k]),)
+        rows.append((name, base.units[k], *verdict))
+    return Table("base_parameters", tuple(columns), tuple(rows))
+
+
+def verdict_mark(verdict: str) -> Mark:
+    """Return a verdict with its tone."""
+    tones: dict[str, Tone] = {"supported": "plain", "weak": "warn", "refused": "bad"}
+    return Mark(verdict, tones.get(verdict, "plain"))
+
+
+def _entry(base: BaseParameters, k: int, found: Identification | None) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": base.names[k], "terms": dict(base.terms[k]), "unit": base.units[k]}
+    if found is not None:
+        entry["verdict"] = found.verdict[k]
+    return entry

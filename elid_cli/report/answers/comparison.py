@@ -1,0 +1,141 @@
+"""The answer of ``elid compare``: what moved between saved results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from elid_cli.estimation.comparison import Change, Comparison, Saved
+from elid_cli.report.tree import (
+    Cell,
+    Column,
+    KeyValues,
+    Quantity,
+    Report,
+    Section,
+    Table,
+    Text,
+    Tone,
+    number_text,
+    percent,
+)
+
+SHOWN = 20
+WORSE, NOTABLE = 3.0, 0.01
+"""Held-out error over that of the first result, and of the torque, from which a model is said to lack something."""
+
+
+def comparison_report(comparisons: Sequence[Comparison], sigmas: float) -> Report:
+    """Return the report on all results against the first."""
+    results = [comparisons[0].first, *(c.other for c in comparisons)]
+    sections: list[Section] = [
+        Text("title", " · ".join(dict.fromkeys(r.robot for r in results)), "heading"),
+        KeyValues("results", tuple((f"result {k}", r.file) for k, r in enumerate(results, start=1))),
+    ]
+    for k, comparison in enumerate(comparisons, start=2):
+        sections += _moved(comparison, k, sigmas)
+    sections += _errors(results)
+    sections += [Text(f"warning{k}", line, "warning") for k, line in enumerate(_doubts(results))]
+    payload = {
+        "robot": results[0].robot,
+        "files": [r.file for r in results],
+        "sigmas": sigmas,
+        "comparisons": [_payload(c, sigmas) for c in comparisons],
+    }
+    return Report("compare", payload, tuple(sections))
+
+
+def _moved(comparison: Comparison, number: int, sigmas: float) -> list[Section]:
+    moved = sorted(comparison.moved(sigmas), key=lambda change: -abs(change.deviations))
+    against = f"result {number} against result 1"
+    if comparison.unshared:
+        against += f", {len(comparison.unshared)} base parameters not in both"
+    if comparison.refused:
+        against += f", {len(comparison.refused)} refused in one of them"
+    threshold = number_text(sigmas, 3)
+    count = len(comparison.changes) - len(comparison.refused)
+    if not moved:
+        line = f"{against}: none of {count} base parameters moved by more than {threshold} sd"
+        return [Text(f"unmoved{number}", line)]
+    title = f"{against}: {len(moved)} of {count} base parameters moved by more than {threshold} sd"
+    columns = (
+        Column("name", "base parameter"),
+        Column("before", "result 1", align="right"),
+        Column("after", f"result {number}", align="right"),
+        Column("change", "change", align="right"),
+        Column("deviations", "in sd", align="right"),
+        Column("unit", "unit"),
+    )
+    rows = tuple(_row(change) for change in moved)
+    return [Table(f"moved{number}", columns, rows, title=title, shown=SHOWN)]
+
+
+def _row(change: Change) -> tuple[Cell, ...]:
+    before, after = change.before, change.after
+    assert before.value is not None
+    assert after.value is not None
+    difference = after.value - before.value
+    tone: Tone = "bad" if abs(change.deviations) > 10 else "warn"
+    return (
+        change.name,
+        Quantity(before.value, resolution=before.std_error),
+        Quantity(after.value, resolution=after.std_error),
+        percent(difference / abs(before.value) if before.value else None, 2),
+        Quantity(change.deviations, digits=2, tone=tone),
+        change.unit,
+    )
+
+
+def _errors(results: Sequence[Saved]) -> list[Section]:
+    joints = list(dict.fromkeys(joint for r in results for joint in r.error))
+    if not joints:
+        return []
+    columns = (Column("joint", "joint"), *(Column(f"r{k}", f"result {k}", align="right") for k in _numbers(results)))
+    rows: list[tuple[Cell, ...]] = [(joint, *(percent(r.error.get(joint)) for r in results)) for joint in joints]
+    return [Table("error", columns, tuple(rows), title="held-out error, share of torque")]
+
+
+def _doubts(results: Sequence[Saved]) -> list[str]:
+    """Return what makes a comparison mean less than it says."""
+    first, *others = results
+    doubts = [
+        f"{other.file} is of {other.robot or 'another robot'} and {first.file} of {first.robot}:"
+        " parameters of one name may be others"
+        for other in others
+        if other.robot != first.robot or other.error.keys() != first.error.keys()
+    ]
+    for other in others:
+        for joint, share in other.error.items():
+            before = first.error.get(joint)
+            if before and share > WORSE * before and share > NOTABLE:
+                doubts.append(
+                    f"{joint}: the torque is predicted {number_text(share / before, 2)} times as badly in {other.file}"
+                    " as in the first: its model lacks something there (elid diagnose), and its parameters bear it"
+                )
+    return doubts
+
+
+def _numbers(results: Sequence[Saved]) -> range:
+    return range(1, len(results) + 1)
+
+
+def _payload(comparison: Comparison, sigmas: float) -> dict[str, Any]:
+    return {
+        "before": comparison.first.file,
+        "after": comparison.other.file,
+        "moved": [change.name for change in comparison.moved(sigmas)],
+        "unshared": list(comparison.unshared),
+        "refused": list(comparison.refused),
+        "changes": [
+            {
+                "name": change.name,
+                "unit": change.unit,
+                "before": change.before.value,
+                "after": change.after.value,
+                "before_std_error": change.before.std_error,
+                "after_std_error": change.after.std_error,
+                "deviations": change.deviations,
+            }
+            for change in comparison.changes
+        ],
+    }

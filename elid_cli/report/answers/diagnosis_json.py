@@ -1,0 +1,95 @@
+"""The JSON object of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isnan
+from typing import Any
+
+from elid_cli.diagnosis.contributions import Contribution
+from elid_cli.diagnosis.residuals import RowState
+from elid_cli.estimation.result import Identification, JointError
+from elid_cli.report.answers.diagnosis_input import Told, referenced
+from elid_cli.report.answers.diagnosis_words import curve_words
+from elid_cli.report.answers.identification import error_payload as errors
+from elid_cli.report.answers.identification import identification_payload
+from elid_cli.report.answers.inputs import log_payload, nuisance_payload
+
+
+def diagnosis_payload(told: Told) -> dict[str, Any]:
+    """Return the JSON object of a diagnosis (FORMATS: JSON)."""
+    found = told.found
+    return {
+        **identification_payload(told.after, told.recording),
+        "declared": nuisance_payload(told.after.effects),
+        "before": _side(found.before, found.rows_before, told.before),
+        "after": _side(found.after, found.rows_after, told.after),
+        "effects": [_effect_payload(c) for c in told.contributions],
+        "nuisances": nuisance_payload(found.nuisances),
+        "also_possible": [
+            {"effect": r.effect, "joint": r.joint, "gain": r.gain, "instead_of": r.instead_of,
+             "parameters": dict(r.parameters), "separate": r.separate}
+            for r in found.also_possible
+        ],
+        "unexplained": [
+            {"joint": u.joint, "rows": u.rows, "variable": u.variable, "share": u.share, "rms": u.rms, "ratio": u.ratio,
+             "nearest": [{"effect": e, "joint": j, "gain": g} for e, j, g in u.nearest]}
+            for u in found.unexplained
+        ],
+        "refuted": [
+            {"effect": s.effect, "joint": s.joint, "quarters": _quarters(s.gains), "gain": s.whole, "kept": s.kept}
+            for s in found.refuted
+        ],
+        "triage": list(found.triage),
+        "organised": [
+            {"joint": joint, "rows": rows, "variable": o.variable, "share": o.share}
+            for (joint, rows), entries in found.organised.items()
+            for o in entries
+        ],
+        "sufficient": found.sufficient,
+        "tried": found.tried,
+        "held_out": [list(span) for span in found.held_out],
+        "moved": [
+            {"name": m.name, "before": m.before, "after": m.after, "deviations": m.deviations} for m in found.moved
+        ],
+        "checks": [
+            {"log": log_payload(c.recording), "before": {"error": errors(c.before)},
+             "after": {"error": errors(c.after)}}
+            for c in told.checks
+        ],
+    }  # fmt: skip
+
+
+def _side(error: Mapping[str, JointError], rows: Sequence[RowState], model: Identification) -> dict[str, Any]:
+    return {
+        "error": errors(error),
+        "rows": [{"joint": r.joint, "rows": r.rows, "rms": r.rms, "share": r.share, "ratio": r.ratio} for r in rows],
+        "normalised_mean_error": model.normalised_mean_error() if referenced(model) else None,
+    }
+
+
+def _effect_payload(contribution: Contribution) -> dict[str, Any]:
+    effect = contribution.effect
+    payload = {
+        "effect": effect.effect,
+        "joint": effect.joint,
+        "parameters": dict(effect.parameters),
+        "std_error": dict(effect.std_error),
+        "gain": effect.gain,
+        "summary": effect.summary,
+        "folds": list(effect.folds),
+        "quarters": _quarters(effect.quarters),
+        "local": effect.local,
+        "collocated": effect.collocated,
+        "error": {
+            "joint": contribution.joint,
+            "rows": contribution.rows,
+            "before": contribution.without,
+            "after": contribution.with_it,
+        },
+    }
+    return {**payload, "curve": curve_words(effect.parameters)} if effect.effect == "lookup" else payload
+
+
+def _quarters(gains: Sequence[float]) -> list[float | None]:
+    return [None if isnan(gain) else gain for gain in gains]

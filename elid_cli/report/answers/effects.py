@@ -1,0 +1,79 @@
+"""The library of effects as reports: a list, or one effect in full."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from elid_cli.model.effects.effect import Effect, Parameter
+from elid_cli.report.tree import Column, KeyValues, Report, Table, Text
+
+WHERE = {
+    "motor": "motor row", "link": "link row", "spring": "transmission: link and motor row",
+    "chain": "link rows of the whole chain", "torque": "torque channel", "encoder": "position channels",
+    "sensor": "joint torque sensor",
+}  # fmt: skip
+
+
+def effects_report(library: Mapping[str, type[Effect]]) -> Report:
+    """Return the list of effects."""
+    columns = (Column("effect", "effect"), Column("summary", "what it is"), Column("twins", "easily confused with"))
+    rows = tuple((name, kind.summary, ", ".join(kind.twins)) for name, kind in library.items())
+    return Report(
+        command="effects",
+        payload={"effects": [_payload(kind) for kind in library.values()]},
+        sections=(
+            Text("title", f"{len(library)} effect{'s' * (len(library) != 1)} that a model may lack", "heading"),
+            Table("effects", columns, rows),
+            Text("next", "elid effects NAME", "next"),
+        ),
+    )
+
+
+def effect_report(kind: type[Effect]) -> Report:
+    """Return one effect in full: what it is, how it shows, what to record to see it."""
+    facts = (
+        ("equation", kind.equation),
+        ("acts in", WHERE.get(kind.place, kind.place)),
+        ("physics", kind.physics),
+        ("typical", kind.typical),
+        ("fingerprint", kind.fingerprint),
+        ("twins", ", ".join(kind.twins) or "none"),
+        ("record", kind.record),
+    )
+    columns = (Column("parameter", "parameter"), Column("unit", "unit"), Column("meaning", "meaning"))
+    parameters = tuple((p.name, p.unit, p.meaning) for p in (*kind.amplitudes, *kind.shapes))
+    where = "" if kind.whole_robot else ", joint: joint1"
+    values = ", ".join(f"{p.name}: …" for p in (*kind.amplitudes, *kind.shapes))
+    return Report(
+        command="effects",
+        payload={"effects": [_payload(kind)]},
+        sections=(
+            Text("title", f"{kind.name} · {kind.summary}", "heading"),
+            KeyValues("facts", facts),
+            Table("parameters", columns, parameters),
+            Text("declare", f"effects:\n  - {{effect: {kind.name}{where}, parameters: {{{values}}}}}", "code"),
+        ),
+    )
+
+
+def _payload(kind: type[Effect]) -> dict[str, Any]:
+    return {
+        "effect": kind.name,
+        "summary": kind.summary,
+        "equation": kind.equation,
+        "place": kind.place,
+        "physics": kind.physics,
+        "typical": kind.typical,
+        "fingerprint": kind.fingerprint,
+        "record": kind.record,
+        "twins": list(kind.twins),
+        "parameters": [
+            {**_parameter(p), "kind": "amplitude" if p in kind.amplitudes else "shape"}
+            for p in (*kind.amplitudes, *kind.shapes)
+        ],
+    }
+
+
+def _parameter(parameter: Parameter) -> dict[str, Any]:
+    return {"name": parameter.name, "unit": parameter.unit, "meaning": parameter.meaning}

@@ -1,0 +1,124 @@
+"""The answer of ``elid excite``: how far the trajectory goes, and what a log of it will show."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+from elid_cli.experiment.excitation import Excitation
+from elid_cli.report.answers.inputs import heading, robot_payload
+from elid_cli.report.tree import (
+    Cell,
+    Column,
+    Figure,
+    KeyValues,
+    Quantity,
+    Report,
+    Section,
+    Table,
+    Text,
+    number_text,
+    percent,
+)
+
+SHOWN = 20
+
+
+def excitation_report(found: Excitation, robot_argument: str, file: str, rate: float) -> Report:
+    """Return the report of one trajectory, written to `file` at `rate` samples per second."""
+    e, r = found.evaluation, found.random
+    facts: tuple[tuple[str, Cell], ...] = (
+        ("trajectory", f"{number_text(found.trajectory.duration)} s, quintic splines, from rest to rest"),
+        ("written", f"{file}, {number_text(rate)} Hz: t, q, dq, ddq of every joint"),
+        ("condition", f"{number_text(e.condition, 3)}; of random splines as long {number_text(r.condition, 3)}"),
+        ("standard errors", f"{number_text(found.gain, 3)} times smaller than after random splines (geometric mean)"),
+        ("assumed", _assumed(found)),
+        *_guessed(found),
+        *((("aimed at", ", ".join(found.options.aims)),) if found.options.aims else ()),
+    )
+    sections: list[Section] = [
+        heading(found.robot),
+        KeyValues("facts", facts),
+        _limits(found),
+        _errors(found),
+        _figure(found),
+        Text("next", shlex.join(["elid", "simulate", "--robot", robot_argument, "--reference", file, "-o", "try.mcap"]),
+             "next"),
+    ]  # fmt: skip
+    return Report("excite", _payload(found, file, rate), tuple(sections))
+
+
+def _assumed(found: Excitation) -> str:
+    if found.options.measured is None:
+        return f"residuals of {number_text(100 * found.options.residual, 2)} % of each torque after filtering"
+    return "residuals as in the last log"
+
+
+def _guessed(found: Excitation) -> tuple[tuple[str, Cell], ...]:
+    """Return which of the parameters that matter had to be guessed."""
+    acting, unknown = found.unknown
+    if not unknown:
+        return ()
+    count = f"{unknown} of {acting}"
+    return (("guessed", f"{count} parameters that act on the torques are not in the robot file: those of a typical "
+                        "arm are taken, so torques and errors below are rough"),)  # fmt: skip
+
+
+def _limits(found: Excitation) -> Table:
+    columns = [Column("joint", "joint")]
+    columns += [Column(kind, kind, "% of limit", "right") for kind in found.used]
+    rows: list[tuple[Cell, ...]] = []
+    for k, joint in enumerate(found.robot.joint_names):
+        rows.append((joint, *(Quantity(100 * float(share[k]), digits=3) for share in found.used.values())))
+    note = "limits that the robot file does not give are elid's defaults; –: no limit"
+    return Table("limits", tuple(columns), tuple(rows), title="use of the limits", note=note)
+
+
+def _errors(found: Excitation) -> Table:
+    columns = (
+        Column("name", "base parameter"),
+        Column("std_error", "expected ± sd", align="right"),
+        Column("relative", "rel", align="right"),
+        Column("random", "random splines ± sd", align="right"),
+        Column("unit", "unit"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    relative = found.relative
+    aimed = set(found.options.aims)
+    for k, name in enumerate(found.base.names):
+        if aimed and not aimed & set(found.base.terms[k]):
+            continue
+        rows.append((
+            name, Quantity(float(found.std_error[k]), digits=2), percent(float(relative[k]), 2),
+            Quantity(float(found.random_std_error[k]), digits=2), found.base.units[k],
+        ))  # fmt: skip
+    return Table("std_error", columns, tuple(rows), title="what a log of it will show", shown=SHOWN)
+
+
+def _figure(found: Excitation) -> Figure:
+    t, q, dq, ddq = found.sampled(50.0)
+    data: dict[str, Any] = {"t": t, "q": q, "dq": dq, "ddq": ddq, "joints": found.robot.joint_names}
+    data["revolute"] = tuple(joint.revolute for joint in found.robot.joints)
+    return Figure("trajectory", "Exciting trajectory", "trajectory", data, "position, velocity and acceleration")
+
+
+def _payload(found: Excitation, file: str, rate: float) -> dict[str, Any]:
+    relative = found.relative
+    return {
+        **robot_payload(found.robot),
+        "trajectory": {"file": file, "duration": found.trajectory.duration, "rate": rate},
+        "aims": list(found.options.aims),
+        "residual": found.options.residual,
+        "condition": found.evaluation.condition,
+        "log_det": found.evaluation.log_det,
+        "random": {"condition": found.random.condition, "log_det": found.random.log_det},
+        "limits_used": {
+            joint: {kind: share[k] for kind, share in found.used.items()}
+            for k, joint in enumerate(found.robot.joint_names)
+        },
+        "base_parameters": [
+            {"name": name, "terms": dict(found.base.terms[k]), "unit": found.base.units[k],
+             "std_error": found.std_error[k], "relative_std_error": relative[k]}
+            for k, name in enumerate(found.base.names)
+        ],
+    }  # fmt: skip

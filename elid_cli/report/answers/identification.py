@@ -1,0 +1,312 @@
+"""The answer of ``elid identify``: base parameters with their errors, and how well they predict the torque."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from math import isnan
+from typing import Any
+
+from elid_cli.estimation.result import FittedEffect, Identification, JointError
+from elid_cli.estimation.validation.by_log import ByLog
+from elid_cli.report.answers.classification import class_payload, reasons_table, verdict_mark
+from elid_cli.report.answers.inputs import (
+    Items,
+    command,
+    effect_text,
+    heading,
+    log_payload,
+    nuisance_items,
+    nuisance_payload,
+    recorded_items,
+    robot_payload,
+    used_items,
+)
+from elid_cli.report.tree import (
+    Cell,
+    Column,
+    KeyValues,
+    Quantity,
+    Report,
+    Section,
+    Table,
+    Text,
+    Tone,
+    number_text,
+    percent,
+)
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+
+AT_FLOOR = 1.3
+"""A held-out error within this factor of the sensors' noise holds no structure worth a search."""
+ODD = 1.5
+"""A log whose error is this many times the next worst one's fits worse than the others."""
+SHOWN = 20
+"""Base parameters printed without --all."""
+
+
+def identification_report(
+    found: Identification,
+    recording: Recording,
+    robot_argument: str,
+    logs: Sequence[ByLog] = (),
+    written: str | None = None,
+) -> Report:
+    """Return the report of one identification.
+
+    Parameters
+    ----------
+    found, recording
+        The result and what it was found from.
+    robot_argument
+        What ``--robot`` was given.
+    logs
+        The result's error on each of several logs.
+    written
+        The robot file that is written, if any.
+    """
+    facts = (*recorded_items(found.robot, recording), *used_items(found.settings), *result_items(found))
+    if written is not None:
+        foreign = written.lower().endswith((".urdf", ".xml", ".mjcf"))
+        facts += (("written", f"{written}, {'without effects' if foreign else 'which predicts as this result does'}"),)
+    sections: list[Section] = [
+        heading(found.robot, recording),
+        KeyValues("inputs", facts),
+        base_table(found),
+        error_table("error", found.robot, found.error),
+        *sensor_table("sensors", found.robot, found.error),
+        *_by_log(found.robot, logs),
+        *reasons_table(found),
+        *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.warnings))),
+        *_meaning(found, recording, robot_argument),
+    ]
+    payload = identification_payload(found, recording)
+    if logs:
+        payload["error_by_log"] = [{"file": log.file, "error": error_payload(log.error)} for log in logs]
+    return Report("identify", payload, tuple(sections))
+
+
+def identification_payload(found: Identification, recording: Recording) -> dict[str, Any]:
+    """Return the JSON object of an identification (FORMATS: JSON)."""
+    return {
+        **robot_payload(found.robot),
+        "log": log_payload(recording),
+        "estimator": found.estimator,
+        "settings": dict(found.settings),
+        **class_payload(found.base, found),
+        "condition": found.condition,
+        "rank": found.rank,
+        "rank_margin": found.rank_margin,
+        "base_parameters": base_payload(found),
+        "error": error_payload(found.error),
+        "nuisances": nuisance_payload(found.nuisances),
+        "effects": nuisance_payload(found.effects),
+        "notes": list(found.notes),
+        "warnings": list(found.warnings),
+    }
+
+
+def base_payload(found: Identification) -> list[dict[str, Any]]:
+    """Return the list ``base_parameters`` of JSON; the estimate of a refused one is null."""
+    relative = found.relative_error()
+    return [
+        {
+            "name": found.base.names[k],
+            "terms": dict(found.base.terms[k]),
+            "unit": found.base.units[k],
+            "class": found.base.classes[found.base.parameters[found.base.leaders[k]]],
+            "estimate": found.estimate[k],
+            "std_error": found.std_error[k],
+            "reference": found.reference[k],
+            "relative_error": relative[k],
+            "verdict": found.verdict[k],
+        }
+        for k in range(found.base.count)
+    ]
+
+
+def error_payload(error: Mapping[str, JointError]) -> dict[str, Any]:
+    """Return an object ``error`` of JSON."""
+    return {
+        joint: {
+            "rms": e.rms,
+            "relative": e.relative,
+            "spring_rms": e.spring_rms,
+            "spring_relative": e.spring_relative,
+            "torque_rms": e.torque_rms,
+            "floor": e.floor,
+            "spring_floor": e.spring_floor,
+            **({} if e.sensor is None else {"sensor": asdict(e.sensor)}),
+        }
+        for joint, e in error.items()
+    }
+
+
+def result_items(found: Identification) -> Items:
+    """Return the numbers that say how far the result can be trusted."""
+    counts = found.base.counts
+    verdicts = [(word, found.verdict.count(word)) for word in ("supported", "weak", "refused")]
+    judged = ", ".join(f"{count} {word}" for word, count in verdicts if count)
+    return (
+        ("parameters", f"{counts['parameters']} standard, {counts['base']} base; {judged}"),
+        ("condition", f"{number_text(found.condition, 2)}, rank margin {number_text(found.rank_margin, 2)}"),
+        *nuisance_items(found.robot, found.nuisances),
+        *(_effect_item(found.robot, effect) for effect in found.effects),
+        *(("note", sentence) for sentence in found.notes),
+    )
+
+
+def _effect_item(robot: Robot, found: FittedEffect) -> tuple[str, Cell]:
+    """Return a declared effect with the values that this log gives it."""
+    values = effect_text(robot, found.effect, found.joint, found.parameters, found.std_error)
+    return (found.effect.replace("_", " "), f"{found.joint or 'robot'} {values}")
+
+
+def base_table(found: Identification) -> Table:
+    """Return the base parameters with errors, and with references where the robot file has any."""
+    relative = found.relative_error()
+    known = any(value == value for value in found.reference)
+    columns = [
+        Column("name", "base parameter", span=True),
+        Column("estimate", "value", align="right"),
+        Column("std_error", "± sd", align="right"),
+        Column("relative", "rel", "%", align="right"),
+        Column("unit", "unit"),
+        *((Column("reference", "ref", align="right"), Column("off", "off", "%", align="right")) if known else ()),
+        Column("verdict", "verdict"),
+    ]
+    rows: list[tuple[Cell, ...]] = []
+    for k, name in enumerate(found.base.names):
+        value, deviation = float(found.estimate[k]), float(found.std_error[k])
+        reference: tuple[Cell, ...] = (
+            (Quantity(float(found.reference[k])), percent(float(relative[k]), 2)) if known else ()
+        )
+        rows.append(
+            (
+                name,
+                Quantity(value, resolution=deviation),
+                Quantity(deviation, resolution=deviation),
+                percent(deviation / abs(value) if value else None, 2),
+                found.base.units[k],
+                *reference,
+                "" if found.verdict[k] == "supported" else verdict_mark(found.verdict[k]),
+            )
+        )
+    return Table("base_parameters", tuple(columns), tuple(rows), shown=SHOWN, note=_verdict_note(found))
+
+
+def _verdict_note(found: Identification) -> str:
+    if all(verdict == "supported" for verdict in found.verdict):
+        return "this log supports every one of them"
+    weak = "weak: known to worse than 30 % of itself and of what would show in the torque"
+    return f"{weak}; refused: not known at all; the others this log supports"
+
+
+def error_table(
+    key: str, robot: Robot, error: Mapping[str, JointError], title: str = "", *, fitted: bool = True
+) -> Table:
+    """Return how well each joint's torque is predicted, on data that the fit (if any) never saw."""
+    columns = [
+        Column("joint", "joint"),
+        Column("torque_rms", "torque rms", align="right"),
+        Column("rms", "held-out error" if fitted else "error", align="right"),
+        Column("relative", "share", align="right"),
+    ]
+    with_floor = any(e.floor is not None for e in error.values())
+    with_spring = any(e.spring_rms is not None for e in error.values())
+    if with_floor:
+        columns.append(Column("floor", "× floor", align="right"))
+    if with_spring:
+        columns += [
+            Column("spring_rms", "motor row alone", align="right"),
+            Column("spring_relative", "share", align="right"),
+        ]
+    rows = []
+    for name, e in error.items():
+        unit = torque_unit(robot, name)
+        row: list[Cell] = [name, Quantity(e.torque_rms, unit, 3), Quantity(e.rms, unit, 3), percent(e.relative)]
+        if with_floor:
+            row.append(Quantity(e.rms / e.floor, digits=3, tone=_tone(e)) if e.floor else None)
+        if with_spring:
+            row += [Quantity(e.spring_rms, unit, 3), percent(e.spring_relative)]
+        rows.append(tuple(row))
+    return Table(key, tuple(columns), tuple(rows), title=title)
+
+
+def sensor_table(key: str, robot: Robot, error: Mapping[str, JointError]) -> list[Section]:
+    """Return how well each joint torque sensor is predicted, side by side; nothing without sensors."""
+    columns = (
+        Column("joint", "joint"),
+        Column("reading_rms", "sensor rms", align="right"),
+        Column("load_rms", "bodies", align="right"),
+        Column("load_share", "share", align="right"),
+        Column("spring_rms", "spring", align="right"),
+        Column("spring_share", "share", align="right"),
+        Column("drive_rms", "motor side", align="right"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for name, e in error.items():
+        if e.sensor is None:
+            continue
+        unit, s = torque_unit(robot, name), e.sensor
+        row: list[Cell] = [name, Quantity(s.reading_rms, unit, 3)]
+        for size in (s.load_rms, s.spring_rms):
+            row += [Quantity(size, unit, 3), percent(size / s.reading_rms if s.reading_rms else None)]
+        rows.append((*row, Quantity(None if isnan(s.drive_rms) else s.drive_rms, unit, 3)))
+    title = "error against the joint torque sensors"
+    return [Table(key, columns, tuple(rows), title=title)] if rows else []
+
+
+def _by_log(robot: Robot, logs: Sequence[ByLog]) -> list[Section]:
+    """Return a table of logs by joints; the worst log of each joint stands out where it is well above the others."""
+    if not logs:
+        return []
+    joints = list(dict.fromkeys(joint for log in logs for joint in log.error))
+    columns = (Column("file", "log"), *(Column(joint, joint, torque_unit(robot, joint), "right") for joint in joints))
+    rows: list[tuple[Cell, ...]] = []
+    for log in logs:
+        cells: list[Cell] = [log.file]
+        for joint in joints:
+            error = log.error.get(joint)
+            others = [o.error[joint].rms for o in logs if o is not log and joint in o.error]
+            odd = error is not None and others and error.rms > ODD * max(others)
+            cells.append(Quantity(error.rms if error else None, digits=3, tone="warn" if odd else "plain"))
+        rows.append(tuple(cells))
+    return [Table("by_log", columns, tuple(rows), title="error on each log", note=_odd_note(logs, joints))]
+
+
+def _odd_note(logs: Sequence[ByLog], joints: Sequence[str]) -> str:
+    for joint in joints:
+        ranked = sorted((log for log in logs if joint in log.error), key=lambda log: log.error[joint].rms)
+        if len(ranked) > 1 and ranked[-1].error[joint].rms > ODD * ranked[-2].error[joint].rms:
+            return f"{ranked[-1].file} fits worse than the others at {joint}"
+    return ""
+
+
+def torque_unit(robot: Robot, joint: str) -> str:
+    """Return the unit of a joint's torque (or force)."""
+    return "N·m" if robot.joints[robot.joint_names.index(joint)].revolute else "N"
+
+
+def above_floor(error: Mapping[str, JointError]) -> list[str]:
+    """Return the joints whose held-out error is more than the sensors' noise explains."""
+    return [name for name, e in error.items() if e.floor and e.rms > AT_FLOOR * e.floor]
+
+
+def _tone(error: JointError) -> Tone:
+    return "warn" if error.floor and error.rms > AT_FLOOR * error.floor else "good"
+
+
+def _meaning(found: Identification, recording: Recording, robot_argument: str) -> list[Section]:
+    floors = all(e.floor for e in found.error.values())
+    above = above_floor(found.error)
+    diagnose = Text("next", command("diagnose", recording, robot_argument), "next")
+    if above:
+        verb = "holds" if len(above) == 1 else "hold"
+        return [Text("meaning", f"{', '.join(above)} {verb} more than the sensors' noise."), diagnose]
+    if not floors:
+        return [diagnose]
+    meaning = f"The model is sufficient: every joint is within {AT_FLOOR} of its noise floor."
+    keep = command("identify", recording, robot_argument, "--write-robot", f"{found.robot.name}-identified.yaml")
+    return [Text("meaning", meaning), Text("next", keep, "next")]

@@ -1,0 +1,133 @@
+"""The answer of ``elid info``: what is in a log, and where elid would take each signal from."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from elid_cli.logs import ChannelInfo, LogInfo
+from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
+from elid_cli.robot.files import fingerprint
+from elid_cli.robot.robot import Robot
+
+SHOWN = 40
+"""Channels printed without --all."""
+
+
+def info_report(
+    infos: Sequence[LogInfo], robot: Robot | None, robot_argument: str | None, maps: Sequence[str] = ()
+) -> Report:
+    """Return the report on one or more logs, with the robot whose signals are looked for (if any).
+
+    `maps` are the mappings that they were read with.
+    """
+    payload: dict[str, Any] = {
+        "robot": robot.name if robot is not None else None,
+        "robot_fingerprint": fingerprint(robot) if robot is not None else None,
+        "joints": list(infos[0].joints),
+        "log": _log(infos),
+        "logs": [_payload(info) for info in infos],
+    }
+    sections: list[Section] = []
+    for number, info in enumerate(infos):
+        sections += _sections(info, number)
+    sections.append(Text("next", _next(infos, robot_argument, maps), "next"))
+    return Report("info", payload, tuple(sections))
+
+
+def _sections(info: LogInfo, number: int) -> list[Section]:
+    suffix = str(number) if number else ""
+    joints = ", ".join(info.joints) or "none named"
+    facts: list[tuple[str, Cell]] = [("format", info.format + (f", {info.parts} parts" if info.parts > 1 else ""))]
+    longest = max((c for c in info.channels if c.span is not None), key=lambda c: c.span or 0.0, default=None)
+    if longest is not None:
+        facts.append(("recorded", f"{number_text(longest.span)} s"))
+    facts.append(("joints", joints))
+    facts += [(signal, place) for signal, place in info.taken.items()]
+    facts += [(signal, f"missing: {info.reasons.get(signal, 'no such channel')}") for signal in info.missing]
+    facts += [("lost", sentence) for sentence in info.losses]
+    facts += [("note", sentence) for sentence in info.notes]
+    sections: list[Section] = [
+        Text(f"title{suffix}", info.file, "heading"),
+        KeyValues(f"facts{suffix}", tuple(facts)),
+        _channels(info, f"channels{suffix}"),
+    ]
+    if info.mapping:
+        what = ", ".join(info.missing) or "the signals"
+        sections += [
+            Text(f"suggested{suffix}", f"{what} cannot be placed by name; a guess for --map, to be checked:"),
+            Text(f"mapping{suffix}", info.mapping.rstrip("\n"), "code"),
+        ]
+    return sections
+
+
+def _channels(info: LogInfo, key: str) -> Table:
+    """Return the table of channels, without columns that would be empty for this log."""
+    candidates: list[tuple[Column, Callable[[ChannelInfo], Cell]]] = [
+        (Column("channel", "channel"), lambda c: c.name),
+        (Column("kind", "kind"), lambda c: c.kind),
+        (Column("labels", "names"), lambda c: " ".join(c.labels)),
+        (Column("count", "samples", align="right"), lambda c: c.count),
+        (Column("rate", "rate", "Hz", align="right"), lambda c: None if c.rate is None else Quantity(c.rate, "Hz", 4)),
+        (Column("gaps", "gaps", align="right"), lambda c: c.gaps or ""),
+        (Column("signals", "signal"), lambda c: " ".join(c.signals)),
+    ]
+    kept = [(column, cell) for column, cell in candidates if any(cell(c) not in ("", None) for c in info.channels)]
+    if len({c.kind for c in info.channels}) == 1:
+        kept = [(column, cell) for column, cell in kept if column.key != "kind"]
+    rows = tuple(tuple(cell(channel) for _, cell in kept) for channel in info.channels)
+    return Table(key, tuple(column for column, _ in kept), rows, shown=SHOWN)
+
+
+def _next(infos: Sequence[LogInfo], robot: str | None, maps: Sequence[str]) -> str:
+    files = [info.file for info in infos]
+    named = ["--robot", robot or "ROBOT"]
+    if {signal for info in infos for signal in info.missing} == {"t"}:
+        return shlex.join(["elid", "identify", *files, *named, "--rate", "HZ"])
+    if any(info.missing for info in infos):
+        # a file to write: what was given has just been tried
+        name = next(name for k in range(len(maps) + 1) if (name := f"map{k or ''}.yaml") not in maps)
+        return shlex.join(["elid", "info", *files, *(["--robot", robot] if robot else []), "--map", name])
+    return shlex.join(["elid", "identify", *files, *named])
+
+
+def _log(infos: Sequence[LogInfo]) -> dict[str, Any]:
+    channels = [channel for info in infos for channel in info.channels]
+    return {
+        "files": [info.file for info in infos],
+        "sha256": [info.sha256 for info in infos],
+        "samples": max((c.count for c in channels if c.count is not None), default=None),
+        "duration": max((c.span for c in channels if c.span is not None), default=None),
+        "rate": max((c.rate for c in channels if c.rate is not None), default=None),
+        "repairs": [sentence for info in infos for sentence in info.losses],
+    }
+
+
+def _payload(info: LogInfo) -> dict[str, Any]:
+    return {
+        "file": info.file,
+        "sha256": info.sha256,
+        "format": info.format,
+        "parts": info.parts,
+        "joints": list(info.joints),
+        "channels": [
+            {
+                "name": c.name,
+                "kind": c.kind,
+                "labels": list(c.labels),
+                "samples": c.count,
+                "rate": c.rate,
+                "gaps": c.gaps,
+                "span": c.span,
+                "signals": list(c.signals),
+            }
+            for c in info.channels
+        ],
+        "taken": dict(info.taken),
+        "missing": list(info.missing),
+        "reasons": dict(info.reasons),
+        "mapping": info.mapping,
+        "losses": list(info.losses),
+        "notes": list(info.notes),
+    }

@@ -1,0 +1,143 @@
+"""What every report opens with: which robot, which logs, what was recorded and what was used of it."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from elid_cli.model.effects import effect_classes
+from elid_cli.report.tree import Cell, Text, number_text
+from elid_cli.robot.files import fingerprint
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+
+Items = tuple[tuple[str, Cell], ...]
+SIGNALS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
+
+
+def robot_payload(robot: Robot) -> dict[str, Any]:
+    """Return the keys of JSON that name the robot."""
+    return {"robot": robot.name, "robot_fingerprint": fingerprint(robot), "joints": list(robot.joint_names)}
+
+
+def log_payload(recording: Recording) -> dict[str, Any]:
+    """Return the object ``log`` of JSON."""
+    return {
+        "files": list(recording.files),
+        "sha256": list(recording.sha256),
+        "samples": recording.samples,
+        "duration": recording.duration,
+        "rate": recording.rate,
+        "segments": len(recording.segments),
+        "sources": dict(recording.sources),
+        "repairs": list(recording.repairs),
+        "notes": list(recording.notes),
+        "warnings": list(recording.warnings),
+    }
+
+
+def heading(robot: Robot, recording: Recording | None = None) -> Text:
+    """Return the first line of a report."""
+    names = ", ".join(recording.files) if recording is not None else ""
+    return Text("title", f"{robot.name} · {names}" if names else robot.name, "heading")
+
+
+def recorded_items(robot: Robot, recording: Recording) -> Items:
+    """Return what the logs hold and what was repaired."""
+    present = [name for name in SIGNALS if _has(recording, name)]
+    stretches = f" in {len(recording.segments)} stretches" if len(recording.segments) > 1 else ""
+    line = (
+        f"{_value(recording.duration)} s at {_value(recording.rate)} Hz{stretches}, "
+        f"{robot.n} joint{'s' * (robot.n != 1)}, {_listed(present)}"
+    )
+    items: list[tuple[str, Cell]] = [("recorded", line)]
+    for label, sentences in (("repaired", recording.repairs), ("note", recording.notes)):
+        items += [(label, sentence) for sentence in sentences]
+    return tuple(items)
+
+
+def used_items(settings: Mapping[str, object]) -> Items:
+    """Return how the signals were conditioned; every figure of it has an option."""
+    facts = [f"{settings['instants']} instants at {_value(settings['rate'])} Hz",
+             f"zero-phase low-pass {_value(settings['cutoff'])} Hz"]  # fmt: skip
+    masked = _numbers(settings.get("masked"))
+    if masked and max(masked) > 0:
+        facts.append(f"reversals masked ({_span([100 * share for share in masked], 2)} %)")
+    knots = _numbers(settings.get("knots"))
+    items: list[tuple[str, Cell]] = [("used", ", ".join(facts))]
+    if knots:
+        velocity = "measured velocities too" if settings.get("velocity_used") else "positions only"
+        items.append(("smoothing", f"quintic splines, knots every {_span([1e3 * k for k in knots], 3)} ms, {velocity}"))
+    return tuple(items)
+
+
+def effect_text(
+    robot: Robot, effect: str, joint: str | None, values: Mapping[str, float], errors: Mapping[str, float]
+) -> str:
+    """Return an effect's parameters with units and standard errors: ``amplitude 0.25 ± 0.02 N·m, velocity …``."""
+    kind = effect_classes().get(effect)
+    slides = joint in robot.joint_names and not robot.joints[robot.joint_names.index(joint)].revolute
+    units = {} if kind is None else {p.name: p.unit_at(slides=slides) for p in (*kind.amplitudes, *kind.shapes)}
+    parts = []
+    for name, value in values.items():
+        unit, scale = units.get(name, ""), 1.0
+        if unit == "s" and abs(value) < 0.1:
+            unit, scale = "ms", 1e3
+        error = errors.get(name)
+        spread = "" if error is None else f" ± {number_text(scale * error, resolution=scale * error)}"
+        number = number_text(scale * value, resolution=None if error is None else scale * error)
+        parts.append(f"{name} {number}{spread} {unit}".rstrip())
+    return ", ".join(parts)
+
+
+def nuisance_items(robot: Robot, nuisances: Sequence[Any]) -> Items:
+    """Return what of the measurement was estimated along and corrected, one line per kind."""
+    kinds: dict[str, list[str]] = {}
+    for n in nuisances:
+        kinds.setdefault(n.effect, []).append(f"{n.joint} {effect_text(robot, n.effect, n.joint, n.parameters, {})}")
+    return tuple((kind.replace("_", " "), f"{'; '.join(found)}; corrected") for kind, found in kinds.items())
+
+
+def nuisance_payload(nuisances: Sequence[Any]) -> list[dict[str, Any]]:
+    """Return the list ``nuisances`` of JSON."""
+    return [
+        {"effect": n.effect, "joint": n.joint, "parameters": dict(n.parameters), "std_error": dict(n.std_error)}
+        for n in nuisances
+    ]
+
+
+def span_words(spans: Sequence[tuple[float, float]]) -> str:
+    """Return stretches of time in words: ``1.38 to 2.03 s, 4.01 to 4.65 s``."""
+    return ", ".join(f"{number_text(a, 3)} to {number_text(b, 3)} s" for a, b in spans)
+
+
+def command(verb: str, recording: Recording | None, robot: str, *options: str) -> str:
+    """Return a command line to paste."""
+    files = recording.files if recording is not None else ("LOG",)
+    return shlex.join(["elid", verb, *files, "--robot", robot, *options])
+
+
+def _has(recording: Recording, name: str) -> bool:
+    if name in recording.sources:
+        return True
+    values = getattr(recording, name)
+    return values is not None and not recording.sources and bool((values == values).any())
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(names)
+
+
+def _numbers(values: object) -> list[float]:
+    found = values if isinstance(values, list | tuple) else [values]
+    return [float(v) for v in found if isinstance(v, int | float)]
+
+
+def _span(values: Sequence[float], digits: int) -> str:
+    low, high = number_text(min(values), digits), number_text(max(values), digits)
+    return low if low == high else f"{low} to {high}"
+
+
+def _value(value: object) -> str:
+    return number_text(float(value), 4) if isinstance(value, int | float) else str(value)

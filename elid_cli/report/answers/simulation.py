@@ -1,0 +1,76 @@
+"""What ``elid simulate`` did: the log, the motion and the effects that acted."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from elid_cli.experiment.simulation import Simulation, SimulationOptions
+from elid_cli.report.answers.inputs import command, heading, log_payload, recorded_items, robot_payload
+from elid_cli.report.tree import Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
+from elid_cli.robot.robot import EffectSpec, Robot
+
+
+def simulation_report(robot: Robot, result: Simulation, options: SimulationOptions, robot_argument: str) -> Report:
+    """Return the report of ``elid simulate``; `robot` with all effects that acted."""
+    payload: dict[str, Any] = robot_payload(robot)
+    payload["log"] = log_payload(result.recording)
+    payload["simulation"] = {
+        "seed": options.seed,
+        "step": result.step,
+        "control_period": result.period,
+        "continuous": options.control.continuous,
+        "feedforward": options.control.feedforward,
+        "friction_width": options.friction_width,
+        "sensors": asdict(options.sensors),
+        "motion": {joint: asdict(facts) for joint, facts in zip(robot.joint_names, result.facts, strict=True)},
+    }
+    payload["effects"] = [
+        {"effect": spec.effect, "joint": spec.joint, "parameters": dict(spec.parameters)} for spec in robot.effects
+    ]
+    sections: list[Section] = [
+        heading(robot, result.recording),
+        KeyValues("inputs", (*recorded_items(robot, result.recording), *_items(robot, result, options))),
+        _motion_table(robot, result),
+        Text("next", command("identify", result.recording, robot_argument), "next"),
+    ]
+    return Report("simulate", payload, tuple(sections))
+
+
+def _items(robot: Robot, result: Simulation, options: SimulationOptions) -> tuple[tuple[str, str], ...]:
+    held = f"held for {number_text(1e3 * result.period, 3)} ms, logged at its start"
+    torque = "acts at every instant" if options.control.continuous else held
+    step = f"{number_text(1e6 * result.step, 3)} µs, fourth-order Runge-Kutta"
+    effects = [("effect", _effect_text(spec)) for spec in robot.effects] or [("effects", "none")]
+    return (("seed", str(options.seed)), ("step", step), ("torque", torque), *effects)
+
+
+def _effect_text(spec: EffectSpec) -> str:
+    values = ", ".join(f"{name} {number_text(value)}" for name, value in spec.parameters.items())
+    return " ".join(part for part in (spec.effect, spec.joint or "", values) if part)
+
+
+def _motion_table(robot: Robot, result: Simulation) -> Table:
+    columns = (
+        Column("joint", "joint"),
+        Column("range", "range", align="right"),
+        Column("speed", "top speed", align="right"),
+        Column("deflection", "deflection", align="right"),
+        Column("tau", "torque rms", align="right"),
+        Column("tracking", "tracking rms", align="right"),
+    )
+    rows = []
+    for joint, facts in zip(robot.joints, result.facts, strict=True):
+        length, force = ("rad", "N·m") if joint.revolute else ("m", "N")
+        deflection = Quantity(1e3 * facts.deflection if joint.elastic else None, f"m{length}", 3)
+        rows.append(
+            (
+                joint.name,
+                Quantity(facts.range, length, 3),
+                Quantity(facts.speed, f"{length}/s", 3),
+                deflection,
+                Quantity(facts.tau, force, 3),
+                Quantity(1e3 * facts.tracking, f"m{length}", 2),
+            )
+        )
+    return Table("motion", columns, tuple(rows))

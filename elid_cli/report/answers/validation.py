@@ -1,0 +1,52 @@
+"""The answer of ``elid validate``: how well a described robot predicts a log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from elid_cli.estimation.validation.prediction import Validation
+from elid_cli.model.effects.declared import lost_effects
+from elid_cli.report.answers.identification import error_payload, error_table, sensor_table
+from elid_cli.report.answers.inputs import (
+    command,
+    heading,
+    log_payload,
+    recorded_items,
+    robot_payload,
+    span_words,
+    used_items,
+)
+from elid_cli.report.tree import KeyValues, Report, Section, Text
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import unlinked
+
+
+def validation_report(
+    found: Validation, recording: Recording, robot_argument: str, held_out: Sequence[tuple[float, float]] = ()
+) -> Report:
+    """Return the report of one validation, judged on some stretches (first and last time, s) or on the whole log."""
+    lost = lost_effects(found.robot, unlinked(recording))
+    acting = [spec for spec in found.robot.effects if spec not in lost]
+    effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in acting)
+    facts = (
+        *recorded_items(found.robot, recording),
+        *used_items(found.settings),
+        ("predicted with", f"the robot file's own values{f' and {effects}' if effects else ''}; nothing was fitted"),
+        *((("judged on", f"what diagnose holds out: {span_words(held_out)}"),) if held_out else ()),
+    )
+    payload = {
+        **robot_payload(found.robot),
+        "log": log_payload(recording),
+        "settings": dict(found.settings),
+        "held_out": [list(span) for span in held_out],
+        "error": error_payload(found.error),
+    }
+    sections: tuple[Section, ...] = (
+        heading(found.robot, recording),
+        KeyValues("inputs", facts),
+        error_table("error", found.robot, found.error, fitted=False),
+        *sensor_table("sensors", found.robot, found.error),
+        *(Text(f"warning{k}", line, "warning") for k, line in enumerate(recording.warnings)),
+        Text("next", command("diagnose", recording, robot_argument), "next"),
+    )
+    return Report("validate", payload, sections)

@@ -1,0 +1,117 @@
+"""Output formats. One file per format: a module with ``render(report, style) -> str``, found by itself.
+
+A module may name the file suffixes that it answers to in ``SUFFIXES``; modules whose name begins with an
+underscore help the others. Listing the formats imports none of them.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Protocol, cast
+
+from elid_cli.errors import UsageError, did_you_mean
+from elid_cli.files import check_writable, write_text
+from elid_cli.report.tree import Report
+
+
+@dataclass(frozen=True)
+class Style:
+    """What the place where a report goes can show."""
+
+    width: int = 80
+    """Columns of a line."""
+    color: bool = False
+    """Whether colour and bold may be used."""
+    ascii: bool = False
+    """Whether only ASCII can be shown."""
+    everything: bool = False
+    """Whether long tables are shown whole."""
+    whole_rows: bool = False
+    """Whether a row of a table is one line, however long."""
+
+
+class Format(Protocol):
+    """What a module in this folder offers."""
+
+    SUFFIXES: tuple[str, ...]
+
+    def render(self, report: Report, style: Style) -> str:
+        """Return the report as text, ending in a newline."""
+
+
+def format_names() -> tuple[str, ...]:
+    """Return the names of all formats, without importing them."""
+    return tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
+
+
+def find_format(name: str) -> Format:
+    """Return a format by its name.
+
+    Raises
+    ------
+    UsageError
+        There is none of that name.
+    """
+    if name not in format_names():
+        raise UsageError(f"no output format {name!r}", hint=did_you_mean(name, format_names()))
+    return cast(Format, importlib.import_module(f"{__name__}.{name}"))
+
+
+def format_of(path: Path) -> Format:
+    """Return the format that a file's suffix asks for.
+
+    Raises
+    ------
+    UsageError
+        No format has that suffix.
+    """
+    suffixes = {suffix: name for name in format_names() for suffix in find_format(name).SUFFIXES}
+    if path.suffix.lower() not in suffixes:
+        raise UsageError(
+            f"{path}: no report format for {path.suffix or 'a name without suffix'}",
+            hint=f"known: {', '.join(sorted(suffixes))}",
+        )
+    return find_format(suffixes[path.suffix.lower()])
+
+
+def check_destination(path: Path) -> None:
+    """Refuse early a report file of unknown suffix or in a folder that cannot be written (UsageError)."""
+    format_of(path)
+    check_writable(path)
+
+
+def render(report: Report, name: str, style: Style) -> str:
+    """Return a report as text in the format of that name."""
+    return find_format(name).render(report, style)
+
+
+def write_report(report: Report, path: Path) -> None:
+    """Write a report to a file, whole or not at all, with all its rows, in the format of the file's suffix."""
+    write_text(path, format_of(path).render(report, Style(width=120, everything=True)))
+
+
+def check_drawing(folder: Path) -> None:
+    """Refuse early a folder of figures that cannot be made, or figures without a plotting library (UsageError)."""
+    _drawing()
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"{folder}: is not a folder", hint="--plot takes a folder for the figures")
+    check_writable((folder if folder.is_dir() else folder.parent) / "figure")
+
+
+def draw(report: Report, folder: Path, suffix: str = "png") -> None:
+    """Write the report's figures into a folder, made if it is missing, one ``png`` or ``svg`` file per figure."""
+    folder.mkdir(exist_ok=True)
+    _drawing().draw(report, folder, suffix)
+
+
+def _drawing() -> ModuleType:
+    """Return `formats/_figures.py`, which draws with matplotlib."""
+    try:
+        importlib.import_module("matplotlib")
+        return importlib.import_module(f"{__name__}._figures")
+    except ModuleNotFoundError as missing:
+        raise UsageError(f"--plot: {missing.name} is not installed", hint="pip install 'elid[plots]'") from None

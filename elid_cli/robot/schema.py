@@ -1,0 +1,165 @@
+"""What a robot description may hold: YAML values in, `Robot` out, every fault with file, line, joint and key.
+
+The keys are those of FORMATS "Robot description"; beyond it there are, per joint, ``limits`` (position, velocity,
+acceleration, torque) and, with ``dh: urdf``, the keys ``xyz``, ``rpy`` and ``axis`` in place of ``a alpha d theta``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, cast
+
+from elid_cli.errors import did_you_mean
+from elid_cli.robot.robot import JOINT_PARAMETERS, Convention, EffectSpec, Joint, Limits, Robot
+from elid_cli.robot.yaml import Value, parse_yaml
+
+MOST_JOINTS = 60
+UNIT = 1e-6
+"""How far the length of a written axis may be from 1; it is then normalised."""
+
+_TOP = ("name", "gravity", "dh", "joints")
+_TOP_OPTIONAL = ("description", "effects", "log")
+_GEOMETRY = {"standard": ("a", "alpha", "d", "theta"), "urdf": ("xyz", "rpy", "axis")}
+_JOINT_OPTIONAL = ("type", "motor_axis", "transmission", "parameters", "limits")
+
+
+def robot_of_yaml(text: str, file: str) -> Robot:
+    """Return the robot that a YAML text describes; `file` names it in errors.
+
+    Raises
+    ------
+    RobotError
+        Naming file, line, joint and key, with the nearest valid key.
+    """
+    top = parse_yaml(text, file).fields(_TOP, _TOP_OPTIONAL)
+    convention = cast(Convention, top["dh"].choice(("standard", "modified", "urdf")))
+    joints = _joints(top["joints"], convention)
+    return Robot(
+        name=top["name"].name(),
+        joints=joints,
+        gravity=read_vector(top["gravity"]),
+        dh=convention,
+        description=top["description"].text() if "description" in top else "",
+        effects=read_effects(top["effects"], joints) if "effects" in top else (),
+        log=read_log(top["log"]) if "log" in top else {},
+    )
+
+
+def _joints(value: Value, convention: Convention) -> tuple[Joint, ...]:
+    items = value.items()
+    if not 1 <= len(items) <= MOST_JOINTS:
+        raise value.error(f"{len(items)} joints; 1 to {MOST_JOINTS} are read")
+    joints: list[Joint] = []
+    for number, item in enumerate(items, start=1):
+        joint = _joint(item, number, convention)
+        if joint.name in [other.name for other in joints]:
+            raise item.within(joint.name).error("a second joint of this name", hint="every joint needs its own name")
+        joints.append(joint)
+    return tuple(joints)
+
+
+def _joint(value: Value, number: int, convention: Convention) -> Joint:
+    geometry = _GEOMETRY.get(convention, _GEOMETRY["standard"])
+    value = value.within(_label(value, number))
+    keys = value.fields(("name", *geometry, "gear_ratio"), _JOINT_OPTIONAL)
+    gear_ratio = keys["gear_ratio"].number()
+    if gear_ratio == 0:
+        raise keys["gear_ratio"].error("0; the rotor turns per joint turn, 1 for a direct drive")
+    placement: dict[str, Any] = {
+        key: keys[key].number() if convention != "urdf" else read_vector(keys[key], unit=key == "axis")
+        for key in geometry
+    }
+    return Joint(
+        name=keys["name"].name(),
+        type=_choice(keys, "type", ("revolute", "prismatic")),
+        gear_ratio=gear_ratio,
+        motor_axis=read_vector(keys["motor_axis"], unit=True) if "motor_axis" in keys else (0.0, 0.0, 1.0),
+        transmission=_choice(keys, "transmission", ("elastic", "rigid")),
+        parameters=read_parameters(keys["parameters"]) if "parameters" in keys else {},
+        limits=read_limits(keys["limits"]) if "limits" in keys else Limits(),
+        **placement,
+    )
+
+
+def _label(value: Value, number: int) -> str:
+    """Return how errors call a joint: by its name where it can be read, by its number otherwise."""
+    for key, name in value.within(f"joint {number}").entries():
+        if key.text() == "name":
+            return name.within(f"joint {number}").name()
+    return f"joint {number}"
+
+
+def read_parameters(value: Value, names: Sequence[str] = JOINT_PARAMETERS) -> dict[str, float]:
+    """Return a joint's reference parameters from a mapping of name to number (an empty value: none)."""
+    if value.node.value == "":
+        return {}
+    return {name: entry.number() for name, entry in value.fields((), names).items()}
+
+
+def read_limits(value: Value) -> Limits:
+    """Return a joint's limits: position [low, high], the others positive magnitudes."""
+    keys = value.fields((), ("position", "velocity", "acceleration", "torque"))
+    position = None
+    if "position" in keys:
+        low, high = keys["position"].numbers(2)
+        if not low < high:
+            raise keys["position"].error(f"[{low:g}, {high:g}] is not [low, high]")
+        position = (low, high)
+    magnitudes: dict[str, float] = {}
+    for name in ("velocity", "acceleration", "torque"):
+        if name in keys:
+            magnitudes[name] = keys[name].number()
+            if magnitudes[name] <= 0:
+                raise keys[name].error(f"{magnitudes[name]:g} is not a positive magnitude")
+    return Limits(position=position, **magnitudes)
+
+
+def read_effects(value: Value, joints: Sequence[Joint]) -> tuple[EffectSpec, ...]:
+    """Return the declared effects (an empty value: none).
+
+    Which effects and parameters there are is the library's to know (`resolve` of declared effects).
+    """
+    if value.node.value == "":
+        return ()
+    names = [joint.name for joint in joints]
+    effects = []
+    for number, item in enumerate(value.items(), start=1):
+        item = item.within(f"effect {number}")
+        keys = item.fields(("effect",), ("joint", "parameters"))
+        joint = keys["joint"].text() if "joint" in keys else None
+        if joint is not None and joint not in names:
+            raise keys["joint"].error(f"no joint {joint!r}", hint=did_you_mean(joint, names))
+        effect = keys["effect"].text()
+        place = f"{effect} of {joint}" if joint else effect
+        parameters = dict(keys["parameters"].within(place).numbers_by_name()) if "parameters" in keys else {}
+        effects.append(EffectSpec(effect, joint, parameters, item.where))
+    return tuple(effects)
+
+
+def read_log(value: Value) -> dict[str, Any]:
+    """Return the log mapping uninterpreted; what it means is the mapping's own business."""
+    data = value.plain()
+    if data is None:
+        data = {}
+    if not isinstance(data, dict):
+        raise value.error("not a mapping of signals", hint="log: {q: {from: …}, …}")
+    return data
+
+
+def read_vector(value: Value, *, unit: bool = False) -> tuple[float, float, float]:
+    """Return three numbers; with `unit`, of length 1 within `UNIT`, and normalised."""
+    x, y, z = value.numbers(3)
+    if not unit:
+        return x, y, z
+    length = math.hypot(x, y, z)
+    if abs(length - 1) > UNIT:
+        hint = f"[{x / length:.9g}, {y / length:.9g}, {z / length:.9g}]" if length > 0 else "[0, 0, 1]"
+        raise value.error(f"length {length:g}; a unit vector is needed", hint=hint)
+    if abs(length - 1) < 1e-14:  # already unit: left bit for bit as written, so that files round-trip
+        return x, y, z
+    return x / length, y / length, z / length
+
+
+def _choice(keys: dict[str, Value], name: str, options: tuple[str, str]) -> Any:
+    return keys[name].choice(options) if name in keys else options[0]

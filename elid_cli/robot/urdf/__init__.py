@@ -1,0 +1,1 @@
+"""URDF: reading, writing, and what it does not know."""

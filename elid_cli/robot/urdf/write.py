@@ -1,0 +1,214 @@
+"""A robot as URDF: link frames where the joints are, inertials about the centres of mass, gears in <transmission>.
+
+URDF puts a link's frame at the joint that moves it, distal DH at its far end: `in_joint_frames` moves the parameters.
+What URDF cannot say (stiffness, rotor inertia, motor axis, DH parameters, gravity) goes into ``<elid …/>`` elements,
+which other readers skip; effects and the log mapping stay in elid's YAML.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from elid_cli.errors import RobotError
+from elid_cli.files import write_text
+from elid_cli.robot.inertia import about_centre, about_origin, inertial_parameters, moved, pseudo_inertia
+from elid_cli.robot.robot import LINK_PARAMETERS, Array, Joint, Robot, rpy_of
+
+UNLIMITED = 1e9
+"""What stands for no limit: URDF asks for the numbers."""
+FAITHFUL = 1e-9
+"""How far, relative to the largest, a body's parameters may change through mass and centre of mass."""
+
+
+def write_urdf(robot: Robot, path: str | Path, parameters: Array | None = None) -> None:
+    """Write a robot as URDF, whole or not at all.
+
+    Parameters
+    ----------
+    robot
+        Any convention; DH robots keep their DH parameters as a remark that elid reads back.
+    path
+        The file.
+    parameters
+        Standard parameters in standard order, shape (p,), NaN where unknown; the robot's reference values if None.
+
+    Raises
+    ------
+    RobotError
+        A body that no mass and centre of mass can stand for (a first moment without mass).
+    UsageError
+        The file cannot be written.
+    """
+    write_text(path, urdf_text(robot, parameters))
+
+
+def urdf_text(robot: Robot, parameters: Array | None = None) -> str:
+    """Return a robot as URDF text (see `write_urdf`)."""
+    robot = in_joint_frames(with_parameters(robot, parameters))
+    description = f" description={quoteattr(robot.description)}" if robot.description else ""
+    links = link_names(robot)
+    lines = [
+        '<?xml version="1.0" encoding="utf-8"?>',
+        f"<robot name={quoteattr(robot.name)}>",
+        f'  <elid gravity="{_spaced(robot.gravity)}" dh="{robot.dh}"{description}/>',
+        f"  <link name={quoteattr(links[0])}/>",
+    ]
+    for i, (joint, origin) in enumerate(zip(robot.joints, origins(robot), strict=True)):
+        lines += _link(joint, links[i + 1])
+        lines += _joint(joint, origin, links[i], links[i + 1])
+        lines += _transmission(joint, robot.dh != "urdf")
+    return "\n".join([*lines, "</robot>"]) + "\n"
+
+
+def with_parameters(robot: Robot, parameters: Array | None) -> Robot:
+    """Return the robot with standard parameters, shape (p,), in place of its reference values (NaN: unknown)."""
+    if parameters is None:
+        return robot
+    values = dict(zip(robot.parameter_names(), (float(value) for value in parameters), strict=True))
+    joints = []
+    for i, joint in enumerate(robot.joints, start=1):
+        known = {
+            name.removesuffix(str(i)): value
+            for name, value in values.items()
+            if name.rstrip("0123456789") + str(i) == name and not math.isnan(value)
+        }
+        joints.append(replace(joint, parameters=known))
+    return replace(robot, joints=tuple(joints))
+
+
+def in_joint_frames(robot: Robot) -> Robot:
+    """Return the robot with inertial parameters and motor axes in joint frames (frame i-1 moved by joint i).
+
+    The geometry is left as it was described. In these frames proximal DH and URDF robots are unchanged. A body whose
+    mass is unknown keeps no inertial parameters; other unknown ones count as 0.
+    """
+    joints: list[Joint] = []
+    before_after = np.eye(4)  # of the joint before: coordinates of its DH frame to those of its joint frame
+    for joint, (_, after) in zip(robot.joints, robot.placements(), strict=True):
+        if robot.dh == "urdf":
+            after = np.eye(4)
+        values = dict(joint.parameters)
+        if "m" in values:
+            given = np.array([values.get(name, 0.0) for name in LINK_PARAMETERS])
+            there = (
+                given if np.array_equal(after, np.eye(4)) else inertial_parameters(moved(pseudo_inertia(given), after))
+            )
+            values |= zip(LINK_PARAMETERS, map(float, there), strict=True)
+        else:
+            values = {name: value for name, value in values.items() if name not in LINK_PARAMETERS}
+        x, y, z = before_after[:3, :3] @ joint.motor_axis
+        joints.append(replace(joint, parameters=values, motor_axis=(float(x), float(y), float(z))))
+        before_after = after
+    return replace(robot, joints=tuple(joints))
+
+
+def origins(robot: Robot) -> list[Array]:
+    """Return every joint's 4x4 origin in the joint frame before it; the joint then moves about or along its axis."""
+    if robot.dh == "urdf":
+        # `before` also turns z onto the axis, and `after` turns back: together they are the plain origin
+        return [before @ after for before, after in robot.placements()]
+    found = []
+    behind = np.eye(4)
+    for before, after in robot.placements():
+        found.append(behind @ before)
+        behind = after
+    return found
+
+
+def link_names(robot: Robot) -> list[str]:
+    """Return n + 1 link names that no joint has taken: the base, then one per joint."""
+    return ["base_link", *(f"{name}_link" for name in robot.joint_names)]
+
+
+def _link(joint: Joint, name: str) -> list[str]:
+    if "m" not in joint.parameters:
+        return [f"  <link name={quoteattr(name)}/>"]
+    given = np.array([joint.parameters[key] for key in LINK_PARAMETERS])
+    try:
+        mass, centre, tensor = about_centre(given)
+        faithful = np.abs(about_origin(mass, centre, tensor) - given).max() <= FAITHFUL * max(
+            1e-12, np.abs(given).max()
+        )
+    except ValueError:
+        faithful = False
+    if not faithful or not np.all(np.isfinite(tensor)):
+        raise RobotError(
+            f"{joint.name}: a first moment of {np.linalg.norm(given[1:4]):.3g} kg·m and a mass of {given[0]:.3g} kg",
+            detail="a link of a URDF is its mass at its centre of mass",
+            hint="full physical parameters first: elid identify … --physical",
+        )
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
+    inertia = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), (xx, xy, xz, yy, yz, zz), strict=True)
+    return [
+        f"  <link name={quoteattr(name)}>",
+        "    <inertial>",
+        f'      <origin xyz="{_spaced(centre)}" rpy="0 0 0"/>',
+        f'      <mass value="{_number(mass)}"/>',
+        f"      <inertia {_attributes({key: _number(value) for key, value in inertia})}/>",
+        "    </inertial>",
+        "  </link>",
+    ]
+
+
+def _joint(joint: Joint, origin: Array, parent: str, child: str) -> Iterator[str]:
+    urdf = joint.xyz != (0.0, 0.0, 0.0) or joint.rpy != (0.0, 0.0, 0.0)
+    xyz = joint.xyz if urdf else origin[:3, 3]
+    rpy = joint.rpy if urdf else rpy_of(origin)
+    limits = joint.limits
+    kind = joint.type if limits.position is not None or not joint.revolute else "continuous"
+    yield f'  <joint name={quoteattr(joint.name)} type="{kind}">'
+    yield f'    <origin xyz="{_spaced(xyz)}" rpy="{_spaced(rpy)}"/>'
+    yield f"    <parent link={quoteattr(parent)}/>"
+    yield f"    <child link={quoteattr(child)}/>"
+    yield f'    <axis xyz="{_spaced(joint.axis)}"/>'
+    low, high = limits.position or (-UNLIMITED, UNLIMITED)
+    position = f'lower="{_number(low)}" upper="{_number(high)}" ' if kind != "continuous" else ""
+    effort, velocity = limits.torque or UNLIMITED, limits.velocity or UNLIMITED
+    yield f'    <limit {position}effort="{_number(effort)}" velocity="{_number(velocity)}"/>'
+    dynamics = {
+        attribute: _number(joint.parameters[name])
+        for attribute, name in (("damping", "fv"), ("friction", "fs"))
+        if name in joint.parameters
+    }
+    if dynamics:
+        yield f"    <dynamics {_attributes(dynamics)}/>"
+    yield "  </joint>"
+
+
+def _transmission(joint: Joint, dh: bool) -> Iterator[str]:
+    own = {"transmission": joint.transmission, "motor_axis": _spaced(joint.motor_axis)}
+    for attribute, name in (("stiffness", "K"), ("rotor_inertia", "Jm")):
+        if name in joint.parameters:
+            own[attribute] = _number(joint.parameters[name])
+    if joint.limits.acceleration is not None:
+        own["acceleration"] = _number(joint.limits.acceleration)
+    if dh:
+        own |= {key: _number(getattr(joint, key)) for key in ("a", "alpha", "d", "theta")}
+    yield f"  <transmission name={quoteattr(joint.name + '_transmission')}>"
+    yield "    <type>transmission_interface/SimpleTransmission</type>"
+    yield f"    <joint name={quoteattr(joint.name)}>"
+    yield "      <hardwareInterface>hardware_interface/EffortJointInterface</hardwareInterface>"
+    yield "    </joint>"
+    yield f"    <actuator name={quoteattr(joint.name + '_motor')}>"
+    yield f"      <mechanicalReduction>{_number(joint.gear_ratio)}</mechanicalReduction>"
+    yield "    </actuator>"
+    yield f"    <elid {_attributes(own)}/>"
+    yield "  </transmission>"
+
+
+def _attributes(values: dict[str, str]) -> str:
+    return " ".join(f'{key}="{value}"' for key, value in values.items())
+
+
+def _spaced(values: Array | tuple[float, ...]) -> str:
+    return " ".join(_number(value) for value in values)
+
+
+def _number(value: float) -> str:
+    return repr(float(value) + 0.0).removesuffix(".0")

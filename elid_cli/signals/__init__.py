@@ -1,0 +1,1 @@
+"""Signal processing: from a recording to smooth motion."""

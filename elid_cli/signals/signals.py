@@ -1,0 +1,254 @@
+"""From a recording to what the regressor needs: smooth motion of every joint and a plan of filter and decimation.
+
+The torque is not smoothed: it is filtered in parallel with the model's columns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.errors import DataError, LogError
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.excerpts import excerpts
+from elid_cli.signals.knots import channels_of, filtered, splined
+from elid_cli.signals.lowpass import LowPass, low_pass
+from elid_cli.signals.motion import Motion
+from elid_cli.signals.moving_joints import at_rest, constant, extremes, held, stationary, top_speed
+from elid_cli.signals.options import SignalOptions as SignalOptions
+from elid_cli.signals.recording import Recording, Segment
+from elid_cli.signals.torque_sensors import sensors_of
+
+Array = NDArray[np.float64]
+
+DEFAULT_CUTOFF = 10.0
+"""Cut-off of the parallel filter, Hz, unless the data or the user choose another."""
+EFFECT_CUTOFF = 20.0
+"""The same where the robot file declares effects, whose shapes show in faster changes than inertia does."""
+RATE_PER_CUTOFF = 5.0
+"""Samples kept per second for every Hz of cut-off."""
+SLOW, SLOW_KEPT = (0.05, 0.05), (0.01, 0.005)
+"""Largest speed that counts as reversing, rad/s (m/s), and its largest part of the top speed."""
+MINIMUM_SAMPLES = 40
+INSTANTS = 14
+"""Independent instants, two per period of the cut-off, that a log needs: as many as a joint has parameters."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Estimated standard deviation of the noise of each channel, (n,); NaN where the channel is absent."""
+
+    q: Array
+    theta: Array
+    tau: Array
+    tau_link: Array = field(default_factory=lambda: np.zeros(0))
+    """Empty where the log has no joint torque sensor that is used."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Smooth motion at the log's rate, raw torque, and the plan of filtering and decimation.
+
+    All arrays are (N, n), joint side, SI.
+    """
+
+    joints: tuple[str, ...]
+    dt: float
+    motion: Motion
+    tau: Array
+    tau_link: Array | None
+    temperature: Array | None
+    segments: tuple[Segment, ...]
+    noise: Noise
+    knots: Array
+    """Knot spacing chosen per joint, s, (n,)."""
+    filter: LowPass
+    margin: int
+    """Samples dropped at each end of a segment beyond the filter's half-length."""
+    min_velocity: Array
+    """Speed below which a motor counts as reversing, (n,)."""
+    still: NDArray[np.bool_]
+    """Joints that do not move in this log, (n,)."""
+    velocity_used: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    rates: tuple[tuple[int, Array], ...] = ()
+    """Measured derivatives that joined the splines: which, and the standard deviation of the position's noise over that
+    of its noise, links then motors (2n,); 0: not used."""
+    notes: tuple[str, ...] = ()
+    sensed: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Joints whose torque sensor is used, (n,); empty: none."""
+    doubts: tuple[str, ...] = ()
+    """Why the torque sensors of other joints are not used, a sentence each."""
+    recording: Recording | None = None
+    """What the signals were made from: estimators that model the raw samples start there."""
+    cutoff_free: bool = False
+    """Whether the user left the cut-off of the filter to the data."""
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def unlinked(self) -> NDArray[np.bool_]:
+        """Joints of which the log holds no link position, (n,): their transmission counts as rigid."""
+        return np.zeros(self.n, dtype=bool) if self.recording is None else unlinked(self.recording)
+
+    @property
+    def rate(self) -> float:
+        """Rate after decimation, Hz."""
+        return 1.0 / (self.dt * self.filter.step)
+
+    @property
+    def duration(self) -> float:
+        """Recorded time, s."""
+        return float(sum(len(s) for s in self.segments) * self.dt)
+
+    @property
+    def outputs(self) -> NDArray[np.intp]:
+        """Sample index that each filtered, decimated output is centred on, (M,)."""
+        parts = [s.start + self.filter.outputs(len(s), self.margin) for s in self.segments]
+        return np.concatenate(parts) if parts else np.zeros(0, dtype=np.intp)
+
+    def decimate(self, rows: Array) -> Array:
+        """Filter and decimate rows (…, N) to (…, M), segment by segment."""
+        parts = [self.filter.apply(rows[..., s.start : s.stop], self.margin) for s in self.segments]
+        return np.concatenate(parts, axis=-1)
+
+    def refiltered(self, cutoff: float, rate: float | None = None) -> Signals:
+        """Return the same signals with another parallel filter."""
+        return replace(self, filter=_plan(cutoff, rate, self.dt))
+
+
+def unlinked(recording: Recording) -> NDArray[np.bool_]:
+    """Return the joints of which a recording holds no link position, (n,)."""
+    q = recording.q
+    return np.array([bool(np.isnan(q[:1, k]).all() and np.isnan(q[:, k]).all()) for k in range(q.shape[1])])
+
+
+def _plan(cutoff: float, rate: float | None, dt: float) -> LowPass:
+    wanted = RATE_PER_CUTOFF * cutoff if rate is None else rate
+    step = max(1, int(1.0 / (dt * wanted)))
+    return low_pass(cutoff, dt, step)
+
+
+def prepare(
+    recording: Recording,
+    robot: Robot,
+    options: SignalOptions | None = None,
+    accelerations: tuple[Array, Array] | None = None,
+) -> Signals:
+    """Smooth a recording's positions and plan its filtering.
+
+    Parameters
+    ----------
+    recording, robot, options
+        The log, the robot and how to treat it.
+    accelerations
+        Measured accelerations of links and motors, each (N, n), for logs made of simulations that have them.
+
+    Raises
+    ------
+    LogError
+        If no segment is long enough.
+    DataError
+        If no joint moves.
+    """
+    options = options or SignalOptions()
+    dt = recording.dt
+    usual = EFFECT_CUTOFF if robot.effects else DEFAULT_CUTOFF
+    cutoff = min(usual, 0.4 / dt) if options.cutoff is None else options.cutoff
+    filter_ = _plan(cutoff, options.rate, dt)
+    minimum = max(MINIMUM_SAMPLES, 2 * filter_.half + 2 * filter_.step)
+    segments = tuple(s for s in recording.segments if len(s) >= minimum)
+    if not segments:
+        longest = max((len(s) for s in recording.segments), default=0)
+        raise LogError(
+            f"{', '.join(recording.files) or 'log'}: {longest} samples in one stretch are too few",
+            detail=f"a low-pass of {cutoff:g} Hz at {1 / dt:g} Hz needs at least {minimum}",
+            hint="record longer, or raise --cutoff",
+        )
+    lasting, needed = sum(len(s) for s in segments) * dt, INSTANTS / (2 * min(cutoff, DEFAULT_CUTOFF))
+    if lasting < needed:
+        raise LogError(
+            f"{', '.join(recording.files) or 'log'}: {lasting:.3g} s of motion are too few",
+            detail=f"below {min(cutoff, DEFAULT_CUTOFF):g} Hz a joint's {INSTANTS} parameters need {needed:.3g} s",
+            hint="record longer",
+        )
+    link, motor = channels_of(recording, robot)
+    if options.smoothing == "butterworth":
+        smooth = filtered(recording.t, link, motor, segments, dt, options)
+    else:
+        smooth = splined(recording, link, motor, segments, options, accelerations)
+    low, high, mean = extremes(smooth.motion, excerpts(segments, dt))
+    still = stationary(low, high, smooth.noise)
+    if still.any():  # stretches of a long log are enough to see that a joint moves, not that it does not
+        low, high, mean = extremes(smooth.motion, segments)
+        still = stationary(low, high, smooth.noise)
+    still |= constant(link, segments) | constant(motor, segments) | held(link, motor, robot, segments)
+    sensed, doubts = sensors_of(recording, excerpts(segments, dt))
+    read = _torque_noise(recording.tau_link, segments, dt) if sensed.any() and recording.tau_link is not None else None
+    motion = at_rest(smooth.motion, still, mean)
+    if still.all():
+        ranges = zip(robot.joint_names, high[0] - low[0], strict=True)
+        spans = ", ".join(f"{name}: {span:.2g}" for name, span in ranges)
+        raise DataError(
+            f"{', '.join(recording.files) or 'log'}: no joint moves",
+            detail=f"range of motion in rad or m: {spans}",
+            hint="dynamic parameters need motion; record an exciting trajectory (elid excite)",
+        )
+    knots = smooth.knots
+    widest = float(np.nanmax(knots)) if np.isfinite(knots).any() else 0.0
+    top = top_speed(motion, segments, dt)
+    most, share = SLOW_KEPT if options.slow_motion else SLOW
+    # what static friction holds back in a joint that does not move is not known: none of its motor rows counts
+    lowest = np.where(still, most, np.minimum(most, share * top))
+    if options.min_velocity is not None:
+        lowest = np.full(robot.n, options.min_velocity)
+    return Signals(
+        joints=robot.joint_names,
+        dt=dt,
+        motion=motion,
+        tau=recording.tau,
+        tau_link=recording.tau_link,
+        temperature=recording.temperature,
+        segments=segments,
+        noise=Noise(
+            smooth.noise[0],
+            smooth.noise[1],
+            _torque_noise(recording.tau, segments, dt),
+            np.zeros(0) if read is None else read,
+        ),
+        knots=knots,
+        filter=filter_,
+        margin=round(2 * widest / dt),
+        min_velocity=lowest,
+        still=still,
+        velocity_used=np.any([ratio > 0 for _, ratio in smooth.rates], axis=0)
+        if smooth.rates
+        else np.zeros(2 * robot.n, dtype=bool),
+        rates=smooth.rates,
+        notes=smooth.notes,
+        sensed=sensed,
+        doubts=doubts,
+        recording=recording,
+        cutoff_free=options.cutoff is None,
+    )
+
+
+def _torque_noise(tau: Array, segments: tuple[Segment, ...], dt: float) -> Array:
+    """Return the standard deviation of white torque noise from sixth differences, (n,) (sum of squares 924).
+
+    The median tells it from jumps, which friction and controllers make and which are no noise; of a torque in coarse
+    steps the median may be 0, and the mean square is taken.
+    """
+    sixth = np.concatenate([np.diff(tau[s.start : s.stop], 6, axis=0) for s in excerpts(segments, dt)])
+    result = np.full(tau.shape[1], np.nan)
+    for k in range(tau.shape[1]):
+        known = sixth[np.isfinite(sixth[:, k]), k]
+        if not len(known):
+            continue
+        middle = 1.4826 * float(np.median(np.abs(known)))
+        result[k] = (middle if middle > 0 else float(np.sqrt(np.mean(known**2)))) / np.sqrt(924.0)
+    return result
