@@ -1,13 +1,107 @@
-"""Memory that was freed is kept for the next array instead of being given back to the system.
-
-Arrays pass in blocks of some megabytes. The C library gives such memory back when it is freed and takes it anew for the
-next block, and memory that is touched for the first time costs as much as the arithmetic on it.
-"""
+"""Arrays mapped from files and let go; freed memory kept; last results kept."""
 
 from __future__ import annotations
 
+import contextlib
+import mmap
 import os
 import sys
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator
+from pathlib import Path
+from threading import Lock
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+
+LEAST = 64 << 20
+"""Bytes from which an array is mapped rather than read."""
+ROWS = 1 << 17
+"""Rows looked at before they are let go."""
+
+
+def mapped_dataset(dataset: Any, path: Path | None) -> Array | None:
+    """Return a dataset of HDF5 as a read-only array on its file, or None where it is not there in one plain piece."""
+    size = dataset.size * dataset.dtype.itemsize
+    plain = dataset.chunks is None and dataset.dtype == np.dtype("<f8") and sys.byteorder == "little"
+    if path is None or not plain or size < LEAST:
+        return None
+    offset = dataset.id.get_offset()
+    if offset is None or offset % 8 or path.stat().st_size < offset + size:
+        return None
+    return np.memmap(path, dtype=np.float64, mode="r", offset=offset, shape=dataset.shape).view(np.ndarray)
+
+
+def let_go(*arrays: NDArray[Any] | None) -> None:
+    """Drop from memory what of these arrays lies in a file."""
+    if not hasattr(mmap, "MADV_DONTNEED"):
+        return
+    for array in arrays:
+        owner: Any = array
+        while owner is not None and not isinstance(owner, mmap.mmap):
+            owner = getattr(owner, "base", None)
+        if owner is not None:
+            with contextlib.suppress(OSError, ValueError):
+                owner.madvise(mmap.MADV_DONTNEED)
+
+
+def passed(array: Array, rows: int = ROWS) -> Iterator[Array]:
+    """Yield an array's rows in blocks, and let go of each when the next is asked for."""
+    for start in range(0, len(array), rows):
+        yield array[start : start + rows]
+        let_go(array)
+
+
+def extremes(array: Array) -> tuple[Array, Array]:
+    """Return the smallest and the largest number of every column; NaN where it has none."""
+    low, high = (np.full(array.shape[1], np.nan) for _ in range(2))
+    for block in passed(array):
+        low, high = np.fmin(low, along(np.fmin, block)), np.fmax(high, along(np.fmax, block))
+    return low, high
+
+
+def along(operation: np.ufunc, rows: Array) -> Array:
+    """Return an operation reduced over rows (N, k), (k,): over many short rows at once, which NumPy does faster."""
+    width, together = rows.shape[1], 64
+    whole = len(rows) // together * together
+    if not rows.flags.c_contiguous or not whole:
+        return np.asarray(operation.reduce(rows, axis=0))
+    folded = operation.reduce(rows[:whole].reshape(-1, together * width), axis=0).reshape(together, width)
+    return np.asarray(operation.reduce(np.concatenate([folded, rows[whole:]]), axis=0))
+
+
+def writable(array: Array) -> Array:
+    """Return the array, or a copy where it may not be written to."""
+    return array if array.flags.writeable else array.copy()
+
+
+T = TypeVar("T")
+
+
+class Recent(Generic[T]):
+    """Keeps the last `most` results by key; results are shared, so nobody may change them."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._kept: OrderedDict[Hashable, T] = OrderedDict()
+        self._lock = Lock()
+
+    def of(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return the result kept for a key, or make it."""
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
+        made = make()
+        with self._lock:
+            self._kept[key] = made
+            while len(self._kept) > self._most:
+                self._kept.popitem(last=False)
+        return made
+
 
 KEPT = 128 << 20
 """Bytes of freed memory that are kept."""

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from elid_cli.cli.options import Conditioning, Output, Reading
 from elid_cli.cli.output import note
-from elid_cli.cli.progress import Progress
 
 if TYPE_CHECKING:
+    from elid_cli._types import Progress
     from elid_cli.robot.robot import Robot
     from elid_cli.signals.options import SignalOptions
     from elid_cli.signals.recording import Recording
@@ -81,7 +81,7 @@ def load_signals(recording: Recording, robot: Robot, conditioning: Conditioning,
 
 def sharp(conditioning: Conditioning, recording: Recording) -> Conditioning:
     """Return the options that diagnose and validate share; a cut-off that the user chose stands."""
-    from elid_cli.diagnosis.conditioning import options_for
+    from elid_cli.diagnosis.diagnose import options_for
 
     shared = options_for(recording.rate)
     cutoff = shared.cutoff if conditioning.cutoff is None else conditioning.cutoff

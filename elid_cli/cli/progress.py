@@ -5,14 +5,14 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from collections.abc import Callable, Iterator
-from typing import TypeAlias
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from elid_cli.cli.color import is_terminal, wants_color
 from elid_cli.cli.options import Output
 
-Progress: TypeAlias = Callable[[str, float], None]
-"""What the core is given: name of the stage, share of it that is done (0 to 1)."""
+if TYPE_CHECKING:
+    from elid_cli._types import Progress
 
 
 @contextlib.contextmanager

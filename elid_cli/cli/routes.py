@@ -12,13 +12,13 @@ from elid_cli.cli import options
 from elid_cli.cli.inputs import load_recording, load_signals
 from elid_cli.cli.options import Conditioning, Fit, Output, Reading, Spread
 from elid_cli.cli.output import note, pictures_wanted
-from elid_cli.cli.progress import Progress
 from elid_cli.errors import UsageError
 
 if TYPE_CHECKING:
+    from elid_cli._types import Progress
     from elid_cli.estimation.result import Identification
     from elid_cli.estimation.streaming.reduced_log import ReducedLog
-    from elid_cli.estimation.validation.by_log import ByLog
+    from elid_cli.estimation.validation.prediction import ByLog
     from elid_cli.robot.robot import Robot
     from elid_cli.signals.recording import Recording
     from elid_cli.signals.signals import Signals
@@ -110,7 +110,7 @@ def from_samples(asked: Asked) -> Answer:
     """Identify from all logs read at once; a long one is reduced block by block."""
     from elid_cli.estimation.identify import EstimateOptions, identify
     from elid_cli.estimation.refined_robot import identified_robot
-    from elid_cli.estimation.validation.by_log import errors_by_log
+    from elid_cli.estimation.validation.prediction import errors_by_log
 
     recording = load_recording(
         asked.logs, asked.robot, asked.reading, asked.output, asked.conditioning.rate, asked.progress

@@ -1,17 +1,14 @@
-"""Diagnosis of a log: the missing effects, the error before and after, and what stays unexplained."""
+"""Diagnose(), DiagnoseOptions, signal options of a diagnosis."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from elid_cli._types import Progress
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
-from elid_cli.diagnosis.evidence.moments import friction_at_rest
+from elid_cli.diagnosis.evidence.moments import friction_at_rest, one_of_many
 from elid_cli.diagnosis.evidence.quarters import Survival, judged
-from elid_cli.diagnosis.evidence.windows import one_of_many
 from elid_cli.diagnosis.fit.state import Log, fit, refreshed, without
 from elid_cli.diagnosis.fit.stretches import folds
 from elid_cli.diagnosis.result import Diagnosis
@@ -34,10 +31,8 @@ from elid_cli.model.effects.shifts import corrected, declared_shifts
 from elid_cli.model.effects.tilt import declared_tilt, levelled
 from elid_cli.model.regressor import Model
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
+from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.signals import RATE_PER_CUTOFF, Signals
 
 _NEVER_SEARCHED = ("lookup",)
 
@@ -172,3 +167,17 @@ def _with_curves(found: Found) -> tuple[Found, list[Effect]]:
         found = replace(found, after=grown)
         curves.append(curve)
     return found, curves
+
+
+CUTOFF = 25.0
+"""Hz; higher than what parameters need, since ripple, vibration and reversals live above them."""
+
+
+def cutoff_for(rate: float) -> float:
+    """Return the cut-off (Hz) of the parallel filter for a log of `rate` samples per second."""
+    return min(CUTOFF, rate / RATE_PER_CUTOFF)
+
+
+def options_for(rate: float) -> SignalOptions:
+    """Return how to prepare a log of `rate` samples per second: sharp, with its slow motion kept."""
+    return SignalOptions(cutoff=cutoff_for(rate), slow_motion=True)

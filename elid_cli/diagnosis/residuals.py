@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.model.regressor import SENSOR_KINDS, Kind, Row
-
-Array = NDArray[np.float64]
 
 HIGH = 1.3
 """Residual over floor above which a row counts as high."""

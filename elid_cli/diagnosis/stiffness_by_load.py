@@ -13,12 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.diagnosis.evidence.quarters import QUARTERS, quarter_of
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.search.encoder_skew import link_load
-from elid_cli.estimation.regression.regression import regression
+from elid_cli.estimation.regression.covariance import regression
 from elid_cli.estimation.result import Identification, Verdict
 from elid_cli.estimation.stiffness.link_equation import CLEAR as LOOSE
 from elid_cli.estimation.stiffness.link_equation import (
@@ -29,8 +29,6 @@ from elid_cli.estimation.stiffness.link_equation import (
     link_stiffness,
     two_ways,
 )
-
-Array = NDArray[np.float64]
 
 CLEAR = 0.95
 """Part of the deflection's variance that follows the torque from which one regression is good enough."""

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.fit.state import Log, State
@@ -25,9 +24,6 @@ from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.shifts import SKEW
 from elid_cli.model.regressor import Row
 from elid_cli.robot.robot import EffectSpec, Robot
-
-Array = NDArray[np.float64]
-
 
 GAIN = "torque_gain"
 _SIDES = {"load": "link", "drive": "motor"}

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.observation import Observation, observe
@@ -25,8 +26,6 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.lowpass import low_pass
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 CUTOFF = 20.0
 """Hz."""

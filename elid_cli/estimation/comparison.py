@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from elid_cli.errors import UsageError
-from elid_cli.text_file import read_text
+from elid_cli.files import read_text
 
 LARGEST = 50_000_000
 """Bytes of the largest result that is read."""

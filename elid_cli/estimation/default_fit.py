@@ -13,6 +13,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.covariance import lasting_weights, residuals
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of
 from elid_cli.estimation.regression.effect_shapes import fit_declared
@@ -36,8 +37,6 @@ from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects.declared import declared_effects
 from elid_cli.model.regressor import Model
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 STICKING = 2.5
 """Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""

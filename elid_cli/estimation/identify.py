@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import Fit, fit_log, masked_as_needed, reshaped, with_delays
 from elid_cli.estimation.regression.nuisances import DELAY, SIGNIFICANT
@@ -55,7 +55,6 @@ __all__ = [
     "with_floor",
 ]
 
-Array = NDArray[np.float64]
 
 WORSE = 1.25
 """Ratio of held-out errors above which the collocation's answer is not kept.

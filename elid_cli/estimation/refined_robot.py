@@ -7,16 +7,14 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.result import Identification
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import consistency
 from elid_cli.model.effects.tilt import levelled
 from elid_cli.model.regressor import Model
 from elid_cli.robot.robot import EffectSpec, Robot
-
-Array = NDArray[np.float64]
 
 
 def representative(base: BaseParameters, estimate: Array, reference: Array) -> Array:

@@ -7,14 +7,13 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import Row
 from elid_cli.robot.robot import Robot
 
-Array = NDArray[np.float64]
 Verdict = Literal["supported", "weak", "refused"]
 
 

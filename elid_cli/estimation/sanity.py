@@ -11,8 +11,8 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.default_fit import Fit
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.observation import Observation, observe
@@ -22,8 +22,6 @@ from elid_cli.model.regressor import Model
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 _LOOKED_AT = 4000
 """Samples by which positions are compared."""

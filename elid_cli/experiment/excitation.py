@@ -14,8 +14,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import DataError, UsageError, did_you_mean
 from elid_cli.experiment.forecast import RATE as FORECAST_RATE
 from elid_cli.experiment.forecast import forecast
@@ -32,8 +32,6 @@ from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import consistency, prior
 from elid_cli.model.regressor import Model
 from elid_cli.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 INSTANTS = 15.0
 """Instants per second at which the motion is judged while it is optimised."""

@@ -9,8 +9,8 @@ motor row, so the two rows together are worth little more than one; what a motor
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.experiment.information import Information, States
 from elid_cli.model.base_parameters import BaseParameters
@@ -19,8 +19,6 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
-
-Array = NDArray[np.float64]
 
 RATE = 250.0
 """Samples per second of the log in thought."""

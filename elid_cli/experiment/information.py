@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import Model, inputs_of
 from elid_cli.signals.motion import Motion
 
-Array = NDArray[np.float64]
 States = tuple[Array, Array, Array]
 """(q, q', q''), each (N, n)."""
 

@@ -1,4 +1,4 @@
-"""Smooth references: fifth-order B-splines through random way-points, from rest to rest."""
+"""Reference trajectories: random, sampled, from and to CSV."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import UsageError
+from elid_cli.files import replacing
 from elid_cli.robot.robot import Joint, Robot
-
-Array = NDArray[np.float64]
 
 DEGREE = 5
 REVOLUTE_RANGE = (-1.2, 1.2)
@@ -206,3 +205,26 @@ def limits_of(joint: Joint) -> tuple[float, float]:
     speed, acceleration = joint.limits.velocity, joint.limits.acceleration
     default = (REVOLUTE_SPEED, REVOLUTE_ACCELERATION) if joint.revolute else (PRISMATIC_SPEED, PRISMATIC_ACCELERATION)
     return (default[0] if speed is None else speed, default[1] if acceleration is None else acceleration)
+
+
+def write_trajectory(path: str | Path, joints: tuple[str, ...], t: Array, q: Array, dq: Array, ddq: Array) -> None:
+    """Write columns ``t``, ``q.<joint>``, ``dq.<joint>``, ``ddq.<joint>``: s, rad (m) and its derivatives.
+
+    Parameters
+    ----------
+    path
+        CSV file, written whole or not at all.
+    joints
+        Names of the n joints.
+    t, q, dq, ddq
+        Times (N,) and states (N, n).
+
+    Raises
+    ------
+    UsageError
+        The file cannot be written.
+
+    """
+    head = ",".join(["t", *(f"{kind}.{joint}" for kind in ("q", "dq", "ddq") for joint in joints)])
+    with replacing(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as stream:
+        np.savetxt(stream, np.column_stack([t, q, dq, ddq]), fmt="%.10g", delimiter=",", header=head, comments="")

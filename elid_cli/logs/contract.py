@@ -9,13 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.logs.source import Source
 from elid_cli.signals.recording import Recording
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
 from elid_cli.logs.mapping.resolve import Plan, fits, resolve
 from elid_cli.logs.mapping.suggest import suggestion
 from elid_cli.logs.reading import layers_of
-from elid_cli.logs.registry import recognise
 from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.repair.timeline import build
 from elid_cli.logs.source import open_source
+from elid_cli.logs.writing import recognise
 from elid_cli.robot.robot import Joint, Robot
 
 NEEDED = ("q", "theta", "tau")

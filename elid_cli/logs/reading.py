@@ -8,24 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import LogError
-from elid_cli.logs.checks.required import Checked, check
+from elid_cli.logs.checks.required import Checked, check, refuse_mixed
 from elid_cli.logs.checks.units_and_signs import suspicions, written_units
-from elid_cli.logs.checks.unlinked import refuse_mixed
 from elid_cli.logs.contract import RawLog, Stream
 from elid_cli.logs.mapping.language import parse_mapping
 from elid_cli.logs.mapping.resolve import Layer, Placement, Plan, resolve
-from elid_cli.logs.registry import recognise
 from elid_cli.logs.repair.align import Aligned, Sampled, align
 from elid_cli.logs.repair.clocks import another_clock, in_seconds
 from elid_cli.logs.source import Source, open_source
-from elid_cli.mapped import let_go
+from elid_cli.logs.writing import recognise
+from elid_cli.memory import let_go
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording, Segment, repeated, told_once
-
-Array = NDArray[np.float64]
 
 SAME_RATE = 1e-6
 """Relative difference of sample times that counts as none when logs are joined."""
@@ -279,7 +276,7 @@ def _resampled(
     aligned: Aligned, signals: Mapping[str, Array], dt: float
 ) -> tuple[Array, dict[str, Array], list[tuple[int, int]]]:
     """Bring a log to another sample time, stretch by stretch."""
-    from elid_cli.logs.repair.interpolate import interpolate
+    from elid_cli.logs.repair.grid import interpolate
 
     pieces: dict[str, list[Array]] = {signal: [] for signal in signals}
     times: list[Array] = []

@@ -1,15 +1,63 @@
-"""Write a recording as a log: the format by the suffix, the file whole or not at all."""
+"""Write_recording; finding formats by listing formats/."""
 
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
+import pkgutil
 import tempfile
+from functools import cache
 from pathlib import Path
 
-from elid_cli.errors import UsageError
-from elid_cli.logs.registry import writer_for
+from elid_cli.errors import LogError, UsageError
+from elid_cli.logs import formats as library
+from elid_cli.logs.contract import LogFormat
+from elid_cli.logs.source import Source
 from elid_cli.signals.recording import Recording
+
+
+@cache
+def formats() -> tuple[LogFormat, ...]:
+    """Return every format, in the order in which they are asked."""
+    modules = [importlib.import_module(f"{library.__name__}.{m.name}") for m in pkgutil.iter_modules(library.__path__)]
+    found = [module.FORMAT for module in modules if hasattr(module, "FORMAT")]
+    return tuple(sorted(found, key=lambda fmt: (fmt.priority, fmt.name)))
+
+
+def recognise(source: Source) -> LogFormat:
+    """Return the format of a log by its content.
+
+    Raises
+    ------
+    LogError
+        If no format recognises it.
+    """
+    for candidate in formats():
+        if candidate.recognise(source):
+            return candidate
+    raise LogError(
+        f"{source.name}: not a log that elid can read",
+        detail=f"its content is none of: {', '.join(fmt.name for fmt in formats() if fmt.write)}",
+        hint="export it as CSV with a header row, HDF5 or MCAP (FORMATS: Logs)",
+    )
+
+
+def writer_for(path: str | Path) -> LogFormat:
+    """Return the format that writes files with this suffix.
+
+    Raises
+    ------
+    UsageError
+        If the suffix belongs to no format that can be written.
+    """
+    name = Path(path).name.lower()
+    writable = [fmt for fmt in formats() if fmt.write is not None]
+    for fmt in writable:
+        if name.endswith(fmt.suffixes):
+            return fmt
+    known = ", ".join(suffix for fmt in writable for suffix in fmt.suffixes)
+    raise UsageError(f"{path}: cannot tell the log format from the name", hint=f"use one of the suffixes {known}")
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:

@@ -16,12 +16,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import RobotError
+from elid_cli.memory import Recent
 from elid_cli.model.regressor import BASE_TERMS, Model
-from elid_cli.recent import Recent
 from elid_cli.signals.motion import random_motion
 
-Array = NDArray[np.float64]
 Class = Literal["independent", "combined", "unidentifiable"]
 
 STRUCTURAL_TOLERANCE = 1e-9

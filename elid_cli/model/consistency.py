@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.robot.inertia import inertial_parameters, pseudo_inertia
 from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot
-
-Array = NDArray[np.float64]
 
 MARGIN = 1e-6
 """Smallest scaled eigenvalue, rotor inertia and stiffness that count as positive."""

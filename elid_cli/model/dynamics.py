@@ -7,18 +7,16 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.model.effects.effect import DIRECTION_WIDTH, direction_widths
-from elid_cli.model.ldl import NotPositiveError, ldl_solver
-from elid_cli.model.mass_matrix import BLOCKS, FoldedModel
+from elid_cli.model.mass_matrix import BLOCKS, FoldedModel, NotPositiveError, ldl_solver
 from elid_cli.model.regressor import Model, inputs_of
 from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion, random_motion
 
-Array = NDArray[np.float64]
 Vector = Sequence[float]
 _Function = Callable[[Sequence[float]], list[float]]
 

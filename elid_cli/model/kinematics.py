@@ -12,13 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.tracing import Scalar
 from elid_cli.robot.robot import Robot
 
 Vector = tuple[Scalar, Scalar, Scalar]
-Array = NDArray[np.float64]
 ZERO: Vector = (0.0, 0.0, 0.0)
 _EXACT = 1e-14
 """Distance of a placement's number from 0 or ±1 below which it is that."""

@@ -1,15 +1,10 @@
-"""Equations of motion of one robot with its parameters folded in, traced for the simulator (eqs. 1, 2, 7, 8).
-
-Every zero of the geometry and of the parameters shortens the programs. Unknowns are the link accelerations and
-those of the motors behind elastic transmissions; a rigid joint has one row, the sum of its two. Motors couple to
-each other through the links only, so their accelerations are eliminated inside the trace (Schur complement) and an
-n x n system remains.
-"""
+"""Equations of motion with parameters put in, motors eliminated; its small solver."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 from elid_cli.model.kinematics import JointState, chain
 from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, MotorState
@@ -126,3 +121,47 @@ class FoldedModel:
                 rows = motor if side == "motor" and number in self.elastic else link
                 rows[number] = rows[number] + value * self.values[name]
         return link, motor
+
+
+class NotPositiveError(ValueError):
+    """A pivot is not positive; `pivot` counts unknowns from 0."""
+
+    def __init__(self, pivot: int) -> None:
+        super().__init__(f"pivot {pivot} is not positive")
+        self.pivot = pivot
+
+
+@cache
+def ldl_solver(n: int) -> Callable[[list[float]], list[float]]:
+    """Return a function that solves A x = b for symmetric A of size n.
+
+    Its argument is one list: b, then A's upper triangle by rows; what follows is not looked at.
+
+    Raises
+    ------
+    NotPositiveError
+        (from the returned function) A is not positive definite.
+
+    """
+    place = {}
+    position = n
+    for i in range(n):
+        for j in range(i, n):
+            place[i, j] = position
+            position += 1
+    lines = ["def solve(x):"]
+    # A = L D L'; u_kj = d_k l_jk, rows of the upper triangle
+    for k in range(n):
+        for j in range(k, n):
+            products = "".join(f" - l{k}_{i} * u{i}_{j}" for i in range(k))
+            lines.append(f" u{k}_{j} = x[{place[k, j]}]{products}")
+        lines.append(f" if not u{k}_{k} > 0.0: raise NotPositiveError({k})")
+        lines += [f" l{j}_{k} = u{k}_{j} / u{k}_{k}" for j in range(k + 1, n)]
+    for k in range(n):
+        lines.append(f" y{k} = x[{k}]" + "".join(f" - l{k}_{i} * y{i}" for i in range(k)))
+    for k in reversed(range(n)):
+        lines.append(f" y{k} = y{k} / u{k}_{k}" + "".join(f" - l{i}_{k} * y{i}" for i in range(k + 1, n)))
+    lines.append(f" return [{', '.join(f'y{k}' for k in range(n))}]")
+    scope: dict[str, object] = {"NotPositiveError": NotPositiveError}
+    exec("\n".join(lines), scope)  # the text holds nothing but the names above
+    return scope["solve"]  # type: ignore[return-value]

@@ -21,6 +21,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
+from elid_cli.memory import Recent
 from elid_cli.model.kinematics import JointState, chain
 from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, MotorState
 from elid_cli.model.terms.coulomb import Coulomb
@@ -29,12 +31,10 @@ from elid_cli.model.terms.rotor import Rotor
 from elid_cli.model.terms.spring import Spring
 from elid_cli.model.terms.viscous import Viscous
 from elid_cli.model.tracing import Graph, Node, Program, Scalar, compile_program
-from elid_cli.recent import Recent
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.trigonometry import sine_and_cosine
 
-Array = NDArray[np.float64]
 Kind = Literal["sum", "motor", "link", "load", "drive", "spring"]
 SENSOR_KINDS: tuple[Kind, ...] = ("load", "drive", "spring")
 """Row groups of a joint with a torque sensor."""

@@ -18,7 +18,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from elid_cli._types import Array
 
 BLOCK = 8160
 """Samples per block: long enough that NumPy's calls cost little, short enough that live rows stay in the cache."""

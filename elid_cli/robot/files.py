@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from elid_cli.errors import RobotError, did_you_mean
-from elid_cli.files import write_text
+from elid_cli.files import LARGEST, read_text, write_text
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.schema import robot_of_yaml
 from elid_cli.robot.text import fingerprint, text_of
-from elid_cli.text_file import LARGEST, read_text
 
 __all__ = ["fingerprint", "read_robot", "robot_from_text", "shipped_robots", "write_robot"]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elid_cli.robot.robot import Array
+from elid_cli._types import Array
 
 
 def pseudo_inertia(parameters: Array) -> Array:

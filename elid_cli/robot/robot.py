@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from elid_cli._types import Array
 
 JointType = Literal["revolute", "prismatic"]
 Transmission = Literal["elastic", "rigid"]

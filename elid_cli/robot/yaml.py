@@ -15,8 +15,8 @@ from typing import Any
 import yaml
 
 from elid_cli.errors import RobotError, UsageError, did_you_mean
+from elid_cli.files import LARGEST
 from elid_cli.robot.expressions import evaluate
-from elid_cli.text_file import LARGEST
 
 DEEPEST = 40
 """Levels of nesting."""

@@ -13,17 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.mapped import let_go
+from elid_cli._types import Array
+from elid_cli.memory import let_go
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import PART, WIDEST, WIDEST_KNOTS, excerpts
 from elid_cli.signals.measured_rates import Rate, rate_of, white_noise
-from elid_cli.signals.motion import Motion
+from elid_cli.signals.motion import Motion, Piece, SplineMotion
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.spline_fit import fit_spline
-from elid_cli.signals.spline_motion import Piece, SplineMotion
-
-Array = NDArray[np.float64]
 
 KNOTS = (0.008, WIDEST_KNOTS)
 """Range of knot spacings tried, s."""

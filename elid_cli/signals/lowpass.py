@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from elid_cli._types import Array
 
 _KAISER = 4.0
 """Side lobes near -45 dB with a half-length of one period of the cut-off."""

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.signals.lowpass import low_pass
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.spline_fit import fit_spline
-
-Array = NDArray[np.float64]
 
 GROSS = 0.05
 """Disagreement, as a share of the rate's own spread, above which a measured rate is not used."""

@@ -1,13 +1,19 @@
-"""Motion of a robot's joints over samples: positions, velocities and accelerations of links and motors."""
+"""Motion as arrays, or as splines evaluated where asked (SplineMotion)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from elid_cli._types import Array
+from elid_cli.signals.excerpts import in_parts
+from elid_cli.signals.recording import Segment
+from elid_cli.signals.splines import Spline
 
 
 @dataclass(frozen=True)
@@ -69,3 +75,172 @@ def random_motion(n: int, elastic: NDArray[np.bool_], samples: int, seed: int = 
         np.where(elastic, motor, link) for motor, link in ((theta, q), (dtheta, dq), (ddtheta, ddq))
     )
     return Motion(np.arange(samples, dtype=float), q, dq, ddq, theta, dtheta, ddtheta)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Splines of some joints' links or motors on one segment."""
+
+    segment: Segment
+    side: Literal["link", "motor"]
+    joints: NDArray[np.intp]
+    spline: Spline
+
+
+class SplineMotion(Motion):
+    """A `Motion` whose arrays are made when they are asked for whole; slices are evaluated from the splines.
+
+    Samples outside the pieces' segments are NaN. A joint at rest has one position and no velocity, exactly.
+
+    Parameters
+    ----------
+    t
+        Time of the samples, s, (N,).
+    joints
+        Number of joints n.
+    pieces
+        Splines that together cover every joint's link and motor on every segment.
+    rest
+        Positions (2, n) of links and motors that do not move; NaN where they do.
+    """
+
+    def __init__(self, t: Array, joints: int, pieces: Sequence[Piece], rest: Array | None = None) -> None:
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "_joints", joints)
+        object.__setattr__(self, "pieces", tuple(pieces))
+        object.__setattr__(self, "rest", np.full((2, joints), np.nan) if rest is None else rest)
+
+    pieces: tuple[Piece, ...]
+    rest: Array
+    _joints: int
+
+    @property
+    def samples(self) -> int:
+        """Number of instants N."""
+        return int(self.t.shape[0])
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """Segments that the splines cover."""
+        return tuple(dict.fromkeys(piece.segment for piece in self.pieces))
+
+    def resting(self, rest: Array) -> SplineMotion:
+        """Return the motion with joints at rest, as in `rest`."""
+        return SplineMotion(self.t, self._joints, self.pieces, rest)
+
+    def __getitem__(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Motion:
+        if not isinstance(index, slice):
+            index = _as_slice(index)
+        if not isinstance(index, slice) or (index.step or 1) < 1:
+            return super().__getitem__(index)
+        start, stop, step = index.indices(self.samples)
+        link, motor = self.evaluated(start, stop, step=step)
+        return Motion(self.t[index], *(a.T for a in link), *(a.T for a in motor))
+
+    def positions(self, part: slice) -> Array:
+        """Return positions of links and motors over some samples, (2, n, m)."""
+        start, stop, _ = part.indices(self.samples)
+        return self.evaluated(start, stop, 1)[:, 0]
+
+    def speeds(self, part: slice) -> Array:
+        """Return velocities of motors over some samples, (n, m)."""
+        start, stop, _ = part.indices(self.samples)
+        speeds: Array = self.evaluated(start, stop, 2, first=1, sides=("motor",))[0, 0]
+        return speeds
+
+    def evaluated(
+        self,
+        start: int,
+        stop: int,
+        derivatives: int = 3,
+        *,
+        first: int = 0,
+        step: int = 1,
+        sides: tuple[Literal["link", "motor"], ...] = ("link", "motor"),
+    ) -> Array:
+        """Return samples start, start + step… before stop: (side, derivative, joint, instant).
+
+        Derivatives are those from `first` to ``derivatives - 1``.
+        """
+        out = np.empty((len(sides), derivatives - first, self._joints, max(-(-(stop - start) // step), 0)))
+        covered = 0
+        found: list[tuple[int, Piece, slice, Array]] = []
+        for piece in self.pieces:
+            if piece.side not in sides:
+                continue
+            begin, end = piece.segment.start, min(stop, piece.segment.stop)
+            begin = start if begin <= start else begin + (start - begin) % step
+            if begin < end:
+                values = piece.spline.between(
+                    begin - piece.segment.start, end - piece.segment.start, derivatives, step, first
+                )
+                place = (begin - start) // step
+                found.append((sides.index(piece.side), piece, slice(place, place + values.shape[2]), values))
+                covered += values.shape[2] * len(piece.joints)
+        if covered < len(sides) * self._joints * out.shape[3]:
+            out.fill(np.nan)
+        for side, piece, here, values in found:
+            target = out[side, :, :, here]
+            if len(piece.joints) == self._joints:
+                target[:] = values
+            else:
+                target[:, piece.joints] = values
+        self._put_at_rest(out, sides, first)
+        return out
+
+    def _put_at_rest(self, out: Array, sides: tuple[Literal["link", "motor"], ...], first: int) -> None:
+        for number, side in enumerate(sides):
+            rest = self.rest[0 if side == "link" else 1]
+            for joint in np.flatnonzero(np.isfinite(rest)).tolist():
+                out[number, :, joint] = 0.0
+                if first == 0:
+                    out[number, 0, joint] = rest[joint]
+
+    def _whole(self, side: int, derivative: int) -> Array:
+        out = np.full((self.samples, self._joints), np.nan)
+        for part in in_parts(self.segments):
+            out[part] = self.evaluated(part.start, part.stop, derivative + 1, first=derivative)[side, 0].T
+        return out
+
+    @cached_property
+    def q(self) -> Array:
+        """Link positions, (N, n)."""
+        return self._whole(0, 0)
+
+    @cached_property
+    def dq(self) -> Array:
+        """Link velocities, (N, n)."""
+        return self._whole(0, 1)
+
+    @cached_property
+    def ddq(self) -> Array:
+        """Link accelerations, (N, n)."""
+        return self._whole(0, 2)
+
+    @cached_property
+    def theta(self) -> Array:
+        """Motor positions, (N, n)."""
+        return self._whole(1, 0)
+
+    @cached_property
+    def dtheta(self) -> Array:
+        """Motor velocities, (N, n)."""
+        return self._whole(1, 1)
+
+    @cached_property
+    def ddtheta(self) -> Array:
+        """Motor accelerations, (N, n)."""
+        return self._whole(1, 2)
+
+    def plain(self) -> Motion:
+        """Return the motion as arrays."""
+        return Motion(self.t, self.q, self.dq, self.ddq, self.theta, self.dtheta, self.ddtheta)
+
+
+def _as_slice(index: NDArray[np.intp] | NDArray[np.bool_]) -> slice | NDArray[np.intp] | NDArray[np.bool_]:
+    """Return the slice that evenly spaced, ascending sample numbers are, else themselves."""
+    if index.dtype == bool or index.ndim != 1 or len(index) < 2 or index[0] < 0:
+        return index
+    steps = np.diff(index)
+    step = int(steps[0])
+    return slice(int(index[0]), int(index[-1]) + 1, step) if step > 0 and (steps == step).all() else index

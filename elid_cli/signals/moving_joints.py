@@ -8,14 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.mapped import let_go
+from elid_cli._types import Array
+from elid_cli.memory import let_go
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts, in_parts
-from elid_cli.signals.motion import Motion
+from elid_cli.signals.motion import Motion, SplineMotion
 from elid_cli.signals.recording import Segment
-from elid_cli.signals.spline_motion import SplineMotion
-
-Array = NDArray[np.float64]
 
 HELD = 2e-3
 """rad; a joint that stays within this but for a jolt does not move …"""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import DataError, LogError
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts
@@ -20,8 +21,6 @@ from elid_cli.signals.moving_joints import at_rest, constant, extremes, held, st
 from elid_cli.signals.options import SignalOptions as SignalOptions
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.torque_sensors import sensors_of
-
-Array = NDArray[np.float64]
 
 DEFAULT_CUTOFF = 10.0
 """Cut-off of the parallel filter, Hz, unless the data or the user choose another."""

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.signals.splines import DEGREE, ORDER, Spline, basis
-
-Array = NDArray[np.float64]
 
 _STRETCH = 32768
 """Samples taken at a time."""

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from elid_cli.signals.recording import Recording, Segment
 
-Array = NDArray[np.float64]
-
 LEAST_KNOWN = 0.9
 """Least part of the samples that a sensor must have read: where it did not, its joint's rows say nothing."""
 AGAINST = -0.7

@@ -7,9 +7,8 @@ both together take a third of that, to the last digit but one.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from elid_cli._types import Array
 
 _DIRECTIONS = 512
 _EXACT = 2 * np.longdouble("3.14159265358979323846264338327950288") / _DIRECTIONS

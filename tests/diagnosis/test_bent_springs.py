@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.refit import identified
 from elid_cli.report.answers.inputs import effect_text
 from elid_cli.robot.files import read_robot

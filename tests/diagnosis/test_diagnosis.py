@@ -9,9 +9,8 @@ import pytest
 from diagnosis_logs import EFFECTS, Diagnosed, Logs
 
 from elid_cli.diagnosis import DiagnoseOptions, diagnose
-from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.diagnosis.contributions import contributions
-from elid_cli.diagnosis.refit import identified
+from elid_cli.diagnosis.diagnose import options_for
+from elid_cli.diagnosis.refit import contributions, identified
 from elid_cli.diagnosis.search.smooth_curves import residual_rows
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.robot.files import read_robot, write_robot

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.residuals import MATTERS, RowState
 from elid_cli.diagnosis.result import Unexplained
 from elid_cli.diagnosis.unexplained import HELD_OUT, UNSEEN, unseen

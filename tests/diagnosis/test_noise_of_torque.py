@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from elid_cli.diagnosis import diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.result import Unexplained
 from elid_cli.report.answers.diagnosis_tables import NOISE_WORDS, noise_like, unexplained_section
 from elid_cli.signals.signals import prepare

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_logs import EFFECTS, Diagnosed, Logs
 
-from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.diagnosis.diagnose import divided
+from elid_cli.diagnosis.diagnose import divided, options_for
 from elid_cli.diagnosis.evidence import quarters
 from elid_cli.diagnosis.evidence.quarters import QUARTERS, judged, left_out, survival
 from elid_cli.diagnosis.fit.state import State, fit, refreshed

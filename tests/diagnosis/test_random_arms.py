@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.robot.robot import EffectSpec

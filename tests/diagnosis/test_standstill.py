@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.signals.signals import prepare
 from tests.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
 

@@ -8,8 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from elid_cli.diagnosis.conditioning import options_for
-from elid_cli.diagnosis.diagnose import divided
+from elid_cli.diagnosis.diagnose import divided, options_for
 from elid_cli.diagnosis.fit.projection import Projected, Stretch
 from elid_cli.diagnosis.fit.state import State, fit, refreshed
 from elid_cli.estimation.regression.covariance import residuals

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.signals.signals import prepare
 from tests.reproduce.inverse_logs import Laws, World, _late, laws_of, log_of, make, recorded
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.model.regressor import Row
 from elid_cli.robot.files import read_robot

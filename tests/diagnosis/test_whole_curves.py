@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.search import friction_curves as whole_curves
 from elid_cli.diagnosis.search.by_collocation import Collocated, collocated
 from elid_cli.estimation.validation.prediction import validate

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elid_cli.estimation.collocation.collocation_search import _named_by
+from elid_cli.estimation.collocation.starts import _named_by
 from elid_cli.estimation.default_fit import Fit, fit_log
 from elid_cli.estimation.identify import EstimateOptions, Identification, identify
 from elid_cli.estimation.regression.covariance import lasting_weights

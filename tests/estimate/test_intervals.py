@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elid_cli.estimation.collocation.bordered_banded import variance_apart
-from elid_cli.estimation.collocation.collocation_errors import astray, between_knots, between_valleys
+from elid_cli.estimation.collocation.knots import astray, between_knots, between_valleys
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.regression.observation import observe
 from elid_cli.estimation.stiffness.link_equation import TwoWays, link_stiffness, with_both_regressions

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elid_cli.estimation.collocation.leverage import LASTING, left
-from elid_cli.estimation.regression.long_run import NARROWEST, KernelSum, small_sample, uncertain
-from elid_cli.estimation.regression.student import student_quantile
+from elid_cli.estimation.collocation.bordered_banded import LASTING, left
+from elid_cli.estimation.regression.long_run import NARROWEST, KernelSum, small_sample, student_quantile, uncertain
 
 INSTANTS, BANDWIDTH = 240, 24.0
 

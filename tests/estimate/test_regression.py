@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from elid_cli.estimation.regression.regression import regression
+from elid_cli.estimation.regression.covariance import regression
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.9])

@@ -18,7 +18,7 @@ from elid_cli.estimation.regression.triangles import factor_of
 from elid_cli.estimation.streaming.merge import identify_reduced
 from elid_cli.estimation.streaming.reduce import reduce_log
 from elid_cli.logs import read_recording
-from elid_cli.mapped import let_go
+from elid_cli.memory import let_go
 from elid_cli.model.regressor import Model
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.excerpts import excerpts
@@ -159,7 +159,7 @@ def test_a_log_taken_from_its_file_is_the_log_and_leaves_the_file_alone(monkeypa
     path = LOGS / "puma560.h5"
     before = path.read_bytes()
     plain = read_recording([path], robot)
-    monkeypatch.setattr("elid_cli.mapped.LEAST", 0)
+    monkeypatch.setattr("elid_cli.memory.LEAST", 0)
     mapped = read_recording([path], robot)
     assert not mapped.tau.flags.writeable
     let_go(mapped.q, mapped.theta, mapped.tau)
@@ -180,7 +180,7 @@ def test_a_mapped_log_is_repaired_as_one_that_was_read(tmp_path: Path, monkeypat
         file["q"][:, 5] = np.nan
     robot = read_robot("puma560")
     plain = read_recording([path], robot)
-    monkeypatch.setattr("elid_cli.mapped.LEAST", 0)
+    monkeypatch.setattr("elid_cli.memory.LEAST", 0)
     mapped = read_recording([path], robot)
     assert mapped.repairs == plain.repairs
     assert mapped.warnings == plain.warnings
@@ -189,7 +189,7 @@ def test_a_mapped_log_is_repaired_as_one_that_was_read(tmp_path: Path, monkeypat
 
 
 def test_a_file_shorter_than_its_dataset_is_not_mapped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("elid_cli.mapped.LEAST", 0)
+    monkeypatch.setattr("elid_cli.memory.LEAST", 0)
     cut = tmp_path / "cut.h5"
     cut.write_bytes((LOGS / "puma560.h5").read_bytes()[:700_000])
     with pytest.raises(LogError):

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.least_squares import WEIGHT_ITERATIONS, reweighted, solve, solve_system, weights_of
+from elid_cli.estimation.regression.long_run import student_quantile
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.estimation.regression.student import student_quantile
 from elid_cli.estimation.regression.triangles import Triangles, folds_of, reduce
 from elid_cli.logs import read_recording
 from elid_cli.model.base_parameters import BaseParameters, find_base

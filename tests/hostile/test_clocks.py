@@ -104,7 +104,7 @@ def topics(
     moments = np.rint(log.t * 1e9).astype(int) + EPOCH
     for row, moment in enumerate(moments.tolist()):
         bag.add("/joint_states", logged(moment) + delay, joint_state(stamp(moment), list(JOINTS), log.q[row]))
-    from elid_cli.logs.repair.interpolate import interpolate
+    from elid_cli.logs.repair.grid import interpolate
 
     at = log.t[:-1:every] + shift * log.dt
     theta, tau = (interpolate(log.t, values, at) for values in (log.theta, log.tau))

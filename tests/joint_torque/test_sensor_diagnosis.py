@@ -8,7 +8,7 @@ import pytest
 from sensor_logs import STRIBECK, logged, planar, without_sensors
 
 from elid_cli.diagnosis import Diagnosis, diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.signals.recording import Recording

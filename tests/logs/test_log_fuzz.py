@@ -13,7 +13,7 @@ from made_logs import JOINTS, ROBOT, SIGNALS, recording
 from elid_cli.errors import ElidError, UsageError
 from elid_cli.logs.mapping.language import KEYS, SignalMap, parse_mapping
 from elid_cli.logs.repair.align import Sampled, align
-from elid_cli.logs.repair.interpolate import interpolate
+from elid_cli.logs.repair.grid import interpolate
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "fuzz"))
 

@@ -10,7 +10,7 @@ from made_logs import JOINTS, ROBOT, like, read, recording, same, written
 
 from elid_cli.errors import UsageError
 from elid_cli.logs import read_recording, write_recording
-from elid_cli.logs.registry import formats
+from elid_cli.logs.writing import formats
 from elid_cli.robot.robot import Joint, Robot
 
 FORMATS = ("log.csv", "log.csv.gz", "log.h5", "log.hdf5", "log.mcap")

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli.diagnosis import Diagnosis, diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.diagnosis.evidence.quarters import QUARTERS, quarter_of
 from elid_cli.diagnosis.fit.state import Log, State, fit, refreshed, without

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import Diagnosis, diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.refit import identified
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.result import Identification

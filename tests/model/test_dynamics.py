@@ -10,7 +10,7 @@ from random_robots import random_robot
 
 from elid_cli.errors import RobotError
 from elid_cli.model.dynamics import Dynamics
-from elid_cli.model.ldl import NotPositiveError, ldl_solver
+from elid_cli.model.mass_matrix import NotPositiveError, ldl_solver
 from elid_cli.model.regressor import Model
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.motion import Motion

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from elid_cli.memory import Recent
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import Model
-from elid_cli.recent import Recent
 from elid_cli.robot.files import read_robot
 
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import EffectSpec
 from elid_cli.signals.signals import prepare

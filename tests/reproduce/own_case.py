@@ -14,7 +14,7 @@ import argparse
 import numpy as np
 
 from elid_cli.diagnosis import diagnose
-from elid_cli.diagnosis.conditioning import options_for
+from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import Model
 from elid_cli.robot.files import read_robot

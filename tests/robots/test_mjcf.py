@@ -10,8 +10,7 @@ from elastic_lagrange import accelerations
 from random_robots import random_robot
 
 from elid_cli.errors import RobotError
-from elid_cli.experiment.mjcf import mjcf_text, write_mjcf
-from elid_cli.experiment.rotors import known_parameters
+from elid_cli.experiment.mjcf import known_parameters, mjcf_text, write_mjcf
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Limits, Robot

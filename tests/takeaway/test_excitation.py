@@ -12,9 +12,8 @@ from elid_cli.errors import DataError, UsageError
 from elid_cli.estimation.identify import identify
 from elid_cli.experiment.excitation import Excitation, ExciteOptions, _Search, bounds_of, excite
 from elid_cli.experiment.information import Information, Weights
-from elid_cli.experiment.reference import random_reference, read_reference
+from elid_cli.experiment.reference import random_reference, read_reference, write_trajectory
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
-from elid_cli.experiment.trajectory_file import write_trajectory
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.consistency import consistency, prior
 from elid_cli.model.dynamics import Dynamics

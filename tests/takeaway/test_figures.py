@@ -26,7 +26,7 @@ from elid_cli.report.answers.identification import identification_report
 from elid_cli.report.figures import kinds, paint, picture
 from elid_cli.report.figures.build import identification_figures, validation_figures, with_figures
 from elid_cli.report.figures.data import joint_views, organised, spring_views
-from elid_cli.report.figures.thin import bands, cloud, envelope
+from elid_cli.report.figures.paint import bands, cloud, envelope
 from elid_cli.report.tree import Figure, Report, Table, Text
 from elid_cli.robot.robot import Array, EffectSpec, Robot
 from elid_cli.signals.recording import Recording

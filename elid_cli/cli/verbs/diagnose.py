@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
-from elid_cli.cli.options import FIT, GATES, Conditioning, Gates, Output, Reading
-from elid_cli.cli.values import completing, effects
+from elid_cli.cli.options import FIT, GATES, Conditioning, Gates, Output, Reading, completing, effects
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -70,9 +69,8 @@ def diagnose(
     it, and report the error before and after on stretches that the search never saw.
     """  # noqa: D205
     from elid_cli.cli.inputs import check_effects, load_recording, load_robot, load_signals, sharp
-    from elid_cli.cli.output import check_output, emit, pictures_wanted
+    from elid_cli.cli.output import check_described, check_output, emit, pictures_wanted, write_described
     from elid_cli.cli.progress import progress
-    from elid_cli.cli.writing import check_described, write_described
 
     check_output(output)
     if write_robot is not None:
@@ -80,8 +78,7 @@ def diagnose(
     with progress(output, "reading") as advance:
         from elid_cli.diagnosis import DiagnoseOptions
         from elid_cli.diagnosis import diagnose as search
-        from elid_cli.diagnosis.contributions import contributions
-        from elid_cli.diagnosis.refit import identified
+        from elid_cli.diagnosis.refit import contributions, identified
         from elid_cli.estimation.refined_robot import remarks
         from elid_cli.estimation.validation.prediction import validate
         from elid_cli.report.answers.diagnosis import diagnosis_report

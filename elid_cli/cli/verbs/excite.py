@@ -9,8 +9,7 @@ from click.core import ParameterSource
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
-from elid_cli.cli.options import Output, Reading
-from elid_cli.cli.values import File, Number, Share
+from elid_cli.cli.options import File, Number, Output, Reading, Share
 
 if TYPE_CHECKING:
     from elid_cli.experiment.last_log import LastLog
@@ -111,7 +110,7 @@ def excite(
 
         from elid_cli.experiment.excitation import ExciteOptions
         from elid_cli.experiment.excitation import excite as find
-        from elid_cli.experiment.trajectory_file import write_trajectory
+        from elid_cli.experiment.reference import write_trajectory
         from elid_cli.report.answers.excitation import excitation_report
 
         machine = load_robot(robot)

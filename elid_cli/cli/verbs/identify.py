@@ -47,10 +47,9 @@ def identify(
     from dataclasses import replace
 
     from elid_cli.cli.gates import check_gates, check_names, motor_rows_told
-    from elid_cli.cli.output import check_output, emit, pictures_wanted
+    from elid_cli.cli.output import check_described, check_output, emit, pictures_wanted, write_described
     from elid_cli.cli.progress import progress
     from elid_cli.cli.routes import Asked, from_samples, from_triangles, merges, samples_of
-    from elid_cli.cli.writing import check_described, write_described
 
     check_output(output)
     if physical:

@@ -6,9 +6,8 @@ from elid_cli.cli import options
 from elid_cli.cli import simulate_options as simulating
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
-from elid_cli.cli.options import Output
+from elid_cli.cli.options import File, Output
 from elid_cli.cli.simulate_options import ControlChoice, MotionChoice, SensorChoice
-from elid_cli.cli.values import File
 
 
 @verb(
@@ -42,7 +41,7 @@ def simulate(
     from elid_cli.cli.output import check_output, emit
     from elid_cli.cli.progress import progress
     from elid_cli.files import check_writable
-    from elid_cli.logs.registry import writer_for
+    from elid_cli.logs.writing import writer_for
 
     check_output(output)
     for name in (out, truth):

@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.diagnosis.evidence.windows import acting
+from elid_cli._types import Array
+from elid_cli.diagnosis.evidence.moments import acting
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import touched
 from elid_cli.diagnosis.search.encoder_skew import link_load
@@ -27,8 +28,6 @@ from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.triangles import reduce
 from elid_cli.model.effects.shifts import SKEW
 from elid_cli.model.regressor import Row
-
-Array = NDArray[np.float64]
 
 QUARTERS = 4
 SPEAKS = 0.01

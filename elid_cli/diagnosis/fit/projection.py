@@ -9,13 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.diagnosis.fit.whitening import JointWhitener, stack
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.triangles import Extra, full_columns
 from elid_cli.model.regressor import Row
-
-Array = NDArray[np.float64]
 
 LAGS = 50
 """Lags over which the remaining correlation of the scores is summed."""

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.diagnosis.fit.projection import Projected, project
 from elid_cli.diagnosis.fit.stretches import FOLDS
 from elid_cli.diagnosis.fit.whitening import whiteners
@@ -26,8 +27,6 @@ from elid_cli.model.effects.tilt import LEVEL, STEEPEST, TILT, tilted, untilted
 from elid_cli.model.regressor import Model, Row
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 LONGEST_SHIFT = 0.05
 """s; a channel that seems later than this is not moved."""

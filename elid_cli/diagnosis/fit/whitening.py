@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.validation.noise_floor import Floor
 from elid_cli.model.regressor import Row
-
-Array = NDArray[np.float64]
 
 ORDER = 4
 """Order of the autoregression."""

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import Log, State
 from elid_cli.errors import DataError
-from elid_cli.estimation.collocation.collocation_errors import widening
-from elid_cli.estimation.collocation.collocation_search import from_start
 from elid_cli.estimation.collocation.estimator import LOWEST_SIGNAL
 from elid_cli.estimation.collocation.gauss_newton import Outcome, iterate
+from elid_cli.estimation.collocation.knots import widening
 from elid_cli.estimation.collocation.problem import Iterate
 from elid_cli.estimation.collocation.setup import Setup, signal_to_noise
-from elid_cli.estimation.collocation.starts import other_valleys
+from elid_cli.estimation.collocation.starts import from_start, other_valleys
 from elid_cli.estimation.default_fit import Fit, fit_log
 from elid_cli.estimation.regression.effect_columns import scene_of
 from elid_cli.estimation.result import EstimateOptions
@@ -25,8 +25,6 @@ from elid_cli.model.regressor import Model
 from elid_cli.robot.robot import EffectSpec
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 PINNED = 1e-3
 """Standard deviation of parameters that are held, in standard errors."""

@@ -11,13 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State
-from elid_cli.estimation.regression.regression import regression
+from elid_cli.estimation.regression.covariance import regression
 from elid_cli.model.regressor import Row
-
-Array = NDArray[np.float64]
 
 SURE = 6.0
 """Standard deviations by which a skew must differ from zero."""

@@ -10,15 +10,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli.diagnosis.fit.state import State, fit, refreshed
 from elid_cli.diagnosis.fit.stretches import spans
 from elid_cli.diagnosis.search.forward import Found
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.model.effects.effect import Effect
-
-Array = NDArray[np.float64]
 
 INSTANT = "start"
 """Name of the shape that is the instant of a change."""

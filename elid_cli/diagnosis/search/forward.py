@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Progress
 from elid_cli.diagnosis.fit.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import FLOOR_RATIO, improves, predicted_better, touched, worthwhile
 from elid_cli.diagnosis.search.encoder_skew import Skew, looked_again, visible_skew
@@ -18,9 +18,6 @@ from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.shifts import SKEW
 from elid_cli.robot.robot import EffectSpec
-
-Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
 NET = 12.0
 """Net log-likelihood an effect must gain."""

@@ -13,17 +13,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Progress
 from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.diagnosis.search.by_collocation import Collocated, amplitudes, collocated, known, possible
 from elid_cli.diagnosis.search.forward import Found, Term
-from elid_cli.estimation.collocation.collocation_search import values_of
+from elid_cli.estimation.collocation.starts import values_of
 from elid_cli.model.effects.effect import Effect, Shapes
 from elid_cli.robot.robot import EffectSpec
-
-Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
 WORK = 120_000
 """Samples times the square of the joints up to which the collocation is run unasked."""

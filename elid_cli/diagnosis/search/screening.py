@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.fit.projection import Gain
 from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.regression.triangles import Extra
 from elid_cli.model.effects.effect import Effect, Scene
-
-Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
 FOLDS_LOST = 1
 """Folds in which an effect may fail to help, of those in which it acts."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.collocation.problem import Setting, States
 from elid_cli.estimation.collocation.states import fill, moved_together, slots_of
 from elid_cli.estimation.default_fit import Fit
@@ -19,8 +20,6 @@ from elid_cli.model.effects.effect import Effect, RowKey, Scene, direction_width
 from elid_cli.model.regressor import INPUTS, Row
 from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
 from elid_cli.signals.motion import Motion
-
-Array = NDArray[np.float64]
 
 _SLOW_WEIGHT = 0.05
 _SHAPE_STEP = 1e-4

@@ -6,19 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elid_cli.estimation.collocation.collocation_errors import astray, between_valleys
-from elid_cli.estimation.collocation.collocation_search import values_of
+from elid_cli._types import Array
 from elid_cli.estimation.collocation.gauss_newton import Outcome
-from elid_cli.estimation.collocation.knots import with_knots
+from elid_cli.estimation.collocation.knots import astray, between_valleys, with_knots
 from elid_cli.estimation.collocation.setup import Setup, signal_to_noise
+from elid_cli.estimation.collocation.starts import values_of
 from elid_cli.estimation.default_fit import Fit
 from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.estimation.regression.other_shapes import REACH, in_other_valleys, own_shapes
 from elid_cli.model.effects.effect import Effect
-
-Array = NDArray[np.float64]
 
 MOVED = 10.0
 """Standard errors of the default estimate from which on a move must be borne out by held-out torque."""

@@ -6,12 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.collocation.bordered_banded import covariance_at, reduced
 from elid_cli.estimation.collocation.problem import Iterate, Problem
-
-Array = NDArray[np.float64]
 
 _EASE = 0.2
 """Factor from step to step by which the equations' noise falls from what the start shows to what is assumed: a rough

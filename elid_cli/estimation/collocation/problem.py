@@ -16,11 +16,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.signals.splines import DEGREE, ORDER, basis
-
-Array = NDArray[np.float64]
 
 HUBER = 3.0
 """Residual in standard deviations beyond which an equation counts less."""

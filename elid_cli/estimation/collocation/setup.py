@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.collocation.equations import Layout, RobotEquations, free_shapes
 from elid_cli.estimation.collocation.problem import Iterate, Piece, Problem, Setting
 from elid_cli.estimation.default_fit import Fit
@@ -18,8 +19,6 @@ from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.spline_fit import fit_spline
 from elid_cli.signals.splines import DEGREE, basis
-
-Array = NDArray[np.float64]
 
 FINE, COARSE = 0.005, 0.02
 """Knot spacings, s: one that follows the jump of friction where a motor reverses, and one for where noise hides it.

@@ -7,12 +7,12 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.regressor import INPUTS
 from elid_cli.model.tracing import Program
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.trigonometry import sine_and_cosine
 
-Array = NDArray[np.float64]
 Moved = tuple[int, int, NDArray[np.intp]]
 """Channel, derivative, and the outputs that depend on it."""
 

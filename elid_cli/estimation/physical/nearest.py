@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.physical.semidefinite import nearest_physical, need_solver
 from elid_cli.estimation.regression.triangles import Triangles
@@ -25,7 +25,6 @@ from elid_cli.model.regressor import Row
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.urdf.write import with_parameters
 
-Array = NDArray[np.float64]
 Origin = Literal["data", "split", "reference", "assumed"]
 
 PULLS = ((2.0, 20.0), (2.0, 2.0), (0.6, 0.6), (0.2, 0.2))

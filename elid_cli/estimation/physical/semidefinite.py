@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import DataError, UsageError
 from elid_cli.model.consistency import MARGIN, Consistency
-
-Array = NDArray[np.float64]
 
 _UPPER = tuple((r, c) for c in range(4) for r in range(c + 1))
 _UNITS = (1.0, 1e2, 1e4)

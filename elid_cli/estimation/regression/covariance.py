@@ -1,24 +1,19 @@
-"""Covariance of estimates whose residuals are correlated in time and between rows.
-
-The filter correlates neighbouring instants, one torque channel drives two rows, and real residuals have structure;
-so the covariance is the sandwich of the normal matrix with the long-run covariance of the scores (Newey and West
-1987), Parzen kernel, bandwidth by Andrews (1991).
-"""
+"""Sandwich covariance; one equation with long-run errors."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.long_run import TAKEN, KernelSum, Persistence, small_sample, uncertain
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.triangles import Extra, full_columns
 from elid_cli.model.regressor import Row
-
-Array = NDArray[np.float64]
 
 
 def residuals(observation: Observation, values: Array, extras: Sequence[Extra] = ()) -> dict[tuple[str, int], Array]:
@@ -100,3 +95,33 @@ def summed(scores: Array, stretch: NDArray[np.intp], bandwidth: float) -> Array:
     for number, (start, stop) in enumerate(zip(starts, [*starts[1:], instants], strict=True)):
         total.feed(scores[:, start:stop], number)
     return total.total()
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A fitted equation."""
+
+    values: Array
+    """Coefficients, (k,)."""
+    spread: Array
+    """Their standard deviations, (k,)."""
+    alone: Array
+    """Mean square of each column that the others do not explain, (k,)."""
+
+
+def regression(columns: Array, target: Array, stretch: NDArray[np.intp]) -> Regression:
+    """Fit a target (M,) by columns (M, k), its residual correlated within each stretch (number of every instant, (M,)).
+
+    Standard errors are autocorrelation-aware (Newey and West 1987; `longrun`).
+    """
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    unit = columns / scale
+    inverse = np.linalg.pinv(unit.T @ unit, rcond=1e-12)
+    fitted = inverse @ (unit.T @ target)
+    scores = unit * (target - unit @ fitted)[:, None]
+    meat = long_run(scores, stretch) * uncertain(len(scores), bandwidth_of(scores))
+    spread = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0))
+    own = np.diag(inverse)
+    alone = np.where(own > 0, scale**2 / np.where(own > 0, own, 1.0), 0.0) / len(target)
+    return Regression(fitted / scale, spread / scale, alone)

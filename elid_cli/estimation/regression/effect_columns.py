@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import pair
 from elid_cli.estimation.regression.triangles import Extra
 from elid_cli.model.effects.declared import Declared
@@ -17,8 +18,6 @@ from elid_cli.model.regressor import Model, Row
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 _CHUNK = 16384
 """Samples whose full-rate regressor is held at a time."""

@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.other_shapes import APART
@@ -21,8 +22,6 @@ from elid_cli.model.effects.declared import Declared, amplitude_prior
 from elid_cli.model.effects.effect import Effect, Scene
 from elid_cli.model.regressor import Row
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 SHAPE_SPREAD = 0.5
 """Prior standard deviation of a shape's logarithm about its start: holds shapes that the log does not show."""

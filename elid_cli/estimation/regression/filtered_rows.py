@@ -15,15 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.mapped import let_go
+from elid_cli._types import Array
+from elid_cli.memory import let_go
 from elid_cli.model.regressor import SENSOR_KINDS, Model, Plan, direction_inputs, inputs_of
 from elid_cli.signals.lowpass import REACH
-from elid_cli.signals.motion import Motion
+from elid_cli.signals.motion import Motion, SplineMotion
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
-from elid_cli.signals.spline_motion import SplineMotion
-
-Array = NDArray[np.float64]
 
 CHUNK = 8160
 """Instants whose columns are held at a time before the filter, a block of the traced program."""

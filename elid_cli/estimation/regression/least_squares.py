@@ -13,11 +13,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.triangles import Triangles, factor_of
 from elid_cli.model.regressor import Row
-
-Array = NDArray[np.float64]
 
 DATA_TOLERANCE = 1e-7
 """Pivot below which a column of the log depends on others, relative to the largest, columns of unit norm."""

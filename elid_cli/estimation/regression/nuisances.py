@@ -14,14 +14,13 @@ from collections.abc import Container, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.covariance import sandwich
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.triangles import Extra
 from elid_cli.model.regressor import Row
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 SIGNIFICANT = 4.0
 """Standard deviations a nuisance must differ from zero to be corrected."""

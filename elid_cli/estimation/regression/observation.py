@@ -12,12 +12,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.filtered_rows import observed_blocks
 from elid_cli.model.regressor import SENSOR_KINDS, Model, Plan, Row, RowPlan
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 REVERSAL_SHARE = 0.02
 """A filtered sample is masked when more than this share of its filter window lies in a reversal."""

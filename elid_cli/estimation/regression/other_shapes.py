@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.covariance import long_run, residuals
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of
 from elid_cli.estimation.regression.least_squares import Solution, solve
@@ -22,8 +23,6 @@ from elid_cli.model.effects.declared import amplitude_prior
 from elid_cli.model.effects.effect import Effect
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 AS_WELL = 6.0
 """Cost above that of the shapes found up to which others explain a log as well, whatever the scatter …"""

@@ -6,19 +6,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.covariance import sandwich
 from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.estimation.regression.effect_shapes import SHAPE_SPREAD, shape_columns
 from elid_cli.estimation.regression.least_squares import Solution, solve
+from elid_cli.estimation.regression.long_run import beyond_normal
 from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.student import beyond_normal
 from elid_cli.estimation.regression.triangles import Extra, Triangles, reduce
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 SHORT = 400.0
 """Independent instants below which a log is short."""

@@ -13,10 +13,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Equations, Observation
 from elid_cli.model.regressor import Row
-
-Array = NDArray[np.float64]
 
 _SLICE, _PANEL = 2048, 8
 """Rows taken at a time, and columns of a panel, in QR."""

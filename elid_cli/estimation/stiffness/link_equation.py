@@ -13,15 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
+from elid_cli.estimation.regression.covariance import regression
 from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.regression import regression
 from elid_cli.estimation.result import Identification, Verdict
 from elid_cli.estimation.stiffness.noise import deflection_noise, pull
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import Row
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 EXPLAINED = 0.6
 """Least part of the bodies' torque that the transmission's must explain."""

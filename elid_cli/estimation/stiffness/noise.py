@@ -13,13 +13,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.default_fit import Fit
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.triangles import Triangle, Triangles
 from elid_cli.model.regressor import Kind, Model, Row
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 _ROWS: tuple[Kind, ...] = ("motor", "spring")
 LARGEST_SHARE = 0.2

@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.default_fit import STICKING
 from elid_cli.estimation.regression.least_squares import Solution, reweighted
 from elid_cli.estimation.regression.nuisances import beyond_doubt
 from elid_cli.estimation.regression.triangles import Triangle, Triangles, factor_of
 from elid_cli.model.regressor import Row
-
-Array = NDArray[np.float64]
 
 _ORDER = {"link": 0, "sum": 1, "motor": 2}
 

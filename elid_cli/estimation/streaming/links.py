@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.filtered_rows import Block
 from elid_cli.estimation.regression.long_run import KernelSum, Persistence, small_sample, uncertain
 from elid_cli.estimation.regression.triangles import factor_of
@@ -19,8 +19,6 @@ from elid_cli.estimation.streaming.accumulate import Growing
 from elid_cli.estimation.streaming.fit import MergedFit, Stock
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import Model, Plan, Row
-
-Array = NDArray[np.float64]
 
 TOGETHER = 16_000
 """Instants that are taken at a time where blocks are passed over again."""

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
 from elid_cli.estimation.default_fit import Fit
 from elid_cli.estimation.identify import assemble, unlinked_named
@@ -23,9 +24,9 @@ from elid_cli.estimation.streaming.links import merged_stiffness, merged_ways
 from elid_cli.estimation.streaming.reduce import FOLDS
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, SignalFacts
 from elid_cli.estimation.streaming.scores import lifted, spread_of
-from elid_cli.estimation.validation.by_log import ByLog
 from elid_cli.estimation.validation.cross_validation import joint_errors
-from elid_cli.logs.checks.unlinked import refuse_mixed
+from elid_cli.estimation.validation.prediction import ByLog
+from elid_cli.logs.checks.required import refuse_mixed
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.regressor import Model, Row
 from elid_cli.robot.robot import Robot
@@ -34,8 +35,6 @@ from elid_cli.signals.lowpass import LowPass
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Recording, Segment, repeated, told_of
 from elid_cli.signals.signals import Noise, Signals
-
-Array = NDArray[np.float64]
 
 UNREAD = "the joint torque sensors (tau_link) are used where one log is identified by itself, and not in reduced logs"
 

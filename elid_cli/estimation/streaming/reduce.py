@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from elid_cli.estimation.regression.filtered_rows import observed_blocks
 from elid_cli.estimation.stiffness.noise import deflection_noise
-from elid_cli.estimation.streaming.accumulate import Pile
+from elid_cli.estimation.streaming.accumulate import Kept, Pile, kept
 from elid_cli.estimation.streaming.fit import Stock, fit_stock
-from elid_cli.estimation.streaming.kept_blocks import Kept, kept
 from elid_cli.estimation.streaming.links import LinkSums
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, SignalFacts, hollow
 from elid_cli.estimation.streaming.scores import LogScores
@@ -26,7 +25,6 @@ from elid_cli.robot.text import fingerprint
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
 
-Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
 FOLDS = 6

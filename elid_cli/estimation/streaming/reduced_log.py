@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.triangles import Triangle
 from elid_cli.estimation.streaming.links import LinkSystem
 from elid_cli.model.regressor import Row
 from elid_cli.signals.recording import Recording
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.long_run import KernelSum, Persistence, small_sample, uncertain
+from elid_cli.estimation.streaming.accumulate import Kept
 from elid_cli.estimation.streaming.fit import Stock
-from elid_cli.estimation.streaming.kept_blocks import Kept
 from elid_cli.estimation.streaming.reduced_log import Scores
 from elid_cli.model.regressor import Row
-
-Array = NDArray[np.float64]
 
 
 class LogScores:

@@ -13,15 +13,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.model.regressor import SENSOR_KINDS, Model, Row
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.spline_fit import fit_spline
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,14 @@
-"""How well a described robot, parameters and effects fixed, predicts a log."""
+"""Validate(): a described robot predicts a log; per log."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.regression.observation import Observation, observe
@@ -19,8 +20,6 @@ from elid_cli.model.effects.tilt import TILT, declared_tilt, levelled
 from elid_cli.model.regressor import Model, Row
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -144,3 +143,36 @@ def _errors(
             sensor=_against_sensor(observation, {row: rms(row) for row in use if row.joint == k}, use, k),
         )
     return errors
+
+
+@dataclass(frozen=True)
+class ByLog:
+    """Error of the predicted motor torques on one of several logs."""
+
+    file: str
+    error: Mapping[str, JointError]
+
+
+def errors_by_log(robot: Robot, signals: Signals, files: Sequence[str]) -> tuple[ByLog, ...]:
+    """Return each log's error, predicted by one robot description; nothing where there is only one log.
+
+    Parameters
+    ----------
+    robot
+        Description that holds what was identified from all logs together.
+    signals
+        The joined logs; `Segment.source` counts the files.
+    files
+        Names of the logs.
+
+    """
+    if len(files) < 2:
+        return ()
+    observation = observe(Model(robot), signals)
+    sources = np.array([segment.source for segment in signals.segments], dtype=np.intp)[observation.stretch]
+    judged = []
+    for number, file in enumerate(files):
+        here = sources == number
+        if here.any():
+            judged.append(ByLog(file, validate(robot, signals, here, observation=observation).error))
+    return tuple(judged)

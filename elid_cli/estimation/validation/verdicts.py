@@ -7,14 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.result import Verdict
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 WEAK = 0.3
 """Relative standard deviation above which a parameter is only weakly excited."""

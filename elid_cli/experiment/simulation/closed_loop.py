@@ -8,16 +8,14 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.experiment.reference import Reference
 from elid_cli.experiment.simulation.control import ControlOptions, Gains
 from elid_cli.experiment.simulation.effects_at_work import ActiveEffect
 from elid_cli.experiment.simulation.integration import System, Torque
 from elid_cli.model.dynamics import Dynamics
-
-Array = NDArray[np.float64]
 
 RUNAWAY = 1e4
 """Positions (rad or m) beyond which a simulation has left its robot."""

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.model.dynamics import Dynamics
-
-Array = NDArray[np.float64]
 
 BANDWIDTH = 25.0
 """Bandwidth, rad/s, asked of joints that are stiff enough for it."""

@@ -6,16 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Columns, Effect, MemoryEffect, OscillatorEffect, Scene
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
-
-Array = NDArray[np.float64]
 
 
 def warm_up(t: float) -> float:

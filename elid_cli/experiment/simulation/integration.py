@@ -6,13 +6,12 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.experiment.simulation.effects_at_work import ActiveEffect, Stage
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.effect import OscillatorEffect, Scene
 
-Array = NDArray[np.float64]
 Torque = Callable[[list[float], list[float]], list[float]]
 """Motor torques from (θ, θ') of all joints, at one instant."""
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.experiment.reference import Reference, ReferenceOptions, random_reference
 from elid_cli.experiment.simulation.closed_loop import Clock, Controller, Trace, follow
@@ -23,8 +23,6 @@ from elid_cli.model.effects.effect import DIRECTION_WIDTH
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Recording, Segment
-
-Array = NDArray[np.float64]
 
 CONTROL_RATE = 500.0
 """Hz; a log that is slower than this is taken from a controller that runs at a multiple of its rate."""

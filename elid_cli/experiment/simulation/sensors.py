@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 CHANNELS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
 """Signals in the order of their random streams; a new one goes to the end, or the bytes of old seeds change."""

@@ -1,4 +1,4 @@
-"""What a log must hold for a robot: missing signals are refused or named, rigid joints completed."""
+"""Missing signals refused or named; logs with and without link positions not mixed."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.errors import LogError, nearest
+from elid_cli._types import Array
+from elid_cli.errors import LogError, UsageError, nearest
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.resolve import Placement, Plan, fits
 from elid_cli.logs.mapping.suggest import suggestion
 from elid_cli.logs.repair.stuck import drop_stuck
-from elid_cli.mapped import passed, writable
+from elid_cli.memory import passed, writable
 from elid_cli.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 MEANING = {"q": "link position", "theta": "motor position", "tau": "torque"}
 ZERO_IS_ABSENT = ("tau", "tau_link", "dq", "dtheta")
@@ -220,3 +219,29 @@ def _about(field: str) -> bool:
 
 
 _EXAMPLES = {"tau": "/arm/motors.current", "theta": "/arm/motors.position", "q": "/arm/joint_states.position"}
+
+
+def refuse_mixed(names: Sequence[str], unlinked: NDArray[np.bool_], joints: Sequence[str]) -> None:
+    """Refuse logs of which some lack the link position of an elastic joint and others do not.
+
+    Parameters
+    ----------
+    names
+        The logs'.
+    unlinked
+        Elastic joints without a link position, (logs, n).
+    joints
+        Names of the joints, n.
+
+    Raises
+    ------
+    UsageError
+        Naming the joint, and a log of either kind.
+    """
+    for joint in np.flatnonzero(unlinked.any(axis=0) & ~unlinked.all(axis=0))[:1]:
+        less, more = names[int(np.argmax(unlinked[:, joint]))], names[int(np.argmin(unlinked[:, joint]))]
+        raise UsageError(
+            f"{less}: no link position of {joints[joint]}, which {more} has",
+            detail="without it a transmission counts as rigid, which is another model",
+            hint="identify logs with link positions, and those without, apart",
+        )

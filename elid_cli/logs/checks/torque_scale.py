@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from elid_cli._types import Array
 
 WRONG_SCALE = 3.0
 """Factor between tau and the spring's torque by the file's stiffness that no wrong reference value explains."""

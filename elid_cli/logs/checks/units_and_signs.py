@@ -12,17 +12,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.logs.checks.required import Checked
 from elid_cli.logs.checks.torque_scale import FOLLOWS, WRONG_SCALE, correlation_of, off, scale_of, spring_slope
 from elid_cli.logs.mapping.resolve import Plan
 from elid_cli.logs.repair.align import Aligned
 from elid_cli.logs.repair.stuck import frozen, limited
-from elid_cli.mapped import along, let_go
+from elid_cli.memory import along, let_go
 from elid_cli.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 LENGTHS, RATES, EFFORTS = {"rad", "m", "radian", "radians"}, {"rad/s", "m/s"}, {"nm", "n"}
 SI = {"q": LENGTHS, "theta": LENGTHS, "dq": RATES, "dtheta": RATES, "tau": EFFORTS, "tau_link": EFFORTS}

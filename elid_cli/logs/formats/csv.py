@@ -8,15 +8,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import LogError, did_you_mean
 from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
 from elid_cli.logs.formats.csv_text import Dialect, parse_columns, sniff
 from elid_cli.logs.source import Source
 from elid_cli.signals.recording import Recording
-
-Array = NDArray[np.float64]
 
 LARGEST = 4 << 30
 """Bytes of text after decompression that are still read."""

@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import LogError
-
-Array = NDArray[np.float64]
 
 COMMENTS = ("#", "%", "//")
 SNIFFED = 60

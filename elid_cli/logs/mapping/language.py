@@ -16,13 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import UsageError, did_you_mean
+from elid_cli.files import read_text
 from elid_cli.robot.robot import Robot
-from elid_cli.text_file import read_text
-
-Array = NDArray[np.float64]
 
 POSITIONS = ("q", "theta")
 VELOCITIES = ("dq", "dtheta")

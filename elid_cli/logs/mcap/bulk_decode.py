@@ -1,8 +1,4 @@
-"""Decode the messages of a channel in bulk: one NumPy view per layout, verified on every message.
-
-Messages are grouped by length; the first of a group teaches a layout (`cdr_layout`), which is then checked on all
-others at once. What differs teaches the next layout, so that joint orders and frames may change at any message.
-"""
+"""Messages of a channel decoded in bulk, one NumPy view per layout."""
 
 from __future__ import annotations
 
@@ -14,9 +10,36 @@ from numpy.typing import NDArray
 
 from elid_cli.logs.mcap.cdr import CdrError, Layout, learn
 from elid_cli.logs.mcap.container import Messages
-from elid_cli.logs.mcap.growing import Growing
-from elid_cli.logs.mcap.message_fields import MessageShape
+from elid_cli.logs.mcap.fields import MessageShape
 from elid_cli.logs.mcap.ros_schema import Definitions
+
+
+class Growing:
+    """Rows appended to one array; growing re-uses the memory (realloc), so that nothing is ever held twice.
+
+    With a sound `hint` of the final number of rows nothing is moved at all; memory is taken when it is written to.
+    """
+
+    def __init__(self, width: int | None, dtype: Any = np.float64, hint: int = 0) -> None:
+        self._shape: tuple[int, ...] = () if width is None else (width,)
+        self._array: NDArray[Any] = np.empty((hint, *self._shape), dtype)
+        self.rows = 0
+
+    def extend(self, count: int) -> NDArray[Any]:
+        """Return a view of `count` new rows to be filled."""
+        needed = self.rows + count
+        if needed > self._array.shape[0]:
+            rows = max(needed, 4096, int(self._array.shape[0] * 1.5))
+            self._array.resize((rows, *self._shape), refcheck=False)
+        start, self.rows = self.rows, needed
+        return self._array[start:needed]
+
+    def finish(self) -> NDArray[Any]:
+        """Return all rows."""
+        if self.rows < self._array.shape[0]:
+            self._array.resize((self.rows, *self._shape), refcheck=False)
+        return self._array
+
 
 STAMPS = (("header.stamp.sec", "header.stamp.nanosec"), ("stamp.sec", "stamp.nanosec"))
 REMEMBERED = 64

@@ -1,13 +1,9 @@
-"""Topic pairs ``…/names`` and ``…/values``: arrays of numbers whose names are published apart, and may change.
-
-`pal_statistics` and ros2_control's introspection write them: a message of names with a version, then messages of
-values that carry the version of their names. Columns are taken by name, message by message.
-"""
+"""Decoded fields as a mapping asks for them; topics of names and values."""
 
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -115,3 +111,78 @@ class NameTable:
         moments = np.array([moment for moment, _ in self.since])
         which = np.maximum(np.searchsorted(moments, logged, side="right") - 1, 0)
         return [(which == k, names) for k, (_, names) in enumerate(self.since)]
+
+
+INTERFACES = "interface_names"
+
+
+@dataclass(frozen=True)
+class FieldColumns:
+    """The numbers of one field: `indices` among those of `path`, and their labels where the message names them."""
+
+    path: str
+    indices: tuple[int, ...]
+    labels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MessageShape:
+    """Counts of numbers by path, and strings by path with the starts of their sequences."""
+
+    widths: Mapping[str, int]
+    strings: Mapping[str, Sequence[str]]
+    starts: Mapping[str, Sequence[int]]
+
+    def fields(self) -> Iterator[tuple[str, FieldColumns]]:
+        """Yield every field that a mapping may name."""
+        for path, width in self.widths.items():
+            if width:
+                yield path, FieldColumns(path, tuple(range(width)), self._labels(path, width))
+        for interface in dict.fromkeys(self._interfaces()):
+            found = self._interface(interface)
+            if found is not None:
+                yield interface, found
+
+    def columns(self, field: str) -> FieldColumns | None:
+        """Return the numbers of one field, or None where this message has none."""
+        width = self.widths.get(field, 0)
+        if width:
+            return FieldColumns(field, tuple(range(width)), self._labels(field, width))
+        return self._interface(field.removeprefix("interface_values."))
+
+    def _labels(self, path: str, width: int) -> tuple[str, ...]:
+        """Return the names beside a sequence of numbers, where there are as many."""
+        prefix = path.rpartition(".")[0]
+        while True:
+            for name in NAME_FIELDS:
+                names = self.strings.get(f"{prefix}.{name}" if prefix else name, ())
+                if len(names) == width:
+                    return tuple(names)
+            if not prefix:
+                return ()
+            prefix = prefix.rpartition(".")[0]
+
+    def _interfaces(self) -> Sequence[str]:
+        path = next((path for path in self.strings if path.rpartition(".")[2] == INTERFACES), "")
+        return self.strings.get(path, ())
+
+    def _interface(self, interface: str) -> FieldColumns | None:
+        """Return one interface of every joint of a DynamicJointState, whose values are named joint by joint."""
+        path = next((path for path in self.strings if path.rpartition(".")[2] == INTERFACES), None)
+        joints = self.strings.get("joint_names", ())
+        if path is None or len(self.starts.get(path, ())) != len(joints):
+            return None
+        values = f"{path.rpartition('.')[0]}.values"
+        names = self.strings[path]
+        if self.widths.get(values, 0) != len(names):
+            return None
+        bounds = [*self.starts[path], len(names)]
+        found = [
+            (index, joint)
+            for joint, start, stop in zip(joints, bounds, bounds[1:], strict=False)
+            for index in range(start, stop)
+            if names[index] == interface
+        ]
+        if not found:
+            return None
+        return FieldColumns(values, tuple(index for index, _ in found), tuple(joint for _, joint in found))

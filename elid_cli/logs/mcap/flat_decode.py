@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from elid_cli.logs.mcap.bulk_decode import SECOND, Table, match_columns
 from elid_cli.logs.mcap.container import Messages
-from elid_cli.logs.mcap.message_fields import MessageShape
+from elid_cli.logs.mcap.fields import MessageShape
 
 Flat = dict[str, list[Any]]
 """Values of a message by dotted path; ``path\\x00`` holds where each list of strings at that path begins."""

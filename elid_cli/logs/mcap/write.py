@@ -8,10 +8,9 @@ from io import BytesIO
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.logs.mcap.ros_schema import KNOWN
 from elid_cli.signals.recording import Recording
-
-Array = NDArray[np.float64]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 CHUNK_SIZE = 1 << 20

@@ -9,14 +9,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import LogError
-from elid_cli.logs.repair.glitches import without_glitches
 from elid_cli.logs.repair.grid import Grid, grid_of, identical, onto, regularised
-from elid_cli.logs.repair.samples import fill
+from elid_cli.logs.repair.samples import fill, without_glitches
 from elid_cli.logs.repair.timeline import Timeline, build
-from elid_cli.mapped import let_go, passed, writable
-
-Array = NDArray[np.float64]
+from elid_cli.memory import let_go, passed, writable
 
 REQUIRED = ("theta", "tau", "q")
 """Signals that decide the time base, in this order among equally fast ones."""

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
 from elid_cli.logs.contract import Stream
-
-Array = NDArray[np.float64]
 
 TIME_SOURCES = {"auto": "", "header": "header stamp", "log": "log time"}
 """Values of --time -> the clock's name."""

@@ -7,10 +7,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.mapped import let_go
+from elid_cli._types import Array
+from elid_cli.memory import let_go
 from elid_cli.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 MOVES = {True: 0.2, False: 0.02}
 """rad (revolute) or m (prismatic): a joint whose one side moves this far moves on the other too."""

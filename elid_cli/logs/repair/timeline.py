@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from elid_cli._types import Array
+
 Rows = NDArray[np.intp]
 
 SNAP = 0.05

@@ -9,15 +9,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.kinematics import JointState, chain
 from elid_cli.model.terms.base_term import ChainMotion
 from elid_cli.model.terms.rigid_body import RigidBody
 from elid_cli.robot.robot import LINK_PARAMETERS, Robot
 from elid_cli.signals.motion import Motion
-
-Array = NDArray[np.float64]
 
 
 def gravity_torque(robot: Robot, q: Array, parameters: Array, gravity: Sequence[float]) -> Array:

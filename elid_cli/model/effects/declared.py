@@ -8,12 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import RobotError, did_you_mean
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect, Scene
 from elid_cli.robot.robot import EffectSpec, Robot
-
-Array = NDArray[np.float64]
 
 
 def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:

@@ -14,13 +14,12 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.terms.base_term import Side
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 
-Array = NDArray[np.float64]
 Shapes = tuple[tuple[float, ...], ...]
 """Shapes of several terms."""
 Simulated = Literal["torque", "robot", "motor", "log"]

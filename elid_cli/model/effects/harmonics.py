@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.effect import Effect, Parameter, Scene
-
-Array = NDArray[np.float64]
 
 PHASE = Parameter("phase", "rad", "phase of the sine at zero angle", low=-math.pi, high=math.pi)
 APART = 0.75

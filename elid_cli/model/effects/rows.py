@@ -6,12 +6,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, RowKey
-
-Array = NDArray[np.float64]
-
 
 # np.array, not np.stack: the same rows in a tenth of the time where a simulator asks for one instant
 

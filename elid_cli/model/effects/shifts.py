@@ -10,15 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.time_shift import shifted
-
-Array = NDArray[np.float64]
 
 SKEW, DELAY = "encoder_skew", "torque_delay"
 NAMES: Mapping[str, str] = {SKEW: "skew", DELAY: "delay"}

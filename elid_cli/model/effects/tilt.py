@@ -11,12 +11,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.library.gravity_direction import horizontal_axes, turned
 from elid_cli.robot.robot import EffectSpec, Robot
-
-Array = NDArray[np.float64]
 
 TILT = "gravity_direction"
 ANGLES = ("roll", "pitch")

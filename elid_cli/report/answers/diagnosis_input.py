@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from elid_cli.diagnosis import Diagnosis
-from elid_cli.diagnosis.contributions import Contribution
+from elid_cli.diagnosis.refit import Contribution
 from elid_cli.estimation.result import Identification, JointError
 from elid_cli.signals.recording import Recording
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import Any
 
-from elid_cli.diagnosis.contributions import Contribution
+from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import RowState
 from elid_cli.estimation.result import Identification, JointError
 from elid_cli.report.answers.diagnosis_input import Told, referenced
-from elid_cli.report.answers.diagnosis_words import curve_words
+from elid_cli.report.answers.diagnosis_tables import curve_words
 from elid_cli.report.answers.identification import error_payload as errors
 from elid_cli.report.answers.identification import identification_payload
 from elid_cli.report.answers.inputs import log_payload, nuisance_payload

@@ -1,4 +1,4 @@
-"""The tables of a diagnosis: what is left, what is missing, the error before and after, what is unexplained."""
+"""Its tables and words."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from math import isnan
 
 from elid_cli.diagnosis import Diagnosis, FoundEffect, Unexplained
-from elid_cli.diagnosis.contributions import Contribution
+from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import Organised
 from elid_cli.diagnosis.unexplained import HELD_OUT
 from elid_cli.estimation.result import JointError
+from elid_cli.model.effects.library.lookup import ROWS, VARIABLES
 from elid_cli.report.answers.diagnosis_input import Told
-from elid_cli.report.answers.diagnosis_words import curve_words, variable_words, whose
 from elid_cli.report.answers.identification import AT_FLOOR, torque_unit
 from elid_cli.report.answers.inputs import effect_text
 from elid_cli.report.tree import (
@@ -28,6 +28,38 @@ from elid_cli.report.tree import (
     percent,
 )
 from elid_cli.robot.robot import LINK_PARAMETERS, Robot
+
+_VARIABLES = {
+    "reversals": "reversals of its motor (sticking)",
+    "theta": "motor angle",
+    "dtheta": "motor speed",
+    "ddtheta": "motor acceleration",
+    "tau": "torque",
+    "t": "time",
+    "deflection_rate": "deflection rate",
+}
+
+
+def variable_words(variable: str) -> str:
+    """Return in words what a residual follows: ``motor speed``, ``angle of joint2``, ``line at 28.3 Hz``."""
+    head, _, rest = variable.partition(" ")
+    if rest.startswith("of "):
+        return f"{'speed' if head == 'dtheta' else 'angle'} {rest}"
+    if head == "frequency":
+        return f"line at {rest}"
+    return _VARIABLES.get(variable, variable)
+
+
+def curve_words(parameters: Mapping[str, float]) -> str:
+    """Return what a `lookup` effect runs over and where it acts: ``velocity in the motor row``."""
+    variable, rows = VARIABLES[int(parameters["variable"]) - 1], ROWS[int(parameters["rows"]) - 1]
+    return f"{variable} in the {rows}{'' if rows == 'transmission' else ' row'}"
+
+
+def whose(effect: str, joint: str | None) -> str:
+    """Return an effect with its joint."""
+    return effect if joint is None else f"{effect} of {joint}"
+
 
 ALIKE = 1.1
 """Ratio of the residuals of sum and motor row up to which both hold the same."""

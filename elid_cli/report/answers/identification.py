@@ -8,7 +8,7 @@ from math import isnan
 from typing import Any
 
 from elid_cli.estimation.result import FittedEffect, Identification, JointError
-from elid_cli.estimation.validation.by_log import ByLog
+from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.report.answers.classification import class_payload, reasons_table, verdict_mark
 from elid_cli.report.answers.inputs import (
     Items,

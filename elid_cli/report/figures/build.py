@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 
-from elid_cli.diagnosis.contributions import Contribution
+from elid_cli._types import Array
+from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.noise_floor import noise_floor
 from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.model.regressor import Model, Row
-from elid_cli.report.figures.data import Array, JointView, coverage, joint_views, singular_values, spring_views
+from elid_cli.report.figures.data import JointView, coverage, joint_views, singular_values, spring_views
 from elid_cli.report.figures.effect_data import effect_views
 from elid_cli.report.tree import Figure, Report
 from elid_cli.robot.robot import Robot

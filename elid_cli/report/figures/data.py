@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.validation.prediction import Validation, validate
@@ -16,8 +17,6 @@ from elid_cli.model.effects.declared import resolve
 from elid_cli.model.regressor import Row
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
-
-Array = NDArray[np.float64]
 
 BINS = 24
 """Bins over which a residual's mean is taken to see whether it follows a variable."""

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.diagnosis.contributions import Contribution
+from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import without
+from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.report.figures.data import organised, variables
-
-Array = NDArray[np.float64]
 
 _CLEARLY = 0.15
 """Share of a torque's mean square by which two branches must follow a variable better than one."""

@@ -13,13 +13,14 @@ from typing import Any, cast
 
 import numpy as np
 
+from elid_cli._types import Array
 from elid_cli.errors import RobotError, did_you_mean
+from elid_cli.files import read_text
 from elid_cli.robot.inertia import inertial_parameters, inverse, moved, pseudo_inertia
-from elid_cli.robot.robot import LINK_PARAMETERS, Array, Convention, Joint, Robot, Transmission
+from elid_cli.robot.robot import LINK_PARAMETERS, Convention, Joint, Robot, Transmission
 from elid_cli.robot.schema import read_effects, read_limits, read_log, read_parameters, read_vector
 from elid_cli.robot.urdf.xml import Element
 from elid_cli.robot.yaml import Value, parse_yaml
-from elid_cli.text_file import read_text
 
 Vector = tuple[float, float, float]
 

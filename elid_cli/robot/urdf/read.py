@@ -22,9 +22,10 @@ from typing import Any
 
 import numpy as np
 
+from elid_cli._types import Array
 from elid_cli.errors import RobotError, did_you_mean, nearest
 from elid_cli.robot.inertia import about_origin, inertial_parameters, moved, pseudo_inertia
-from elid_cli.robot.robot import LINK_PARAMETERS, Array, Joint, Limits, Robot, rotation_rpy, rpy_of, translation
+from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Limits, Robot, rotation_rpy, rpy_of, translation
 from elid_cli.robot.urdf.gears import Gears, beside_file, default_axis, gears_of, robot_with, written_as_dh
 from elid_cli.robot.urdf.write import UNLIMITED, urdf_text, write_urdf
 from elid_cli.robot.urdf.xml import Element, parse_xml

@@ -15,10 +15,11 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.files import write_text
 from elid_cli.robot.inertia import about_centre, about_origin, inertial_parameters, moved, pseudo_inertia
-from elid_cli.robot.robot import LINK_PARAMETERS, Array, Joint, Robot, rpy_of
+from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot, rpy_of
 
 UNLIMITED = 1e9
 """What stands for no limit: URDF asks for the numbers."""

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
 from elid_cli.model.effects.rows import link_row
-
-Array = NDArray[np.float64]
 
 WIDTHS = (0.15, 0.3, 0.6)
 """s; lengths of a push that are tried."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Same, Scene
 from elid_cli.model.effects.rows import spring_rows
-
-Array = NDArray[np.float64]
 
 LARGEST = 3.5
 """rad (m); an encoder zeroed wherever it was may be off by half a turn."""

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.bodies import body_torque
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, RowKey, Scene
 from elid_cli.model.effects.rows import derivative, spring_rows
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.time_shift import shifted
-
-Array = NDArray[np.float64]
 
 LEAST = 0.01
 """Part of the sample time below which a skew is none."""

@@ -7,12 +7,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, OscillatorEffect, Parameter, Scene
 from elid_cli.model.effects.rows import link_row
-
-Array = NDArray[np.float64]
 
 SPACING = 1.12
 """Ratio of neighbouring frequencies: a search from the nearest one still climbs the right peak."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
 from elid_cli.model.effects.rows import motor_row
-
-Array = NDArray[np.float64]
 
 LINEAR = 5.0
 """Time constant in lengths of the log that bends by a hundredth."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.bodies import gravity_torque, with_gravity
 from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter, RowKey, Scene
 from elid_cli.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 class GravityDirection(Effect):

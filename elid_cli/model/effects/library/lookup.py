@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
 from elid_cli.model.effects.rows import link_row, motor_row, spring_rows
 
-Array = NDArray[np.float64]
 Variable = Literal["velocity", "deflection", "angle", "load", "time"]
 Rows = Literal["motor", "link", "transmission"]
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.bodies import last_body
 from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter, RowKey, Scene
 from elid_cli.robot.robot import LINK_PARAMETERS, Robot
 from elid_cli.signals.motion import random_motion
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-8
 """Share of a column that has to be new for it to count as independent of those before it."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
 from elid_cli.model.effects.library.sensor_gain import has_sensor
 from elid_cli.model.effects.rows import spring_rows
-
-Array = NDArray[np.float64]
 
 
 class SensorOffset(Effect):

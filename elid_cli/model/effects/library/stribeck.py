@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene, Shapes
 from elid_cli.model.effects.rows import motor_row
-
-Array = NDArray[np.float64]
 
 SLOWEST = 0.015
 """Least Stribeck velocity, as a part of the top speed."""

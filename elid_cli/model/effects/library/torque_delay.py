@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
 from elid_cli.model.effects.rows import derivative, motor_row
 from elid_cli.signals.time_shift import shifted
-
-Array = NDArray[np.float64]
 
 LATEST = -0.015
 """s; a torque that seems logged later than that is friction that builds up over a distance, which lags by as much."""

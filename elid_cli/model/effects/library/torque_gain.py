@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Same, Scene
 from elid_cli.model.effects.rows import motor_row
 from elid_cli.robot.robot import Robot
-
-Array = NDArray[np.float64]
 
 LEAST = 0.015
 """Least gain error that is told from the errors of smoothing."""

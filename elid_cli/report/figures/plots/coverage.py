@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from elid_cli.report.figures.paint import BLUE, GREY, ORANGE
-from elid_cli.report.figures.thin import cloud
+from elid_cli.report.figures.paint import BLUE, GREY, ORANGE, cloud
 from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:

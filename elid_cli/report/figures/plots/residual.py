@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from elid_cli.report.figures.paint import BLUE, ORANGE, scatter_with_mean
-from elid_cli.report.figures.thin import bands
+from elid_cli.report.figures.paint import BLUE, ORANGE, bands, scatter_with_mean
 from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elid_cli.report.figures.paint import BLUE, INK, ORANGE, PALE
-from elid_cli.report.figures.thin import bands, cloud
+from elid_cli.report.figures.paint import BLUE, INK, ORANGE, PALE, bands, cloud
 from elid_cli.report.tree import Figure, number_text
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elid_cli.report.figures.paint import BEFORE, GREY, INK, MEASURED, ORANGE
-from elid_cli.report.figures.thin import envelope
+from elid_cli.report.figures.paint import BEFORE, GREY, INK, MEASURED, ORANGE, envelope
 from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:

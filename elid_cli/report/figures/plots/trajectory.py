@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from elid_cli.report.figures.paint import CYCLE
-from elid_cli.report.figures.thin import envelope
+from elid_cli.report.figures.paint import CYCLE, envelope
 from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:
