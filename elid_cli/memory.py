@@ -1,4 +1,12 @@
-"""Arrays mapped from files and let go; freed memory kept; last results kept."""
+"""Arrays mapped from files and let go; freed memory kept; last results kept.
+
+What has been passed over can be let go again, and comes back from the file when it is asked for: a long log is then
+held in memory only as far as it is being looked at. Such arrays are read-only; who must change one takes a copy
+(`writable`).
+
+Arrays pass in blocks of some megabytes. The C library gives such memory back when it is freed and takes it anew for the
+next block, and memory that is touched for the first time costs as much as the arithmetic on it.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Shared options and value types."""
+"""Shared options and value types.
+
+A verb says ``@reading @output def verb(logs, robot, reading, output)``; options stand before or after the log.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,17 @@
-"""Elastic robot as MJCF, rotors apart."""
+"""Elastic robot as MJCF, rotors apart.
+
+Every motor is a body of its own: a thin disc that rides on body i-1 and turns about the motor's axis by
+``k_m·theta`` (its position in MuJoCo is the rotor's own angle). A fixed tendon of length ``q - theta`` with stiffness
+K is the transmission, the rotor's friction and damping are ``fs/|k_m|`` and ``fv/k_m²``. Controls are motor torques
+seen at the joint; the sensors ``<joint>_q <joint>_dq <joint>_theta <joint>_dtheta`` are those of a log. A rigid
+transmission is an equality constraint, which MuJoCo keeps to about 1e-4; MuJoCo's friction loss holds a joint in
+stiction, where elid rounds Coulomb friction.
+
+In the model (paper, appendix A) body i-1 contains the whole of rotor i, and the rotor's spin adds
+``Jm k z·w dtheta + Jm k² dtheta²/2``. As bodies of their own, a rotor is a thin disc ``diag(Jm/2, Jm/2, Jm)`` and the
+link is what remains, which must be the inertia of a real body. Reference values often are not (eq. 45 has Ixx = 0):
+parameters that the motion cannot notice are then changed, within the null space of the base parameters, until it is.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,13 @@
-"""Equations of motion with parameters put in, motors eliminated; its small solver."""
+"""Equations of motion with parameters put in, motors eliminated; its small solver.
+
+Every zero of the geometry and of the parameters shortens the programs. Unknowns are the link accelerations and
+those of the motors behind elastic transmissions; a rigid joint has one row, the sum of its two. Motors couple to
+each other through the links only, so their accelerations are eliminated inside the trace (Schur complement) and an
+n x n system remains.
+
+A simulator solves one such system some hundred thousand times; for a dozen unknowns a call into LAPACK costs more
+than the arithmetic.
+"""
 
 from __future__ import annotations
 

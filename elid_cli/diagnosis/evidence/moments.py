@@ -1,4 +1,13 @@
-"""Does what acts for a moment stand out; near standstill."""
+"""Does what acts for a moment stand out; near standstill.
+
+A joint that slows down into sticking, or creeps to rest at the end of a log, is held by a friction that no model has
+exactly: anything between the Coulomb friction of one direction and that of the other. On a rigid joint a push on the
+link is the same torque in the same row. Behind a spring it is not: friction stands in the motor's row, a push does not.
+
+A push from outside happens once. Where the rest of the log holds residuals of the same size that nothing explains, the
+moment is one of many, and a name for it alone would be a wrong one: a stop that is touched at every pass, a friction
+that builds up at every reversal.
+"""
 
 from __future__ import annotations
 

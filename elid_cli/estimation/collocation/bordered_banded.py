@@ -1,4 +1,12 @@
-"""Banded systems with a dense border; leverage."""
+"""Banded systems with a dense border; leverage.
+
+Coefficients are ordered knot by knot, so that the normal matrix is banded (half-bandwidth 6 x channels) with a dense
+border for p and z; a banded Cholesky factor and a Schur complement solve it in linear time.
+
+Fitted residuals are smaller than the noise, and correlated by the fit over as long as its columns last: the kernel's
+sum over the scores falls short of their long-run covariance by what it collects of that. Where the noise is white, or
+remembers for less long than the columns last, the share that is left is known (Bell and McCaffrey 2002 for clusters).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,11 @@
-"""Coarse or fine knots; what knots and valleys add to standard errors."""
+"""Coarse or fine knots; what knots and valleys add to standard errors.
+
+Three problems are solved, each more robust than the one before: coarse knots; fine knots with equations that hold as
+closely as of slow links; fine knots with loose equations. The more efficient answer stands while it agrees with the
+more robust one (Hausman 1978).
+
+Empirical rules, each with the logs that it was read off.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Several starts, several valleys, the lowest."""
+"""Several starts, several valleys, the lowest.
+
+A friction curve of two exponentials has several valleys, and Gauss-Newton ends in the one it starts in. Columns of
+every effect at a grid of shapes are put beside the model's, the trajectory is eliminated once for all of them, and
+each combination of one joint's shapes then costs a small linear solve: variable projection about the trajectory.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Sandwich covariance; one equation with long-run errors."""
+"""Sandwich covariance; one equation with long-run errors.
+
+The filter correlates neighbouring instants, one torque channel drives two rows, and real residuals have structure;
+so the covariance is the sandwich of the normal matrix with the long-run covariance of the scores (Newey and West
+1987), Parzen kernel, bandwidth by Andrews (1991).
+"""
 
 from __future__ import annotations
 

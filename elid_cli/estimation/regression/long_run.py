@@ -1,4 +1,10 @@
-"""Long-run variance of correlated scores (HAC); Student's factor."""
+"""Long-run variance of correlated scores (HAC); Student's factor.
+
+The covariance of a sum of correlated scores is the sum over all pairs of instants of their products, weighted by a
+kernel of the lag (Newey and West 1987), here Parzen's, of a width chosen by Andrews' rule (1991). That kernel is the
+autocorrelation of a triangle of half its width: scores smoothed by the triangle are squared and summed, which is
+positive definite by construction, and smooth scores need not be summed at every instant.
+"""
 
 from __future__ import annotations
 

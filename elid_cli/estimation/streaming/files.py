@@ -1,4 +1,9 @@
-"""Triangle files: npz written, read, checked."""
+"""Triangle files: npz written, read, checked.
+
+Array ``elid`` holds the JSON: schema, and for every log the robot's fingerprint, the options, what is known of the log
+and the layout of its arrays. The arrays of log k are named ``k/…``; triangles and symmetric matrices are stored packed,
+without the half that is zero or repeats.
+"""
 
 from __future__ import annotations
 

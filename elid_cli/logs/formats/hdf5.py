@@ -1,4 +1,8 @@
-"""HDF5 logs, MATLAB v7.3 files among them: datasets of numbers, whole or one per joint, at the root or per episode."""
+"""HDF5 logs, MATLAB v7.3 files among them: datasets of numbers, whole or one per joint, at the root or per episode.
+
+Only what lies in the file itself is followed: hard links, soft links and object references to arrays in it. Types whose
+reading would run code, follow another file or allocate without bound are named and left alone.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Messages of a channel decoded in bulk, one NumPy view per layout."""
+"""Messages of a channel decoded in bulk, one NumPy view per layout.
+
+Messages are grouped by length; the first of a group teaches a layout (`cdr_layout`), which is then checked on all
+others at once. What differs teaches the next layout, so that joint orders and frames may change at any message.
+"""
 
 from __future__ import annotations
 

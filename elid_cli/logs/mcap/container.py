@@ -1,4 +1,7 @@
-"""The records of an MCAP file, walked from its start: no index, summary or footer is trusted or needed."""
+"""The records of an MCAP file, walked from its start: no index, summary or footer is trusted or needed.
+
+Whatever lies about its size is refused before memory is taken for it; what is cut or damaged is skipped and said.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Decoded fields as a mapping asks for them; topics of names and values."""
+"""Decoded fields as a mapping asks for them; topics of names and values.
+
+`pal_statistics` and ros2_control's introspection write them: a message of names with a version, then messages of
+values that carry the version of their names. Columns are taken by name, message by message.
+"""
 
 from __future__ import annotations
 
