@@ -40,7 +40,7 @@ def load_recording(
     """
     from elid_cli.logs import read_map_options, read_recording
     from elid_cli.memory import keep_freed_memory
-    from elid_cli.signals.recording import told_once
+    from elid_cli.signals.recording import unique_notices
 
     keep_freed_memory()
     recording = read_recording(
@@ -48,8 +48,8 @@ def load_recording(
         progress=None if progress is None else lambda share: progress("reading", share),
     )  # fmt: skip
     recording = _with_lost_effects(recording, robot)
-    note(told_once([(label, recording.repairs)]), output, "repaired")
-    note(told_once([(label, recording.warnings)]), output, "warning")
+    note(unique_notices([(label, recording.repairs)]), output, "repaired")
+    note(unique_notices([(label, recording.warnings)]), output, "warning")
     return recording
 
 
@@ -58,11 +58,11 @@ def _with_lost_effects(recording: Recording, robot: Robot) -> Recording:
     if not robot.effects:
         return recording
     from elid_cli.model.effects.declared import lost_effects
-    from elid_cli.signals.signals import unlinked
+    from elid_cli.signals.signals import missing_link
 
     lost = [
         f"{spec.joint or robot.joint_names[0]}: the declared {spec.effect} needs the link position q: left out"
-        for spec in lost_effects(robot, unlinked(recording))
+        for spec in lost_effects(robot, missing_link(recording))
     ]
     return replace(recording, warnings=(*recording.warnings, *lost)) if lost else recording
 
@@ -79,7 +79,7 @@ def load_signals(recording: Recording, robot: Robot, conditioning: Conditioning,
     return prepare(recording, robot, options)
 
 
-def sharp(conditioning: Conditioning, recording: Recording) -> Conditioning:
+def diagnosis_conditioning(conditioning: Conditioning, recording: Recording) -> Conditioning:
     """Return the options that diagnose and validate share; a cut-off that the user chose stands."""
     from elid_cli.diagnosis.diagnose import options_for
 

@@ -215,7 +215,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Fit:
+class FitOptions:
     """How parameters are estimated."""
 
     estimator: Literal["default", "paper"] = "default"
@@ -223,7 +223,7 @@ class Fit:
 
 
 fit = gathered(
-    "fit", Fit,
+    "fit", FitOptions,
     option(FIT, "--estimator", type=click.Choice(("default", "paper")), default="default",
            help="The paper's own least squares is biased under noise; it is here to compare with."),
     option(FIT, "--accurate", is_flag=True,

@@ -10,7 +10,7 @@ import click
 
 from elid_cli.cli import options
 from elid_cli.cli.inputs import load_recording, load_signals
-from elid_cli.cli.options import Conditioning, Fit, Output, Reading, Spread
+from elid_cli.cli.options import Conditioning, FitOptions, Output, Reading, Spread
 from elid_cli.cli.output import note, pictures_wanted
 from elid_cli.errors import UsageError
 
@@ -47,7 +47,7 @@ def reduced_logs(
     from elid_cli.logs import read_map_options
     from elid_cli.memory import keep_freed_memory
     from elid_cli.robot.text import text_of
-    from elid_cli.signals.recording import repeated, told_of
+    from elid_cli.signals.recording import notices_of, repeated
 
     keep_freed_memory()
     mapping = read_map_options(reading.maps) or None
@@ -65,7 +65,7 @@ def reduced_logs(
     _check_options(found, conditioning)
     read = [log_.recording for log_ in found if not all(f in stored for f in log_.recording.files)]
     for word, kind in (("repaired", "repairs"), ("warning", "warnings")):
-        named = told_of(read, kind) if len(found) > 1 else [line for part in read for line in getattr(part, kind)]
+        named = notices_of(read, kind) if len(found) > 1 else [line for part in read for line in getattr(part, kind)]
         note(named, output, word)
     every = [log.recording for log in found]
     note(repeated([f for r in every for f in r.files], [d for r in every for d in r.sha256]), output, "warning")
@@ -73,20 +73,20 @@ def reduced_logs(
 
 
 @dataclass(frozen=True)
-class Asked:
+class IdentifyRequest:
     """What the user asked to be identified, and how."""
 
     logs: Sequence[str]
     robot: Robot
     reading: Reading
     conditioning: Conditioning
-    fit: Fit
+    fit: FitOptions
     spread: Spread
     output: Output
     progress: Progress | None
 
 
-class Answer(NamedTuple):
+class Identified(NamedTuple):
     """What was found, from what, how it fits each log, and the signals where they are at hand."""
 
     found: Identification
@@ -95,7 +95,7 @@ class Answer(NamedTuple):
     signals: Signals | None
 
 
-def from_triangles(asked: Asked) -> Answer:
+def from_triangles(asked: IdentifyRequest) -> Identified:
     """Identify from logs reduced one by one."""
     from elid_cli.estimation.streaming.merge import identify_reduced, joined_recording
 
@@ -103,10 +103,10 @@ def from_triangles(asked: Asked) -> Answer:
         asked.logs, asked.robot, asked.reading, asked.conditioning, asked.spread, asked.output, asked.progress
     )
     found, apart = identify_reduced(asked.robot, logs)
-    return Answer(found, joined_recording(logs), apart, None)
+    return Identified(found, joined_recording(logs), apart, None)
 
 
-def from_samples(asked: Asked) -> Answer:
+def from_samples(asked: IdentifyRequest) -> Identified:
     """Identify from all logs read at once; a long one is reduced block by block."""
     from elid_cli.estimation.identify import EstimateOptions, identify
     from elid_cli.estimation.refined_robot import identified_robot
@@ -126,13 +126,13 @@ def from_samples(asked: Asked) -> Answer:
             signals = replace(signals, recording=recording)
         reduced = reduced_signals(signals, recording, asked.robot, asked.conditioning, asked.progress)
         found, _ = identify_reduced(asked.robot, [reduced])
-        return Answer(found, reduced.recording, (), signals if shown else None)
+        return Identified(found, reduced.recording, (), signals if shown else None)
     found = identify(asked.robot, signals, EstimateOptions(estimator=asked.fit.estimator, accurate=asked.fit.accurate))
     apart = errors_by_log(identified_robot(found), signals, recording.files)
-    return Answer(found, recording, apart, signals)
+    return Identified(found, recording, apart, signals)
 
 
-def samples_of(asked: Asked) -> Signals | None:
+def samples_of(asked: IdentifyRequest) -> Signals | None:
     """Return the signals of the logs for figures, or None (and say so) where only their triangles are at hand."""
     from elid_cli.estimation.streaming.files import is_triangle_file
 
@@ -144,7 +144,7 @@ def samples_of(asked: Asked) -> Signals | None:
     return load_signals(recording, asked.robot, asked.conditioning, asked.progress)
 
 
-def whole_log_needed(robot: Robot, fit: Fit) -> str:
+def whole_log_needed(robot: Robot, fit: FitOptions) -> str:
     """Return why triangles do not suffice for what was asked, or nothing where they do."""
     if fit.accurate:
         return "--accurate estimates the trajectory from the samples"
@@ -155,7 +155,7 @@ def whole_log_needed(robot: Robot, fit: Fit) -> str:
     return ""
 
 
-def merges(logs: Sequence[str], robot: Robot, fit: Fit) -> bool:
+def merges(logs: Sequence[str], robot: Robot, fit: FitOptions) -> bool:
     """Return whether these logs are reduced one by one and merged: several of them, or triangle files among them.
 
     Raises
@@ -178,9 +178,9 @@ LONG = 64 << 20
 
 def is_long(signals: Signals, robot: Robot) -> bool:
     """Return whether a log's filtered columns would take much memory."""
-    from elid_cli.model.regressor import Model
+    from elid_cli.model.regressor import Regressor
 
-    return len(signals.outputs) * Model(robot).estimation.program.outputs * 8 > LONG
+    return len(signals.outputs) * Regressor(robot).estimation.program.outputs * 8 > LONG
 
 
 def reduced_signals(

@@ -22,14 +22,14 @@ from elid_cli.errors import UsageError
 from elid_cli.estimation.regression.effect_columns import scene_of
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.observation import observe
-from elid_cli.estimation.regression.triangles import reduce
+from elid_cli.estimation.regression.triangles import to_triangles
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.declared import declared_effects, shown_by
+from elid_cli.model.effects.declared import as_observed, declared_effects
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.shifts import corrected, declared_shifts
 from elid_cli.model.effects.tilt import declared_tilt, levelled
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import RATE_PER_CUTOFF, Signals
@@ -51,7 +51,7 @@ class DiagnoseOptions:
 
 def divided(robot: Robot, signals: Signals) -> Log:
     """Return a log with its stretches divided into training folds and held-out ones."""
-    level, model = robot, Model(levelled(robot))
+    level, model = robot, Regressor(levelled(robot))
     shifts = declared_shifts(model.robot)
     moved_signals = corrected(signals, shifts)
     observation = observe(model, moved_signals)
@@ -94,7 +94,7 @@ def diagnose(
         Called with a label and the finished part, 0 to 1.
     """
     options = options or DiagnoseOptions()
-    robot = shown_by(robot, signals.unlinked)
+    robot = as_observed(robot, signals.missing_link)
     _check_only(robot, options.only)
     log = divided(robot, signals)
     model = log.model
@@ -103,7 +103,7 @@ def diagnose(
         for name, kind in effect_classes().items()
         if name not in _NEVER_SEARCHED and (not options.only or name in options.only)
     }
-    plain = reweighted(reduce(log.training, (), log.fold), log.base.count).values[: model.parameters]
+    plain = reweighted(to_triangles(log.training, (), log.fold), log.base.count).values[: model.parameters]
     declared = [d.effect for d in declared_effects(model.robot, scene_of(model, signals, plain))]
     searched = retimed(search(log, declared, library, progress), len(declared))
     found, refuted = _surviving(searched, len(declared))

@@ -10,7 +10,7 @@ from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.fit.stretches import FOLDS
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect
 from elid_cli.diagnosis.stiffness_by_load import with_load
-from elid_cli.estimation.identify import Fit, assemble
+from elid_cli.estimation.identify import DefaultFit, assemble
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, JointError
 from elid_cli.estimation.stiffness.noise import deflections_noise, with_pull
 
@@ -28,7 +28,7 @@ def identified(state: State, error: Mapping[str, JointError], declared: int = 0)
         How many of the state's effects, the first ones, the robot file declares.
     """
     log = state.log
-    fit = Fit(
+    fit = DefaultFit(
         log.model,
         log.base,
         log.signals,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State
-from elid_cli.model.regressor import SENSOR_KINDS, Kind, Row
+from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Kind
 
 HIGH = 1.3
 """Residual over floor above which a row counts as high."""
@@ -70,7 +70,7 @@ def rows_of(state: State) -> tuple[RowState, ...]:
     )
 
 
-def judged_rows(state: State) -> tuple[Row, ...]:
+def judged_rows(state: State) -> tuple[EstimationRow, ...]:
     """Return the row groups that have data and are no sums of others."""
     kept = {group.row for group in state.log.observation.independent}
     return tuple(row for row in state.triangles.rows if row in kept)
@@ -116,7 +116,7 @@ def _sensor_words(joint: str, ratio: Mapping[str, float]) -> list[str]:
     return [f"{joint}: {side}: {sizes} times its floor"]
 
 
-def organise(state: State, row: Row) -> list[Organised]:
+def organise(state: State, row: EstimationRow) -> list[Organised]:
     """Return what a row's residual follows, strongest first: binned means, and the strongest spectral line.
 
     The share is the part of the variance between bins, corrected for the number of bins and the residual's own
@@ -139,7 +139,7 @@ def organise(state: State, row: Row) -> list[Organised]:
     return sorted((o for o in found if o.share > 0), key=lambda o: -o.share)
 
 
-def _away(state: State, row: Row) -> float:
+def _away(state: State, row: EstimationRow) -> float:
     """Return residual over floor at the training instants at which the motor is not near standstill."""
     group = state.log.training.group(row)
     fast = group.use & ~standing(state, row.joint, group.use)
@@ -186,7 +186,7 @@ def variables(state: State, joint: int) -> dict[str, Array]:
     return result
 
 
-def _residual(state: State, row: Row) -> Array:
+def _residual(state: State, row: EstimationRow) -> Array:
     from elid_cli.estimation.regression.covariance import residuals
 
     return residuals(state.log.observation, state.solution.values, state.extras)[(row.kind, row.joint)]

@@ -22,7 +22,7 @@ from elid_cli.estimation.validation.prediction import validate
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.shifts import SKEW
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import EffectSpec, Robot
 
 GAIN = "torque_gain"
@@ -240,7 +240,7 @@ def _unexplained(state: State, rows: Sequence[RowState], remaining: Sequence[Can
         if not item.high:
             continue
         joint = names.index(item.joint)
-        organised = organise(state, Row(item.rows, joint))
+        organised = organise(state, EstimationRow(item.rows, joint))
         best = organised[0] if organised else Organised("none", 0.0)
         taken = sorted(
             (
@@ -284,8 +284,8 @@ def _floored(errors: Mapping[str, JointError], state: State) -> dict[str, JointE
     return {
         name: replace(
             e,
-            floor=state.floor.rms.get(Row("sum", names.index(name))),
-            spring_floor=state.floor.rms.get(Row("motor", names.index(name))),
+            floor=state.floor.rms.get(EstimationRow("sum", names.index(name))),
+            spring_floor=state.floor.rms.get(EstimationRow("motor", names.index(name))),
         )
         for name, e in errors.items()
     }

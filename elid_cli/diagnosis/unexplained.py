@@ -14,7 +14,7 @@ from elid_cli.diagnosis.result import Unexplained
 from elid_cli.diagnosis.search.event_times import INSTANT
 from elid_cli.estimation.identify import JointError
 from elid_cli.estimation.validation.prediction import Validation
-from elid_cli.model.regressor import Kind, Row
+from elid_cli.model.regressor import EstimationRow, Kind
 
 UNSEEN = 3.0
 """Held-out error over the floor from which a row that is quiet elsewhere is not."""
@@ -39,7 +39,7 @@ def away_from_changes(
     away = chosen & np.all([np.abs(validation.observation.t - start) > TAKEN_UP for start in starts], axis=0)
 
     def rms(kind: Kind, joint: int, given: float | None) -> float | None:
-        group = next((g for g in validation.observation.groups if g.row == Row(kind, joint)), None)
+        group = next((g for g in validation.observation.groups if g.row == EstimationRow(kind, joint)), None)
         if given is None or group is None or not (group.use & away).any():
             return given
         return float(np.sqrt(np.mean(np.square(validation.residual[group.row][group.use & away]))))

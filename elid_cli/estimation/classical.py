@@ -16,12 +16,12 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.estimation.regression.triangles import Triangles, folds_of, reduce
+from elid_cli.estimation.regression.triangles import Triangles, folds_of, to_triangles
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.validation.cross_validation import joint_errors
 from elid_cli.estimation.validation.verdicts import classes_in_log, judge, suspicious, torque_scale
 from elid_cli.model.base_parameters import BaseParameters, find_base
-from elid_cli.model.regressor import Model, Row
+from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.lowpass import low_pass
 from elid_cli.signals.motion import Motion
@@ -56,7 +56,7 @@ def identify_paper(
     DataError
         If the log is slower than the paper's filter allows, or excites nothing.
     """
-    model = Model(robot)
+    model = Regressor(robot)
     base = find_base(model)
     classical = classical_signals(signals, robot, noise)
     speed = np.abs(classical.motion.dtheta)
@@ -65,7 +65,7 @@ def identify_paper(
     slow = speed < slowest
     observation = _without(observe(model, classical, model.equations, mask=False), slow[classical.outputs].T)
     fold = folds_of(observation, options.folds)
-    triangles = reduce(observation, (), fold)
+    triangles = to_triangles(observation, (), fold)
     equal = dict.fromkeys(triangles.rows, 1.0)
     solution = solve(triangles, equal, rank=base.count)
     known = solution.estimable(base.transform)
@@ -171,17 +171,17 @@ def classical_signals(signals: Signals, robot: Robot, noise: RateNoise | None = 
 
 
 def _prediction(
-    model: Model,
+    model: Regressor,
     base: BaseParameters,
     signals: Signals,
     triangles: Triangles,
     solution: Solution,
     options: EstimateOptions,
-) -> tuple[Triangles, dict[Row, float]]:
+) -> tuple[Triangles, dict[EstimationRow, float]]:
     """Return sum and motor rows, filtered as the default estimator does, and squares predicted from other folds."""
     observation = observe(model, signals, model.estimation)
-    rows = reduce(observation, (), folds_of(observation, options.folds))
-    squares: dict[Row, float] = dict.fromkeys(rows.rows, 0.0)
+    rows = to_triangles(observation, (), folds_of(observation, options.folds))
+    squares: dict[EstimationRow, float] = dict.fromkeys(rows.rows, 0.0)
     for fold in range(rows.folds):
         others = [f for f in range(triangles.folds) if f != fold]
         fitted = solve(triangles, solution.weights, others or None, len(solution.basis)).values

@@ -15,10 +15,10 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli.errors import DataError
-from elid_cli.estimation.default_fit import Fit, fit_log, fit_part
+from elid_cli.estimation.default_fit import DefaultFit, fit_log, fit_part
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.signals.excerpts import excerpts
 from elid_cli.signals.signals import DEFAULT_CUTOFF, Signals
 
@@ -39,7 +39,7 @@ ENOUGH = 3.0
 """Independent instants per joint and base parameter of one joint that a cut-off must leave."""
 
 
-def fit_best(model: Model, base: BaseParameters, signals: Signals, options: EstimateOptions) -> Fit:
+def fit_best(model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions) -> DefaultFit:
     """Fit a log at the usual cut-off, or at the lower one that leaves clearly smaller standard errors.
 
     A cut-off that the user gave stands, and so does that for declared effects, whose shapes lie in faster changes.
@@ -67,7 +67,7 @@ def fit_best(model: Model, base: BaseParameters, signals: Signals, options: Esti
     return fit_log(model, base, signals.refiltered(best.signals.filter.cutoff), options)
 
 
-def _hinted(base: BaseParameters, usual: Fit, options: EstimateOptions) -> bool:
+def _hinted(base: BaseParameters, usual: DefaultFit, options: EstimateOptions) -> bool:
     """Whether a part of a long log speaks for a lower cut-off; of a log that is not long, nobody asks.
 
     Which reversals count and which nuisances there are has been decided by the whole log; gains of joint torque sensors
@@ -86,7 +86,9 @@ def _hinted(base: BaseParameters, usual: Fit, options: EstimateOptions) -> bool:
     return bool(_compared(other, usual) - 0.5 * np.log(all_ / held) < HINTED)
 
 
-def _tried(base: BaseParameters, signals: Signals, cutoff: float, fit: Callable[[Signals], Fit]) -> Fit | None:
+def _tried(
+    base: BaseParameters, signals: Signals, cutoff: float, fit: Callable[[Signals], DefaultFit]
+) -> DefaultFit | None:
     """Return the fit at a cut-off, or None where too little is left to judge it by."""
     signals = signals.refiltered(cutoff)
     instants = 2.0 * cutoff * len(signals.outputs) / signals.rate
@@ -98,7 +100,7 @@ def _tried(base: BaseParameters, signals: Signals, cutoff: float, fit: Callable[
         return None
 
 
-def _compared(one: Fit, other: Fit) -> float:
+def _compared(one: DefaultFit, other: DefaultFit) -> float:
     """Return the mean logarithm of the ratio of standard errors over what both determine; inf if one lacks some."""
     known, also = (fit.solution.estimable(fit.transform) for fit in (one, other))
     if (also & ~known).any() or not known.any():
@@ -108,6 +110,6 @@ def _compared(one: Fit, other: Fit) -> float:
     return float(np.mean(np.log(mine[good] / its[good]))) if good.any() else float("inf")
 
 
-def _deviations(fit: Fit) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _deviations(fit: DefaultFit) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     used = fit.transform[:, fit.solution.basis]
     return np.sqrt(np.maximum(np.diag(used @ fit.covariance @ used.T), 0.0))

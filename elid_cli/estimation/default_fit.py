@@ -28,14 +28,14 @@ from elid_cli.estimation.regression.nuisances import (
     significant,
 )
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.estimation.regression.other_shapes import reduced, told_apart
+from elid_cli.estimation.regression.other_shapes import check_shape_ambiguity, triangles_with_effects
 from elid_cli.estimation.regression.standard_errors import amplitudes_of, covariance_of
-from elid_cli.estimation.regression.triangles import Extra, Triangles, folds_of, reduce
+from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, folds_of, to_triangles
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects.declared import declared_effects
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.signals.signals import Signals
 
 STICKING = 2.5
@@ -45,14 +45,14 @@ READING_ROUNDS = 2
 
 
 @dataclass(frozen=True)
-class Fit:
+class DefaultFit:
     """The default estimator's fit to a log, before it is judged."""
 
-    model: Model
+    model: Regressor
     base: BaseParameters
     signals: Signals
     observation: Observation
-    nuisances: tuple[Extra, ...]
+    nuisances: tuple[ExtraColumns, ...]
     effects: FittedEffects | None
     triangles: Triangles
     solution: Solution
@@ -60,7 +60,7 @@ class Fit:
     """Covariance of the basis of `solution`, shapes of effects accounted for, (r, r)."""
 
     @property
-    def extras(self) -> tuple[Extra, ...]:
+    def extras(self) -> tuple[ExtraColumns, ...]:
         """All columns beyond the standard parameters: nuisances, then effects."""
         return (*self.nuisances, *(self.effects.extras if self.effects else ()))
 
@@ -82,7 +82,7 @@ class Fit:
         return amplitudes_of(self.solution, self.base, self.nuisances, self.effects)
 
 
-def fit_log(model: Model, base: BaseParameters, signals: Signals, options: EstimateOptions) -> Fit:
+def fit_log(model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions) -> DefaultFit:
     """Fit a log by the default estimator."""
     observation = observe(model, signals)
     if options.mask is False:
@@ -100,7 +100,7 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
         if effects:
             steps = (_Step.REFINE, _Step.REFINE) if last else (_Step.SCAN, _Step.RESCAN, _Step.REFINE)
             effects = _shaped(model, base, observation, signals, nuisances, effects, steps)
-        triangles = reduced(observation, nuisances, effects, fold)
+        triangles = triangles_with_effects(observation, nuisances, effects, fold)
         solution = reweighted(triangles, base.count + triangles.extras)
         if last or not nuisances:
             break
@@ -108,11 +108,11 @@ def fit_log(model: Model, base: BaseParameters, signals: Signals, options: Estim
         nuisances = _borne_out(model, base, observation, nuisances, effects, fold)
     covariance = covariance_of(base, observation, signals, nuisances, effects, triangles, solution)
     if effects:
-        effects, covariance = told_apart(observation, signals, nuisances, effects, solution, covariance)
-    return Fit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
+        effects, covariance = check_shape_ambiguity(observation, signals, nuisances, effects, solution, covariance)
+    return DefaultFit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
 
 
-def with_delays(fit: Fit, options: EstimateOptions) -> Fit:
+def with_delays(fit: DefaultFit, options: EstimateOptions) -> DefaultFit:
     """Return the fit with a delay of every torque channel that it could not tell from none.
 
     A sharper estimator may: without them, rotor inertias and viscous friction would be bent by what is left of one. Not
@@ -124,7 +124,9 @@ def with_delays(fit: Fit, options: EstimateOptions) -> Fit:
     missing = [e for e in delay_columns(fit.observation) if next(iter(e.rows)).joint not in had]
     while missing and options.delays:
         nuisances = (*fit.nuisances, *missing)
-        triangles = reduced(fit.observation, nuisances, fit.effects, folds_of(fit.observation, options.folds))
+        triangles = triangles_with_effects(
+            fit.observation, nuisances, fit.effects, folds_of(fit.observation, options.folds)
+        )
         solution = reweighted(triangles, fit.base.count + triangles.extras)
         covariance = covariance_of(fit.base, fit.observation, fit.signals, nuisances, fit.effects, triangles, solution)
         grown = replace(fit, nuisances=nuisances, triangles=triangles, solution=solution, covariance=covariance)
@@ -136,7 +138,7 @@ def with_delays(fit: Fit, options: EstimateOptions) -> Fit:
     return fit
 
 
-def fit_part(fit: Fit, signals: Signals) -> Fit:
+def fit_part(fit: DefaultFit, signals: Signals) -> DefaultFit:
     """Fit a part of a log with what a fit to all of it decided: the reversals that count and the nuisances.
 
     Of robots without declared effects and torque sensors.
@@ -146,20 +148,20 @@ def fit_part(fit: Fit, signals: Signals) -> Fit:
     kept = {(extra.name, row.joint) for extra in fit.nuisances for row in extra.rows}
     columns = [*delay_columns(observation), *offset_columns(observation)]
     nuisances = [extra for extra in columns if (extra.name, next(iter(extra.rows)).joint) in kept]
-    triangles = reduce(observation, nuisances)
+    triangles = to_triangles(observation, nuisances)
     solution = reweighted(triangles, base.count + triangles.extras)
     covariance = covariance_of(base, observation, signals, nuisances, None, triangles, solution)
-    return Fit(model, base, signals, observation, tuple(nuisances), None, triangles, solution, covariance)
+    return DefaultFit(model, base, signals, observation, tuple(nuisances), None, triangles, solution, covariance)
 
 
 def _borne_out(
-    model: Model,
+    model: Regressor,
     base: BaseParameters,
     observation: Observation,
-    nuisances: list[Extra],
+    nuisances: list[ExtraColumns],
     effects: FittedEffects | None,
     fold: NDArray[np.intp],
-) -> list[Extra]:
+) -> list[ExtraColumns]:
     """Return the nuisances without torque offsets that predict left-out torque no better than none.
 
     Noise in accelerations pulls a mass towards 0, and an offset then takes up its weight: significant, and wrong.
@@ -169,7 +171,7 @@ def _borne_out(
         fewer = [e for e in nuisances if e is not extra]
         errors = []
         for chosen in (nuisances, fewer):
-            triangles = reduced(observation, chosen, effects, fold)
+            triangles = triangles_with_effects(observation, chosen, effects, fold)
             solution = reweighted(triangles, base.count + triangles.extras)
             found = held_out(model.robot, triangles, solution).get(name)
             errors.append(0.0 if found is None else found.rms)
@@ -178,22 +180,24 @@ def _borne_out(
     return nuisances
 
 
-def reshaped(fit: Fit, effects: FittedEffects, options: EstimateOptions) -> Fit:
+def reshaped(fit: DefaultFit, effects: FittedEffects, options: EstimateOptions) -> DefaultFit:
     """Return the fit with effects in other shapes, their columns and everything linear fitted anew."""
     extras = tuple(extra_of(item.effect, effects.scene, fit.signals) for item in effects.effects)
     effects = replace(effects, extras=extras, others=())
-    triangles = reduced(fit.observation, fit.nuisances, effects, folds_of(fit.observation, options.folds))
+    triangles = triangles_with_effects(
+        fit.observation, fit.nuisances, effects, folds_of(fit.observation, options.folds)
+    )
     solution = reweighted(triangles, fit.base.count + triangles.extras)
     return replace(fit, effects=effects, triangles=triangles, solution=solution)
 
 
 def _reading_columns(
-    model: Model,
+    model: Regressor,
     base: BaseParameters,
     observation: Observation,
-    nuisances: Sequence[Extra],
+    nuisances: Sequence[ExtraColumns],
     effects: FittedEffects | None,
-) -> list[Extra]:
+) -> list[ExtraColumns]:
     """Return offset and gain columns of the joint torque sensors, the gains' at the stiffness of a first fit."""
     elastic = model.robot.elastic
     declared = {(item.spec.effect, item.effect.joint) for item in (effects.effects if effects else ())}
@@ -201,19 +205,19 @@ def _reading_columns(
     stiffness = np.zeros(len(elastic))
     for _ in range(READING_ROUNDS):
         extras = [*known, *reading_columns(observation, stiffness, declared)] if np.any(stiffness) else known
-        triangles = reduce(observation, extras)
+        triangles = to_triangles(observation, extras)
         values = reweighted(triangles, base.count + triangles.extras).values
         stiffness = np.array([values[model.index[f"K{k + 1}"]] if elastic[k] else 0.0 for k in range(len(elastic))])
     return reading_columns(observation, stiffness, declared)
 
 
 def _start_effects(
-    model: Model, base: BaseParameters, observation: Observation, signals: Signals
+    model: Regressor, base: BaseParameters, observation: Observation, signals: Signals
 ) -> FittedEffects | None:
     """Return the robot file's effects at the shapes it gives, or None where it declares none."""
     if not model.robot.effects:
         return None
-    rough = reweighted(reduce(observation), base.count)
+    rough = reweighted(to_triangles(observation), base.count)
     scene = scene_of(model, signals, rough.values[: model.parameters])
     effects = declared_effects(model.robot, scene)
     extras = tuple(extra_of(item.effect, scene, signals) for item in effects)
@@ -229,11 +233,11 @@ class _Step(Enum):
 
 
 def _shaped(
-    model: Model,
+    model: Regressor,
     base: BaseParameters,
     observation: Observation,
     signals: Signals,
-    nuisances: Sequence[Extra],
+    nuisances: Sequence[ExtraColumns],
     effects: FittedEffects,
     steps: Sequence[_Step],
 ) -> FittedEffects:
@@ -243,7 +247,7 @@ def _shaped(
     that of a stiff spring's torque, count for far less than their number, and what the file gives counts as it stands.
     """
     for step in steps:
-        triangles = reduced(observation, nuisances, effects)
+        triangles = triangles_with_effects(observation, nuisances, effects)
         solution = reweighted(triangles, base.count + triangles.extras)
         scene = scene_of(model, signals, solution.values[: model.parameters])
         weights, items = solution.weights, effects.effects
@@ -259,8 +263,8 @@ def _shaped(
 def masked_as_needed(
     observation: Observation,
     base: BaseParameters,
-    nuisances: Sequence[Extra],
-    effects: Sequence[Extra],
+    nuisances: Sequence[ExtraColumns],
+    effects: Sequence[ExtraColumns],
     fold: NDArray[np.intp],
 ) -> Observation:
     """Return the observation with reversals counted for the joints whose residual there is no larger than elsewhere.
@@ -270,7 +274,7 @@ def masked_as_needed(
     then need not be made anew.
     """
     extras = [*nuisances, *effects]
-    triangles = reduce(observation, extras, fold)
+    triangles = to_triangles(observation, extras, fold)
     values = reweighted(triangles, base.count + triangles.extras).values
     residual = residuals(observation, values, extras)
     glides = np.zeros(observation.robot.n, dtype=bool)

@@ -9,7 +9,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.cutoff import fit_best
-from elid_cli.estimation.default_fit import Fit, fit_log, masked_as_needed, reshaped, with_delays
+from elid_cli.estimation.default_fit import DefaultFit, fit_log, masked_as_needed, reshaped, with_delays
 from elid_cli.estimation.regression.nuisances import DELAY, SIGNIFICANT
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.other_shapes import sentences
@@ -33,15 +33,15 @@ from elid_cli.estimation.stiffness.noise import deflections_noise, unsupported_s
 from elid_cli.estimation.validation.cross_validation import held_out, joint_errors, with_floor
 from elid_cli.estimation.validation.verdicts import classes_in_log, judge, shortfall, suspicious, torque_scale
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.effects.declared import shown_by
+from elid_cli.model.effects.declared import as_observed
 from elid_cli.model.effects.tilt import LEVEL, STEEPEST, TILT, declared_tilt, levelled, tilted, untilted
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
 __all__ = [
+    "DefaultFit",
     "EstimateOptions",
-    "Fit",
     "FittedEffect",
     "Identification",
     "JointError",
@@ -83,12 +83,12 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
         from elid_cli.estimation.classical import identify_paper
 
         return identify_paper(robot, signals, options)
-    whole, robot = robot, shown_by(robot, signals.unlinked)
+    whole, robot = robot, as_observed(robot, signals.missing_link)
     fit, tilt = _levelled_fit(robot, signals, options)
     refused = unsupported_stiffness(fit)
     pulled = with_pull(fit.model, fit.triangles, fit.solution, fit.covariance, deflections_noise(fit))
     fit = replace(fit, covariance=pulled)
-    found = unlinked_named(_as_described(assemble(fit, options, refused), robot, tilt), whole)
+    found = missing_link_named(_as_described(assemble(fit, options, refused), robot, tilt), whole)
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
     if options.accurate:
@@ -96,11 +96,11 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
     return found
 
 
-def _levelled_fit(robot: Robot, signals: Signals, options: EstimateOptions) -> tuple[Fit, Array]:
+def _levelled_fit(robot: Robot, signals: Signals, options: EstimateOptions) -> tuple[DefaultFit, Array]:
     """Return the fit with gravity turned by the tilt that a declared effect stands for, and the tilt (2,), rad."""
     tilt = declared_tilt(robot)
     level = levelled(robot)
-    model = Model(level)
+    model = Regressor(level)
     fit = fit_best(model, find_base(model), signals, options)
     for _ in range(_LEVELLING):
         declared = zip(fit.effects.effects if fit.effects else (), fit.amplitudes(), strict=True)
@@ -108,7 +108,7 @@ def _levelled_fit(robot: Robot, signals: Signals, options: EstimateOptions) -> t
         if np.abs(more).max() < LEVEL:
             break
         tilt = np.clip(tilt + more, -STEEPEST, STEEPEST)
-        model = Model(replace(level, gravity=tilted(robot, tilt).gravity))
+        model = Regressor(replace(level, gravity=tilted(robot, tilt).gravity))
         fit = fit_log(model, find_base(model), signals, options)
     return fit, tilt
 
@@ -121,7 +121,7 @@ def _as_described(found: Identification, robot: Robot, tilt: Array) -> Identific
     return replace(found, robot=robot, effects=effects)
 
 
-def unlinked_named(found: Identification, robot: Robot) -> Identification:
+def missing_link_named(found: Identification, robot: Robot) -> Identification:
     """Return the identification with the stiffnesses named that a log without link positions cannot show."""
     lost = [
         (f"K{k}", before.name)
@@ -140,7 +140,9 @@ def unlinked_named(found: Identification, robot: Robot) -> Identification:
     )
 
 
-def _accurate(fit: Fit, found: Identification, options: EstimateOptions, refused: Mapping[str, str]) -> Identification:
+def _accurate(
+    fit: DefaultFit, found: Identification, options: EstimateOptions, refused: Mapping[str, str]
+) -> Identification:
     """Return the collocation's answer where it is accepted, else the default one with the reason."""
     from elid_cli.estimation.collocation.estimator import Refusal, collocate
 
@@ -189,7 +191,10 @@ def _worsening(before: Identification, after: Identification) -> tuple[float, st
 
 
 def assemble(
-    fit: Fit, options: EstimateOptions, refused: Mapping[str, str] | None = None, before: Fit | None = None
+    fit: DefaultFit,
+    options: EstimateOptions,
+    refused: Mapping[str, str] | None = None,
+    before: DefaultFit | None = None,
 ) -> Identification:
     """Judge a fit: verdicts, classes, held-out error.
 
@@ -240,12 +245,12 @@ def assemble(
     )
 
 
-def _deviation(fit: Fit, column: int) -> float:
+def _deviation(fit: DefaultFit, column: int) -> float:
     where = np.flatnonzero(fit.solution.basis == column)
     return float(np.sqrt(max(fit.covariance[where[0], where[0]], 0.0))) if len(where) else float("nan")
 
 
-def _nuisances(fit: Fit) -> tuple[tuple[Nuisance, ...], Array]:
+def _nuisances(fit: DefaultFit) -> tuple[tuple[Nuisance, ...], Array]:
     robot, p = fit.model.robot, len(fit.base.parameters)
     delays = np.zeros(robot.n)
     found = []
@@ -259,7 +264,7 @@ def _nuisances(fit: Fit) -> tuple[tuple[Nuisance, ...], Array]:
     return tuple(found), delays
 
 
-def _effects(fit: Fit) -> tuple[FittedEffect, ...]:
+def _effects(fit: DefaultFit) -> tuple[FittedEffect, ...]:
     if fit.effects is None:
         return ()
     place = fit.model.parameters + sum(extra.width for extra in fit.nuisances)

@@ -13,7 +13,7 @@ from elid_cli.estimation.result import Identification
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import consistency
 from elid_cli.model.effects.tilt import levelled
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import EffectSpec, Robot
 
 
@@ -89,7 +89,7 @@ def _could_be_built(found: Identification) -> bool:
 def refined_robot(robot: Robot, standard: Array, effects: Sequence[EffectSpec]) -> Robot:
     """Return the robot with standard parameters (p,) and effects in place of its own."""
     values = dict(zip(robot.parameter_names(), standard, strict=True))
-    classes = find_base(Model(levelled(replace(robot, effects=tuple(effects))))).classes
+    classes = find_base(Regressor(levelled(replace(robot, effects=tuple(effects))))).classes
     joints = []
     for i, joint in enumerate(robot.joints, start=1):
         kinds = {name[: -len(str(i))]: float(v) for name, v in values.items() if _number(name) == i}

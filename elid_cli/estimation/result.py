@@ -11,7 +11,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
 
 Verdict = Literal["supported", "weak", "refused"]
@@ -126,7 +126,7 @@ class Identification:
     estimator: str = "default"
     triangles: Triangles | None = None
     """The reduced data, for those who fit again under further conditions (`physical`)."""
-    weights: Mapping[Row, float] = field(default_factory=dict)
+    weights: Mapping[EstimationRow, float] = field(default_factory=dict)
     """Weight of every row group in the fit: one over its residual rms."""
 
     def relative_error(self) -> Array:

@@ -13,12 +13,12 @@ from itertools import combinations
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.default_fit import Fit
+from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.estimation.regression.triangles import reduce
+from elid_cli.estimation.regression.triangles import to_triangles
 from elid_cli.estimation.result import Identification
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
@@ -33,7 +33,7 @@ ALIKE = 0.2
 """Share of the deflection that is left when two motors' positions are exchanged, below which they were swapped."""
 
 
-def physics_warnings(fit: Fit, found: Identification) -> tuple[str, ...]:
+def physics_warnings(fit: DefaultFit, found: Identification) -> tuple[str, ...]:
     """Return a sentence for every sign, unit or swapped channel that the log contradicts."""
     plain = channel_warnings(fit.signals, fit.model.robot)
     if plain:
@@ -65,7 +65,7 @@ def physics_warnings(fit: Fit, found: Identification) -> tuple[str, ...]:
         tried(swapped(observation, a, b), f"the torques of {names[a]} and {names[b]} look swapped")
     for k in moving:
         if robot.joints[k].elastic and robot.joints[k].gear_ratio and k > 0:
-            other = Model(_geared(robot, k))
+            other = Regressor(_geared(robot, k))
             tried(observe(other, signals, mask=False), f"gear_ratio of {names[k]} looks as if its sign were wrong")
     for label, factor in (("degrees", np.pi / 180), ("radians where degrees are declared", 180 / np.pi)):
         scaled = replace(signals, motion=_scaled(fit.signals.motion, factor))
@@ -87,7 +87,9 @@ def physics_warnings(fit: Fit, found: Identification) -> tuple[str, ...]:
 def channel_warnings(signals: Signals, robot: Robot) -> tuple[str, ...]:
     """Return a sentence for every sign or exchange that positions of links and motors show by themselves."""
     names = robot.joint_names
-    moving = [k for k in range(robot.n) if not signals.still[k] and robot.joints[k].elastic and not signals.unlinked[k]]
+    moving = [
+        k for k in range(robot.n) if not signals.still[k] and robot.joints[k].elastic and not signals.missing_link[k]
+    ]
     step = max(1, signals.motion.samples // _LOOKED_AT)
     part = np.arange(0, signals.motion.samples, step)
     motion = signals.motion[part]
@@ -104,7 +106,7 @@ def channel_warnings(signals: Signals, robot: Robot) -> tuple[str, ...]:
 
 def misfit(observation: Observation, rank: int) -> float:
     """Return the logarithm of the row groups' residual over their torque, summed."""
-    triangles = reduce(observation)
+    triangles = to_triangles(observation)
     solution = reweighted(triangles, rank)
     logs = []
     for row in triangles.rows:

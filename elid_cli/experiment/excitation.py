@@ -22,7 +22,7 @@ from elid_cli.experiment.forecast import forecast
 from elid_cli.experiment.information import Evaluation, Information, States, Weights, residuals_of
 from elid_cli.experiment.reference import (
     ReferenceOptions,
-    Spline,
+    ReferenceSpline,
     SplineReference,
     limits_of,
     random_reference,
@@ -30,7 +30,7 @@ from elid_cli.experiment.reference import (
 )
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import consistency, prior
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 
 INSTANTS = 15.0
@@ -152,7 +152,7 @@ def excite(
 
     """
     options = options or ExciteOptions()
-    model = Model(robot)
+    model = Regressor(robot)
     base = find_base(model)
     aims = _aims(base, options.aims)
     parameters = prior(robot, consistency(robot, robot.reference()).scales)
@@ -263,7 +263,7 @@ class _Search:
         for spline, reach, part in zip(self.start.splines, self.reach, self.parts, strict=True):
             points = spline.points.copy()
             points[_ENDS:-_ENDS] = x[part] * reach
-            splines.append(Spline(spline.knots, points))
+            splines.append(ReferenceSpline(spline.knots, points))
         return replace(self.start, splines=tuple(splines))
 
     def _cost(self, penalty: float, x: Array) -> tuple[float, Array]:
@@ -280,9 +280,9 @@ class _Search:
         return penalty * excess - value, -slope
 
 
-def _basis(spline: Spline, grid: Array, order: int) -> Array:
+def _basis(spline: ReferenceSpline, grid: Array, order: int) -> Array:
     """Return the matrix (N, control points) that gives a derivative of a spline at the grid."""
-    return Spline(spline.knots, np.eye(len(spline.points))).evaluate(grid, order)
+    return ReferenceSpline(spline.knots, np.eye(len(spline.points))).evaluate(grid, order)
 
 
 def _excess(states: States, torque: Array, bounds: Bounds) -> tuple[float, States, Array]:
@@ -324,7 +324,9 @@ def _within(
         factor = np.where(torque, 0.97, 1.0) * np.where(worst > 1.0, np.minimum(0.999 / worst, 0.999), 1.0)
         factor = np.maximum(factor, 0.9)
         smaller = zip(trajectory.splines, home, factor, strict=True)
-        trajectory = replace(trajectory, splines=tuple(Spline(s.knots, h + f * (s.points - h)) for s, h, f in smaller))
+        trajectory = replace(
+            trajectory, splines=tuple(ReferenceSpline(s.knots, h + f * (s.points - h)) for s, h, f in smaller)
+        )
     raise DataError("no motion within the torque limits", hint="check limits: and the masses in the robot file")
 
 

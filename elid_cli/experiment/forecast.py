@@ -14,7 +14,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.experiment.information import Information, States
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.model.regressor import Model, Row
+from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording, Segment
@@ -45,7 +45,7 @@ def forecast(information: Information, base: BaseParameters, states: States, res
     recording = _played(information, robot, states)
     # noise is what limits a real log's bandwidth; this one has none, so the usual filter is asked for
     signals = prepare(recording, robot, SignalOptions())
-    seen = observe(Model(robot), signals)
+    seen = observe(Regressor(robot), signals)
     rows, noise = _weighted(seen, base, residual)
     taps = signals.filter.taps / signals.filter.taps.sum()
     repeats = max(seen.rate / (float(np.sum(taps**2)) / signals.dt), 1.0)  # instants per independent sample
@@ -73,7 +73,10 @@ def _weighted(seen: Observation, base: BaseParameters, residual: Array) -> tuple
     for k in range(n):
         shared = np.zeros((seen.instants, p + n))
         common = min(residual[0, k] / residual[1, k], 1.0)  # share of a motor row's noise that is the torque's
-        for own, size, share in ((Row("sum", k), residual[0, k], 1.0), (Row("motor", k), residual[1, k], common)):
+        for own, size, share in (
+            (EstimationRow("sum", k), residual[0, k], 1.0),
+            (EstimationRow("motor", k), residual[1, k], common),
+        ):
             group = next((g for g in seen.groups if g.row == own), None)
             if group is None:
                 continue

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.model.regressor import Model, inputs_of
+from elid_cli.model.regressor import Regressor, inputs_of
 from elid_cli.signals.motion import Motion
 
 States = tuple[Array, Array, Array]
@@ -29,7 +29,7 @@ _STEP = 1e-5
 
 
 @dataclass(frozen=True)
-class Regressor:
+class PlannedRows:
     """Rows of a planned motion: link and motor (or sum) rows over all parameters, (rows, N, p)."""
 
     link: Array
@@ -87,7 +87,7 @@ class Information:
     """
 
     def __init__(
-        self, model: Model, base: BaseParameters, parameters: Array, residual: Array, samples: float, sample: States
+        self, model: Regressor, base: BaseParameters, parameters: Array, residual: Array, samples: float, sample: States
     ) -> None:
         self.model, self.base, self.parameters = model, base, parameters
         self.weights = np.sqrt(samples) / residual
@@ -170,7 +170,7 @@ class Information:
             slope -= weights.angles * 2 / total * (own - others)
         return value, self._by_states(states, rows, self._unweighted(slope, rows.link.shape[1]), torque_slope)
 
-    def _factored(self, rows: Regressor) -> tuple[Array, Array, Array]:
+    def _factored(self, rows: PlannedRows) -> tuple[Array, Array, Array]:
         """Return (q, r, norms) with ``q r diag(norms)`` the weighted regressor."""
         system = self._weighted(rows)
         norms = np.linalg.norm(system, axis=0)
@@ -182,7 +182,7 @@ class Information:
         factor[diagonal[small], diagonal[small]] = SHOWN
         return q, factor, norms
 
-    def _rows(self, states: States) -> Regressor:
+    def _rows(self, states: States) -> PlannedRows:
         """Return link and motor rows with no deflection, as they are before the springs' columns are set."""
         q, dq, ddq = states
         motion = Motion(np.zeros(q.shape[0]), q, dq, ddq, q, dq, ddq)
@@ -193,9 +193,9 @@ class Information:
         link, motor = np.zeros((n, q.shape[0], p)), np.zeros((n, q.shape[0], p))
         for row, columns, slots in self._slots:
             (motor if row.kind == "motor" else link)[row.joint][:, columns] = out[slots].T
-        return Regressor(link, motor)
+        return PlannedRows(link, motor)
 
-    def _weighted(self, rows: Regressor) -> Array:
+    def _weighted(self, rows: PlannedRows) -> Array:
         """Return the weighted regressor (rows * N, b): sum rows of all joints, motor rows of elastic ones."""
         total = (rows.link + rows.motor) * self.weights[0][:, None, None]
         own = rows.motor[self._elastic].copy()
@@ -205,7 +205,7 @@ class Information:
         system = np.concatenate([total, own]).reshape(-1, len(self.parameters))
         return np.ascontiguousarray(system[:, self._columns])
 
-    def _unweighted(self, slope: Array, samples: int) -> Regressor:
+    def _unweighted(self, slope: Array, samples: int) -> PlannedRows:
         """Return the derivative by link and motor rows, given that by the weighted base regressor."""
         n, p = self.model.robot.n, len(self.parameters)
         full = np.zeros((n + len(self._elastic), samples, p))
@@ -218,9 +218,9 @@ class Information:
             link[k] += by_load[:, None] * self.parameters
             own[place][:, spring] = 0.0
             motor[k] = motor[k] + own[place]
-        return Regressor(link, motor)
+        return PlannedRows(link, motor)
 
-    def _by_states(self, states: States, rows: Regressor, slope: Regressor, torque_slope: Array | None) -> States:
+    def _by_states(self, states: States, rows: PlannedRows, slope: PlannedRows, torque_slope: Array | None) -> States:
         """Return derivatives by every joint's position, velocity and acceleration at every instant."""
         link, motor = slope.link, slope.motor
         if torque_slope is not None:

@@ -26,7 +26,7 @@ from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.files import write_text
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.inertia import about_centre, inertial_parameters, pseudo_inertia
 from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot
 from elid_cli.robot.urdf.write import in_joint_frames, origins, with_parameters
@@ -55,7 +55,7 @@ def known_parameters(robot: Robot, parameters: Array | None = None) -> Array:
     """
     values = np.array(robot.reference() if parameters is None else parameters, dtype=float)
     names = robot.parameter_names()
-    classes = find_base(Model(robot)).classes
+    classes = find_base(Regressor(robot)).classes
     for k, name in enumerate(names):
         if math.isnan(values[k]) and (classes[name] == "unidentifiable" or name.startswith(("fs", "fv"))):
             values[k] = 0.0
@@ -125,7 +125,7 @@ def _real_twin(robot: Robot, parameters: Array, length: float) -> Array:
     """
     names = robot.parameter_names()
     inertial = [k for k, name in enumerate(names) if name.rstrip("0123456789") in LINK_PARAMETERS]
-    transform = find_base(Model(robot)).transform[:, inertial]
+    transform = find_base(Regressor(robot)).transform[:, inertial]
     _, singular, right = np.linalg.svd(transform)
     free = right[int(np.sum(singular > 1e-9 * singular[0])) :].T
 

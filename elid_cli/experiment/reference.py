@@ -51,7 +51,7 @@ class ReferenceOptions:
 
 
 @dataclass(frozen=True)
-class Spline:
+class ReferenceSpline:
     """The B-spline of one joint: knots (s) and control points (rad or m)."""
 
     knots: Array
@@ -68,7 +68,7 @@ class Spline:
 class SplineReference:
     """A fifth-order B-spline per joint; at rest before its start and after its end."""
 
-    splines: tuple[Spline, ...]
+    splines: tuple[ReferenceSpline, ...]
     duration: float
     """s."""
 
@@ -152,7 +152,9 @@ def read_reference(path: str, robot: Robot) -> SplineReference:
     return sampled_reference(values[:, 0], values[:, 1:])
 
 
-def _random_spline(joint: Joint, duration: float, generator: np.random.Generator, options: ReferenceOptions) -> Spline:
+def _random_spline(
+    joint: Joint, duration: float, generator: np.random.Generator, options: ReferenceOptions
+) -> ReferenceSpline:
     low, high = range_of(joint)
     speed, acceleration = limits_of(joint)
     speed, acceleration = speed * options.speed, acceleration * options.speed**2
@@ -165,19 +167,19 @@ def _random_spline(joint: Joint, duration: float, generator: np.random.Generator
     fine = np.linspace(0.0, duration, 40 * count)
     q, dq, ddq = (float(np.abs(unit.evaluate(fine, d)).max()) for d in range(3))
     size = min(0.5 * (high - low) * options.amplitude / max(q, 1.0), speed / dq, acceleration / ddq)
-    return Spline(unit.knots, 0.5 * (low + high) + size * unit.points)
+    return ReferenceSpline(unit.knots, 0.5 * (low + high) + size * unit.points)
 
 
-def _through(t: Array, points: Array) -> Spline:
+def _through(t: Array, points: Array) -> ReferenceSpline:
     """Return the spline through all points, with zero velocity and acceleration at both ends."""
     from scipy.interpolate import make_interp_spline
 
     rest: Any = [(1, 0.0), (2, 0.0)]
     spline = make_interp_spline(t, points, k=DEGREE, bc_type=(rest, rest))
-    return Spline(np.asarray(spline.t), np.asarray(spline.c))
+    return ReferenceSpline(np.asarray(spline.t), np.asarray(spline.c))
 
 
-def _softly_through(t: Array, points: Array) -> Spline:
+def _softly_through(t: Array, points: Array) -> ReferenceSpline:
     """Return the spline through all points but the second and the last but one, starting and ending without a jerk.
 
     A jerk would make the wanted motor velocity jump, since it holds the rate of the spring's deflection.
@@ -190,7 +192,7 @@ def _softly_through(t: Array, points: Array) -> Spline:
     ends = [basis(end, d) for d in range(4) for end in (t[0], t[-1])]
     wanted = [value for d in range(4) for value in ((points[0], points[-1]) if d == 0 else (0.0, 0.0))]
     system = np.vstack([*ends, basis(t[2:-2])])
-    return Spline(knots, np.linalg.solve(system, np.concatenate([wanted, points[2:-2]])))
+    return ReferenceSpline(knots, np.linalg.solve(system, np.concatenate([wanted, points[2:-2]])))
 
 
 def range_of(joint: Joint) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from typing import Any
 
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
-from elid_cli.logs.mapping.resolve import Plan, fits, resolve
+from elid_cli.logs.mapping.resolve import ReadPlan, fits, resolve
 from elid_cli.logs.mapping.suggest import suggestion
 from elid_cli.logs.reading import layers_of
 from elid_cli.logs.repair.clocks import in_seconds
@@ -108,7 +108,7 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     )
 
 
-def _measured(raw: RawLog, plan: Plan, notes: list[str]) -> tuple[ChannelInfo, ...]:
+def _measured(raw: RawLog, plan: ReadPlan, notes: list[str]) -> tuple[ChannelInfo, ...]:
     """Load one column of every source and measure its clock."""
     signals: dict[str, list[str]] = {}
     for signal, placement in plan.placements.items():

@@ -15,14 +15,14 @@ from elid_cli.logs.checks.required import Checked, check, refuse_mixed
 from elid_cli.logs.checks.units_and_signs import suspicions, written_units
 from elid_cli.logs.contract import RawLog, Stream
 from elid_cli.logs.mapping.language import parse_mapping
-from elid_cli.logs.mapping.resolve import Layer, Placement, Plan, resolve
+from elid_cli.logs.mapping.resolve import Layer, Placement, ReadPlan, resolve
 from elid_cli.logs.repair.align import Aligned, Sampled, align
 from elid_cli.logs.repair.clocks import another_clock, in_seconds
 from elid_cli.logs.source import Source, open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.memory import let_go
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import Recording, Segment, repeated, told_once
+from elid_cli.signals.recording import Recording, Segment, repeated, unique_notices
 
 SAME_RATE = 1e-6
 """Relative difference of sample times that counts as none when logs are joined."""
@@ -50,7 +50,7 @@ class _Part:
 
     aligned: Aligned
     checked: Checked
-    plan: Plan
+    plan: ReadPlan
     source: int
     repairs: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -112,7 +112,7 @@ def _part_of(progress: Callable[[float], None], index: int, count: int) -> Calla
     return lambda share: progress((index + share) / count)
 
 
-def _believable(dt: float, name: str, plan: Plan) -> None:
+def _believable(dt: float, name: str, plan: ReadPlan) -> None:
     """Refuse a sample time that no recorder of a robot has: time in another unit (LogError)."""
     if 1 / FASTEST <= dt < 1 / SLOWEST:
         return
@@ -176,7 +176,7 @@ def layers_of(raw: RawLog, robot: Robot, mapping: Mapping[str, Any] | None) -> l
     return layers
 
 
-def _converted(plan: Plan, streams: Sequence[Stream], seconds: Sequence[Array], robot: Robot) -> list[Sampled]:
+def _converted(plan: ReadPlan, streams: Sequence[Stream], seconds: Sequence[Array], robot: Robot) -> list[Sampled]:
     """Return the streams in SI units at the joint; columns sampled together of one signal become one stream."""
     sampled: list[Sampled] = []
     remaining = iter(zip(streams, seconds, strict=True))
@@ -265,9 +265,9 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         segments=tuple(segments),
         files=files,
         sha256=sha256,
-        repairs=tuple(told_once(said["repairs"])),
-        notes=tuple(told_once(said["notes"])),
-        warnings=(*told_once(said["warnings"]), *repeated(files, sha256)),
+        repairs=tuple(unique_notices(said["repairs"])),
+        notes=tuple(unique_notices(said["notes"])),
+        warnings=(*unique_notices(said["warnings"]), *repeated(files, sha256)),
         sources={signal: placement.places for signal, placement in places.items()},
     )
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.memory import Recent
-from elid_cli.model.regressor import BASE_TERMS, Model
+from elid_cli.model.regressor import BASE_TERMS, Regressor
 from elid_cli.signals.motion import random_motion
 
 Class = Literal["independent", "combined", "unidentifiable"]
@@ -180,7 +180,7 @@ def leftmost(columns: Array, tolerance: float, *, null: float | None = None) -> 
 _BASES: Recent[BaseParameters] = Recent(16)
 
 
-def find_base(model: Model, seed: int = 0) -> BaseParameters:
+def find_base(model: Regressor, seed: int = 0) -> BaseParameters:
     """Return the structural base parameters of a robot, from random states and without data.
 
     Raises
@@ -193,7 +193,7 @@ def find_base(model: Model, seed: int = 0) -> BaseParameters:
     return _BASES.of((model.robot.structure, seed), lambda: _found(model, seed))
 
 
-def _found(model: Model, seed: int) -> BaseParameters:
+def _found(model: Regressor, seed: int) -> BaseParameters:
     robot = model.robot
     motion = random_motion(robot.n, robot.elastic, _STATES + model.parameters, seed)
     dense = model.dense(motion, model.estimation)

@@ -11,8 +11,8 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.model.effects.effect import DIRECTION_WIDTH, direction_widths
-from elid_cli.model.mass_matrix import BLOCKS, FoldedModel, NotPositiveError, ldl_solver
-from elid_cli.model.regressor import Model, inputs_of
+from elid_cli.model.mass_matrix import BLOCKS, NotPositiveError, NumericEquations, ldl_solver
+from elid_cli.model.regressor import Regressor, inputs_of
 from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion, random_motion
@@ -51,12 +51,12 @@ class Dynamics:
         self, robot: Robot, parameters: Array | None = None, *, friction_width: float = DIRECTION_WIDTH
     ) -> None:
         self.robot = robot
-        self.model = Model(robot)
+        self.model = Regressor(robot)
         self.parameters = _known(self.model, robot.reference() if parameters is None else parameters)
         self._widths = direction_widths(robot, friction_width)
         self._width_list: list[float] = self._widths.tolist()
         self._values = dict(zip(self.model.names, self.parameters.tolist(), strict=True))
-        self._folded = FoldedModel(robot, self.model.terms, self._values)
+        self._folded = NumericEquations(robot, self.model.terms, self._values)
         self.elastic = self._folded.elastic
         """Joints with a motor state of their own."""
         self.stiffness = np.array([self._values.get(f"K{k + 1}", math.nan) for k in range(robot.n)])
@@ -227,7 +227,7 @@ class Dynamics:
         )
 
 
-def _known(model: Model, parameters: Array) -> Array:
+def _known(model: Regressor, parameters: Array) -> Array:
     """Return the parameters with 0 for unknown ones that move nothing; raise where one matters."""
     values = np.array(parameters, dtype=float)
     unknown = np.flatnonzero(np.isnan(values))

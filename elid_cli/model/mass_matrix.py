@@ -25,7 +25,7 @@ BLOCKS = 9
 
 
 @dataclass(frozen=True)
-class Reduced:
+class ReducedEquations:
     """Program of the reduced system S q'' = r, and what gives the motors' accelerations afterwards.
 
     Outputs: r (n), S's upper triangle by rows, the motors' own accelerations a (m), couplings c.
@@ -37,7 +37,7 @@ class Reduced:
 
 
 @dataclass(frozen=True)
-class FoldedModel:
+class NumericEquations:
     """A robot, its base terms and the values of all its standard parameters by name."""
 
     robot: Robot
@@ -53,7 +53,7 @@ class FoldedModel:
         """Return k_m² Jm of the elastic joints' motors, kg·m² at the joint."""
         return [self.values[f"Jm{k + 1}"] * self.robot.joints[k].gear_ratio ** 2 for k in self.elastic]
 
-    def reduced(self) -> Reduced:
+    def reduced(self) -> ReducedEquations:
         """Trace the reduced system; inputs are the `BLOCKS`."""
         n, elastic, inertia = self.robot.n, self.elastic, self.motor_inertia()
         graph, blocks = self._inputs()
@@ -81,7 +81,7 @@ class FoldedModel:
             links = [k for k in range(n) if C[k][row] != 0.0]
             couplings.append(tuple((k, len(outputs) + p) for p, k in enumerate(links)))
             outputs += [C[k][row] * (1.0 / d) for k in links]
-        return Reduced(compile_program(graph, outputs), tuple(couplings))
+        return ReducedEquations(compile_program(graph, outputs), tuple(couplings))
 
     def mass(self) -> Program:
         """Trace the link rows of the mass matrix (eq. 8): n rows of q then θ of the elastic joints."""

@@ -46,7 +46,7 @@ INPUTS = 9
 """Inputs per joint: sin q, cos q, q, q', q'', θ', θ'', sign θ', q - θ."""
 
 
-class Row(NamedTuple):
+class EstimationRow(NamedTuple):
     """One row group of the regressor: an equation of one joint, for all samples."""
 
     kind: Kind
@@ -57,7 +57,7 @@ class Row(NamedTuple):
 class RowPlan:
     """Which standard parameters have a column in a row group, and where the traced program writes them."""
 
-    row: Row
+    row: EstimationRow
     columns: NDArray[np.intp]
     first: int
 
@@ -68,18 +68,18 @@ class RowPlan:
 
 
 @dataclass(frozen=True)
-class Plan:
+class RegressorPlan:
     """A traced program and the rows it yields."""
 
     program: Program
     rows: tuple[RowPlan, ...]
 
 
-_PLANS: Recent[Plan] = Recent(16)
+_PLANS: Recent[RegressorPlan] = Recent(16)
 """Tracing and compiling takes as long as 20 000 samples do; a fleet or a diagnosis asks for the same rows often."""
 
 
-class Model:
+class Regressor:
     """Regressor of a robot: standard parameters in standard order, columns from terms.
 
     Parameters
@@ -96,7 +96,7 @@ class Model:
         self.terms = tuple(terms)
         self.names = robot.parameter_names()
         self.index = {name: k for k, name in enumerate(self.names)}
-        self._sensed: dict[tuple[int, ...], Plan] = {}
+        self._sensed: dict[tuple[int, ...], RegressorPlan] = {}
 
     @property
     def parameters(self) -> int:
@@ -104,11 +104,11 @@ class Model:
         return len(self.names)
 
     @cached_property
-    def estimation(self) -> Plan:
+    def estimation(self) -> RegressorPlan:
         """Sum and motor rows (the spring eliminated from the sum rows)."""
         return self._plan(paper=False)
 
-    def sensed(self, sensors: NDArray[np.bool_]) -> Plan:
+    def sensed(self, sensors: NDArray[np.bool_]) -> RegressorPlan:
         """Return the rows of `estimation`, followed by those of the elastic joints that have torque sensors, (n,).
 
         Without a sensor the plan is `estimation` itself.
@@ -119,11 +119,11 @@ class Model:
         return self._sensed[joints]
 
     @cached_property
-    def equations(self) -> Plan:
+    def equations(self) -> RegressorPlan:
         """Link and motor rows as in eq. (13); the single row of a rigid joint stays a sum row."""
         return self._plan(paper=True)
 
-    def rows(self, motion: Motion, plan: Plan | None = None) -> dict[Row, Array]:
+    def rows(self, motion: Motion, plan: RegressorPlan | None = None) -> dict[EstimationRow, Array]:
         """Return the columns of every row group for all samples.
 
         Parameters
@@ -145,7 +145,7 @@ class Model:
         program.run(inputs_of(motion, program), out)
         return {item.row: out[place[item.slots]] for item in plan.rows}
 
-    def dense(self, motion: Motion, plan: Plan | None = None) -> Array:
+    def dense(self, motion: Motion, plan: RegressorPlan | None = None) -> Array:
         """Return the whole regressor, shape (rows, N, p); for tests and small questions only."""
         plan = plan or self.estimation
         rows = self.rows(motion, plan)
@@ -154,13 +154,13 @@ class Model:
             dense[k][:, item.columns] = rows[item.row].T
         return dense
 
-    def _plan(self, *, paper: bool, sensors: tuple[int, ...] = ()) -> Plan:
+    def _plan(self, *, paper: bool, sensors: tuple[int, ...] = ()) -> RegressorPlan:
         if self.terms != BASE_TERMS:
             return self._traced(paper=paper, sensors=sensors)
         key = (self.robot.structure, paper, sensors)
         return _PLANS.of(key, lambda: self._traced(paper=paper, sensors=sensors))
 
-    def _traced(self, *, paper: bool, sensors: tuple[int, ...]) -> Plan:
+    def _traced(self, *, paper: bool, sensors: tuple[int, ...]) -> RegressorPlan:
         graph = Graph(INPUTS * self.robot.n)
         values = self.trace(graph, paper=paper, sensors=sensors)
         rows: list[RowPlan] = []
@@ -171,22 +171,22 @@ class Model:
             filled = [(self.index[name], present[name]) for name in sorted(present, key=self.index.__getitem__)]
             rows.append(RowPlan(row, np.array([k for k, _ in filled], dtype=np.intp), len(outputs)))
             outputs += [value for _, value in filled]
-        return Plan(compile_program(graph, outputs), tuple(rows))
+        return RegressorPlan(compile_program(graph, outputs), tuple(rows))
 
     def trace(
         self, graph: Graph, *, paper: bool, gravity: bool = True, sensors: tuple[int, ...] = ()
-    ) -> dict[Row, dict[str, Scalar]]:
+    ) -> dict[EstimationRow, dict[str, Scalar]]:
         """Record the coefficients of all parameters on `graph`, whose inputs are those of `inputs_of`."""
         states, motors = _symbols(graph, self.robot)
         motion = ChainMotion(chain(self.robot, states, gravity=gravity), motors)
-        values: dict[Row, dict[str, Scalar]] = {}
+        values: dict[EstimationRow, dict[str, Scalar]] = {}
         for k, joint in enumerate(self.robot.joints):
             if joint.elastic:
-                values[Row("link" if paper else "sum", k)] = {}
-                values[Row("motor", k)] = {}
+                values[EstimationRow("link" if paper else "sum", k)] = {}
+                values[EstimationRow("motor", k)] = {}
             else:
-                values[Row("sum", k)] = {}
-            values |= {Row(kind, k): {} for kind in SENSOR_KINDS if k in sensors}
+                values[EstimationRow("sum", k)] = {}
+            values |= {EstimationRow(kind, k): {} for kind in SENSOR_KINDS if k in sensors}
         for term in self.terms:
             for side, number, name, value in term.entries(self.robot, motion):
                 for row in self._targets(side, number, paper=paper):
@@ -196,19 +196,21 @@ class Model:
                     values[read][name] = values[read].get(name, 0.0) + value
         return values
 
-    def _targets(self, side: str, joint: int, *, paper: bool) -> list[Row]:
+    def _targets(self, side: str, joint: int, *, paper: bool) -> list[EstimationRow]:
         if not self.robot.joints[joint].elastic:
-            return [Row("sum", joint)]
+            return [EstimationRow("sum", joint)]
         if side == "link":
-            return [Row("link" if paper else "sum", joint)]
-        return [Row("motor", joint)] if paper else [Row("sum", joint), Row("motor", joint)]
+            return [EstimationRow("link" if paper else "sum", joint)]
+        return (
+            [EstimationRow("motor", joint)] if paper else [EstimationRow("sum", joint), EstimationRow("motor", joint)]
+        )
 
 
-def _read(side: str, joint: int, *, spring: bool) -> Row | None:
+def _read(side: str, joint: int, *, spring: bool) -> EstimationRow | None:
     """Return the row that an entry of eq. (13) has its place in where a sensor reads the transmission's torque."""
     if spring:  # as it loads the motor: what the sensor reads
-        return Row("spring", joint) if side == "motor" else None
-    return Row("load" if side == "link" else "drive", joint)
+        return EstimationRow("spring", joint) if side == "motor" else None
+    return EstimationRow("load" if side == "link" else "drive", joint)
 
 
 def _symbols(graph: Graph, robot: Robot) -> tuple[list[JointState], list[MotorState]]:

@@ -18,7 +18,7 @@ from elid_cli.memory import let_go
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import PART, WIDEST, WIDEST_KNOTS, excerpts
 from elid_cli.signals.measured_rates import Rate, rate_of, white_noise
-from elid_cli.signals.motion import Motion, Piece, SplineMotion
+from elid_cli.signals.motion import Motion, SplineMotion, SplineSegment
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.spline_fit import fit_spline
@@ -81,7 +81,7 @@ def splined(
         strides = _choose((link, motor), segments, dt, n, options, rates)
     alike = _alike((link, motor)) and not rates
     squares, counts = np.zeros((2, n)), np.zeros((2, n))
-    pieces: list[Piece] = []
+    pieces: list[SplineSegment] = []
     for segment in segments:
         part = slice(segment.start, segment.stop)
         for number, (side, values) in enumerate((("link", link), ("motor", motor))[: 1 if alike else 2]):
@@ -93,7 +93,7 @@ def splined(
                 fit = fit_spline(values[part].T, stride, dt, further, joints)
                 let_go(values)
                 for name, row in ((side, number),) if not alike else (("link", 0), ("motor", 1)):
-                    pieces.append(Piece(segment, "link" if name == "link" else "motor", joints, fit.spline))
+                    pieces.append(SplineSegment(segment, "link" if name == "link" else "motor", joints, fit.spline))
                     squares[row, joints] += fit.rms**2 * len(segment)
                     counts[row, joints] += len(segment)
     noise = np.sqrt(squares / counts)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.signals.excerpts import in_parts
 from elid_cli.signals.recording import Segment
-from elid_cli.signals.splines import Spline
+from elid_cli.signals.splines import UniformSpline
 
 
 @dataclass(frozen=True)
@@ -78,13 +78,13 @@ def random_motion(n: int, elastic: NDArray[np.bool_], samples: int, seed: int = 
 
 
 @dataclass(frozen=True)
-class Piece:
+class SplineSegment:
     """Splines of some joints' links or motors on one segment."""
 
     segment: Segment
     side: Literal["link", "motor"]
     joints: NDArray[np.intp]
-    spline: Spline
+    spline: UniformSpline
 
 
 class SplineMotion(Motion):
@@ -104,13 +104,13 @@ class SplineMotion(Motion):
         Positions (2, n) of links and motors that do not move; NaN where they do.
     """
 
-    def __init__(self, t: Array, joints: int, pieces: Sequence[Piece], rest: Array | None = None) -> None:
+    def __init__(self, t: Array, joints: int, pieces: Sequence[SplineSegment], rest: Array | None = None) -> None:
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "_joints", joints)
         object.__setattr__(self, "pieces", tuple(pieces))
         object.__setattr__(self, "rest", np.full((2, joints), np.nan) if rest is None else rest)
 
-    pieces: tuple[Piece, ...]
+    pieces: tuple[SplineSegment, ...]
     rest: Array
     _joints: int
 
@@ -164,7 +164,7 @@ class SplineMotion(Motion):
         """
         out = np.empty((len(sides), derivatives - first, self._joints, max(-(-(stop - start) // step), 0)))
         covered = 0
-        found: list[tuple[int, Piece, slice, Array]] = []
+        found: list[tuple[int, SplineSegment, slice, Array]] = []
         for piece in self.pieces:
             if piece.side not in sides:
                 continue

@@ -84,7 +84,7 @@ NAMED = 6
 """Logs that a sentence about several of them names."""
 
 
-def told_once(said: Iterable[tuple[str, Iterable[str]]]) -> list[str]:
+def unique_notices(said: Iterable[tuple[str, Iterable[str]]]) -> list[str]:
     """Return what was said of logs, (name, sentences) each, every sentence once, after the names of its logs.
 
     An empty name stands for the only log, which need not be named.
@@ -96,9 +96,9 @@ def told_once(said: Iterable[tuple[str, Iterable[str]]]) -> list[str]:
     return [_named(tuple(names)) + sentence for sentence, names in logs.items()]
 
 
-def told_of(parts: Sequence[Recording], kind: str) -> list[str]:
+def notices_of(parts: Sequence[Recording], kind: str) -> list[str]:
     """Return the ``repairs``, ``notes`` or ``warnings`` of several recordings, each once, with the logs it is of."""
-    return told_once((part.files[0] if len(part.files) == 1 else "", getattr(part, kind)) for part in parts)
+    return unique_notices((part.files[0] if len(part.files) == 1 else "", getattr(part, kind)) for part in parts)
 
 
 def _named(names: Sequence[str]) -> str:

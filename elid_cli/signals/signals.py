@@ -90,9 +90,9 @@ class Signals:
         return len(self.joints)
 
     @property
-    def unlinked(self) -> NDArray[np.bool_]:
+    def missing_link(self) -> NDArray[np.bool_]:
         """Joints of which the log holds no link position, (n,): their transmission counts as rigid."""
-        return np.zeros(self.n, dtype=bool) if self.recording is None else unlinked(self.recording)
+        return np.zeros(self.n, dtype=bool) if self.recording is None else missing_link(self.recording)
 
     @property
     def rate(self) -> float:
@@ -120,7 +120,7 @@ class Signals:
         return replace(self, filter=_plan(cutoff, rate, self.dt))
 
 
-def unlinked(recording: Recording) -> NDArray[np.bool_]:
+def missing_link(recording: Recording) -> NDArray[np.bool_]:
     """Return the joints of which a recording holds no link position, (n,)."""
     q = recording.q
     return np.array([bool(np.isnan(q[:1, k]).all() and np.isnan(q[:, k]).all()) for k in range(q.shape[1])])

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.signals.splines import DEGREE, ORDER, Spline, basis
+from elid_cli.signals.splines import DEGREE, ORDER, UniformSpline, basis
 
 _STRETCH = 32768
 """Samples taken at a time."""
@@ -28,10 +28,10 @@ _THIRD = (-1.0, 3.0, -3.0, 1.0)
 
 
 @dataclass(frozen=True)
-class Fit:
+class SplineFit:
     """A spline with what it left over."""
 
-    spline: Spline
+    spline: UniformSpline
     squares: Array
     """Sum of squares of samples minus spline, (channels,)."""
     counted: NDArray[np.intp]
@@ -66,7 +66,7 @@ def fit_spline(
     dt: float,
     rates: Sequence[tuple[int, Array, Array]] = (),
     channels: NDArray[np.intp] | None = None,
-) -> Fit:
+) -> SplineFit:
     """Fit quintic splines with knots every `stride` samples.
 
     Samples are taken a stretch at a time, so that no further array of their length is made.
@@ -103,7 +103,7 @@ def fit_spline(
         if derivative == 0:
             ridge = _RIDGE * np.maximum(band[:, 0].max(axis=1), 1e-300)
     factors = _factors(band, ridge)
-    spline = Spline(_solve(factors, right), samples, stride, dt)
+    spline = UniformSpline(_solve(factors, right), samples, stride, dt)
     for _ in range(_REFINED if rates else 0):
         spline = _refined(spline, factors, observed, channels, intervals)
     squares, counted = np.zeros(len(channels)), np.zeros(len(channels), dtype=np.intp)
@@ -116,7 +116,7 @@ def fit_spline(
             squares += np.nansum(rest**2, axis=1)
             counted += np.count_nonzero(np.isfinite(rest), axis=1)
     own = _own_part([(d, r) for d, _, r in rates], stride * dt) if rates else None
-    return Fit(spline, squares, counted, min(intervals + DEGREE, samples), own)
+    return SplineFit(spline, squares, counted, min(intervals + DEGREE, samples), own)
 
 
 def _own_part(rates: Sequence[tuple[int, Array]], width: float) -> Array:
@@ -131,13 +131,13 @@ def _own_part(rates: Sequence[tuple[int, Array]], width: float) -> Array:
     return part
 
 
-def _merged(first: NDArray[np.bool_], one: Fit, other: Fit) -> Fit:
+def _merged(first: NDArray[np.bool_], one: SplineFit, other: SplineFit) -> SplineFit:
     """Return the fits of the channels that are `first` and of the others as one."""
     coefficients = np.empty((len(first), one.spline.coefficients.shape[1]))
     squares, counted = np.empty(len(first)), np.empty(len(first), dtype=np.intp)
     for where, fit in ((first, one), (~first, other)):
         coefficients[where], squares[where], counted[where] = fit.spline.coefficients, fit.squares, fit.counted
-    return Fit(replace(one.spline, coefficients=coefficients), squares, counted, one.freedom)
+    return SplineFit(replace(one.spline, coefficients=coefficients), squares, counted, one.freedom)
 
 
 def _stretches(
@@ -191,12 +191,12 @@ def _accumulate(
 
 
 def _refined(
-    spline: Spline,
+    spline: UniformSpline,
     factors: Sequence[Array],
     observed: Sequence[tuple[int, Array, Array]],
     channels: NDArray[np.intp],
     intervals: int,
-) -> Spline:
+) -> UniformSpline:
     """Return the spline with what it leaves of its observations fitted again (iterative refinement).
 
     Accelerations weigh as the fourth power of one over the knot spacing: with 2 ms the normal equations' condition

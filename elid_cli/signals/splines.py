@@ -73,7 +73,7 @@ def _pattern(stride: int, step: int, phase: int, orders: tuple[int, ...], width:
 
 
 @dataclass(frozen=True)
-class Spline:
+class UniformSpline:
     """Quintic splines of several channels on one segment.
 
     `coefficients` is (channels, intervals + 5); sample k lies at local position (k mod stride)/stride of interval

@@ -52,12 +52,12 @@ def rigid_regressor(which: str) -> dict[str, float]:
     import made
 
     from elid_cli.model import tracing as trace
-    from elid_cli.model.regressor import Model, inputs_of
+    from elid_cli.model.regressor import Regressor, inputs_of
     from elid_cli.model.terms.rigid_body import RigidBody
     from elid_cli.signals.motion import random_motion
 
     robot = getattr(made, which)()
-    program = Model(made.rigid(robot), (RigidBody(),)).estimation.program
+    program = Regressor(made.rigid(robot), (RigidBody(),)).estimation.program
     motion = random_motion(robot.n, np.zeros(robot.n, dtype=bool), SAMPLES)
     out, inputs = np.empty((program.outputs, trace.BLOCK)), np.empty((program.inputs, trace.BLOCK))
 
@@ -85,20 +85,20 @@ def elastic_reduction(which: str) -> dict[str, float]:
     import made
 
     from elid_cli.estimation.regression.filtered_rows import CHUNK
-    from elid_cli.estimation.streaming.accumulate import Growing
-    from elid_cli.model.regressor import Model, inputs_of
+    from elid_cli.estimation.streaming.accumulate import GrowingTriangle
+    from elid_cli.model.regressor import Regressor, inputs_of
     from elid_cli.signals.lowpass import low_pass
     from elid_cli.signals.motion import random_motion
 
     robot = getattr(made, which)()
-    plan = Model(robot).estimation
+    plan = Regressor(robot).estimation
     program, place = plan.program.distinct
     motion = random_motion(robot.n, np.ones(robot.n, dtype=bool), SAMPLES)
     out, inputs = np.empty((program.outputs, CHUNK)), np.empty((program.inputs, CHUNK))
     filter_ = low_pass(10.0, 1e-3, 20)
 
     def reduced(decimated: bool) -> None:
-        triangles = {item.row: Growing(len(item.columns)) for item in plan.rows}
+        triangles = {item.row: GrowingTriangle(len(item.columns)) for item in plan.rows}
         for start in range(0, SAMPLES, out.shape[1]):
             part = motion[start : start + out.shape[1]]
             rows = out[:, : part.samples]
@@ -130,7 +130,7 @@ def identify_arrays() -> dict[str, float]:
 
     from elid_cli.estimation.identify import identify
     from elid_cli.memory import keep_freed_memory
-    from elid_cli.model.regressor import Model
+    from elid_cli.model.regressor import Regressor
     from elid_cli.signals.options import SignalOptions
     from elid_cli.signals.signals import prepare
 
@@ -143,7 +143,7 @@ def identify_arrays() -> dict[str, float]:
     keep_freed_memory()
     whole()
     prepared = prepare(recording, robot)
-    plan, filter_ = Model(robot).estimation, prepared.filter
+    plan, filter_ = Regressor(robot).estimation, prepared.filter
     matrix = np.random.default_rng(0).random((1000, 1000))
     signals = (recording.t, recording.q, recording.theta, recording.tau)
     parts = {

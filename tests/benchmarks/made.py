@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot, robot_from_text
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
@@ -63,7 +63,7 @@ class Movement:
 
     def __init__(self, robot: Robot, seed: int = 0) -> None:
         draw = np.random.default_rng(seed)
-        self.robot, self.model = robot, Model(robot)
+        self.robot, self.model = robot, Regressor(robot)
         self.frequency = 2 * np.pi * draw.uniform(0.05, 0.6, (robot.n, 5))
         self.size, self.phase = draw.uniform(0.1, 0.4, (robot.n, 5)), draw.uniform(0, 6.28, (robot.n, 5))
         self.noise = np.random.default_rng(seed + 1)

@@ -11,7 +11,7 @@ from diagnosis_logs import arm
 
 from elid_cli.estimation.result import JointError
 from elid_cli.report.answers.diagnosis import WORSE, _against
-from elid_cli.report.answers.diagnosis_input import Check, Told
+from elid_cli.report.answers.diagnosis_input import Check, DiagnosisInput
 from elid_cli.signals.recording import Recording
 
 
@@ -31,9 +31,9 @@ def errors(joint1: float, joint2: float) -> dict[str, JointError]:
     return {"joint1": replace(plain, rms=joint1), "joint2": replace(plain, rms=joint2)}
 
 
-def told(*checks: Check) -> Told:
+def told(*checks: Check) -> DiagnosisInput:
     nothing = cast(Any, None)
-    return Told(cast(Any, Found()), nothing, nothing, (), recorded("own.h5"), "arm.yaml", checks)
+    return DiagnosisInput(cast(Any, Found()), nothing, nothing, (), recorded("own.h5"), "arm.yaml", checks)
 
 
 def check(before: tuple[float, float], after: tuple[float, float], *files: str) -> Check:

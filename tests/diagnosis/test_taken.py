@@ -14,7 +14,7 @@ from elid_cli.diagnosis.fit.state import State, fit, refreshed
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.effect_columns import extra_of
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.signals import prepare
 from tests.reproduce.inverse_logs import laws_of, log_of, make, recorded
 
@@ -30,17 +30,23 @@ def state() -> State:
     return refreshed(fit(divided(made.robot, prepare(log, made.robot, options_for(RATE))), ()))
 
 
-def noise(state: State, seed: int, width: int, joint: int) -> dict[Row, np.ndarray]:
+def noise(state: State, seed: int, width: int, joint: int) -> dict[EstimationRow, np.ndarray]:
     """Return columns of noise in the sum and motor rows of a joint."""
     generator = np.random.default_rng(seed)
     size = (width, state.log.observation.instants)
-    return {Row("sum", joint): generator.standard_normal(size), Row("motor", joint): generator.standard_normal(size)}
+    return {
+        EstimationRow("sum", joint): generator.standard_normal(size),
+        EstimationRow("motor", joint): generator.standard_normal(size),
+    }
 
 
-def left(state: State, joint: int) -> dict[Row, np.ndarray]:
+def left(state: State, joint: int) -> dict[EstimationRow, np.ndarray]:
     """Return what the model leaves of a joint's rows as a column."""
     found = residuals(state.log.observation, state.solution.values, state.extras)
-    return {Row("sum", joint): found["sum", joint][None], Row("motor", joint): found["motor", joint][None]}
+    return {
+        EstimationRow("sum", joint): found["sum", joint][None],
+        EstimationRow("motor", joint): found["motor", joint][None],
+    }
 
 
 @pytest.mark.parametrize("joint", [0, 1])
@@ -65,7 +71,7 @@ def test_the_effect_itself_takes_nearly_all_and_another_next_to_nothing(state: S
 
 
 def test_what_the_model_explains_already_takes_nothing(state: State) -> None:
-    group = state.log.observation.group(Row("motor", 1))  # the only row that K2 stands in
+    group = state.log.observation.group(EstimationRow("motor", 1))  # the only row that K2 stands in
     place = group.index.tolist().index(state.log.model.index["K2"])
     assert state.projected.taken({group.row: group.columns[[place]].copy()}) == 0.0
     assert state.projected.taken({}) == 0.0
@@ -75,7 +81,7 @@ def test_what_the_model_explains_already_takes_nothing(state: State) -> None:
 class White:
     """The whitener of a joint whose one row is white already."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[EstimationRow, ...]
 
     def apply(self, series: np.ndarray) -> np.ndarray:
         return series
@@ -87,7 +93,7 @@ def two_joints(shared: np.ndarray, residual: np.ndarray) -> Projected:
     length = instants // folds
     basis = np.concatenate([shared, -shared])[:, None] / (np.sqrt(2.0) * np.linalg.norm(shared))
     return Projected(
-        cast(Any, tuple(White((Row("sum", joint),)) for joint in range(2))),
+        cast(Any, tuple(White((EstimationRow("sum", joint),)) for joint in range(2))),
         (np.arange(instants),) * 2,
         (slice(0, instants), slice(instants, 2 * instants)),
         basis,
@@ -106,7 +112,7 @@ def test_what_another_joint_loses_along_is_not_counted() -> None:
     """A parameter that both joints share passes a column of the first on to the second."""
     shared, noise = np.random.default_rng(1).standard_normal((2, 240))
     projected = two_joints(shared, np.concatenate([shared, shared]) + 0.01 * np.tile(noise, 2))
-    assert 0.8 < projected.taken({Row("sum", 0): shared[None]}) <= 1.0
+    assert 0.8 < projected.taken({EstimationRow("sum", 0): shared[None]}) <= 1.0
 
 
 def test_many_columns_of_a_short_log_take_nothing_by_fitting_noise() -> None:
@@ -114,4 +120,4 @@ def test_many_columns_of_a_short_log_take_nothing_by_fitting_noise() -> None:
     generator = np.random.default_rng(2)
     shared, columns = generator.standard_normal(240), generator.standard_normal((40, 240))
     projected = two_joints(shared, generator.standard_normal(480))
-    assert projected.taken({Row("sum", 0): columns}) < 0.01
+    assert projected.taken({EstimationRow("sum", 0): columns}) < 0.01

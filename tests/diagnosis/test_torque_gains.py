@@ -7,7 +7,7 @@ import pytest
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
 from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.evidence.held_out import held_out_triangles
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.signals import prepare
 from tests.reproduce.inverse_logs import Laws, Made, laws_of, log_of, make, recorded
@@ -54,7 +54,7 @@ def test_what_is_left_is_that_of_the_robot_that_is_written() -> None:
     assert found.state_after is not None
     inside = held_out_triangles(found.state_after)
     for k, name in enumerate(made.robot.joint_names):
-        own = inside.rms(found.state_after.solution.values, Row("sum", k))
+        own = inside.rms(found.state_after.solution.values, EstimationRow("sum", k))
         assert found.after[name].rms == pytest.approx(own, rel=0.01)
 
 

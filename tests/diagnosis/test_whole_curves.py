@@ -13,7 +13,7 @@ from elid_cli.diagnosis.search.by_collocation import Collocated, collocated
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects.effect import DIRECTION_WIDTH
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import prepare
@@ -44,7 +44,7 @@ def papers() -> Diagnosis:
 
 
 def test_the_papers_own_case(papers: Diagnosis) -> None:
-    base = find_base(Model(bare()))
+    base = find_base(Regressor(bare()))
     truth = base.values(bare().reference())
     before, after = (
         error(base.transform @ state.standard, truth) for state in (papers.state_before, papers.state_after)
@@ -67,7 +67,7 @@ def test_the_refined_robot_holds_the_collocations_values(papers: Diagnosis) -> N
     again = validate(papers.refined, papers.state_after.log.raw, papers.chosen)
     for name, item in papers.validation_after.error.items():
         assert again.error[name].rms == item.rms
-    base = find_base(Model(bare()))
+    base = find_base(Regressor(bare()))
     held = base.values(papers.refined.reference())
     assert held == pytest.approx(base.transform @ papers.state_after.standard, rel=1e-6, abs=1e-9)
 

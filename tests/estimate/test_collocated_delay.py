@@ -13,10 +13,10 @@ from elid_cli.estimation import default_fit as fitting
 from elid_cli.estimation.collocation.estimator import Accurate, collocate
 from elid_cli.estimation.identify import EstimateOptions, fit_log, identify
 from elid_cli.estimation.regression.nuisances import DELAY
-from elid_cli.estimation.regression.triangles import Extra
+from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.experiment.simulation import SimulationOptions, simulate
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.signals.signals import prepare
 from tests.reproduce import coverage
 from tests.reproduce.inverse_logs import Laws, log_of, make, recorded
@@ -25,14 +25,14 @@ from tests.reproduce.unseen import arm
 IMAGINED = 3e-4
 
 
-def all_delays(observation: Any, solution: Any, extras: Sequence[Extra], *rest: Any) -> list[Extra]:
+def all_delays(observation: Any, solution: Any, extras: Sequence[ExtraColumns], *rest: Any) -> list[ExtraColumns]:
     return [extra for extra in extras if extra.name == DELAY]
 
 
 def test_a_delay_that_is_none_ends_at_none(monkeypatch: pytest.MonkeyPatch) -> None:
     made = make(2, 2, rate=500.0, duration=8.0)
     log = recorded(made, log_of(made, Laws()), db=90.0, counts=0.0, torque=0.0, colour=0.0, seed=2)
-    model = Model(made.robot)
+    model = Regressor(made.robot)
     monkeypatch.setattr(fitting, "significant", all_delays)
     fit = fit_log(model, find_base(model), prepare(log, made.robot), EstimateOptions())
     delays = model.parameters + np.arange(made.robot.n)

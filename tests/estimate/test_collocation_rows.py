@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from elid_cli.estimation.collocation.bordered_banded import _sandwich, covariance_at, reduced
+from elid_cli.estimation.collocation.bordered_banded import _sandwich, covariance_at, eliminate_trajectory
 from elid_cli.estimation.collocation.problem import Iterate, States, coefficients_to_states
 from elid_cli.estimation.collocation.setup import Setup
 from elid_cli.estimation.default_fit import fit_log
 from elid_cli.estimation.identify import EstimateOptions
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.model.tracing import Graph, compile_program
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import EffectSpec, Robot
@@ -45,7 +45,7 @@ def setup(request: pytest.FixtureRequest) -> Setup:
         theta = log.theta.copy()
         theta[:, 1] = np.nan
         log = replace(log, theta=theta)
-    model = Model(robot)
+    model = Regressor(robot)
     return Setup(fit_log(model, find_base(model), prepare(log, robot), EstimateOptions()), coarse=True)
 
 
@@ -118,11 +118,11 @@ def test_what_an_output_reads() -> None:
 
 def test_scores_of_the_noise_that_is_assumed_are_as_large_as_the_normal_matrix() -> None:
     # then the inverse of the normal matrix is the covariance; what knots are assumed to follow of torques is no noise
-    model = Model(PLANAR)
+    model = Regressor(PLANAR)
     fit = fit_log(model, find_base(model), prepare(noisy(1, 90.0, 0.01), PLANAR), EstimateOptions())
     for setup, least in ((Setup(fit, coarse=True), 1.0), (Setup(fit, coarse=True, followed=1.4), 1.0 / 1.4**2)):
         nothing = np.zeros((len(setup.start.p),) * 2)
-        system = reduced(setup.problem, setup.start, (nothing, nothing[0]))
+        system = eliminate_trajectory(setup.problem, setup.start, (nothing, nothing[0]))
         size = len(system.gradient)
         inverse = np.linalg.inv(system.matrix)
         white = _sandwich(setup.problem, setup.start, [part[:, :size] for part in system.solved], inverse)[2]

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from elid_cli.estimation.collocation.starts import _named_by
-from elid_cli.estimation.default_fit import Fit, fit_log
+from elid_cli.estimation.default_fit import DefaultFit, fit_log
 from elid_cli.estimation.identify import EstimateOptions, Identification, identify
 from elid_cli.estimation.regression.covariance import lasting_weights
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.other_shapes import explains_as_well, sentences
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.signals import Signals, prepare
 from tests.reproduce.inverse_logs import Laws, Made, World, laws_of, log_of, make, recorded
@@ -52,8 +52,8 @@ def fitted(seed: int, db: float, joint: int = 0) -> Identification:
     return replace(found, reference=found.base.values(made.truth.reference()))
 
 
-def fit_of(robot: Robot, signals: Signals) -> Fit:
-    model = Model(robot)
+def fit_of(robot: Robot, signals: Signals) -> DefaultFit:
+    model = Regressor(robot)
     return fit_log(model, find_base(model), signals, EstimateOptions())
 
 

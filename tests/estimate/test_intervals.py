@@ -19,7 +19,7 @@ from elid_cli.estimation.streaming.reduce import reduce_log
 from elid_cli.experiment.reference import ReferenceOptions
 from elid_cli.experiment.simulation import ControlOptions, SimulationOptions, simulate
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
@@ -89,7 +89,7 @@ def test_a_links_equation_knows_the_encoders_noise(db: float) -> None:
         theta=exact.theta + noise * generator.standard_normal(exact.q.shape),
     )
     signals = prepare(log, stiff)
-    model = Model(stiff)
+    model = Regressor(stiff)
     base, observation = find_base(model), observe(model, signals)
     system = reduce_log(stiff, signals, log, {}).links
     for joint in range(2):

@@ -9,10 +9,10 @@ import pytest
 
 from elid_cli.estimation import cutoff
 from elid_cli.estimation.cutoff import HINT
-from elid_cli.estimation.default_fit import Fit, fit_part
+from elid_cli.estimation.default_fit import DefaultFit, fit_part
 from elid_cli.estimation.identify import EstimateOptions, fit_log, identify
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import Signals, prepare
@@ -38,11 +38,11 @@ def asked(
     """Return the cut-off chosen, and duration and cut-off of every fit on the way."""
     fits: list[tuple[float, ...]] = []
 
-    def seen(model: Model, base: BaseParameters, signals: Signals, options: EstimateOptions) -> Fit:
+    def seen(model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions) -> DefaultFit:
         fits.append((signals.duration, signals.filter.cutoff))
         return fit_log(model, base, signals, options)
 
-    def part(fit: Fit, signals: Signals) -> Fit:
+    def part(fit: DefaultFit, signals: Signals) -> DefaultFit:
         fits.append((signals.duration, signals.filter.cutoff))
         return fit_part(fit, signals)
 

@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from elid_cli.estimation.default_fit import Fit
+from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.identify import EstimateOptions, fit_log, identify
 from elid_cli.estimation.stiffness.noise import deciding_deflection, deflections_noise, with_pull
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals, prepare
 from tests.reproduce.inverse_logs import Laws, log_of, make, recorded
@@ -28,18 +28,18 @@ def coarse(seed: int) -> tuple[Robot, Robot, Signals]:
 
 
 @cache
-def fitted() -> Fit:
+def fitted() -> DefaultFit:
     robot, _, signals = coarse(303)
-    model = Model(robot)
+    model = Regressor(robot)
     return fit_log(model, find_base(model), signals, EstimateOptions())
 
 
-def widened(fit: Fit, noise: np.ndarray) -> np.ndarray:
+def widened(fit: DefaultFit, noise: np.ndarray) -> np.ndarray:
     """Return what noise in the deflections adds to the covariance."""
     return with_pull(fit.model, fit.triangles, fit.solution, fit.covariance, noise) - fit.covariance
 
 
-def place(fit: Fit, name: str) -> int:
+def place(fit: DefaultFit, name: str) -> int:
     """Return where a parameter stands in the basis."""
     return int(np.flatnonzero(fit.solution.basis == fit.model.index[name])[0])
 

@@ -19,7 +19,7 @@ from elid_cli.estimation.streaming.merge import identify_reduced
 from elid_cli.estimation.streaming.reduce import reduce_log
 from elid_cli.logs import read_recording
 from elid_cli.memory import let_go
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.excerpts import excerpts
 from elid_cli.signals.lowpass import low_pass
@@ -43,7 +43,7 @@ def log():  # type: ignore[no-untyped-def]
 @pytest.mark.parametrize("chunk", [900, 2500])
 def test_blocks_of_any_length_give_the_equations_of_the_whole(log, chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:  # type: ignore[no-untyped-def]
     robot, recording, signals = log
-    model = Model(robot)
+    model = Regressor(robot)
     monkeypatch.setattr("elid_cli.estimation.regression.filtered_rows.CHUNK", 10**9)
     whole = observe(model, signals)
     direct = identify(robot, signals)

@@ -14,10 +14,10 @@ from elid_cli.estimation.regression.least_squares import WEIGHT_ITERATIONS, rewe
 from elid_cli.estimation.regression.long_run import student_quantile
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.estimation.regression.triangles import Triangles, folds_of, reduce
+from elid_cli.estimation.regression.triangles import Triangles, folds_of, to_triangles
 from elid_cli.logs import read_recording
 from elid_cli.model.base_parameters import BaseParameters, find_base
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.motion import random_motion
 from elid_cli.signals.options import SignalOptions
@@ -31,7 +31,7 @@ LOG = Path(__file__).parents[2] / "sample_logs" / "puma560.h5"
 @pytest.fixture(scope="module")
 def observation() -> Observation:
     robot = read_robot("puma560")
-    return observe(Model(robot), prepare(read_recording([LOG], robot), robot, SignalOptions(cutoff=10.0)))
+    return observe(Regressor(robot), prepare(read_recording([LOG], robot), robot, SignalOptions(cutoff=10.0)))
 
 
 def answer(base: BaseParameters, values: Array) -> Array:
@@ -45,9 +45,9 @@ def test_with_fewer_or_reordered_columns(observation: Observation, chosen: list[
     extras = [*delay_columns(observation), *offset_columns(observation)]
     fold = folds_of(observation, 6)
     some = [extras[k] for k in chosen]
-    reduce(observation, extras, fold)
-    short = reduce(observation, some, fold)
-    fresh = reduce(replace(observation), some, fold)
+    to_triangles(observation, extras, fold)
+    short = to_triangles(observation, some, fold)
+    fresh = to_triangles(replace(observation), some, fold)
     assert (short.rows, short.extras, short.folds) == (fresh.rows, fresh.extras, fresh.folds)
     for a, b in zip(short.items, fresh.items, strict=True):
         assert (a.row, a.fold, a.count, a.power) == (b.row, b.fold, b.count, b.power)
@@ -56,7 +56,7 @@ def test_with_fewer_or_reordered_columns(observation: Observation, chosen: list[
         one, other = (t.factor[:, np.append(o, len(o))] for t, o in zip((a, b), order, strict=True))
         size = np.linalg.norm(other, axis=0)
         assert np.abs((one.T @ one - other.T @ other) / np.outer(size, size)).max() < 1e-12
-    base = find_base(Model(observation.robot))
+    base = find_base(Regressor(observation.robot))
     one, other = (answer(base, reweighted(t, base.count + len(some)).values) for t in (short, fresh))
     assert np.abs(one - other).max() < 1e-9 * np.abs(other).max()
 
@@ -78,15 +78,15 @@ def same(a: Triangles, b: Triangles) -> bool:
 def test_reversals_are_added_to_what_was_reduced_without_them(observation: Observation, joints: list[int]) -> None:
     extras = [*delay_columns(observation), *offset_columns(observation)]
     fold = folds_of(observation, 6)
-    masked = reduce(observation, extras, fold)
+    masked = to_triangles(observation, extras, fold)
     wider = observation.unmasked(np.isin(np.arange(6), joints))
-    grown = reduce(wider, extras, fold)
+    grown = to_triangles(wider, extras, fold)
     assert (sum(t.count for t in grown.items) > sum(t.count for t in masked.items)) == bool(joints)
-    assert same(grown, reduce(replace(wider), extras, fold))
+    assert same(grown, to_triangles(replace(wider), extras, fold))
     some = [extras[k] for k in (3, 7)]
-    order = reduce(wider, some, fold)
+    order = to_triangles(wider, some, fold)
     assert [t.count for t in order.items] == [t.count for t in grown.items]
-    assert same(reduce(observation, extras, fold), masked)  # which of both is asked first makes no difference
+    assert same(to_triangles(observation, extras, fold), masked)  # which of both is asked first makes no difference
 
 
 def test_a_fold_all_of_reversals_is_added_too(observation: Observation) -> None:
@@ -98,17 +98,17 @@ def test_a_fold_all_of_reversals_is_added_too(observation: Observation) -> None:
         empty,
         groups=tuple(replace(g, use=g.use & (fold != 3) | np.isin(np.arange(len(fold)), few)) for g in empty.groups),
     )
-    assert {t.fold for t in reduce(empty, extras, fold).items} == {0, 1, 3, 4, 5}
+    assert {t.fold for t in to_triangles(empty, extras, fold).items} == {0, 1, 3, 4, 5}
     wider = empty.unmasked(np.ones(6, dtype=bool))
-    assert same(reduce(wider, extras, fold), reduce(replace(wider), extras, fold))
+    assert same(to_triangles(wider, extras, fold), to_triangles(replace(wider), extras, fold))
 
 
 def test_fewer_instants_are_reduced_anew(observation: Observation) -> None:
     extras = offset_columns(observation)
-    reduce(observation, extras)
+    to_triangles(observation, extras)
     fewer = observation.only(np.arange(observation.instants) % 2 == 0)
     fewer.reductions[:] = observation.reductions
-    assert same(reduce(fewer, extras), reduce(replace(fewer), extras))
+    assert same(to_triangles(fewer, extras), to_triangles(replace(fewer), extras))
 
 
 def test_what_cannot_be_solved_is_left_out_or_refused() -> None:
@@ -130,8 +130,8 @@ def test_what_cannot_be_solved_is_left_out_or_refused() -> None:
 
 def test_weights_are_iterated_as_solving_every_time_would(observation: Observation) -> None:
     extras = [*delay_columns(observation), *offset_columns(observation)]
-    triangles = reduce(observation, extras).joined()
-    base = find_base(Model(observation.robot))
+    triangles = to_triangles(observation, extras).joined()
+    base = find_base(Regressor(observation.robot))
     rank = base.count + len(extras)
     weights = {row: 1.0 / triangles.torque_rms(row) for row in triangles.rows}
     solution = solve(triangles, weights, None, rank)
@@ -146,7 +146,7 @@ def test_weights_are_iterated_as_solving_every_time_would(observation: Observati
 
 
 def test_columns_that_repeat_are_computed_once_and_the_same() -> None:
-    model = Model(read_robot("puma560"))
+    model = Regressor(read_robot("puma560"))
     program = model.estimation.program
     lean, place = program.distinct
     assert lean.outputs == len(set(place.tolist())) < program.outputs

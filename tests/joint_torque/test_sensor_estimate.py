@@ -11,7 +11,7 @@ from sensor_logs import logged, motion, planar, shoulder, without_sensors
 from elid_cli.estimation.identify import EstimateOptions, Identification, identify
 from elid_cli.estimation.regression.observation import observe
 from elid_cli.estimation.validation.prediction import validate
-from elid_cli.model.regressor import SENSOR_KINDS, Model, Row
+from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Regressor
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
@@ -32,19 +32,19 @@ def nuisances(result: Identification) -> dict[tuple[str, str], float]:
 
 
 def test_a_log_without_sensors_has_the_rows_it_always_had() -> None:
-    model = Model(PLANAR)
+    model = Regressor(PLANAR)
     signals = prepare(without_sensors(logged()), PLANAR)
     assert model.sensed(signals.sensed) is model.estimation
     assert {group.row.kind for group in observe(model, signals).groups} == {"sum", "motor"}
 
 
 def test_sum_and_motor_rows_are_sums_of_the_sensors_rows() -> None:
-    model = Model(PLANAR)
+    model = Regressor(PLANAR)
     observation = observe(model, prepare(logged(), PLANAR))
     values = np.random.default_rng(0).standard_normal(model.parameters)
 
     def sides(kind: str, joint: int) -> tuple[np.ndarray, np.ndarray]:
-        group = observation.group(Row(kind, joint))  # type: ignore[arg-type]
+        group = observation.group(EstimationRow(kind, joint))  # type: ignore[arg-type]
         return values[group.index] @ group.columns, group.target
 
     for joint in range(2):

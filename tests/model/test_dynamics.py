@@ -11,7 +11,7 @@ from random_robots import random_robot
 from elid_cli.errors import RobotError
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.mass_matrix import NotPositiveError, ldl_solver
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.motion import Motion
 
@@ -53,7 +53,7 @@ def test_forward_then_inverse_gives_the_torques_back(name: str) -> None:
 @pytest.mark.parametrize("name", ["puma560", "mixed"])
 def test_inverse_is_the_regressor_times_the_parameters(name: str) -> None:
     robot = ROBOTS[name]
-    dynamics, model = Dynamics(robot, friction_width=1e-9), Model(robot)
+    dynamics, model = Dynamics(robot, friction_width=1e-9), Regressor(robot)
     q, dq, theta, dtheta, ddq, ddtheta, _ = random_state(robot.n, 5)
     links, motors = dynamics.inverse(q, dq, ddq, theta, dtheta, ddtheta)
     rigid = ~robot.elastic

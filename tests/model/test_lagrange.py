@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from random_robots import random_robot
 
-from elid_cli.model.regressor import Model, Row
+from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.signals.motion import random_motion
@@ -131,7 +131,7 @@ ROBOTS = {
 @pytest.mark.parametrize("name", ROBOTS)
 def test_regressor_is_lagranges_equations(name: str) -> None:
     robot = ROBOTS[name]
-    model = Model(robot)
+    model = Regressor(robot)
     motion = random_motion(robot.n, robot.elastic, 6, seed=11)
     values = np.random.default_rng(12).normal(size=(6, model.parameters))  # any numbers: the equations are linear
     columns = model.rows(motion, model.equations)
@@ -145,9 +145,9 @@ def test_regressor_is_lagranges_equations(name: str) -> None:
         expected = {}
         for j, joint in enumerate(robot.joints):
             if joint.elastic:
-                expected |= {Row("link", j): links[j], Row("motor", j): motors[j]}
+                expected |= {EstimationRow("link", j): links[j], EstimationRow("motor", j): motors[j]}
             else:
-                expected[Row("sum", j)] = links[j] + motors[j]  # one coordinate: the two equations add up
+                expected[EstimationRow("sum", j)] = links[j] + motors[j]  # one coordinate: the two equations add up
         found = {plan.row: columns[plan.row][:, k] @ values[k][plan.columns] for plan in model.equations.rows}
         assert found.keys() == expected.keys()
         scale = max(abs(value) for value in expected.values())
@@ -158,13 +158,13 @@ def test_regressor_is_lagranges_equations(name: str) -> None:
 @pytest.mark.parametrize("name", ["mixed", "puma560"])
 def test_estimation_rows_are_sums_of_the_equations(name: str) -> None:
     robot = ROBOTS[name]
-    model = Model(robot)
+    model = Regressor(robot)
     motion = random_motion(robot.n, robot.elastic, 20, seed=3)
     by_row = {plan.row: model.dense(motion, model.equations)[k] for k, plan in enumerate(model.equations.rows)}
     for k, plan in enumerate(model.estimation.rows):
         found = model.dense(motion)[k]
         if plan.row.kind == "sum" and robot.joints[plan.row.joint].elastic:
-            expected = by_row[Row("link", plan.row.joint)] + by_row[Row("motor", plan.row.joint)]
+            expected = by_row[EstimationRow("link", plan.row.joint)] + by_row[EstimationRow("motor", plan.row.joint)]
         else:
             expected = by_row[plan.row]
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())

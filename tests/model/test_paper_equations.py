@@ -8,7 +8,7 @@ import pytest
 from random_robots import random_robot
 
 from elid_cli.model.dynamics import Dynamics
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.motion import random_motion
 
@@ -25,7 +25,7 @@ ROBOTS = {
 @pytest.mark.parametrize("name", ROBOTS)
 def test_regressor_is_equation_13(name: str) -> None:
     robot = ROBOTS[name]
-    model = Model(robot)
+    model = Regressor(robot)
     motion = random_motion(robot.n, robot.elastic, 8, seed=31)
     found = model.dense(motion, model.equations)
     expected = np.stack(

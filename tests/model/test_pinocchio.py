@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from random_robots import random_robot
 
-from elid_cli.model.regressor import Model, Row
+from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import random_motion
@@ -58,10 +58,10 @@ def parameters_in_joint_frame(after: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_rigid_part_is_pinocchios(name: str) -> None:
     robot = ROBOTS[name]
-    model = Model(robot)
+    model = Regressor(robot)
     motion = random_motion(robot.n, robot.elastic, 20, seed=44)
     place = {(plan.row.kind, plan.row.joint): k for k, plan in enumerate(model.equations.rows)}
-    links = [place.get(Row("link", j), place.get(Row("sum", j))) for j in range(robot.n)]
+    links = [place.get(EstimationRow("link", j), place.get(EstimationRow("sum", j))) for j in range(robot.n)]
     dense = model.dense(motion, model.equations)[links]
     theirs = pinocchio_model(robot)
     data = theirs.createData()

@@ -8,7 +8,7 @@ import numpy as np
 
 from elid_cli.memory import Recent
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 
 
@@ -28,8 +28,8 @@ def test_values_of_parameters_do_not_change_the_rows_but_everything_else_does() 
     robot = read_robot("planar2")
     first, second = robot.joints
     heavier = replace(robot, joints=(replace(first, parameters={**first.parameters, "m": 99.0}), second))
-    assert Model(robot).estimation is Model(heavier).estimation
-    assert find_base(Model(robot)) is find_base(Model(heavier))
+    assert Regressor(robot).estimation is Regressor(heavier).estimation
+    assert find_base(Regressor(robot)) is find_base(Regressor(heavier))
     changes = (
         replace(robot, gravity=(0.0, 0.0, -9.81)),
         replace(robot, joints=(replace(first, a=0.7), second)),
@@ -39,13 +39,13 @@ def test_values_of_parameters_do_not_change_the_rows_but_everything_else_does() 
         replace(robot, joints=(replace(first, type="prismatic"), second)),
     )
     for other in changes:
-        assert Model(other).estimation is not Model(robot).estimation
-        assert Model(other).equations is not Model(robot).equations
-        assert find_base(Model(other)) is not find_base(Model(robot))
+        assert Regressor(other).estimation is not Regressor(robot).estimation
+        assert Regressor(other).equations is not Regressor(robot).equations
+        assert find_base(Regressor(other)) is not find_base(Regressor(robot))
 
 
 def test_sensors_have_rows_of_their_own() -> None:
-    model = Model(read_robot("planar2"))
+    model = Regressor(read_robot("planar2"))
     with_sensor = model.sensed(np.array([True, False]))
     assert with_sensor is not model.estimation
-    assert with_sensor is Model(read_robot("planar2")).sensed(np.array([True, False]))
+    assert with_sensor is Regressor(read_robot("planar2")).sensed(np.array([True, False]))

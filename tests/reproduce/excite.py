@@ -19,7 +19,7 @@ from elid_cli.experiment.reference import random_reference
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.consistency import consistency, prior
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import prepare
@@ -34,7 +34,7 @@ def main(name: str, duration: float) -> None:
     """Print the figures of one robot."""
     robot = read_robot(name)
     found = excite(robot, ExciteOptions(duration=duration))
-    model = Model(robot)
+    model = Regressor(robot)
     base = find_base(model)
     grid = np.linspace(0.0, duration, round(duration * INSTANTS))
     motions = [random_reference(robot, duration, seed).evaluate(grid) for seed in range(100, 120)]

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.model.regressor import Model, Row
+from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Recording, Segment
@@ -153,10 +153,10 @@ def make(
     t = np.arange(round(duration * rate)) / rate
     q, dq, ddq = fourier(seed, n, t)
     rigid = _values(plain)
-    model = Model(plain)
+    model = Regressor(plain)
     motion = Motion(t=t, q=q, dq=dq, ddq=ddq, theta=q, dtheta=dq, ddtheta=ddq)
     rows = model.rows(motion, model.equations)
-    bodies = np.stack([rows[Row("link", k)].T @ _part(model, rigid, k) for k in range(n)], 1)
+    bodies = np.stack([rows[EstimationRow("link", k)].T @ _part(model, rigid, k) for k in range(n)], 1)
     joints, sizes = [], []
     for k, joint in enumerate(plain.joints):
         torque = float(np.sqrt(np.mean(bodies[:, k] ** 2)))
@@ -190,7 +190,7 @@ def _bodies(robot: Robot) -> Robot:
 def log_of(made: Made, laws: Laws) -> dict[str, Array]:
     """Return the noise-free signals q, theta, tau of a log, (N, n) each, in which some laws act."""
     robot = made.truth if laws.gravity is None else replace(made.truth, gravity=laws.gravity)
-    n, model = robot.n, Model(robot)
+    n, model = robot.n, Regressor(robot)
     values = _values(robot)
     for k in range(n):
         values[model.index[f"K{k + 1}"]] = 0.0
@@ -202,16 +202,16 @@ def log_of(made: Made, laws: Laws) -> dict[str, Array]:
             t=made.t, q=made.q, dq=made.dq, ddq=made.ddq, theta=world.theta, dtheta=world.dtheta, ddtheta=world.ddtheta
         )
         rows = model.rows(motion, model.equations)
-        through = np.stack([rows[Row("link", k)].T @ _part(model, values, k) for k in range(n)], 1)
+        through = np.stack([rows[EstimationRow("link", k)].T @ _part(model, values, k) for k in range(n)], 1)
         if laws.payload is not None:
             start, change = laws.payload
             other = values.copy()
             last = [model.index[f"{name}{n}"] for name in LINK_PARAMETERS]
             other[last] += change
-            after = np.stack([rows[Row("link", k)].T @ _part(model, other, k) for k in range(n)], 1)
+            after = np.stack([rows[EstimationRow("link", k)].T @ _part(model, other, k) for k in range(n)], 1)
             share = 0.5 * (1 + np.tanh((made.t - start) / 0.03))[:, None]
             through = (1 - share) * through + share * after
-        own = np.stack([rows[Row("motor", k)].T @ _part(model, values, k, "motor") for k in range(n)], 1)
+        own = np.stack([rows[EstimationRow("motor", k)].T @ _part(model, values, k, "motor") for k in range(n)], 1)
         for link in laws.link:
             through = through + link(world)
         world.through = through
@@ -256,7 +256,7 @@ def recorded(
 
 
 def _values(robot: Robot) -> Array:
-    model = Model(robot)
+    model = Regressor(robot)
     values = np.zeros(model.parameters)
     for k, joint in enumerate(robot.joints):
         for name, value in joint.parameters.items():
@@ -264,8 +264,8 @@ def _values(robot: Robot) -> Array:
     return values
 
 
-def _part(model: Model, values: Array, k: int, kind: str = "link") -> Array:
-    plan = next(p for p in model.equations.rows if p.row == Row(kind, k))  # type: ignore[arg-type]
+def _part(model: Regressor, values: Array, k: int, kind: str = "link") -> Array:
+    plan = next(p for p in model.equations.rows if p.row == EstimationRow(kind, k))  # type: ignore[arg-type]
     return values[plan.columns]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from elid_cli.diagnosis import diagnose
 from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.signals import prepare
 from tests.reproduce.paper_logs import Array, by_elid, log_of, motion_of, with_friction
@@ -40,7 +40,7 @@ def main() -> None:
     robot = read_robot("planar2")
     plain, told = with_friction(robot, known=True), with_friction(robot, known=False)
     bare = type(robot)(**{**robot.__dict__, "effects": ()})
-    base = find_base(Model(bare))
+    base = find_base(Regressor(bare))
     truth = base.values(bare.reference())
     print(f"normalised mean error, {options.db:g} dB, {'positions and velocities' if options.rates else 'positions'}")
     for seed in options.motions:

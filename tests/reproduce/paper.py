@@ -19,7 +19,7 @@ from elid_cli.estimation.classical import identify_paper
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.experiment.simulation import ControlOptions, Simulation, SimulationOptions, run
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import prepare
@@ -140,7 +140,7 @@ def puma_motion() -> tuple[Robot, Simulation]:
 
 def puma_tables(across: Robot, simulation: Simulation) -> None:
     standing = replace(across, gravity=(0.0, 0.0, -9.81))
-    a, b = find_base(Model(across)), find_base(Model(standing))
+    a, b = find_base(Regressor(across)), find_base(Regressor(standing))
     print(
         f"\nPUMA 560, K = 2000 N·m/rad: {a.count} base parameters with the paper's gravity (-y0), "
         f"{b.count} for a standing arm"

@@ -11,7 +11,7 @@ from random_robots import random_robot
 
 from elid_cli.errors import RobotError
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import fingerprint, read_robot, robot_from_text, write_robot
 from elid_cli.robot.robot import Limits, Robot
 from elid_cli.robot.urdf.read import read_urdf, urdf_text, write_urdf
@@ -201,7 +201,7 @@ def test_a_seven_joint_arm_has_the_same_base_parameters_as_its_dh_description():
         for joint, (a, alpha, d) in zip(robot.joints, SEVEN, strict=True)
     ]
     robot = replace(robot, joints=tuple(joints), gravity=(0, 0, -9.81))
-    base = find_base(Model(robot))
+    base = find_base(Regressor(robot))
     # by hand, without elid's remarks and with the five digits that most files have
     lines = ['<robot name="seven"><link name="l0"/>']
     for i, (a, alpha, d) in enumerate(SEVEN, start=1):
@@ -215,11 +215,11 @@ def test_a_seven_joint_arm_has_the_same_base_parameters_as_its_dh_description():
         joints=tuple(replace(joint, motor_axis=(0.0, 0.0, 1.0), gear_ratio=ours.gear_ratio)
                      for joint, ours in zip(by_hand.joints, joints, strict=True)),
     )  # fmt: skip
-    found = find_base(Model(same_axes))
+    found = find_base(Regressor(same_axes))
     assert found.count == base.count == 43 + 4 * 7
     assert found.names == base.names
     written = robot_from_text(urdf_text(robot), "x.urdf")
-    assert find_base(Model(written)).names == base.names
+    assert find_base(Regressor(written)).names == base.names
 
 
 @pytest.mark.parametrize(

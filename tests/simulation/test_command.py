@@ -77,7 +77,7 @@ def test_gains_of_every_joint_and_of_none(tmp_path: Path) -> None:
         ((*SHORT, "-o", "log.csv", "--effect", "stribek@joint1:amplitude=1"), "did you mean 'stribeck'?"),
         (
             (*SHORT, "-o", "log.csv", "--effect", "stribeck@joint1:amplitude=1,velocity=0.1,width=3"),
-            "no parameter 'width'",
+            "unknown parameter 'width'",
         ),
         ((*SHORT, "-o", "log.csv", "--effect", "stribeck@joint1:amplitude=x"), "amplitude"),
         ((*SHORT, "-o", "log.csv", "--kp", "1,2,3"), "3 values for 2 joints"),

@@ -12,7 +12,7 @@ from elid_cli.experiment.simulation import ControlOptions, SensorOptions, Simula
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Scene
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import EffectSpec
 from elid_cli.signals.motion import Motion
@@ -71,7 +71,7 @@ def logged_motion(result: Simulation) -> Motion:
     return Motion(t, log.q, q(t, 1), q(t, 2), log.theta, theta(t, 1), theta(t, 2))
 
 
-def residuals(result: Simulation, motion: Motion) -> dict[Row, np.ndarray]:
+def residuals(result: Simulation, motion: Motion) -> dict[EstimationRow, np.ndarray]:
     """Return torque minus model, row by row of eq. (2)."""
     model = DYNAMICS.model
     rows = model.dense(motion, model.equations) @ DYNAMICS.parameters
@@ -141,7 +141,7 @@ def test_the_papers_friction_is_two_stribeck_terms() -> None:
         EffectSpec("stribeck", "joint1", {"amplitude": -f5, "velocity": 1 / f6, "exponent": -1}),
     )
     result = run(replace(ROBOT, effects=terms), SimulationOptions(duration=1.0))
-    residual = residuals(result, result.motion)[Row("motor", 0)]
+    residual = residuals(result, result.motion)[EstimationRow("motor", 0)]
     v = result.motion.dtheta[:, 0]
     moving = np.abs(v) > 0.05
     speed = np.abs(v[moving])

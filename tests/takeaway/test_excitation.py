@@ -17,7 +17,7 @@ from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, sim
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.consistency import consistency, prior
 from elid_cli.model.dynamics import Dynamics
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Limits, Robot
 from elid_cli.signals.signals import prepare
@@ -88,7 +88,7 @@ def test_the_same_seed_gives_the_same_trajectory(limited: Robot) -> None:
 
 @pytest.mark.parametrize("weights", [Weights(), Weights(0.0, 3.0), Weights(0.1, 0.0, (0, 5))])
 def test_gradients_agree_with_differences(limited: Robot, weights: Weights) -> None:
-    model = Model(limited)
+    model = Regressor(limited)
     grid = np.linspace(0.0, 6.0, 80)
     start = random_reference(limited, 6.0, 0)
     parameters = prior(limited, consistency(limited, limited.reference()).scales)

@@ -19,7 +19,7 @@ from elid_cli.estimation.validation.prediction import validate
 from elid_cli.experiment.excitation import ExciteOptions, excite
 from elid_cli.experiment.simulation import SimulationOptions, simulate
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.report import formats
 from elid_cli.report.answers.excitation import excitation_report
 from elid_cli.report.answers.identification import identification_report
@@ -266,7 +266,7 @@ def test_a_rigid_robot_gets_its_figures_too(planar: Robot) -> None:
     rigid = replace(planar, joints=tuple(replace(joint, transmission="rigid") for joint in planar.joints))
     log = simulate(rigid, SimulationOptions(duration=6.0, rate=250.0, seed=1))
     signals = prepare(log, rigid)
-    assert find_base(Model(rigid)).count
+    assert find_base(Regressor(rigid)).count
     figures = validation_figures(validate(rigid, signals), signals)
     assert "spring" not in {figure.kind for figure in figures}
     assert len(identify(rigid, signals).estimate)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli.model.effects.effect import DIRECTION_WIDTH, Scene
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.signals.motion import Motion
@@ -97,7 +97,7 @@ def torque_of(robot: Robot, motion: Motion, parameters: np.ndarray, direction: n
 
     Coulomb friction is rounded as effects round it, unless `direction` (N, n) says otherwise.
     """
-    model = Model(robot)
+    model = Regressor(robot)
     motor_speed = np.where(robot.elastic, motion.dtheta, motion.dq)
     direction = np.tanh(motor_speed / DIRECTION_WIDTH) if direction is None else direction
     torque = np.zeros((2, motion.samples, robot.n))

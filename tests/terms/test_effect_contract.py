@@ -12,8 +12,8 @@ from effect_scenes import DT, SPECS, instant, planar, scene_of, spatial
 
 from elid_cli.errors import RobotError
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.declared import lost_effects, resolve, shown_by
-from elid_cli.model.effects.effect import Effect, MemoryEffect, Parameter, RowKey, Scene
+from elid_cli.model.effects.declared import as_observed, lost_effects, resolve
+from elid_cli.model.effects.effect import Effect, EquationRow, MemoryEffect, Parameter, Scene
 from elid_cli.robot.robot import EffectSpec
 
 LIBRARY = effect_classes()
@@ -79,7 +79,7 @@ def test_columns_have_the_shape_they_promise(name: str, which: str, request: pyt
         columns = effect.columns(scene)
         assert columns
         for row, values in columns.items():
-            assert isinstance(row, RowKey)
+            assert isinstance(row, EquationRow)
             assert row.side in ("link", "motor")
             assert 0 <= row.joint < scene.robot.n
             assert values.shape == (len(effect.amplitudes), scene.samples) == (len(linear), scene.samples)
@@ -289,7 +289,7 @@ def test_a_log_without_link_positions_leaves_out_the_effects_that_need_them() ->
     robot = replace(planar(), effects=declared)
     blind = np.array([False, True])
     assert lost_effects(robot, blind) == declared[:1]
-    shown = shown_by(robot, blind)
+    shown = as_observed(robot, blind)
     assert shown.effects == declared[1:]
     assert [joint.elastic for joint in shown.joints] == [True, False]
     assert lost_effects(shown, blind) == ()

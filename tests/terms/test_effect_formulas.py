@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline
 
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.bodies import gravity_torque, last_body
-from elid_cli.model.effects.effect import RowKey, Scene
+from elid_cli.model.effects.effect import EquationRow, Scene
 from elid_cli.model.effects.library.flexible_mode import FlexibleMode
 from elid_cli.model.effects.library.hysteresis import Hysteresis
 from elid_cli.model.effects.library.lookup import Lookup, b_splines
@@ -25,7 +25,7 @@ from elid_cli.signals.motion import Motion
 LIBRARY = effect_classes()
 
 
-def total(name: str, scene: Scene, joint: int = 0, **changes: float) -> dict[RowKey, np.ndarray]:
+def total(name: str, scene: Scene, joint: int = 0, **changes: float) -> dict[EquationRow, np.ndarray]:
     """Return the torque of an effect at its usual size, (N,) per row."""
     linear, shape = LIBRARY[name].coefficients(scene, joint, SPECS[name] | changes)
     columns = LIBRARY[name](joint, shape).columns(scene)
@@ -45,8 +45,8 @@ def test_friction_in_the_motor_row(name: str, planar_scene: Scene) -> None:
     for joint in (0, 1):
         w = planar_scene.motion.dtheta[:, joint]
         found = total(name, planar_scene, joint)
-        assert set(found) == {RowKey("motor", joint)}
-        np.testing.assert_allclose(found[RowKey("motor", joint)], MOTOR[name](np.tanh(w / 5e-3), w), atol=1e-12)
+        assert set(found) == {EquationRow("motor", joint)}
+        np.testing.assert_allclose(found[EquationRow("motor", joint)], MOTOR[name](np.tanh(w / 5e-3), w), atol=1e-12)
 
 
 def test_the_papers_friction_is_two_stribeck_effects(planar_scene: Scene) -> None:
@@ -54,7 +54,7 @@ def test_the_papers_friction_is_two_stribeck_effects(planar_scene: Scene) -> Non
     w = planar_scene.motion.dtheta[:, 0]
     w = np.where(np.abs(w) < 0.05, 0.05, w)
     scene = replace(planar_scene, motion=replace(planar_scene.motion, dtheta=np.stack([w, w], 1)), cache={})
-    row = RowKey("motor", 0)
+    row = EquationRow("motor", 0)
     found = total("stribeck", scene, amplitude=-f3, velocity=f4)[row]
     found = found + total("stribeck", scene, amplitude=-f5, velocity=1 / f6, exponent=-1)[row]
     expected = -f3 * np.sign(w) * np.exp(-np.abs(w) / f4) - f5 * np.sign(w) * np.exp(-1 / (f6 * np.abs(w)))
@@ -65,34 +65,34 @@ def test_the_papers_friction_is_two_stribeck_effects(planar_scene: Scene) -> Non
 def test_the_rising_stribeck_term_vanishes_at_standstill(planar_scene: Scene) -> None:
     still = replace(planar_scene.motion, dtheta=np.zeros_like(planar_scene.motion.dtheta))
     scene = replace(planar_scene, motion=still, cache={})
-    assert not np.any(total("stribeck", scene, exponent=-1.0)[RowKey("motor", 0)])
+    assert not np.any(total("stribeck", scene, exponent=-1.0)[EquationRow("motor", 0)])
 
 
 def test_drift_has_no_mean_and_ends_at_half_the_change(planar_scene: Scene) -> None:
     s = planar_scene
     t, w = s.motion.t, s.motion.dtheta[:, 1]
     expected = (t / (3000 * DT) - 0.5) * (-0.3 * np.tanh(w / 5e-3) + 0.15 * w)
-    np.testing.assert_allclose(total("friction_drift", s, 1)[RowKey("motor", 1)], expected, atol=1e-12)
+    np.testing.assert_allclose(total("friction_drift", s, 1)[EquationRow("motor", 1)], expected, atol=1e-12)
 
 
 def test_friction_of_the_load_follows_the_spring_or_the_motor(spatial_scene: Scene) -> None:
     s = spatial_scene
     elastic = 0.1 * np.abs(4000 * (s.motion.theta[:, 0] - s.motion.q[:, 0])) * np.tanh(s.motion.dtheta[:, 0] / 5e-3)
-    np.testing.assert_allclose(total("load_friction", s, 0)[RowKey("motor", 0)], elastic, atol=1e-9)
+    np.testing.assert_allclose(total("load_friction", s, 0)[EquationRow("motor", 0)], elastic, atol=1e-9)
     rigid = 0.1 * np.abs(s.tau[:, 1]) * np.tanh(s.motion.dq[:, 1] / 5e-4)  # prismatic
-    np.testing.assert_allclose(total("load_friction", s, 1)[RowKey("motor", 1)], rigid, atol=1e-9)
+    np.testing.assert_allclose(total("load_friction", s, 1)[EquationRow("motor", 1)], rigid, atol=1e-9)
 
 
 def test_harmonics(planar_scene: Scene) -> None:
     s = planar_scene
     th, w = s.motion.theta[:, 1], s.motion.dtheta[:, 1]
-    row = RowKey("motor", 1)
+    row = EquationRow("motor", 1)
     np.testing.assert_allclose(total("torque_ripple", s, 1)[row], 0.8 * np.sin(12 * th + 2.5), atol=1e-12)
     swing = 0.5 * np.sin(3 * th - 2.0) * np.tanh(w / 5e-3)
     np.testing.assert_allclose(total("position_friction", s, 1)[row], swing, atol=1e-12)
     error = 1800 * 4e-4 * np.sin(20 * th + 0.7)
     found = total("kinematic_error", s, 1)
-    np.testing.assert_allclose(found[RowKey("link", 1)], error, atol=1e-12)
+    np.testing.assert_allclose(found[EquationRow("link", 1)], error, atol=1e-12)
     np.testing.assert_allclose(found[row], -error, atol=1e-12)
 
 
@@ -132,30 +132,30 @@ def test_effects_in_the_transmission(name: str, planar_scene: Scene) -> None:
     m = planar_scene.motion
     found = total(name, planar_scene)
     expected = SPRING[name]((m.q - m.theta)[:, 0], (m.dq - m.dtheta)[:, 0], 3000.0, m.dq[:, 0])
-    np.testing.assert_allclose(found[RowKey("link", 0)], expected, atol=1e-9)
-    np.testing.assert_allclose(found[RowKey("motor", 0)], -expected, atol=1e-9)
+    np.testing.assert_allclose(found[EquationRow("link", 0)], expected, atol=1e-9)
+    np.testing.assert_allclose(found[EquationRow("motor", 0)], -expected, atol=1e-9)
 
 
 def test_a_skew_moves_the_spring_and_what_the_bodies_need(planar_scene: Scene) -> None:
     m = planar_scene.motion
     found = total("encoder_skew", planar_scene)
     spring = 3000.0 * 2e-3 * m.dq[:, 0]
-    np.testing.assert_allclose(found[RowKey("motor", 0)], -spring, atol=1e-9)
-    bodies = found[RowKey("link", 0)] - spring
+    np.testing.assert_allclose(found[EquationRow("motor", 0)], -spring, atol=1e-9)
+    bodies = found[EquationRow("link", 0)] - spring
     assert 0 < np.sqrt(np.mean(bodies**2)) < np.sqrt(np.mean(spring**2))
-    assert np.any(found[RowKey("link", 1)])  # the next link is moved along
+    assert np.any(found[EquationRow("link", 1)])  # the next link is moved along
 
 
 def test_backlash_leaves_the_spring_of_a_dead_zone(planar_scene: Scene) -> None:
     e = planar_scene.deflection(0)
-    spring = 3000 * e + total("backlash", planar_scene)[RowKey("link", 0)]
+    spring = 3000 * e + total("backlash", planar_scene)[EquationRow("link", 0)]
     dead = 3000 * (np.maximum(e - 1.5e-3, 0) + np.minimum(e + 1.5e-3, 0))
     np.testing.assert_allclose(spring, dead, atol=1e-9)
     assert LIBRARY["backlash"].coefficients(planar_scene, 0, {"gap": 1e-3})[0] == pytest.approx([-3000.0])
 
 
 def test_link_side(planar_scene: Scene) -> None:
-    m, row = planar_scene.motion, RowKey("link", 1)
+    m, row = planar_scene.motion, EquationRow("link", 1)
     np.testing.assert_allclose(total("link_spring", planar_scene, 1)[row], 30 * m.q[:, 1] - 12, atol=1e-12)
     np.testing.assert_allclose(total("link_viscous", planar_scene, 1)[row], 0.8 * m.dq[:, 1], atol=1e-12)
     np.testing.assert_allclose(total("link_coulomb", planar_scene, 1)[row], 1.5 * np.tanh(m.dq[:, 1] * 200), atol=1e-12)
@@ -163,7 +163,7 @@ def test_link_side(planar_scene: Scene) -> None:
 
 def test_velocity_coupling_takes_the_other_joints_speed(spatial_scene: Scene) -> None:
     w = spatial_scene.motion.dtheta[:, 2]
-    found = total("velocity_coupling", spatial_scene, 0, other=3.0)[RowKey("motor", 0)]
+    found = total("velocity_coupling", spatial_scene, 0, other=3.0)[EquationRow("motor", 0)]
     np.testing.assert_allclose(found, 0.4 * w + 0.6 * np.tanh(w / 5e-3), atol=1e-12)
     assert LIBRARY["velocity_coupling"].grid(spatial_scene, 0) == [(2.0,), (3.0,)]
 
@@ -171,7 +171,7 @@ def test_velocity_coupling_takes_the_other_joints_speed(spatial_scene: Scene) ->
 def test_saturation_is_the_torque_beyond_the_limit(planar_scene: Scene) -> None:
     tau = planar_scene.tau[:, 0]
     excess = np.sign(tau) * np.maximum(np.abs(tau) - 60, 0)
-    np.testing.assert_allclose(total("saturation", planar_scene)[RowKey("motor", 0)], excess, atol=1e-9)
+    np.testing.assert_allclose(total("saturation", planar_scene)[EquationRow("motor", 0)], excess, atol=1e-9)
     effect = LIBRARY["saturation"](0, (60.0,))
     for command in (-70.0, -60.0, 10.0, 60.0, 81.5):
         assert effect.delivered(command, np.ones(1)) == pytest.approx(np.clip(command, -60, 60))
@@ -191,7 +191,7 @@ def test_the_delays_column_is_the_derivative_within_each_segment() -> None:
     t = scene.motion.t
     tau = np.stack([np.sin(3 * t), np.where(t < 1.0, np.sin(5 * t), 4 + np.cos(5 * t))], 1)
     scene = replace(scene, tau=tau, starts=(0, 1000))
-    found = total("torque_delay", scene, 1)[RowKey("motor", 1)]
+    found = total("torque_delay", scene, 1)[EquationRow("motor", 1)]
     expected = np.where(t < 1.0 - 1e-9, 5 * np.cos(5 * t), -5 * np.sin(5 * t))
     np.testing.assert_allclose(found, 3e-3 * expected, atol=3e-6)
     assert not np.any(derivative(np.arange(2.0), DT))
@@ -210,7 +210,7 @@ def test_gravity_columns_are_the_difference_of_tilted_models(spatial_scene: Scen
         plus, minus = (torque_of(robot, flat, s.parameters).sum(axis=0) for robot in tilted)
         for joint in range(3):
             expected = (plus - minus)[:, joint] / (2 * h)
-            found = columns[RowKey("link", joint)][k] if RowKey("link", joint) in columns else 0 * expected
+            found = columns[EquationRow("link", joint)][k] if EquationRow("link", joint) in columns else 0 * expected
             np.testing.assert_allclose(found, expected, atol=1e-5 * (1 + np.abs(expected).max()))
 
 
@@ -232,7 +232,7 @@ def test_payload_columns_are_the_difference_of_the_models_with_and_without(spati
     assert changed.start == 0.7
     with_it, without = (torque_of(s.robot, s.motion, p).sum(axis=0) for p in (changed.parameters, s.parameters))
     for joint in range(3):
-        found = linear @ effect.columns(s)[RowKey("link", joint)]
+        found = linear @ effect.columns(s)[EquationRow("link", joint)]
         expected = (with_it - without)[:, joint] * (s.motion.t >= 0.7)
         np.testing.assert_allclose(found, expected, atol=1e-8)
 
@@ -277,14 +277,14 @@ def test_gravity_torques_are_the_models_at_rest(spatial_scene: Scene) -> None:
 
 def test_contact_is_a_raised_cosine(planar_scene: Scene) -> None:
     t = planar_scene.motion.t
-    found = total("contact", planar_scene)[RowKey("link", 0)]
+    found = total("contact", planar_scene)[EquationRow("link", 0)]
     assert found[np.abs(t - 0.8) >= 0.15 + 1e-9].max() == 0
     assert found[800] == pytest.approx(12.0)
     assert found.sum() * DT == pytest.approx(12 * 0.3 / 2, rel=1e-4)
 
 
 def test_contact_windows_are_where_torque_departs_from_its_prediction(planar_scene: Scene) -> None:
-    bump = total("contact", planar_scene, time=1.9, width=0.25)[RowKey("link", 0)]
+    bump = total("contact", planar_scene, time=1.9, width=0.25)[EquationRow("link", 0)]
     tau = np.array(planar_scene.predicted)
     tau[:, 0] += bump + 0.3 * np.sin(2 * planar_scene.motion.t)
     grid = LIBRARY["contact"].grid(replace(planar_scene, tau=tau, cache={}), 0)
@@ -335,7 +335,9 @@ def test_flexible_mode_is_the_oscillators_torque() -> None:
     history = effect.history(scene)
     np.testing.assert_allclose(history[0], done.y[0], atol=1e-6 * np.abs(done.y[0]).max())
     column = -(om**2 * done.y[0] + 2 * 0.02 * om * done.y[1])
-    np.testing.assert_allclose(effect.columns(scene)[RowKey("link", 0)][0], column, atol=1e-5 * np.abs(column).max())
+    np.testing.assert_allclose(
+        effect.columns(scene)[EquationRow("link", 0)][0], column, atol=1e-5 * np.abs(column).max()
+    )
     rates = effect.rates(scene, history)
     np.testing.assert_allclose(rates[0], history[1])
     np.testing.assert_allclose(rates[1][5:-5], np.gradient(history[1], DT)[5:-5], atol=2e-3 * np.abs(rates[1]).max())
@@ -343,7 +345,7 @@ def test_flexible_mode_is_the_oscillators_torque() -> None:
 
 def test_a_stiff_mode_is_a_rigid_inertia() -> None:
     scene = scene_of(planar(), 1000)
-    column = FlexibleMode(0, (200.0, 0.5)).columns(scene)[RowKey("link", 0)][0]
+    column = FlexibleMode(0, (200.0, 0.5)).columns(scene)[EquationRow("link", 0)][0]
     np.testing.assert_allclose(column, scene.motion.ddq[:, 0], atol=0.02 * np.abs(scene.motion.ddq[:, 0]).max())
 
 

@@ -34,24 +34,24 @@ def classify(
     With a log: also what its motion excites, and why anything is missing.
     """
     from elid_cli.cli.gates import check_gates, check_names
-    from elid_cli.cli.options import Fit
+    from elid_cli.cli.options import FitOptions
     from elid_cli.cli.output import check_output, emit
     from elid_cli.cli.progress import progress
-    from elid_cli.cli.routes import Asked, from_samples, from_triangles, merges
+    from elid_cli.cli.routes import IdentifyRequest, from_samples, from_triangles, merges
 
     check_output(output)
     with progress(output, "reading") as advance:
         from elid_cli.model.base_parameters import find_base
-        from elid_cli.model.regressor import Model
+        from elid_cli.model.regressor import Regressor
         from elid_cli.report.answers.classification import classification_report
 
         machine = load_robot(robot)
-        base = find_base(Model(machine))
+        base = find_base(Regressor(machine))
         check_names(gates, machine)
         recording = found = None
         if logs:
-            asked = Asked(logs, machine, reading, conditioning, Fit(), spread, output, advance)
-            answer = from_triangles(asked) if merges(logs, machine, Fit()) else from_samples(asked)
+            asked = IdentifyRequest(logs, machine, reading, conditioning, FitOptions(), spread, output, advance)
+            answer = from_triangles(asked) if merges(logs, machine, FitOptions()) else from_samples(asked)
             found, recording = answer.found, answer.recording
     emit(classification_report(machine, base, robot, found, recording), output)
     check_gates(gates, classes=base.classes if found is None else found.this_log)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from elid_cli.diagnosis import Diagnosis
     from elid_cli.estimation.result import JointError
-    from elid_cli.report.answers.diagnosis_input import Told
+    from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 
 
 @verb(
@@ -68,7 +68,7 @@ def diagnose(
     """Find the effect that the model lacks: look at the residual of each joint, try every effect that could have left
     it, and report the error before and after on stretches that the search never saw.
     """  # noqa: D205
-    from elid_cli.cli.inputs import check_effects, load_recording, load_robot, load_signals, sharp
+    from elid_cli.cli.inputs import check_effects, diagnosis_conditioning, load_recording, load_robot, load_signals
     from elid_cli.cli.output import check_described, check_output, emit, pictures_wanted, write_described
     from elid_cli.cli.progress import progress
 
@@ -82,25 +82,25 @@ def diagnose(
         from elid_cli.estimation.refined_robot import remarks
         from elid_cli.estimation.validation.prediction import validate
         from elid_cli.report.answers.diagnosis import diagnosis_report
-        from elid_cli.report.answers.diagnosis_input import Check, Told
+        from elid_cli.report.answers.diagnosis_input import Check, DiagnosisInput
 
         check_effects(only)
         machine = load_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
         others = [load_recording((log,), machine, reading, output, conditioning.rate, label=log) for log in checks]
-        signals = load_signals(recording, machine, sharp(conditioning, recording), advance)
+        signals = load_signals(recording, machine, diagnosis_conditioning(conditioning, recording), advance)
         if advance is not None:
             advance("fitting", 0.0)
         found = search(machine, signals, DiagnoseOptions(lookup=lookup, only=only, accurate=accurate), advance)
         judged = []
         for other in others:
-            seen = load_signals(other, machine, sharp(conditioning, other), advance)
+            seen = load_signals(other, machine, diagnosis_conditioning(conditioning, other), advance)
             before, after = (validate(r, seen).error for r in (found.validation_before.robot, found.refined))
             judged.append(Check(other, before, after))
         if advance is not None:
             advance("judging", 0.5)
         declared = len(found.state_before.effects)
-        told = Told(
+        told = DiagnosisInput(
             found,
             identified(found.state_before, found.before, declared),
             identified(found.state_after, found.after, declared),
@@ -123,7 +123,7 @@ def diagnose(
     _check(told, gates, [*(_lacks(found) if fail_on_effect else ()), *(_leaves(found) if fail_on_unexplained else ())])
 
 
-def _check(told: Told, gates: Gates, broken: Sequence[str]) -> None:
+def _check(told: DiagnosisInput, gates: Gates, broken: Sequence[str]) -> None:
     """Raise `LimitError` where a limit is broken, or the model after is worse than allowed on any log."""
     from elid_cli.cli.gates import broken_gates
     from elid_cli.cli.output import LimitError

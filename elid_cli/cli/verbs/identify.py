@@ -5,7 +5,7 @@ from __future__ import annotations
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
-from elid_cli.cli.options import Conditioning, Fit, Gates, Output, Reading, Spread
+from elid_cli.cli.options import Conditioning, FitOptions, Gates, Output, Reading, Spread
 from elid_cli.cli.routes import spread
 
 
@@ -34,7 +34,7 @@ def identify(
     robot: str,
     reading: Reading,
     conditioning: Conditioning,
-    fit: Fit,
+    fit: FitOptions,
     spread: Spread,
     physical: bool,
     gates: Gates,
@@ -49,7 +49,7 @@ def identify(
     from elid_cli.cli.gates import check_gates, check_names, motor_rows_told
     from elid_cli.cli.output import check_described, check_output, emit, pictures_wanted, write_described
     from elid_cli.cli.progress import progress
-    from elid_cli.cli.routes import Asked, from_samples, from_triangles, merges, samples_of
+    from elid_cli.cli.routes import IdentifyRequest, from_samples, from_triangles, merges, samples_of
 
     check_output(output)
     if physical:
@@ -64,7 +64,7 @@ def identify(
 
         machine = load_robot(robot)
         check_names(gates, machine)
-        asked = Asked(logs, machine, reading, conditioning, fit, spread, output, advance)
+        asked = IdentifyRequest(logs, machine, reading, conditioning, fit, spread, output, advance)
         found, recording, apart, signals = from_triangles(asked) if merges(logs, machine, fit) else from_samples(asked)
         refined = identified_robot(found)
         report = identification_report(found, recording, robot, apart, write_robot)

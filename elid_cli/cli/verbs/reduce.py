@@ -35,7 +35,7 @@ def reduce(
     """
     from pathlib import Path
 
-    from elid_cli.cli.options import Fit
+    from elid_cli.cli.options import FitOptions
     from elid_cli.cli.output import check_output, emit
     from elid_cli.cli.progress import progress
     from elid_cli.cli.routes import reduced_logs, whole_log_needed
@@ -51,7 +51,7 @@ def reduce(
         from elid_cli.report.answers.reduction import reduction_report
 
         machine = load_robot(robot)
-        reason = whole_log_needed(machine, Fit())
+        reason = whole_log_needed(machine, FitOptions())
         if reason:
             raise UsageError(f"{robot}: cannot be reduced for", detail=reason, hint="take the robot without effects")
         found = reduced_logs(logs, machine, reading, conditioning, spread, output, advance)

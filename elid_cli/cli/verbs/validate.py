@@ -26,7 +26,7 @@ def validate(
 ) -> None:
     """Say how well a robot file, with its parameters and effects, predicts the motor torques of a log."""
     from elid_cli.cli.gates import check_gates, motor_rows_told
-    from elid_cli.cli.inputs import load_recording, load_robot, load_signals, sharp
+    from elid_cli.cli.inputs import diagnosis_conditioning, load_recording, load_robot, load_signals
     from elid_cli.cli.output import check_output, emit, pictures_wanted
     from elid_cli.cli.progress import progress
 
@@ -38,7 +38,7 @@ def validate(
 
         machine = load_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
-        signals = load_signals(recording, machine, sharp(conditioning, recording), advance)
+        signals = load_signals(recording, machine, diagnosis_conditioning(conditioning, recording), advance)
         chosen = folds(len(signals.outputs)) < 0 if held_out else None
         found = judge(machine, signals, chosen)
         stretches = () if chosen is None else spans(found.observation.t, chosen)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.search.acceptance import touched
-from elid_cli.estimation.regression.triangles import Triangles, reduce
+from elid_cli.estimation.regression.triangles import Triangles, to_triangles
 
 
 def held_out_triangles(state: State) -> Triangles:
     """Return the triangles of the held-out stretches with the state's columns."""
     log = state.log
-    return reduce(log.observation.only(log.fold < 0), state.extras)
+    return to_triangles(log.observation.only(log.fold < 0), state.extras)
 
 
 def held_out_gain(state: State, number: int) -> float:

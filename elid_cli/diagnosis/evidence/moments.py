@@ -18,7 +18,7 @@ from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.residuals import standing
 from elid_cli.estimation.regression.covariance import long_run, residuals
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 
 HELD = 2.0
 """Torque that friction may hold back near standstill, in units of Coulomb friction: from one direction to the other."""
@@ -48,7 +48,7 @@ def friction_at_rest(state: State, number: int) -> bool:
     return explained > 0 and doubtful > (1.0 - MOVING) * explained
 
 
-def _held(state: State, number: int, row: Row, left: dict[tuple[str, int], Array]) -> NDArray[np.bool_]:
+def _held(state: State, number: int, row: EstimationRow, left: dict[tuple[str, int], Array]) -> NDArray[np.bool_]:
     """Return the instants at which friction can be what an effect explains in a row, (M,)."""
     log, joint = state.log, row.joint
     nowhere = np.zeros(log.observation.instants, dtype=bool)
@@ -57,7 +57,7 @@ def _held(state: State, number: int, row: Row, left: dict[tuple[str, int], Array
     torque = state.coefficients(number) @ state.columns[number].rows[row]
     coulomb = float(state.standard[log.model.index[f"fs{joint + 1}"]])
     held = standing(state, joint, log.training.group(row).use) & (np.abs(torque) <= HELD * coulomb)
-    motor = Row("motor", joint)
+    motor = EstimationRow("motor", joint)
     if motor in state.triangles.rows:
         here = held & log.training.group(motor).use
         if _linkward(torque * here, left["motor", joint] * here, log.observation.stretch):

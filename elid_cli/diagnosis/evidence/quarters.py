@@ -25,9 +25,9 @@ from elid_cli.diagnosis.search.forward import Found
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.covariance import long_run, residuals
 from elid_cli.estimation.regression.least_squares import Solution, solve
-from elid_cli.estimation.regression.triangles import reduce
+from elid_cli.estimation.regression.triangles import to_triangles
 from elid_cli.model.effects.shifts import SKEW
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 
 QUARTERS = 4
 SPEAKS = 0.01
@@ -189,7 +189,7 @@ def left_out(state: State, fold: NDArray[np.intp] | None = None) -> list[Solutio
     """Return the state's model fitted without each quarter in turn; None where the rest of the log holds nothing."""
     log = state.log
     fold = quarter_of(log.observation.instants) if fold is None else fold
-    triangles = replace(reduce(log.observation, state.extras, fold), prior=state.triangles.prior)
+    triangles = replace(to_triangles(log.observation, state.extras, fold), prior=state.triangles.prior)
     found: list[Solution | None] = []
     for quarter in range(QUARTERS):
         others = [k for k in range(triangles.folds) if k != quarter]
@@ -212,7 +212,7 @@ def _compared(pairs: Sequence[tuple[Array, Array]], stretch: NDArray[np.intp], k
 
 
 def _pair(
-    state: State, lacking: State, inside: Solution, outside: Solution, row: Row, chosen: NDArray[np.bool_]
+    state: State, lacking: State, inside: Solution, outside: Solution, row: EstimationRow, chosen: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """Return the residuals of a row group in one quarter without and with an effect, in units of its noise floor."""
     use = np.logical_and.reduce([s.log.observation.group(row).use for s in (state, lacking)])[chosen]
@@ -224,7 +224,9 @@ def _pair(
     return series[0], series[1]
 
 
-def _known(state: State, solution: Solution, number: int, rows: Sequence[Row], chosen: NDArray[np.bool_]) -> bool:
+def _known(
+    state: State, solution: Solution, number: int, rows: Sequence[EstimationRow], chosen: NDArray[np.bool_]
+) -> bool:
     """Whether the other quarters tell an effect's torque in one quarter to better than its own size."""
     place = state.place(number)
     columns = np.arange(place.start, place.stop)

@@ -13,8 +13,8 @@ from elid_cli._types import Array
 from elid_cli.diagnosis.fit.whitening import JointWhitener, stack
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.triangles import Extra, full_columns
-from elid_cli.model.regressor import Row
+from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
+from elid_cli.model.regressor import EstimationRow
 
 LAGS = 50
 """Lags over which the remaining correlation of the scores is summed."""
@@ -115,7 +115,7 @@ class Projected:
             found[item.channel] = slice(first, item.slice.stop)
         return list(found.values())
 
-    def whiten(self, rows: Mapping[Row, Array]) -> Array | None:
+    def whiten(self, rows: Mapping[EstimationRow, Array]) -> Array | None:
         """Return whitened columns (K, d), or None where they act on no equation that counts."""
         if not rows:
             return None
@@ -130,7 +130,7 @@ class Projected:
             touched = True
         return result if touched else None
 
-    def gain(self, rows: Mapping[Row, Array]) -> Gain | None:
+    def gain(self, rows: Mapping[EstimationRow, Array]) -> Gain | None:
         """Score columns given as row -> (d, M); None where the model explains them already."""
         found = self._unit(rows)
         if found is None:
@@ -153,7 +153,7 @@ class Projected:
 
         return Gain(whole, coefficients, rank, self.count, judged)
 
-    def taken(self, rows: Mapping[Row, Array]) -> float:
+    def taken(self, rows: Mapping[EstimationRow, Array]) -> float:
         """Return the part of the squared residual that columns take, fold by fold predicted from the other folds.
 
         Counted are the joints that the rows belong to.
@@ -167,7 +167,7 @@ class Projected:
         gains, _ = self._cross_validated(found[0], own)
         return max(float(gains.sum()), 0.0) / max(squares, 1e-300)
 
-    def _unit(self, rows: Mapping[Row, Array]) -> tuple[Array, NDArray[np.bool_], Array] | None:
+    def _unit(self, rows: Mapping[EstimationRow, Array]) -> tuple[Array, NDArray[np.bool_], Array] | None:
         """Return columns of length one that the model does not span, which of all columns they are, and their sizes."""
         columns = self.whiten(rows)
         if columns is None:
@@ -185,7 +185,7 @@ class Projected:
             return None
         return columns[:, live] / after[live], live, after[live]
 
-    def touched(self, rows: Mapping[Row, Array]) -> list[slice]:
+    def touched(self, rows: Mapping[EstimationRow, Array]) -> list[slice]:
         """Return the places of the joints that some rows belong to."""
         joints = zip(self.whiteners, self.places, strict=True)
         return [place for whitener, place in joints if any(row in rows for row in whitener.rows)]
@@ -236,7 +236,7 @@ def _least_squares(gram: Array, load: Array) -> tuple[Array, int]:
 
 def project(
     observation: Observation,
-    extras: Sequence[Extra],
+    extras: Sequence[ExtraColumns],
     solution: Solution,
     joints: tuple[JointWhitener, ...],
     fold: NDArray[np.intp],
@@ -294,7 +294,7 @@ def project(
     return Projected(tuple(adapted), tuple(kept), tuple(places), basis, target, tuple(stretches), folds, instants)
 
 
-def _dense(row: Row, observation: Observation, extras: Sequence[Extra], solution: Solution) -> Array:
+def _dense(row: EstimationRow, observation: Observation, extras: Sequence[ExtraColumns], solution: Solution) -> Array:
     """Return the basis columns and, last, the residual of a row group, (r + 1, M)."""
     group = observation.group(row)
     index, columns = full_columns(group, extras, observation.parameters)

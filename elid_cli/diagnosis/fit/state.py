@@ -18,13 +18,13 @@ from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.regression.least_squares import Solution, reweighted, solve
 from elid_cli.estimation.regression.nuisances import DELAY, delay_columns, significant
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.estimation.regression.triangles import Extra, Triangles, reduce
+from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
 from elid_cli.estimation.validation.noise_floor import Floor, noise_floor
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.effect import Effect, Scene
 from elid_cli.model.effects.shifts import NAMES, Shifts, corrected
 from elid_cli.model.effects.tilt import LEVEL, STEEPEST, TILT, tilted, untilted
-from elid_cli.model.regressor import Model, Row
+from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
@@ -47,7 +47,7 @@ _LEVELLING = 12
 class Log:
     """A log and its division; everything that stays the same during a search."""
 
-    model: Model
+    model: Regressor
     base: BaseParameters
     signals: Signals
     observation: Observation
@@ -69,7 +69,7 @@ class Log:
 
     def tilted(self, tilt: Array) -> Log:
         """Return the log with the model in gravity turned by other angles."""
-        model = Model(tilted(self.level, tilt))
+        model = Regressor(tilted(self.level, tilt))
         return replace(
             self, model=model, base=find_base(model), observation=observe(model, self.signals), tilt=np.array(tilt)
         )
@@ -86,8 +86,8 @@ class State:
 
     log: Log
     effects: tuple[Effect, ...]
-    nuisances: tuple[Extra, ...]
-    columns: tuple[Extra, ...]
+    nuisances: tuple[ExtraColumns, ...]
+    columns: tuple[ExtraColumns, ...]
     """Columns of the effects, in their order."""
     triangles: Triangles
     solution: Solution
@@ -96,7 +96,7 @@ class State:
     """Covariance of the solution's basis where another estimator found the values, (r, r)."""
 
     @property
-    def extras(self) -> tuple[Extra, ...]:
+    def extras(self) -> tuple[ExtraColumns, ...]:
         """All columns beyond the standard parameters: nuisances first, then effects."""
         return (*self.nuisances, *self.columns)
 
@@ -155,7 +155,7 @@ class State:
         return sandwich(self.log.training, self.solution, self.extras)
 
     @cached_property
-    def left_out(self) -> dict[Row, Array]:
+    def left_out(self) -> dict[EstimationRow, Array]:
         """Residual sum of squares of every row group per fold, predicted by a fit to the other folds, (folds,)."""
         squares = {row: np.zeros(FOLDS) for row in self.triangles.rows}
         for f in range(FOLDS):
@@ -175,11 +175,11 @@ class State:
             if value < 0 and name.startswith(("K", "Jm", "fs", "fv")) and self.log.base.classes[name] == "independent"
         )
 
-    def rms(self, row: Row) -> float:
+    def rms(self, row: EstimationRow) -> float:
         """Return the training residual rms of a row group, N·m."""
         return self.triangles.rms(self.solution.values, row)
 
-    def ratios(self) -> dict[Row, float]:
+    def ratios(self) -> dict[EstimationRow, float]:
         """Return residual over floor of every row group (training stretches)."""
         least = {row: 2e-4 * self.triangles.torque_rms(row) for row in self.triangles.rows}
         return {row: self.rms(row) / max(self.floor.rms[row], least[row]) for row in self.triangles.rows}
@@ -199,25 +199,27 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None) -> Stat
     """
     training = log.training
     if scene is None:
-        plain = reduce(training, (), log.fold)
+        plain = to_triangles(training, (), log.fold)
         scene = scene_of(log.model, log.signals, reweighted(plain, log.base.count).values[: log.model.parameters])
     columns = tuple(extra_of(effect, scene, log.signals) for effect in effects)
     late = {e.joint for e in effects if e.name == DELAY}
     delays = [extra for extra in delay_columns(training) if next(iter(extra.rows)).joint not in late]
     if delays:
         extras = [*delays, *columns]
-        trial = reweighted(reduce(training, extras, log.fold), log.base.count + sum(e.width for e in extras))
+        trial = reweighted(to_triangles(training, extras, log.fold), log.base.count + sum(e.width for e in extras))
         kept = significant(training, trial, extras, log.signals)
         delays = [extra for extra in delays if any(extra is k for k in kept)]
     extras = [*delays, *columns]
-    triangles = reduce(training, extras, log.fold)
+    triangles = to_triangles(training, extras, log.fold)
     first = triangles.parameters + sum(e.width for e in delays)
     triangles = replace(triangles, prior=_curve_prior(effects, columns, triangles, first))
     solution = reweighted(triangles, log.base.count + sum(e.width for e in extras))
     return State(log, tuple(effects), tuple(delays), columns, triangles, solution, scene)
 
 
-def _curve_prior(effects: Sequence[Effect], columns: Sequence[Extra], triangles: Triangles, first: int) -> Array | None:
+def _curve_prior(
+    effects: Sequence[Effect], columns: Sequence[ExtraColumns], triangles: Triangles, first: int
+) -> Array | None:
     """Return equations that hold the heights of smooth curves near 0, (k, p + e + 1); None without curves.
 
     A curve holds straight lines, which viscous friction or the spring explains already: the line stays with those.
@@ -256,7 +258,7 @@ def _levelled(state: State) -> State:
             break
         log = state.log.tilted(np.clip(state.log.tilt + more, -STEEPEST, STEEPEST))
         # what the tilt brings to light is not in the old parameters: columns come from a fit without them
-        level = reweighted(reduce(log.training, state.nuisances, log.fold), log.base.count).values
+        level = reweighted(to_triangles(log.training, state.nuisances, log.fold), log.base.count).values
         state = fit(log, state.effects, scene_of(log.model, log.signals, level[: log.model.parameters]))
     return state
 

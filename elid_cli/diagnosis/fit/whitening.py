@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.validation.noise_floor import Floor
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 
 ORDER = 4
 """Order of the autoregression."""
@@ -29,7 +29,7 @@ LEAST = 2e-4
 class JointWhitener:
     """Whitens the rows of one joint: (r, d, M) residual-like series to r channels of unit variance."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[EstimationRow, ...]
     lags: Array
     """Coefficients of the autoregression, (order, r, r)."""
     mix: Array
@@ -125,7 +125,7 @@ def _autoregression(series: Array, least: float) -> tuple[Array, Array]:
     return lags, mix
 
 
-def stack(rows: Mapping[Row, Array], whitener: JointWhitener, instants: int) -> Array | None:
+def stack(rows: Mapping[EstimationRow, Array], whitener: JointWhitener, instants: int) -> Array | None:
     """Return the columns (d, M) that act on a joint's rows as (r, d, M), or None where none does."""
     present = [rows[row] for row in whitener.rows if row in rows]
     if not present:

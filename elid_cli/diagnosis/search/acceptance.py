@@ -10,7 +10,7 @@ from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.fit.stretches import FOLDS
 from elid_cli.diagnosis.search.screening import FOLDS_LOST, Candidate, sensible
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 
 FLOOR_RATIO = 1.1
 """Residual over floor below which a row holds noise only."""
@@ -30,7 +30,7 @@ MUCH_LEFT = 5.0
 """Ratio to the floor from which what is left in such a row is another matter than the effect's."""
 
 
-def predicted_better(old: State, new: State, rows: Sequence[Row]) -> float | None:
+def predicted_better(old: State, new: State, rows: Sequence[EstimationRow]) -> float | None:
     """Return by which part the error of left-out folds falls, or None unless it falls in nearly every fold.
 
     Both models are fitted anew without each fold; rows count in units of their present residual.
@@ -70,7 +70,7 @@ def worthwhile(old: State, new: State, candidate: Candidate) -> bool:
     return gained > 0.5 * SMALLEST_VARIANCE and max(torque, default=0.0) > 1.0
 
 
-def _strays(old: State, new: State, candidate: Candidate, rows: Sequence[Row]) -> bool:
+def _strays(old: State, new: State, candidate: Candidate, rows: Sequence[EstimationRow]) -> bool:
     """Whether an effect is nothing but a help to unexplained rows elsewhere, of which it leaves the most.
 
     A gain of one joint's torque shows in other joints alone, and explains all that is wrong there. What does not, while
@@ -88,7 +88,7 @@ def _strays(old: State, new: State, candidate: Candidate, rows: Sequence[Row]) -
     return not any(old.rms(row) ** 2 - new.rms(row) ** 2 > MOST_ELSEWHERE * beyond[row] for row in helped)
 
 
-def touched(old: State, new: State, own: Iterable[Row]) -> list[Row]:
+def touched(old: State, new: State, own: Iterable[EstimationRow]) -> list[EstimationRow]:
     """Return the rows that an effect acts on and those that it helps elsewhere, through parameters that rows share.
 
     A gain of one joint's torque scales that joint's parameters until its own rows fit; what does not fit then is the
@@ -101,7 +101,7 @@ def touched(old: State, new: State, own: Iterable[Row]) -> list[Row]:
     return rows + [r for r in old.triangles.rows if r not in rows and new.rms(r) < (1 - ELSEWHERE) * old.rms(r)]
 
 
-def improves(old: State, new: State, row: Row, effect: Effect | None = None) -> bool:
+def improves(old: State, new: State, row: EstimationRow, effect: Effect | None = None) -> bool:
     """Whether a row group's residual falls by a part of itself and of the torque (of the friction) that matters."""
     if row not in old.triangles.rows:
         return False
@@ -110,7 +110,7 @@ def improves(old: State, new: State, row: Row, effect: Effect | None = None) -> 
     return after < (1 - SMALLEST_DROP) * before and bool(gone > _least_torque(old, row, effect))
 
 
-def _least_torque(state: State, row: Row, effect: Effect | None) -> float:
+def _least_torque(state: State, row: EstimationRow, effect: Effect | None) -> float:
     """Return the torque below which an effect does not matter: of the row's, for friction of the joint's friction."""
     least = SMALLEST_TORQUE * state.triangles.torque_rms(row)
     if effect is None or effect.place != "motor":

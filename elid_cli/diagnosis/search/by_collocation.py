@@ -17,11 +17,11 @@ from elid_cli.estimation.collocation.knots import widening
 from elid_cli.estimation.collocation.problem import Iterate
 from elid_cli.estimation.collocation.setup import Setup, signal_to_noise
 from elid_cli.estimation.collocation.starts import from_start, other_valleys
-from elid_cli.estimation.default_fit import Fit, fit_log
+from elid_cli.estimation.default_fit import DefaultFit, fit_log
 from elid_cli.estimation.regression.effect_columns import scene_of
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import EffectSpec
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
@@ -37,7 +37,7 @@ ROUNDS = 2
 class Collocated:
     """A collocation on the training stretches and how it fares on the held-out ones."""
 
-    fit: Fit
+    fit: DefaultFit
     setup: Setup
     outcome: Outcome
     widened: float
@@ -84,7 +84,7 @@ def _collocated(
     state: State, effects: Sequence[Effect], specs: Sequence[EffectSpec], alone: Collocated | None = None
 ) -> Collocated | None:
     log = state.log
-    model = Model(replace(log.model.robot, effects=tuple(specs)))
+    model = Regressor(replace(log.model.robot, effects=tuple(specs)))
     signals = _stretch(log, log.fold >= 0)
     fitted = fit_log(model, log.base, signals, EstimateOptions(offsets=False, guards=False))
     if fitted.effects is None or len(fitted.effects.effects) != len(effects):

@@ -15,7 +15,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.estimation.regression.covariance import regression
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 
 SURE = 6.0
 """Standard deviations by which a skew must differ from zero."""
@@ -101,7 +101,7 @@ def link_load(state: State, joint: int, parameters: Array | None = None) -> Arra
     """
     values = state.standard if parameters is None else parameters
     log = state.log
-    total = log.observation.group(Row("sum", joint))
+    total = log.observation.group(EstimationRow("sum", joint))
     own = {log.model.index[f"{kind}{joint + 1}"] for kind in ("Jm", "fs", "fv")}
     load: Array = np.array([0.0 if int(k) in own else values[k] for k in total.index]) @ total.columns
     return load

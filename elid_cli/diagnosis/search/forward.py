@@ -13,7 +13,7 @@ from elid_cli.diagnosis.search.acceptance import FLOOR_RATIO, improves, predicte
 from elid_cli.diagnosis.search.encoder_skew import Skew, looked_again, visible_skew
 from elid_cli.diagnosis.search.screening import Candidate, score, screen, sensible
 from elid_cli.estimation.regression.effect_shapes import fit_declared
-from elid_cli.estimation.regression.triangles import Extra
+from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.shifts import SKEW
@@ -296,7 +296,7 @@ def _polished(state: State, declared: int) -> State:
     if not any(e.shape for e in state.effects):
         return state
     items = [Declared(EffectSpec(e.name, None), e) for e in state.effects]
-    others: Sequence[Extra] = state.nuisances
+    others: Sequence[ExtraColumns] = state.nuisances
     fitted = fit_declared(
         state.log.training, state.log.signals, state.scene, items, state.solution.weights, others, spread=0.5
     )

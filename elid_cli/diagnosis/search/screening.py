@@ -11,7 +11,7 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.fit.projection import Gain
 from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
-from elid_cli.estimation.regression.triangles import Extra
+from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.effect import Effect, Scene
 
 FOLDS_LOST = 1
@@ -33,7 +33,7 @@ class Candidate:
     """An effect at one joint with its best shape."""
 
     effect: Effect
-    columns: Extra
+    columns: ExtraColumns
     gain: Gain
     choice: float
     """Price of the search: the logarithm of how many shapes and places were looked at."""

@@ -8,7 +8,7 @@ from elid_cli.diagnosis.search.acceptance import predicted_better
 from elid_cli.diagnosis.search.screening import Candidate, score
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.library.lookup import VARIABLES, Lookup, Rows
-from elid_cli.model.regressor import Kind, Row
+from elid_cli.model.regressor import EstimationRow, Kind
 
 MOST = 3
 """Curves in one model."""
@@ -45,11 +45,11 @@ def best_curve(state: State) -> Effect | None:
 def residual_rows(state: State, joint: int) -> Rows | None:
     """Return where the residual of a joint sits, or None where all its rows are at their floors."""
     ratios = state.ratios()
-    if Row("spring", joint) in ratios:
+    if EstimationRow("spring", joint) in ratios:
         sides: tuple[tuple[Kind, Rows], ...] = (("drive", "motor"), ("spring", "transmission"), ("load", "link"))
-        level, where = max((ratios.get(Row(kind, joint), 0.0), name) for kind, name in sides)
+        level, where = max((ratios.get(EstimationRow(kind, joint), 0.0), name) for kind, name in sides)
         return where if level > HIGH else None
-    total, motor = ratios.get(Row("sum", joint), 0.0), ratios.get(Row("motor", joint))
+    total, motor = ratios.get(EstimationRow("sum", joint), 0.0), ratios.get(EstimationRow("motor", joint))
     if motor is None or (motor > HIGH and total > HIGH):
         return "motor" if total > HIGH else None
     if motor > HIGH:

@@ -78,7 +78,7 @@ _HELD = 2**27
 
 
 @dataclass(frozen=True)
-class Reduced:
+class EliminatedTrajectory:
     """The quadratic that is left of the cost when the trajectory is eliminated: c + 2 g'x + x'Q x, x about `now`."""
 
     matrix: Array
@@ -110,7 +110,9 @@ class Reduced:
         return Iterate(trajectory, x[:first], x[first:])
 
 
-def reduced(problem: Problem, now: Iterate, prior: tuple[Array, Array], further: Further | None = None) -> Reduced:
+def eliminate_trajectory(
+    problem: Problem, now: Iterate, prior: tuple[Array, Array], further: Further | None = None
+) -> EliminatedTrajectory:
     """Eliminate the trajectory.
 
     Parameters
@@ -134,7 +136,7 @@ def reduced(problem: Problem, now: Iterate, prior: tuple[Array, Array], further:
         matrix += corner - border.T @ solved[:, :size]
         gradient += edge - border.T @ solved[:, size]
         solutions.append(solved)
-    return Reduced(matrix, gradient, solutions)
+    return EliminatedTrajectory(matrix, gradient, solutions)
 
 
 def covariance_at(problem: Problem, now: Iterate, prior: tuple[Array, Array]) -> tuple[Array, list[Array]]:
@@ -146,7 +148,7 @@ def covariance_at(problem: Problem, now: Iterate, prior: tuple[Array, Array]) ->
     there, that counts: a trajectory that is as free as this one takes a part of the noise out of the residuals, a
     quarter of the standard errors of what lies in the links' rows. What is known beforehand is as it is assumed.
     """
-    system = reduced(problem, now, prior)
+    system = eliminate_trajectory(problem, now, prior)
     size = len(system.gradient)
     inverse = _inverse(system.matrix)
     shown, influence, white = _sandwich(problem, now, [solved[:, :size] for solved in system.solved], inverse)

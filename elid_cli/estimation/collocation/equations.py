@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.collocation.problem import Setting, States
 from elid_cli.estimation.collocation.states import fill, moved_together, slots_of
-from elid_cli.estimation.default_fit import Fit
+from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.model.effects.declared import Declared
-from elid_cli.model.effects.effect import Effect, RowKey, Scene, direction_widths
-from elid_cli.model.regressor import INPUTS, Row
+from elid_cli.model.effects.effect import Effect, EquationRow, Scene, direction_widths
+from elid_cli.model.regressor import INPUTS, EstimationRow
 from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
 from elid_cli.signals.motion import Motion
 
@@ -27,13 +27,13 @@ _SHAPE_STEP = 1e-4
 
 
 @dataclass(frozen=True)
-class Layout:
+class UnknownsLayout:
     """What stands where in a collocation of a fit."""
 
-    fit: Fit
+    fit: DefaultFit
     channels: tuple[tuple[str, int], ...]
     """Side (q or theta) and joint of every channel."""
-    rows: tuple[Row, ...]
+    rows: tuple[EstimationRow, ...]
     p_columns: NDArray[np.intp]
     """Columns of the fit that are unknowns, in the order of p."""
     setting: Setting
@@ -80,7 +80,7 @@ def shaped(effects: FittedEffects, z: Array) -> list[Effect]:
 class RobotEquations:
     """Link and motor rows of the robot at given states."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: UnknownsLayout) -> None:
         self._layout = layout
         self._fit = layout.fit
         self._model = layout.fit.model
@@ -220,9 +220,9 @@ class RobotEquations:
                 if place >= 0:
                     out[row] += p[place] * values
 
-    def _row_of(self, key: RowKey) -> int:
+    def _row_of(self, key: EquationRow) -> int:
         elastic = self._model.robot.joints[key.joint].elastic
-        return self._row[Row(key.side, key.joint) if elastic else Row("sum", key.joint)]
+        return self._row[EstimationRow(key.side, key.joint) if elastic else EstimationRow("sum", key.joint)]
 
     def trust(self, states: States) -> Array:
         """Return the weight of every row at given states: friction is undefined where a motor reverses or sticks."""

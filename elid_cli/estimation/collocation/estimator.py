@@ -12,7 +12,7 @@ from elid_cli.estimation.collocation.gauss_newton import Outcome
 from elid_cli.estimation.collocation.knots import astray, between_valleys, with_knots
 from elid_cli.estimation.collocation.setup import Setup, signal_to_noise
 from elid_cli.estimation.collocation.starts import values_of
-from elid_cli.estimation.default_fit import Fit
+from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.estimation.regression.other_shapes import REACH, in_other_valleys, own_shapes
 from elid_cli.model.effects.effect import Effect
@@ -60,7 +60,7 @@ class Refusal:
     reason: str
 
 
-def collocate(fit: Fit) -> Accurate | Refusal:
+def collocate(fit: DefaultFit) -> Accurate | Refusal:
     """Refine a fit by collocation."""
     signals = fit.signals
     if signals.recording is None:
@@ -93,7 +93,7 @@ def collocate(fit: Fit) -> Accurate | Refusal:
     return replace(answer, covariance=covariance, widened=factor, others=tuple(others))
 
 
-def _along_inertias(fit: Fit) -> Array:
+def _along_inertias(fit: DefaultFit) -> Array:
     """Return the part of the default estimate's covariance that lies along the elastic joints' rotor inertias."""
     names = [f"Jm{k + 1}" for k in np.flatnonzero(fit.model.robot.elastic)]
     basis = [int(column) for column in fit.solution.basis]
@@ -103,7 +103,7 @@ def _along_inertias(fit: Fit) -> Array:
     return found
 
 
-def _collapsed(fit: Fit, values: Array) -> str:
+def _collapsed(fit: DefaultFit, values: Array) -> str:
     """Return the stiffness that fell to a small part of the default estimate, if one did."""
     before = fit.solution.values
     for k, name in enumerate(fit.model.names):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.collocation.bordered_banded import covariance_at, reduced
+from elid_cli.estimation.collocation.bordered_banded import covariance_at, eliminate_trajectory
 from elid_cli.estimation.collocation.problem import Iterate, Problem
 
 _EASE = 0.2
@@ -77,7 +77,7 @@ def iterate(
         if number == eased:
             costs = [before]
         _, matrix, gradient = prior(now)
-        left = reduced(problem, now, (matrix, gradient))
+        left = eliminate_trajectory(problem, now, (matrix, gradient))
         size = 1.0
         while True:
             move = left.move(now, _LONGEST * size)

@@ -29,7 +29,7 @@ _CHUNK = 3000
 
 
 @dataclass(frozen=True)
-class Piece:
+class CollocationSegment:
     """One segment of the log.
 
     `measured` and `weight` are (channels, intervals, stride): samples and one over their noise (0: missing);
@@ -61,7 +61,7 @@ class States:
     """First instant within the piece."""
 
 
-class Equations(Protocol):
+class CollocationEquations(Protocol):
     """What the robot contributes: the model's torques in link and motor rows, and their derivatives."""
 
     def residual(self, states: States, p: Array, z: Array) -> Array:
@@ -131,7 +131,9 @@ def coefficients_to_states(setting: Setting, coefficients: Array) -> Array:
 class Problem:
     """A collocation problem: pieces of a log, the robot's equations, noise."""
 
-    def __init__(self, setting: Setting, pieces: Sequence[Piece], equations: Equations, rho: Array) -> None:
+    def __init__(
+        self, setting: Setting, pieces: Sequence[CollocationSegment], equations: CollocationEquations, rho: Array
+    ) -> None:
         self.setting = setting
         self.pieces = tuple(pieces)
         self.equations = equations
@@ -192,7 +194,7 @@ class Problem:
         counted = [np.concatenate(p) if p else np.zeros(0) for p in parts]
         return np.array([1.4826 * float(np.median(np.abs(c))) if c.size else 0.0 for c in counted])
 
-    def misfit(self, piece: Piece, coefficients: Array) -> Array:
+    def misfit(self, piece: CollocationSegment, coefficients: Array) -> Array:
         """Return measured minus fitted positions over their noise, (channels, intervals, stride)."""
         windows = np.lib.stride_tricks.sliding_window_view(coefficients, ORDER, axis=0)
         fitted = np.einsum("jcl,sl->cjs", windows, self.samples, optimize=True)
@@ -205,7 +207,7 @@ class Problem:
         residual: Array = self.equations.residual(states, now.p, now.z) - piece.torque.reshape(len(self.rho), -1)
         return residual
 
-    def parts(self, piece: Piece) -> list[slice]:
+    def parts(self, piece: CollocationSegment) -> list[slice]:
         """Return the stretches of knot intervals that are linearised at a time."""
         size = max(1, _CHUNK // self.setting.points)
         return [slice(a, min(a + size, piece.intervals)) for a in range(0, piece.intervals, size)]

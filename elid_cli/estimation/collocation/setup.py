@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.collocation.equations import Layout, RobotEquations, free_shapes
-from elid_cli.estimation.collocation.problem import Iterate, Piece, Problem, Setting
-from elid_cli.estimation.default_fit import Fit
+from elid_cli.estimation.collocation.equations import RobotEquations, UnknownsLayout, free_shapes
+from elid_cli.estimation.collocation.problem import CollocationSegment, Iterate, Problem, Setting
+from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.model.effects.declared import amplitude_prior, declared_effects
-from elid_cli.model.regressor import Model
+from elid_cli.model.regressor import Regressor
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.spline_fit import fit_spline
@@ -72,7 +72,7 @@ def _rate(torque: Array, noise: float, dt: float) -> Array:
     return rate
 
 
-def signal_to_noise(signals: Signals, model: Model) -> float:
+def signal_to_noise(signals: Signals, model: Regressor) -> float:
     """Return the signal-to-noise ratio of the worst joint's positions, dB."""
     worst = np.inf
     for k in range(model.robot.n):
@@ -99,7 +99,7 @@ class Setup:
         Whether equations hold only as closely as splines follow fast links (`LOOSE`).
     """
 
-    def __init__(self, fit: Fit, *, coarse: bool = False, followed: float = 1.0, loose: bool = False) -> None:
+    def __init__(self, fit: DefaultFit, *, coarse: bool = False, followed: float = 1.0, loose: bool = False) -> None:
         self.fit = fit
         self._followed, self._loose = followed, loose
         self.noisy = signal_to_noise(fit.signals, fit.model) < NOISY
@@ -117,7 +117,7 @@ class Setup:
         self._delay, self._free = self._delays()
         self.pieces = [p for s in signals.segments if (p := self._piece(s)) is not None]
         rates = tuple(p.rate for p in self.pieces)
-        layout = Layout(fit, self.channels, self.rows, self.p_columns, self.setting, rates)
+        layout = UnknownsLayout(fit, self.channels, self.rows, self.p_columns, self.setting, rates)
         self.equations = RobotEquations(layout)
         self.effects = _given(fit)
         self.z_start = free_shapes(self.effects)
@@ -172,7 +172,7 @@ class Setup:
                 delays[joint], free[joint] = self.fit.solution.values[column], column in self.p_columns
         return delays, free
 
-    def _piece(self, segment: Segment) -> Piece | None:
+    def _piece(self, segment: Segment) -> CollocationSegment | None:
         intervals = self._intervals(segment)
         # the same stretches whatever the knots: answers of coarse and of fine ones are compared piece by piece
         if intervals * self.setting.stride < _SHORTEST * self._finest(self.fit.signals.dt) * self.coarser:
@@ -195,7 +195,7 @@ class Setup:
         start = fit_spline(smooth, stride, signals.dt).spline.coefficients[:, : intervals + 5].T
         torque, mask, rate = self._right_side(part)
         shape = (len(self.channels), intervals, stride)
-        return Piece(
+        return CollocationSegment(
             measured.reshape(shape),
             weight.reshape(shape),
             torque.reshape(len(self.rows), intervals, self.setting.points),
@@ -324,7 +324,7 @@ class Setup:
         return seen + float(np.sum(used * (white / rho) ** 2))
 
 
-def _given(fit: Fit) -> FittedEffects | None:
+def _given(fit: DefaultFit) -> FittedEffects | None:
     """Return the effects as the robot file gives them, their amplitudes held loosely."""
     if fit.effects is None:
         return None

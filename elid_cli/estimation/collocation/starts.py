@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.collocation.bordered_banded import reduced
+from elid_cli.estimation.collocation.bordered_banded import eliminate_trajectory
 from elid_cli.estimation.collocation.equations import Scanned, free_shapes
 from elid_cli.estimation.collocation.gauss_newton import Outcome, iterate
 from elid_cli.estimation.collocation.problem import Iterate, States
 from elid_cli.estimation.collocation.setup import SHAPE_SPREAD, Setup
-from elid_cli.estimation.default_fit import Fit
+from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.other_shapes import APART, explains_as_well
 
@@ -65,7 +65,7 @@ def other_valleys(setup: Setup, now: Iterate) -> list[Iterate]:
         index = place + np.arange(len(held))
         matrix[index, index] += held
         gradient[index] -= held * np.tile(declared.mean, len(MOVES))
-    left = reduced(setup.problem, now, (matrix, gradient), further)
+    left = eliminate_trajectory(setup.problem, now, (matrix, gradient), further)
     by_joint = [
         _valleys(setup, now, left.matrix, left.gradient, chosen, grids, places)
         for joint in sorted({item.joint for item in items})
@@ -186,7 +186,7 @@ def values_of(setup: Setup, outcome: Outcome) -> Array:
     return values
 
 
-def _named_by(fit: Fit) -> list[Array]:
+def _named_by(fit: DefaultFit) -> list[Array]:
     """Return the shapes in other valleys that a fit could not tell from its own."""
     if fit.effects is None:
         return []

@@ -21,7 +21,7 @@ from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.result import Identification, JointError
 from elid_cli.estimation.validation.cross_validation import joint_errors
 from elid_cli.model.consistency import Consistency, consistency, prior
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.urdf.write import with_parameters
 
@@ -258,8 +258,10 @@ def _equations(found: Identification) -> int:
     return sum(t.count for t in found.triangles.items if found.weights.get(t.row, 0.0) > 0)
 
 
-def _held_out(robot: Robot, fit: _Fit, triangles: Triangles, weights: Mapping[Row, float]) -> dict[str, JointError]:
-    squares: dict[Row, float] = dict.fromkeys(triangles.rows, 0.0)
+def _held_out(
+    robot: Robot, fit: _Fit, triangles: Triangles, weights: Mapping[EstimationRow, float]
+) -> dict[str, JointError]:
+    squares: dict[EstimationRow, float] = dict.fromkeys(triangles.rows, 0.0)
     for fold in range(triangles.folds):
         others = [f for f in range(triangles.folds) if f != fold]
         fitted = fit.solve(triangles.stacked(weights, others or None))

@@ -17,11 +17,13 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.long_run import TAKEN, KernelSum, Persistence, small_sample, uncertain
 from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.triangles import Extra, full_columns
-from elid_cli.model.regressor import Row
+from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
+from elid_cli.model.regressor import EstimationRow
 
 
-def residuals(observation: Observation, values: Array, extras: Sequence[Extra] = ()) -> dict[tuple[str, int], Array]:
+def residuals(
+    observation: Observation, values: Array, extras: Sequence[ExtraColumns] = ()
+) -> dict[tuple[str, int], Array]:
     """Return target minus model per row group, (M,), N·m; masked instants included."""
     result: dict[tuple[str, int], Array] = {}
     for group in observation.groups:
@@ -30,7 +32,7 @@ def residuals(observation: Observation, values: Array, extras: Sequence[Extra] =
     return result
 
 
-def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extra] = ()) -> Array:
+def sandwich(observation: Observation, solution: Solution, extras: Sequence[ExtraColumns] = ()) -> Array:
     """Return the covariance of the solution's basis, (r, r)."""
     live = solution.live
     place = np.full(len(solution.values), -1, dtype=np.intp)
@@ -58,7 +60,9 @@ def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extr
     return covariance
 
 
-def lasting_weights(observation: Observation, solution: Solution, extras: Sequence[Extra] = ()) -> dict[Row, float]:
+def lasting_weights(
+    observation: Observation, solution: Solution, extras: Sequence[ExtraColumns] = ()
+) -> dict[EstimationRow, float]:
     """Return the weight of every row group with which its instants count for as much as they would if independent.
 
     A residual that lasts for many instants says once what it shows in all of them. One far below its weight's, as

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import pair
-from elid_cli.estimation.regression.triangles import Extra
+from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect, Scene
-from elid_cli.model.regressor import Model, Row
+from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
@@ -28,14 +28,14 @@ class FittedEffects:
     """Declared effects at their fitted shapes, their columns, and the columns of their shapes' derivatives."""
 
     effects: tuple[Declared, ...]
-    extras: tuple[Extra, ...]
+    extras: tuple[ExtraColumns, ...]
     scene: Scene
     others: tuple[Mapping[int, Effect], ...] = ()
     """One joint's effects, by place in `effects`, in shapes of another valley of the cost that explain the log
     about as well."""
 
 
-def scene_of(model: Model, signals: Signals, standard: Array) -> Scene:
+def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
     """Return what effects are computed from: all samples of all segments, one after the other.
 
     Parameters
@@ -99,7 +99,7 @@ def _joined(motion: Motion, segments: Sequence[Segment]) -> Motion:
     return motion[index]
 
 
-def _torques(model: Model, motion: Motion, standard: Array) -> tuple[Array, Array]:
+def _torques(model: Regressor, motion: Motion, standard: Array) -> tuple[Array, Array]:
     """Return predicted motor torque and the link's share of it (what passes the transmission), each (N, n)."""
     plan = model.estimation
     known = np.nan_to_num(standard)
@@ -119,7 +119,7 @@ def _torques(model: Model, motion: Motion, standard: Array) -> tuple[Array, Arra
     return predicted, predicted - own
 
 
-def full_rate(effect: Effect, scene: Scene) -> dict[Row, Array]:
+def full_rate(effect: Effect, scene: Scene) -> dict[EstimationRow, Array]:
     """Return an effect's columns in the rows of estimation at the scene's instants, each (d, N)."""
     columns = {(str(key.side), key.joint): values for key, values in effect.columns(scene).items()}
     sensed: NDArray[np.bool_] | None = None
@@ -128,12 +128,12 @@ def full_rate(effect: Effect, scene: Scene) -> dict[Row, Array]:
     return pair(columns, scene.robot, sensed, reading=effect.place == "sensor")
 
 
-def extra_of(effect: Effect, scene: Scene, signals: Signals) -> Extra:
+def extra_of(effect: Effect, scene: Scene, signals: Signals) -> ExtraColumns:
     """Return an effect's columns filtered and decimated as the equations are."""
     return _reduced(effect.name, full_rate(effect, scene), signals, tuple(p.unit for p in effect.amplitudes))
 
 
-def _reduced(name: str, rows: Mapping[Row, Array], signals: Signals, units: tuple[str, ...]) -> Extra:
+def _reduced(name: str, rows: Mapping[EstimationRow, Array], signals: Signals, units: tuple[str, ...]) -> ExtraColumns:
     samples = signals.motion.samples
     reduced = {}
     for row, values in rows.items():
@@ -145,4 +145,4 @@ def _reduced(name: str, rows: Mapping[Row, Array], signals: Signals, units: tupl
                 spread[:, segment.start : segment.stop] = values[:, place : place + len(segment)]
                 place += len(segment)
         reduced[row] = signals.decimate(spread)
-    return Extra(name, reduced, units)
+    return ExtraColumns(name, reduced, units)

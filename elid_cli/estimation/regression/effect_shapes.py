@@ -17,10 +17,10 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.other_shapes import APART
-from elid_cli.estimation.regression.triangles import Extra, full_columns
+from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
 from elid_cli.model.effects.declared import Declared, amplitude_prior
 from elid_cli.model.effects.effect import Effect, Scene
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.signals import Signals
 
 SHAPE_SPREAD = 0.5
@@ -42,8 +42,8 @@ def fit_declared(
     signals: Signals,
     scene: Scene,
     effects: Sequence[Declared],
-    weights: Mapping[Row, float],
-    nuisances: Sequence[Extra] = (),
+    weights: Mapping[EstimationRow, float],
+    nuisances: Sequence[ExtraColumns] = (),
     spread: float = SHAPE_SPREAD,
     *,
     scan: bool = True,
@@ -66,9 +66,9 @@ def fit_declared(
         Whether other valleys of the cost are looked for, too.
     """
     projection = _Projection(observation, weights, nuisances)
-    cache: dict[tuple[int, tuple[float, ...]], Extra] = {}
+    cache: dict[tuple[int, tuple[float, ...]], ExtraColumns] = {}
 
-    def extra(number: int, shape: tuple[float, ...]) -> Extra:
+    def extra(number: int, shape: tuple[float, ...]) -> ExtraColumns:
         key = (number, shape)
         if key not in cache:
             effect = type(effects[number].effect)(effects[number].effect.joint, shape)
@@ -187,7 +187,9 @@ def _bounds(
 class _Projection:
     """Weighted equations of a log with their base columns eliminated once."""
 
-    def __init__(self, observation: Observation, weights: Mapping[Row, float], others: Sequence[Extra]) -> None:
+    def __init__(
+        self, observation: Observation, weights: Mapping[EstimationRow, float], others: Sequence[ExtraColumns]
+    ) -> None:
         self._groups = [g for g in observation.groups if weights.get(g.row, 0.0) > 0 and g.count]
         self._weights = weights
         parameters = observation.parameters
@@ -210,7 +212,7 @@ class _Projection:
         rest: Array = values - self._base @ (self._base.T @ values)
         return rest
 
-    def residual(self, extras: Sequence[Extra], effects: Sequence[Declared]) -> Array:
+    def residual(self, extras: Sequence[ExtraColumns], effects: Sequence[Declared]) -> Array:
         """Return the weighted residual with everything linear eliminated, the amplitudes' prior last, (rows,)."""
         columns = []
         for extra in extras:
@@ -233,7 +235,7 @@ class _Projection:
         return residual
 
 
-def shape_columns(fitted: FittedEffects, signals: Signals, coefficients: Sequence[Array]) -> list[Extra]:
+def shape_columns(fitted: FittedEffects, signals: Signals, coefficients: Sequence[Array]) -> list[ExtraColumns]:
     """Return the columns of the shapes' logarithms (or values) at the fit: what their uncertainty costs the rest.
 
     Parameters
@@ -254,5 +256,5 @@ def shape_columns(fitted: FittedEffects, signals: Signals, coefficients: Sequenc
             moved = extra_of(type(item.effect)(item.effect.joint, shape), fitted.scene, signals)
             relative = abs(item.effect.shape[k]) or 1.0
             rows = {row: ((values @ (moved.rows[row] - base.rows[row])) * (relative / step))[None] for row in base.rows}
-            extras.append(Extra(f"shape of {item.effect.name}", rows, ("",)))
+            extras.append(ExtraColumns(f"shape of {item.effect.name}", rows, ("",)))
     return extras

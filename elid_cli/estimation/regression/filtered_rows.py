@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.memory import let_go
-from elid_cli.model.regressor import SENSOR_KINDS, Model, Plan, direction_inputs, inputs_of
+from elid_cli.model.regressor import SENSOR_KINDS, Regressor, RegressorPlan, direction_inputs, inputs_of
 from elid_cli.signals.lowpass import REACH
 from elid_cli.signals.motion import Motion, SplineMotion
 from elid_cli.signals.recording import Segment
@@ -30,7 +30,7 @@ PER_KNOT = 12
 
 
 @dataclass(frozen=True)
-class Block:
+class FilteredBlock:
     """Filtered rows of instants `first` to `last` of a log, all of one segment (`stretch`)."""
 
     first: int
@@ -67,7 +67,7 @@ def thinning(signals: Signals) -> int:
     return max(every for every in range(1, step + 1) if step % every == 0 and every <= max(most, 1.0))
 
 
-def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Block]:
+def observed_blocks(model: Regressor, signals: Signals, plan: RegressorPlan) -> Iterator[FilteredBlock]:
     """Compute, filter and decimate the rows of a log block by block, in the order of its instants."""
     every = thinning(signals)
     program, place = plan.program.distinct  # what stands in several rows is filtered once
@@ -103,7 +103,7 @@ def observed_blocks(model: Model, signals: Signals, plan: Plan) -> Iterator[Bloc
                 for output, joint in signs:
                     filtered[output] = directions[joint]
             torque = _wider(signals.tau, segment, part)
-            yield Block(
+            yield FilteredBlock(
                 done + first,
                 done + last,
                 number,

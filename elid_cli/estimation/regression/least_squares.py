@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.triangles import Triangles, factor_of
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 
 DATA_TOLERANCE = 1e-7
 """Pivot below which a column of the log depends on others, relative to the largest, columns of unit norm."""
@@ -42,7 +42,7 @@ class Solution:
     """Triangle of the scaled basis, (r, r)."""
     margin: float
     """Smallest kept pivot over the largest dropped one."""
-    weights: Mapping[Row, float]
+    weights: Mapping[EstimationRow, float]
 
     @cached_property
     def condition(self) -> float:
@@ -70,7 +70,7 @@ class Solution:
 
 def solve(
     triangles: Triangles,
-    weights: Mapping[Row, float],
+    weights: Mapping[EstimationRow, float],
     folds: Sequence[int] | None = None,
     rank: int | None = None,
     basis: NDArray[np.intp] | None = None,
@@ -102,7 +102,7 @@ def solve(
 def solve_system(
     system: Array,
     parameters: int,
-    weights: Mapping[Row, float],
+    weights: Mapping[EstimationRow, float],
     rank: int | None = None,
     basis: NDArray[np.intp] | None = None,
 ) -> Solution:
@@ -187,11 +187,11 @@ def reweighted(triangles: Triangles, rank: int | None = None, folds: Sequence[in
     return solve(whole, weights, None, rank)
 
 
-def _parts(triangles: Triangles, basis: NDArray[np.intp]) -> list[tuple[Row | None, Array]]:
+def _parts(triangles: Triangles, basis: NDArray[np.intp]) -> list[tuple[EstimationRow | None, Array]]:
     """Return (row group, its equations in the columns of a basis [columns | target]); no row group: what is known."""
     place = np.full(triangles.width, -1, dtype=np.intp)
     place[basis] = np.arange(len(basis))
-    parts: list[tuple[Row | None, Array]] = []
+    parts: list[tuple[EstimationRow | None, Array]] = []
     for triangle in triangles.items:
         there = place[triangle.index] >= 0
         part = np.zeros((triangle.factor.shape[0], len(basis) + 1))
@@ -221,8 +221,8 @@ def _least_squares(system: Array) -> Array | None:
 
 
 def weights_of(
-    triangles: Triangles, values: Array, present: Mapping[Row, float], folds: Sequence[int] | None = None
-) -> dict[Row, float]:
+    triangles: Triangles, values: Array, present: Mapping[EstimationRow, float], folds: Sequence[int] | None = None
+) -> dict[EstimationRow, float]:
     """Return one over each row group's residual rms, bounded so that a perfect fit stays finite."""
     weights = {}
     for row in present:

@@ -18,8 +18,8 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.covariance import sandwich
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.triangles import Extra
-from elid_cli.model.regressor import Row
+from elid_cli.estimation.regression.triangles import ExtraColumns
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.signals import Signals
 
 SIGNIFICANT = 4.0
@@ -32,28 +32,30 @@ READING_GAIN = "sensor_gain"
 READING_OFFSET = "sensor_offset"
 
 
-def delay_columns(observation: Observation) -> list[Extra]:
+def delay_columns(observation: Observation) -> list[ExtraColumns]:
     """Return one column per torque channel: du/dt in the joint's sum and motor rows, coefficient = delay in s."""
     return _channel_columns(observation, DELAY, observation.tau_rate, "s")
 
 
-def offset_columns(observation: Observation) -> list[Extra]:
+def offset_columns(observation: Observation) -> list[ExtraColumns]:
     """Return one constant column per torque channel, coefficient = offset in N·m (N)."""
     return _channel_columns(observation, OFFSET, np.ones_like(observation.tau), "N·m")
 
 
-def _channel_columns(observation: Observation, name: str, values: Array, unit: str) -> list[Extra]:
+def _channel_columns(observation: Observation, name: str, values: Array, unit: str) -> list[ExtraColumns]:
     present = {group.row for group in observation.groups if group.count}
     extras = []
     for k in range(observation.robot.n):
-        acted = (Row("sum", k), Row("motor", k), Row("drive", k))
+        acted = (EstimationRow("sum", k), EstimationRow("motor", k), EstimationRow("drive", k))
         rows = {row: values[k][None] for row in acted if row in present}
         if rows:
-            extras.append(Extra(name, rows, (unit,)))
+            extras.append(ExtraColumns(name, rows, (unit,)))
     return extras
 
 
-def reading_columns(observation: Observation, stiffness: Array, but: Container[tuple[str, int]] = ()) -> list[Extra]:
+def reading_columns(
+    observation: Observation, stiffness: Array, but: Container[tuple[str, int]] = ()
+) -> list[ExtraColumns]:
     """Return offset and gain of every joint torque sensor, each in the three rows of its joint.
 
     Parameters
@@ -74,19 +76,19 @@ def reading_columns(observation: Observation, stiffness: Array, but: Container[t
         spring = stiffness[joint] * group.columns.sum(axis=0)  # the row's only column is the deflection
         for name, unit, values in ((READING_OFFSET, "N·m", np.ones_like(spring)), (READING_GAIN, "1", spring)):
             if (name, joint) not in but and np.any(values):
-                rows = {Row("load", joint): values[None], Row("spring", joint): values[None]}
-                rows[Row("drive", joint)] = -values[None]
-                extras.append(Extra(name, rows, (unit,)))
+                rows = {EstimationRow("load", joint): values[None], EstimationRow("spring", joint): values[None]}
+                rows[EstimationRow("drive", joint)] = -values[None]
+                extras.append(ExtraColumns(name, rows, (unit,)))
     return extras
 
 
 def significant(
     observation: Observation,
     solution: Solution,
-    extras: Sequence[Extra],
+    extras: Sequence[ExtraColumns],
     signals: Signals,
-    others: Sequence[Extra] = (),
-) -> list[Extra]:
+    others: Sequence[ExtraColumns] = (),
+) -> list[ExtraColumns]:
     """Return the nuisances whose coefficient is significant; a delay must also be no longer than one sample.
 
     A longer delay is not a nuisance of sampling but an effect, for the diagnosis to name. `others` are further columns

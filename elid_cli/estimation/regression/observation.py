@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.filtered_rows import observed_blocks
-from elid_cli.model.regressor import SENSOR_KINDS, Model, Plan, Row, RowPlan
+from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Regressor, RegressorPlan, RowPlan
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
@@ -23,13 +23,13 @@ REVERSAL_SHARE = 0.02
 
 
 @dataclass(frozen=True)
-class Equations:
+class RowGroup:
     """One row group after filtering: ``columns.T @ parameters = target`` at M instants.
 
     `columns` is (p_r, M) for the standard parameters in `index`; `use` marks the instants that count.
     """
 
-    row: Row
+    row: EstimationRow
     index: NDArray[np.intp]
     columns: Array
     target: Array
@@ -46,7 +46,7 @@ class Observation:
     """All row groups of a log, with the torques and their derivative on the same instants."""
 
     robot: Robot
-    groups: tuple[Equations, ...]
+    groups: tuple[RowGroup, ...]
     parameters: int
     """Number of standard parameters p."""
     t: Array
@@ -72,20 +72,20 @@ class Observation:
         """Number of instants M."""
         return int(self.t.shape[0])
 
-    def group(self, row: Row) -> Equations:
+    def group(self, row: EstimationRow) -> RowGroup:
         """Return the row group of `row`."""
         return next(group for group in self.groups if group.row == row)
 
     @property
-    def independent(self) -> tuple[Equations, ...]:
+    def independent(self) -> tuple[RowGroup, ...]:
         """Return row groups of which none is a sum of others: of a joint with a torque sensor, the sensor's three."""
         read = {group.row.joint for group in self.groups if group.row.kind in SENSOR_KINDS}
         return tuple(g for g in self.groups if g.row.joint not in read or g.row.kind in SENSOR_KINDS)
 
-    def spring_row(self, joint: int) -> Row:
+    def spring_row(self, joint: int) -> EstimationRow:
         """Return the row that the transmission of a joint shows in: against its sensor, or against the motor."""
-        read = Row("spring", joint)
-        return read if any(group.row == read for group in self.groups) else Row("motor", joint)
+        read = EstimationRow("spring", joint)
+        return read if any(group.row == read for group in self.groups) else EstimationRow("motor", joint)
 
     @property
     def masked(self) -> Array:
@@ -110,7 +110,7 @@ class Observation:
     def unmasked(self, joints: NDArray[np.bool_]) -> Observation:
         """Return the observation with the reversals of some joints (n,) counted as well."""
 
-        def counted(group: Equations) -> Equations:
+        def counted(group: RowGroup) -> RowGroup:
             if not joints[group.row.joint] or group.row.kind in ("link", "load", "spring"):
                 return group
             known = self.known[group.row.joint]
@@ -125,7 +125,7 @@ class Observation:
         return replace(self, groups=tuple(replace(g, use=g.use & chosen) for g in self.groups))
 
 
-def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: bool = True) -> Observation:
+def observe(model: Regressor, signals: Signals, plan: RegressorPlan | None = None, *, mask: bool = True) -> Observation:
     """Compute, filter and decimate all rows of a log.
 
     Parameters
@@ -172,21 +172,21 @@ def observe(model: Model, signals: Signals, plan: Plan | None = None, *, mask: b
     )
 
 
-def _equations(item: RowPlan, columns: Array, tau: Array, read: Array, use: NDArray[np.bool_]) -> Equations:
+def _equations(item: RowPlan, columns: Array, tau: Array, read: Array, use: NDArray[np.bool_]) -> RowGroup:
     """Return one row group from its columns, the torques, the sensors' readings and the instants that count."""
     kind, joint = item.row
     if kind == "link":
         here: NDArray[np.bool_] = np.all(np.isfinite(columns), axis=0)
-        return Equations(item.row, item.columns, columns, np.zeros(columns.shape[1]), here)
+        return RowGroup(item.row, item.columns, columns, np.zeros(columns.shape[1]), here)
     if kind in ("load", "spring"):
-        return Equations(item.row, item.columns, columns, read[joint], np.isfinite(read[joint]))
+        return RowGroup(item.row, item.columns, columns, read[joint], np.isfinite(read[joint]))
     if kind == "drive":
         target = tau[joint] - read[joint]
-        return Equations(item.row, item.columns, columns, target, use[joint] & np.isfinite(target))
-    return Equations(item.row, item.columns, columns, tau[joint], use[joint])
+        return RowGroup(item.row, item.columns, columns, target, use[joint] & np.isfinite(target))
+    return RowGroup(item.row, item.columns, columns, tau[joint], use[joint])
 
 
-def extra_columns(signals: Signals, rows: Mapping[Row, Array]) -> dict[Row, Array]:
+def extra_columns(signals: Signals, rows: Mapping[EstimationRow, Array]) -> dict[EstimationRow, Array]:
     """Filter and decimate further columns (d, N) of some rows to (d, M)."""
     return {row: signals.decimate(values) for row, values in rows.items()}
 
@@ -197,7 +197,7 @@ def pair(
     sensed: NDArray[np.bool_] | None = None,
     *,
     reading: bool = False,
-) -> dict[Row, Array]:
+) -> dict[EstimationRow, Array]:
     """Turn columns given for link and motor rows into columns of the rows of estimation.
 
     Parameters
@@ -211,12 +211,12 @@ def pair(
     reading
         Whether the effect lies in a sensor's reading, which sum and motor rows do not know.
     """
-    rows: dict[Row, Array] = {}
+    rows: dict[EstimationRow, Array] = {}
     for (side, joint), values in effects.items() if not reading else ():
-        total = Row("sum", joint)
+        total = EstimationRow("sum", joint)
         rows[total] = rows[total] + values if total in rows else np.array(values, dtype=float)
         if side == "motor" and robot.joints[joint].elastic:
-            rows[Row("motor", joint)] = np.array(values, dtype=float)
+            rows[EstimationRow("motor", joint)] = np.array(values, dtype=float)
     for joint in np.flatnonzero(sensed).tolist() if sensed is not None else ():
         if robot.joints[joint].elastic:
             rows |= _read(effects.get(("link", joint)), effects.get(("motor", joint)), joint, reading=reading)
@@ -224,16 +224,20 @@ def pair(
     return {row: values for row, values in rows.items() if np.any(values)}
 
 
-def _read(link: Array | None, motor: Array | None, joint: int, *, reading: bool) -> dict[Row, Array]:
+def _read(link: Array | None, motor: Array | None, joint: int, *, reading: bool) -> dict[EstimationRow, Array]:
     """Return an effect's columns in the rows of a joint with a torque sensor.
 
     What acts on link and motor with opposite signs is a torque in the transmission, which the sensor reads along with
     the spring's; an error of the reading itself stands in all three rows.
     """
     if link is None:
-        return {} if motor is None else {Row("drive", joint): np.array(motor, dtype=float)}
+        return {} if motor is None else {EstimationRow("drive", joint): np.array(motor, dtype=float)}
     if motor is None:
-        return {Row("load", joint): np.array(link, dtype=float)}
+        return {EstimationRow("load", joint): np.array(link, dtype=float)}
     if reading:
-        return {Row("load", joint): +link, Row("drive", joint): +motor, Row("spring", joint): +link}
-    return {Row("load", joint): link + motor, Row("spring", joint): np.array(motor, dtype=float)}
+        return {
+            EstimationRow("load", joint): +link,
+            EstimationRow("drive", joint): +motor,
+            EstimationRow("spring", joint): +link,
+        }
+    return {EstimationRow("load", joint): link + motor, EstimationRow("spring", joint): np.array(motor, dtype=float)}

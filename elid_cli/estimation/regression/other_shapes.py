@@ -18,7 +18,7 @@ from elid_cli.estimation.regression.covariance import long_run, residuals
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.triangles import Extra, Triangles, reduce
+from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
 from elid_cli.model.effects.declared import amplitude_prior
 from elid_cli.model.effects.effect import Effect
 from elid_cli.robot.robot import Robot
@@ -34,24 +34,24 @@ APART = 0.6
 """Distance of shapes' logarithms from which on they lie in different valleys."""
 
 
-def reduced(
+def triangles_with_effects(
     observation: Observation,
-    nuisances: Sequence[Extra],
+    nuisances: Sequence[ExtraColumns],
     effects: FittedEffects | None,
     fold: NDArray[np.intp] | None = None,
 ) -> Triangles:
     """Return triangles with the columns of nuisances and effects, and what is known of the effects' amplitudes."""
     if effects is None:
-        return reduce(observation, nuisances, fold)
-    triangles = reduce(observation, (*nuisances, *effects.extras), fold)
+        return to_triangles(observation, nuisances, fold)
+    triangles = to_triangles(observation, (*nuisances, *effects.extras), fold)
     first = triangles.parameters + sum(extra.width for extra in nuisances)
     return replace(triangles, prior=amplitude_prior(effects.effects, first, triangles.width))
 
 
-def told_apart(
+def check_shape_ambiguity(
     observation: Observation,
     signals: Signals,
-    nuisances: Sequence[Extra],
+    nuisances: Sequence[ExtraColumns],
     effects: FittedEffects,
     solution: Solution,
     covariance: Array,
@@ -66,7 +66,7 @@ def told_apart(
         if not _acts(other, observation.parameters, nuisances, effects, solution, covariance):
             continue
         moved = _with(effects, other, signals)
-        found = solve(reduced(observation, nuisances, moved), solution.weights, basis=solution.basis)
+        found = solve(triangles_with_effects(observation, nuisances, moved), solution.weights, basis=solution.basis)
         more = _squares(observation, nuisances, moved, found) - best
         if explains_as_well(more, observation.stretch):
             kept.append(other)
@@ -130,7 +130,9 @@ def _with(effects: FittedEffects, other: Mapping[int, Effect], signals: Signals)
     return replace(effects, extras=tuple(extras))
 
 
-def _squares(observation: Observation, nuisances: Sequence[Extra], effects: FittedEffects, solution: Solution) -> Array:
+def _squares(
+    observation: Observation, nuisances: Sequence[ExtraColumns], effects: FittedEffects, solution: Solution
+) -> Array:
     """Return the weighted squared residual of every instant, summed over the rows, (M,)."""
     left = residuals(observation, solution.values, [*nuisances, *effects.extras])
     total = np.zeros(observation.instants)
@@ -143,7 +145,7 @@ def _squares(observation: Observation, nuisances: Sequence[Extra], effects: Fitt
 def _acts(
     other: Mapping[int, Effect],
     parameters: int,
-    nuisances: Sequence[Extra],
+    nuisances: Sequence[ExtraColumns],
     effects: FittedEffects,
     solution: Solution,
     covariance: Array,

@@ -14,7 +14,7 @@ from elid_cli.estimation.regression.effect_shapes import SHAPE_SPREAD, shape_col
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.long_run import beyond_normal
 from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.triangles import Extra, Triangles, reduce
+from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.signals.signals import Signals
 
@@ -26,7 +26,7 @@ def covariance_of(
     base: BaseParameters,
     observation: Observation,
     signals: Signals,
-    nuisances: Sequence[Extra],
+    nuisances: Sequence[ExtraColumns],
     effects: FittedEffects | None,
     triangles: Triangles,
     solution: Solution,
@@ -40,7 +40,7 @@ def _of_shapes(
     base: BaseParameters,
     observation: Observation,
     signals: Signals,
-    nuisances: Sequence[Extra],
+    nuisances: Sequence[ExtraColumns],
     effects: FittedEffects | None,
     triangles: Triangles,
     solution: Solution,
@@ -52,7 +52,7 @@ def _of_shapes(
     shapes = shape_columns(effects, signals, amplitudes_of(solution, base, nuisances, effects))
     if not shapes:
         return sandwich(observation, solution, extras)
-    extended = reduce(observation, [*extras, *shapes])
+    extended = to_triangles(observation, [*extras, *shapes])
     prior = np.zeros((len(shapes), extended.width + 1))
     prior[np.arange(len(shapes)), triangles.width + np.arange(len(shapes))] = 1.0 / SHAPE_SPREAD
     if triangles.prior is not None:
@@ -96,7 +96,7 @@ def _few(observation: Observation, signals: Signals, triangles: Triangles, solut
 
 
 def amplitudes_of(
-    solution: Solution, base: BaseParameters, nuisances: Sequence[Extra], effects: FittedEffects | None
+    solution: Solution, base: BaseParameters, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None
 ) -> list[Array]:
     """Return the amplitudes of every declared effect in a solution's columns, each (d,)."""
     place = len(base.parameters) + sum(extra.width for extra in nuisances)

@@ -14,19 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.regression.observation import Equations, Observation
-from elid_cli.model.regressor import Row
+from elid_cli.estimation.regression.observation import Observation, RowGroup
+from elid_cli.model.regressor import EstimationRow
 
 _SLICE, _PANEL = 2048, 8
 """Rows taken at a time, and columns of a panel, in QR."""
 
 
 @dataclass(frozen=True)
-class Extra:
+class ExtraColumns:
     """Columns beyond the standard parameters (a nuisance or an effect): row -> (d, M), all with the same d."""
 
     name: str
-    rows: Mapping[Row, Array]
+    rows: Mapping[EstimationRow, Array]
     units: tuple[str, ...] = ()
 
     @property
@@ -40,7 +40,7 @@ class Extra:
 class Triangle:
     """R factor of [columns | target] of one row group in one fold, (k, len(index) + 1)."""
 
-    row: Row
+    row: EstimationRow
     fold: int
     index: NDArray[np.intp]
     factor: Array
@@ -63,7 +63,7 @@ class Triangles:
     parameters: int
     extras: int
     folds: int
-    rows: tuple[Row, ...] = field(default=())
+    rows: tuple[EstimationRow, ...] = field(default=())
     prior: Array | None = None
     """Further equations [columns | target] in units of their standard deviation, (k, p + e + 1): what is known of
     columns before the data speak."""
@@ -73,17 +73,17 @@ class Triangles:
         """Number of columns p + e."""
         return self.parameters + self.extras
 
-    def of(self, row: Row, folds: Sequence[int] | None = None) -> list[Triangle]:
+    def of(self, row: EstimationRow, folds: Sequence[int] | None = None) -> list[Triangle]:
         """Return the triangles of one row group, of some folds or all."""
         return [t for t in self.items if t.row == row and (folds is None or t.fold in folds)]
 
-    def rms(self, solution: Array, row: Row, folds: Sequence[int] | None = None) -> float:
+    def rms(self, solution: Array, row: EstimationRow, folds: Sequence[int] | None = None) -> float:
         """Return the residual rms of a row group, N·m; NaN without data."""
         chosen = self.of(row, folds)
         count = sum(t.count for t in chosen)
         return float(np.sqrt(sum(t.squares(solution) for t in chosen) / count)) if count else float("nan")
 
-    def torque_rms(self, row: Row, folds: Sequence[int] | None = None) -> float:
+    def torque_rms(self, row: EstimationRow, folds: Sequence[int] | None = None) -> float:
         """Return the rms of the measured torque over the instants of a row group, N·m."""
         chosen = self.of(row, folds)
         count = sum(t.count for t in chosen)
@@ -91,7 +91,7 @@ class Triangles:
 
     def joined(self, folds: Sequence[int] | None = None) -> Triangles:
         """Return the triangles of some folds or all as one fold: what is solved again and again is then smaller."""
-        groups: dict[Row, list[Triangle]] = {}
+        groups: dict[EstimationRow, list[Triangle]] = {}
         for triangle in self.items:
             if folds is None or triangle.fold in folds:
                 groups.setdefault(triangle.row, []).append(triangle)
@@ -103,7 +103,7 @@ class Triangles:
             items.append(replace(first, fold=0, factor=factor, count=count, power=power))
         return replace(self, items=tuple(items), folds=1)
 
-    def stacked(self, weights: Mapping[Row, float], folds: Sequence[int] | None = None) -> Array:
+    def stacked(self, weights: Mapping[EstimationRow, float], folds: Sequence[int] | None = None) -> Array:
         """Return the weighted triangles as one system, (rows, p + e + 1), reduced to a triangle."""
         parts = []
         for triangle in self.items:
@@ -129,9 +129,9 @@ def folds_of(observation: Observation, folds: int) -> NDArray[np.intp]:
     return (np.arange(instants) * folds // max(instants, 1)).astype(np.intp)
 
 
-def reduce(
+def to_triangles(
     observation: Observation,
-    extras: Sequence[Extra] = (),
+    extras: Sequence[ExtraColumns] = (),
     fold: NDArray[np.intp] | None = None,
 ) -> Triangles:
     """Reduce an observation to triangles.
@@ -173,9 +173,9 @@ class _Reduction:
     """Triangles with what they were made of."""
 
     triangles: Triangles
-    extras: Sequence[Extra]
+    extras: Sequence[ExtraColumns]
     fold: NDArray[np.intp]
-    groups: tuple[Equations, ...]
+    groups: tuple[RowGroup, ...]
 
 
 def _grown(before: _Reduction, observation: Observation) -> _Reduction | None:
@@ -201,13 +201,13 @@ def _grown(before: _Reduction, observation: Observation) -> _Reduction | None:
     return replace(before, triangles=triangles, groups=observation.groups)
 
 
-def _power(observation: Observation, group: Equations, use: NDArray[np.intp]) -> float:
+def _power(observation: Observation, group: RowGroup, use: NDArray[np.intp]) -> float:
     """Return the sum of squares of the measured torque of a row group's instants."""
     torque = group.target if group.row.kind in ("load", "spring") else observation.tau[group.row.joint]
     return float(np.sum(torque[use] ** 2))
 
 
-def _with_fewer(triangles: Triangles, given: Sequence[Extra], extras: Sequence[Extra]) -> Triangles:
+def _with_fewer(triangles: Triangles, given: Sequence[ExtraColumns], extras: Sequence[ExtraColumns]) -> Triangles:
     """Return triangles with some of the extra columns only: those of the data need not be made again for that."""
     number = np.full(triangles.width, -1, dtype=np.intp)
     number[: triangles.parameters] = np.arange(triangles.parameters)
@@ -227,13 +227,13 @@ def _with_fewer(triangles: Triangles, given: Sequence[Extra], extras: Sequence[E
     return replace(triangles, items=tuple(items), extras=start - triangles.parameters)
 
 
-def full_columns(group: Equations, extras: Sequence[Extra], parameters: int) -> tuple[NDArray[np.intp], Array]:
+def full_columns(group: RowGroup, extras: Sequence[ExtraColumns], parameters: int) -> tuple[NDArray[np.intp], Array]:
     """Return (column numbers, columns (k, M)) of a row group with the extra columns that act on it."""
     index, parts = _parts(group, extras, parameters)
     return index, np.concatenate(parts[:-1])
 
 
-def _parts(group: Equations, extras: Sequence[Extra], parameters: int) -> tuple[NDArray[np.intp], list[Array]]:
+def _parts(group: RowGroup, extras: Sequence[ExtraColumns], parameters: int) -> tuple[NDArray[np.intp], list[Array]]:
     """Return (column numbers, arrays (k, M) of columns, the last that of the target)."""
     index, columns = [group.index], [group.columns]
     place = parameters

@@ -19,7 +19,7 @@ from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.result import Identification, Verdict
 from elid_cli.estimation.stiffness.noise import deflection_noise, pull
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.signals import Signals
 
 EXPLAINED = 0.6
@@ -68,9 +68,9 @@ def link_stiffness(
         Joint number from 0.
     """
     rows = {group.row: group for group in observation.groups}
-    if Row("motor", joint) not in rows or Row("sum", joint) not in rows or signals.still[joint]:
+    if EstimationRow("motor", joint) not in rows or EstimationRow("sum", joint) not in rows or signals.still[joint]:
         return None  # of a joint that is held the deflection is one more constant
-    total = rows[Row("sum", joint)]
+    total = rows[EstimationRow("sum", joint)]
     own = {f"{kind}{joint + 1}" for kind in ("Jm", "fs", "fv", "K")}
     values = dict(zip(base.leaders.tolist(), base.values(reference), strict=True))
     load = np.zeros(observation.instants)

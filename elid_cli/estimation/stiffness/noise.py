@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.default_fit import Fit
+from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.triangles import Triangle, Triangles
-from elid_cli.model.regressor import Kind, Model, Row
+from elid_cli.model.regressor import EstimationRow, Kind, Regressor
 from elid_cli.signals.signals import Signals
 
 _ROWS: tuple[Kind, ...] = ("motor", "spring")
@@ -27,17 +27,17 @@ COLLAPSED = 0.5
 """Share from which so little is left of K in the fit that what the spring passes on falls to the rotor."""
 
 
-def unsupported_stiffness(fit: Fit) -> dict[str, str]:
+def unsupported_stiffness(fit: DefaultFit) -> dict[str, str]:
     """Return stiffness parameters that this log cannot support, with the reason."""
     return stiffness_in_noise(fit.model, fit.triangles, fit.solution.basis, deflections_noise(fit))
 
 
-def deflections_noise(fit: Fit) -> Array:
+def deflections_noise(fit: DefaultFit) -> Array:
     """Return the standard deviation of encoder noise in every filtered deflection, rad (m), (n,)."""
     return np.array([deflection_noise(fit.signals, k) for k in range(fit.model.robot.n)])
 
 
-def stiffness_in_noise(model: Model, triangles: Triangles, basis: NDArray[np.intp], noise: Array) -> dict[str, str]:
+def stiffness_in_noise(model: Regressor, triangles: Triangles, basis: NDArray[np.intp], noise: Array) -> dict[str, str]:
     """Return stiffness parameters that deflections with this noise cannot support, with the reason.
 
     Parameters
@@ -63,7 +63,7 @@ def stiffness_in_noise(model: Model, triangles: Triangles, basis: NDArray[np.int
     return refused
 
 
-def with_pull(model: Model, triangles: Triangles, solution: Solution, covariance: Array, noise: Array) -> Array:
+def with_pull(model: Regressor, triangles: Triangles, solution: Solution, covariance: Array, noise: Array) -> Array:
     """Return the covariance of the basis, (r, r), with what noise in the deflections pulls the stiffnesses by.
 
     A stiffness comes out smaller by the noise's share in the deciding deflection (errors in variables: attenuation),
@@ -111,16 +111,16 @@ def pull(value: float, noise: float, left: float) -> float:
     return min(noise**2 / left, 1.0) * value / math.sqrt(3.0) if left > 0 else value
 
 
-def deciding_deflection(model: Model, triangles: Triangles, basis: NDArray[np.intp], joint: int) -> float | None:
+def deciding_deflection(model: Regressor, triangles: Triangles, basis: NDArray[np.intp], joint: int) -> float | None:
     """Return the mean square of the deflection that the other columns of its row leave, rad² (m²).
 
     Where a joint torque sensor gives it a second row, the one in which more is left decides.
     """
-    left = [_left(model, chosen, basis, joint) for row in _ROWS if (chosen := triangles.of(Row(row, joint)))]
+    left = [_left(model, chosen, basis, joint) for row in _ROWS if (chosen := triangles.of(EstimationRow(row, joint)))]
     return max((value for value in left if value is not None), default=None)
 
 
-def _left(model: Model, chosen: list[Triangle], basis: NDArray[np.intp], joint: int) -> float | None:
+def _left(model: Regressor, chosen: list[Triangle], basis: NDArray[np.intp], joint: int) -> float | None:
     index = chosen[0].index
     own = model.index[f"K{joint + 1}"]
     place = np.flatnonzero(index == own)

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.regression.filtered_rows import Block
+from elid_cli.estimation.regression.filtered_rows import FilteredBlock
 from elid_cli.estimation.regression.observation import REVERSAL_SHARE
 from elid_cli.estimation.regression.triangles import Triangle, factor_of, onto
-from elid_cli.model.regressor import Plan, Row
+from elid_cli.model.regressor import EstimationRow, RegressorPlan
 from elid_cli.signals.signals import Signals
 
 
 @dataclass(frozen=True)
-class Kept:
+class ReductionBlock:
     """Rows of a block, each once: the program's outputs, n rates of torque, ones, n torques.
 
     `picks` names, for every row group, its columns among them, then those of the delay and offset of its torque
@@ -41,12 +41,12 @@ class Kept:
         """Number of instants."""
         return self.last - self.first
 
-    def single(self) -> Kept:
+    def single(self) -> ReductionBlock:
         """Return the block in single precision, which takes half the room."""
         return replace(self, rows=self.rows.astype(np.float32))
 
 
-def kept(block: Block, plan: Plan, signals: Signals) -> Kept:
+def kept(block: FilteredBlock, plan: RegressorPlan, signals: Signals) -> ReductionBlock:
     """Return a block as it is reduced."""
     distinct, (n, count) = len(block.rows), block.tau.shape
     known = np.isfinite(block.tau)
@@ -65,14 +65,14 @@ def kept(block: Block, plan: Plan, signals: Signals) -> Kept:
         ).astype(np.intp)
         for item in plan.rows
     ]
-    return Kept(block.first, block.last, block.stretch, rows, picks, known & ~reversing, known)
+    return ReductionBlock(block.first, block.last, block.stretch, rows, picks, known & ~reversing, known)
 
 
 WAITING = 2000
 """Equations that are reduced at a time."""
 
 
-class Growing:
+class GrowingTriangle:
     """A triangle to which equations are added; they wait until there are enough of them for one QR."""
 
     def __init__(self, width: int) -> None:
@@ -106,7 +106,7 @@ class Growing:
         self._parts, self._waiting, self._reduced = [], 0, True
 
 
-class Pile:
+class TriangleAccumulator:
     """The triangles of a log.
 
     Parameters
@@ -119,13 +119,13 @@ class Pile:
         Contiguous stretches that it is split into.
     """
 
-    def __init__(self, layout: Sequence[tuple[Row, NDArray[np.intp]]], instants: int, folds: int) -> None:
+    def __init__(self, layout: Sequence[tuple[EstimationRow, NDArray[np.intp]]], instants: int, folds: int) -> None:
         self._layout = layout
         self._instants = max(instants, 1)
         self._folds = folds
-        self._found: tuple[dict[tuple[Row, int], Growing], ...] = ({}, {})
+        self._found: tuple[dict[tuple[EstimationRow, int], GrowingTriangle], ...] = ({}, {})
 
-    def add(self, block: Kept) -> None:
+    def add(self, block: ReductionBlock) -> None:
         """Add the equations of a block."""
         fold = np.arange(block.first, block.last) * self._folds // self._instants
         bounds = np.flatnonzero(np.diff(fold, prepend=-1, append=self._folds)).tolist()
@@ -140,7 +140,7 @@ class Pile:
                 chosen = marked[row.joint]
                 if len(chosen):
                     whole = len(chosen) == block.instants
-                    growing = found.setdefault((row, int(fold[start])), Growing(len(pick)))
+                    growing = found.setdefault((row, int(fold[start])), GrowingTriangle(len(pick)))
                     growing.add(system if whole else system.take(chosen, axis=1))
 
     @staticmethod

@@ -26,7 +26,7 @@ from elid_cli.estimation.regression.triangles import Triangle
 from elid_cli.estimation.streaming.links import LinkSystem
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, Scores, SignalFacts
 from elid_cli.files import replacing
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.recording import Recording, Segment
 
 KINDS = ("link", "sum", "motor")
@@ -267,7 +267,7 @@ def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:
     layout, place = [], 0
     columns = arrays[f"{k}/columns"].astype(np.intp)
     for kind, joint, width in head["layout"]:
-        layout.append((Row(kind, joint), columns[place : place + width]))
+        layout.append((EstimationRow(kind, joint), columns[place : place + width]))
         place += width
     values = {field.name: arrays[f"{k}/{field.name}"] for field in fields(SignalFacts)}
     facts = SignalFacts(**{name: value if value.ndim else value.item() for name, value in values.items()})
@@ -314,7 +314,9 @@ def _link(arrays: Any, name: str) -> LinkSystem | None:
     return LinkSystem(arrays[name], int(count), arrays[f"{name}_scores"], bandwidth)
 
 
-def _triangles(arrays: Any, name: str, layout: Sequence[tuple[Row, NDArray[np.intp]]]) -> tuple[Triangle, ...]:
+def _triangles(
+    arrays: Any, name: str, layout: Sequence[tuple[EstimationRow, NDArray[np.intp]]]
+) -> tuple[Triangle, ...]:
     factors, powers = arrays[f"{name}_factors"], arrays[f"{name}_power"]
     if not np.isfinite(factors).all():
         raise ValueError("triangles hold values that are not numbers")

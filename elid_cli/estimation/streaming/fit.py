@@ -17,13 +17,13 @@ from elid_cli.estimation.default_fit import STICKING
 from elid_cli.estimation.regression.least_squares import Solution, reweighted
 from elid_cli.estimation.regression.nuisances import beyond_doubt
 from elid_cli.estimation.regression.triangles import Triangle, Triangles, factor_of
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 
 _ORDER = {"link": 0, "sum": 1, "motor": 2}
 
 
 @dataclass(frozen=True)
-class Stock:
+class MergedTriangles:
     """Triangles of one log or of several together, with columns for every nuisance there may be."""
 
     parameters: int
@@ -75,7 +75,7 @@ Covariance = Callable[[Solution, Sequence[int], NDArray[np.bool_]], Array]
 
 def combined(items: Iterable[Triangle]) -> list[Triangle]:
     """Return one triangle for every row group and fold, in their order."""
-    groups: dict[tuple[Row, int], list[Triangle]] = {}
+    groups: dict[tuple[EstimationRow, int], list[Triangle]] = {}
     for triangle in items:
         groups.setdefault((triangle.row, triangle.fold), []).append(triangle)
     merged = []
@@ -89,7 +89,7 @@ def combined(items: Iterable[Triangle]) -> list[Triangle]:
     return merged
 
 
-def fit_stock(stock: Stock, rank: int, dt: float, covariance: Covariance) -> MergedFit:
+def fit_stock(stock: MergedTriangles, rank: int, dt: float, covariance: Covariance) -> MergedFit:
     """Fit triangles by the default estimator.
 
     Parameters
@@ -118,12 +118,12 @@ def fit_stock(stock: Stock, rank: int, dt: float, covariance: Covariance) -> Mer
     return MergedFit(triangles, solution, spread, tuple(kept), gliding)
 
 
-def glides(stock: Stock, steady: Triangles, values: Array, nuisances: Sequence[int]) -> NDArray[np.bool_]:
+def glides(stock: MergedTriangles, steady: Triangles, values: Array, nuisances: Sequence[int]) -> NDArray[np.bool_]:
     """Return the joints whose residual at reversals is no larger than elsewhere, (n,)."""
     everywhere = stock.chosen(np.ones(stock.joints, dtype=bool), nuisances)
     result = np.zeros(stock.joints, dtype=bool)
     for k in range(stock.joints):
-        row = Row("sum", k)
+        row = EstimationRow("sum", k)
         outside, both = steady.of(row), everywhere.of(row)
         count = sum(t.count for t in both) - sum(t.count for t in outside)
         if not outside or count == 0:
@@ -134,7 +134,9 @@ def glides(stock: Stock, steady: Triangles, values: Array, nuisances: Sequence[i
     return result
 
 
-def significant(stock: Stock, solution: Solution, covariance: Array, nuisances: Sequence[int], dt: float) -> list[int]:
+def significant(
+    stock: MergedTriangles, solution: Solution, covariance: Array, nuisances: Sequence[int], dt: float
+) -> list[int]:
     """Return the nuisances whose coefficient is significant; a delay must be no longer than one sample (`nuisance`)."""
     values, deviations = np.full((2, len(nuisances)), np.nan)
     for k in range(len(nuisances)):

@@ -10,15 +10,15 @@ from typing import cast
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.regression.filtered_rows import Block
+from elid_cli.estimation.regression.filtered_rows import FilteredBlock
 from elid_cli.estimation.regression.long_run import KernelSum, Persistence, small_sample, uncertain
 from elid_cli.estimation.regression.triangles import factor_of
 from elid_cli.estimation.stiffness.link_equation import LEAST, LinkStiffness, TwoWays
 from elid_cli.estimation.stiffness.noise import pull
-from elid_cli.estimation.streaming.accumulate import Growing
-from elid_cli.estimation.streaming.fit import MergedFit, Stock
+from elid_cli.estimation.streaming.accumulate import GrowingTriangle
+from elid_cli.estimation.streaming.fit import MergedFit, MergedTriangles
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.model.regressor import Model, Plan, Row
+from elid_cli.model.regressor import EstimationRow, Regressor, RegressorPlan
 
 TOGETHER = 16_000
 """Instants that are taken at a time where blocks are passed over again."""
@@ -64,14 +64,20 @@ class LinkSums:
     """
 
     def __init__(
-        self, model: Model, base: BaseParameters, reference: Array, plan: Plan | None = None, *, single: bool = False
+        self,
+        model: Regressor,
+        base: BaseParameters,
+        reference: Array,
+        plan: RegressorPlan | None = None,
+        *,
+        single: bool = False,
     ) -> None:
         plan = plan or model.estimation
         self._rows: list[tuple[slice, Array] | None] = []
         values = dict(zip(base.leaders.tolist(), base.values(reference), strict=True))
         rows = {item.row: item for item in plan.rows}
         for joint in range(model.robot.n):
-            item = rows[Row("sum", joint)]
+            item = rows[EstimationRow("sum", joint)]
             own = {f"{kind}{joint + 1}" for kind in ("Jm", "fs", "fv", "K")}
             factors = np.array(
                 [values[k] if k in values and base.parameters[k] not in own else 0.0 for k in item.columns.tolist()]
@@ -82,11 +88,11 @@ class LinkSums:
         self._picks = [
             [joint, n + joint, 2 * n + joint, *(3 * n + k for k in range(n) if k != joint)] for joint in range(n)
         ]
-        self._growing = [Growing(n + 4) for _ in range(n)]
+        self._growing = [GrowingTriangle(n + 4) for _ in range(n)]
         self._kind = np.float32 if single else np.float64
         self._kept: list[list[LinkBlock]] = []
 
-    def add(self, block: Block) -> None:
+    def add(self, block: FilteredBlock) -> None:
         """Add a block's equations."""
         n, count = len(self._rows), block.last - block.first
         known = [joint for joint, row in enumerate(self._rows) if row is not None]
@@ -188,9 +194,11 @@ def merged_stiffness(systems: Sequence[LinkSystem], noise: float) -> LinkStiffne
     return LinkStiffness(float(fitted[0]), math.hypot(spread, pulled), explained)
 
 
-def merged_ways(model: Model, stock: Stock, fit: MergedFit, standard: Array, joint: int) -> TwoWays | None:
+def merged_ways(
+    model: Regressor, stock: MergedTriangles, fit: MergedFit, standard: Array, joint: int
+) -> TwoWays | None:
     """Return a joint's stiffness by both regressions of its motor row (`link_equation.two_ways`), from triangles."""
-    chosen = stock.chosen(fit.gliding, stock.nuisances).of(Row("motor", joint))
+    chosen = stock.chosen(fit.gliding, stock.nuisances).of(EstimationRow("motor", joint))
     count = sum(t.count for t in chosen)
     spring = model.index.get(f"K{joint + 1}")
     if count < LEAST or spring is None or spring not in chosen[0].index:

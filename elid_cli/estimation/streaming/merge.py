@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
-from elid_cli.estimation.default_fit import Fit
-from elid_cli.estimation.identify import assemble, unlinked_named
+from elid_cli.estimation.default_fit import DefaultFit
+from elid_cli.estimation.identify import assemble, missing_link_named
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.nuisances import DELAY, OFFSET
 from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.triangles import Extra
+from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.stiffness.link_equation import LinkStiffness, with_both_regressions, with_link_stiffness
 from elid_cli.estimation.stiffness.noise import stiffness_in_noise, with_pull
-from elid_cli.estimation.streaming.fit import MergedFit, Stock, fit_stock
+from elid_cli.estimation.streaming.fit import MergedFit, MergedTriangles, fit_stock
 from elid_cli.estimation.streaming.links import merged_stiffness, merged_ways
 from elid_cli.estimation.streaming.reduce import FOLDS
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, SignalFacts
@@ -28,12 +28,12 @@ from elid_cli.estimation.validation.cross_validation import joint_errors
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.logs.checks.required import refuse_mixed
 from elid_cli.model.base_parameters import BaseParameters, find_base
-from elid_cli.model.regressor import Model, Row
+from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.text import fingerprint
 from elid_cli.signals.lowpass import LowPass
 from elid_cli.signals.motion import Motion
-from elid_cli.signals.recording import Recording, Segment, repeated, told_of
+from elid_cli.signals.recording import Recording, Segment, notices_of, repeated
 from elid_cli.signals.signals import Noise, Signals
 
 UNREAD = "the joint torque sensors (tau_link) are used where one log is identified by itself, and not in reduced logs"
@@ -51,7 +51,7 @@ def identify_reduced(robot: Robot, logs: Sequence[ReducedLog]) -> tuple[Identifi
     """
     check_alike(robot, logs)
     whole, robot = robot, robot.stiffened(logs[0].facts.unlinked)
-    model = Model(robot)
+    model = Regressor(robot)
     check_columns(model, logs)
     base = find_base(model)
     stock = _stock(model, logs)
@@ -76,7 +76,7 @@ def identify_reduced(robot: Robot, logs: Sequence[ReducedLog]) -> tuple[Identifi
         return merged_stiffness([s for log in alike if (s := log.links[joint])], float(noise[joint]))
 
     found = with_link_stiffness(found, by_links, base.classes)
-    found = unlinked_named(found, whole)
+    found = missing_link_named(found, whole)
     if any("tau_link" in log.recording.sources for log in logs):
         found = replace(found, notes=(*found.notes, UNREAD))
     return found, _by_log(model, logs, fit)
@@ -109,7 +109,7 @@ def check_alike(robot: Robot, logs: Sequence[ReducedLog]) -> None:
             )
 
 
-def check_columns(model: Model, logs: Sequence[ReducedLog]) -> None:
+def check_columns(model: Regressor, logs: Sequence[ReducedLog]) -> None:
     """Refuse logs whose columns are not the model's (LogError), though the robot is the same: no elid wrote them."""
     own = {item.row: item.columns.tolist() for item in model.estimation.rows}
     for log in logs:
@@ -133,7 +133,7 @@ def joined_recording(logs: Sequence[ReducedLog]) -> Recording:
         samples, files = samples + part.samples, files + len(part.files)
     names = tuple(file for part in parts for file in part.files)
     digests = tuple(digest for part in parts for digest in part.sha256)
-    repairs, notes, warnings = (told_of(parts, kind) for kind in ("repairs", "notes", "warnings"))
+    repairs, notes, warnings = (notices_of(parts, kind) for kind in ("repairs", "notes", "warnings"))
     empty = np.broadcast_to(np.nan, (samples, parts[0].n))
     return Recording(
         joints=parts[0].joints,
@@ -152,8 +152,8 @@ def joined_recording(logs: Sequence[ReducedLog]) -> Recording:
     )
 
 
-def _stock(model: Model, logs: Sequence[ReducedLog]) -> Stock:
-    return Stock(
+def _stock(model: Regressor, logs: Sequence[ReducedLog]) -> MergedTriangles:
+    return MergedTriangles(
         model.parameters,
         model.robot.n,
         FOLDS,
@@ -162,7 +162,9 @@ def _stock(model: Model, logs: Sequence[ReducedLog]) -> Stock:
     )
 
 
-def _covariance(logs: Sequence[ReducedLog], stock: Stock, solution: Solution, nuisances: Sequence[int]) -> Array:
+def _covariance(
+    logs: Sequence[ReducedLog], stock: MergedTriangles, solution: Solution, nuisances: Sequence[int]
+) -> Array:
     """Return the covariance of a solution's basis: the logs' scores are independent of each other."""
     meat: Array = np.zeros((len(solution.basis),) * 2)
     lags = []
@@ -175,11 +177,13 @@ def _covariance(logs: Sequence[ReducedLog], stock: Stock, solution: Solution, nu
     return spread_of(solution, meat, int(instants.sum()), float(np.average(lags, weights=instants)))
 
 
-def _as_fit(model: Model, base: BaseParameters, logs: Sequence[ReducedLog], fit: MergedFit) -> Fit:
+def _as_fit(model: Regressor, base: BaseParameters, logs: Sequence[ReducedLog], fit: MergedFit) -> DefaultFit:
     """Return the fit as verdicts ask for it; its signals are a few instants that stand for the logs."""
     n = model.robot.n
     nuisances = tuple(
-        Extra(DELAY if k < n else OFFSET, {Row("sum", k % n): np.zeros((1, 0))}, ("s" if k < n else "N·m",))
+        ExtraColumns(
+            DELAY if k < n else OFFSET, {EstimationRow("sum", k % n): np.zeros((1, 0))}, ("s" if k < n else "N·m",)
+        )
         for k in fit.nuisances
     )
     nothing = np.zeros((n, 0))
@@ -187,7 +191,7 @@ def _as_fit(model: Model, base: BaseParameters, logs: Sequence[ReducedLog], fit:
     observation = Observation(
         model.robot, (), model.parameters, nothing[0], np.zeros(0, dtype=np.intp), nothing, nothing, 0.0, blind, blind
     )
-    return Fit(
+    return DefaultFit(
         model,
         base,
         standing_for([log.facts for log in logs], model.robot),
@@ -240,7 +244,7 @@ def _counts(logs: Sequence[ReducedLog], fit: MergedFit) -> dict[str, object]:
     return {"instants": int(sum(log.facts.instants for log in logs)), "masked": [float(share) for share in masked]}
 
 
-def _by_log(model: Model, logs: Sequence[ReducedLog], fit: MergedFit) -> tuple[ByLog, ...]:
+def _by_log(model: Regressor, logs: Sequence[ReducedLog], fit: MergedFit) -> tuple[ByLog, ...]:
     """Return the merged result's error on each of several logs."""
     if len(logs) < 2:
         return ()

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from elid_cli.estimation.regression.filtered_rows import observed_blocks
 from elid_cli.estimation.stiffness.noise import deflection_noise
-from elid_cli.estimation.streaming.accumulate import Kept, Pile, kept
-from elid_cli.estimation.streaming.fit import Stock, fit_stock
+from elid_cli.estimation.streaming.accumulate import ReductionBlock, TriangleAccumulator, kept
+from elid_cli.estimation.streaming.fit import MergedTriangles, fit_stock
 from elid_cli.estimation.streaming.links import LinkSums
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, SignalFacts, hollow
 from elid_cli.estimation.streaming.scores import LogScores
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Model, Plan, Row
+from elid_cli.model.regressor import EstimationRow, Regressor, RegressorPlan
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.text import fingerprint
 from elid_cli.signals.recording import Recording
@@ -55,12 +55,12 @@ def reduce_log(
     progress
         Told the share of the log that is done.
     """
-    model = Model(robot.stiffened(signals.unlinked))
+    model = Regressor(robot.stiffened(signals.missing_link))
     base = find_base(model)
     plan = model.estimation
     layout = _layout(model, plan)
-    pile = Pile(layout, len(signals.outputs), FOLDS)
-    blocks: list[Kept] = []
+    pile = TriangleAccumulator(layout, len(signals.outputs), FOLDS)
+    blocks: list[ReductionBlock] = []
     reference = model.robot.reference()
     single = plan.program.outputs * len(signals.outputs) * 8 > SINGLE
     links = LinkSums(model, base, reference, plan, single=single)
@@ -71,7 +71,7 @@ def reduce_log(
         blocks.append(whole.single() if single else whole)
         if progress is not None:
             progress(block.last / len(signals.outputs))
-    stock = Stock(model.parameters, model.robot.n, FOLDS, *pile.triangles())
+    stock = MergedTriangles(model.parameters, model.robot.n, FOLDS, *pile.triangles())
     scores = LogScores(layout, stock, blocks)
     fit_stock(stock, base.count, signals.dt, scores.covariance)
     return ReducedLog(
@@ -88,7 +88,7 @@ def reduce_log(
     )
 
 
-def facts_of(signals: Signals, blocks: Sequence[Kept]) -> SignalFacts:
+def facts_of(signals: Signals, blocks: Sequence[ReductionBlock]) -> SignalFacts:
     """Return what later questions ask of the signals."""
     outputs = signals.outputs[:: max(1, len(signals.outputs) // POSES)]
     n = signals.n
@@ -103,14 +103,14 @@ def facts_of(signals: Signals, blocks: Sequence[Kept]) -> SignalFacts:
         deflection_noise=np.array([deflection_noise(signals, k) for k in range(n)]),
         still=signals.still,
         torque=np.any([block.known.any(axis=1) for block in blocks], axis=0),
-        unlinked=signals.unlinked,
+        unlinked=signals.missing_link,
         velocity_used=bool(signals.velocity_used.any()),
         known=np.sum([block.known.sum(axis=1) for block in blocks], axis=0, dtype=np.intp),
         poses=np.nan_to_num(np.array([signals.motion.positions(slice(k, k + 1))[0, :, 0] for k in outputs.tolist()])),
     )
 
 
-def _layout(model: Model, plan: Plan) -> tuple[tuple[Row, NDArray[np.intp]], ...]:
+def _layout(model: Regressor, plan: RegressorPlan) -> tuple[tuple[EstimationRow, NDArray[np.intp]], ...]:
     """Return each row group's columns: its standard parameters, then delay and offset of its torque channel."""
     first, n = model.parameters, model.robot.n
     return tuple(

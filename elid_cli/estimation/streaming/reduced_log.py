@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.regression.triangles import Triangle
 from elid_cli.estimation.streaming.links import LinkSystem
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.recording import Recording
 
 
@@ -78,7 +78,7 @@ class ReducedLog:
     recording: Recording
     """What is known of the log, its samples left out."""
     facts: SignalFacts
-    layout: tuple[tuple[Row, NDArray[np.intp]], ...]
+    layout: tuple[tuple[EstimationRow, NDArray[np.intp]], ...]
     """Row groups and the numbers of their columns."""
     steady: tuple[Triangle, ...]
     """Triangles of the instants away from reversals, per row group and fold."""

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.long_run import KernelSum, Persistence, small_sample, uncertain
-from elid_cli.estimation.streaming.accumulate import Kept
-from elid_cli.estimation.streaming.fit import Stock
+from elid_cli.estimation.streaming.accumulate import ReductionBlock
+from elid_cli.estimation.streaming.fit import MergedTriangles
 from elid_cli.estimation.streaming.reduced_log import Scores
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 
 
 class LogScores:
@@ -29,7 +29,12 @@ class LogScores:
         All of the log, in order.
     """
 
-    def __init__(self, layout: Sequence[tuple[Row, NDArray[np.intp]]], stock: Stock, blocks: Sequence[Kept]) -> None:
+    def __init__(
+        self,
+        layout: Sequence[tuple[EstimationRow, NDArray[np.intp]]],
+        stock: MergedTriangles,
+        blocks: Sequence[ReductionBlock],
+    ) -> None:
         self._layout, self._stock, self._blocks = layout, stock, blocks
         self.made: list[Scores] = []
 
@@ -49,7 +54,7 @@ class LogScores:
         self.made.append(Scores(total.total(), bandwidth, tuple(nuisances)))
         return spread_of(solution, lift.T @ self.made[-1].gram @ lift, memory.instants, bandwidth)
 
-    def _residuals(self, block: Kept, values: Array, gliding: NDArray[np.bool_]) -> Array:
+    def _residuals(self, block: ReductionBlock, values: Array, gliding: NDArray[np.bool_]) -> Array:
         """Return every row group's residual where it counts and 0 elsewhere, (groups, m)."""
         factors = np.zeros((len(self._layout), len(block.rows)), dtype=block.rows.dtype)
         for number, ((_, index), pick) in enumerate(zip(self._layout, block.picks, strict=True)):
@@ -61,7 +66,7 @@ class LogScores:
             residuals[number, ~use] = 0.0
         return residuals
 
-    def _summed(self, block: Kept, residuals: Array, width: int) -> Array:
+    def _summed(self, block: ReductionBlock, residuals: Array, width: int) -> Array:
         """Return the scores of every column, (p + 2n, m), summed over row groups."""
         summed = np.zeros((width, block.instants), dtype=residuals.dtype)
         for number, ((_, index), pick) in enumerate(zip(self._layout, block.picks, strict=True)):
@@ -70,7 +75,7 @@ class LogScores:
             summed[index] += own
         return summed
 
-    def _scores(self, block: Kept, residuals: Array) -> Array:
+    def _scores(self, block: ReductionBlock, residuals: Array) -> Array:
         """Return the scores of every row group's columns, (s, m), unweighted."""
         scores = np.empty((sum(len(index) for _, index in self._layout), block.instants), dtype=residuals.dtype)
         place = 0
@@ -83,7 +88,10 @@ class LogScores:
 
 
 def lifted(
-    solution: Solution, layout: Sequence[tuple[Row, NDArray[np.intp]]], stock: Stock, nuisances: Sequence[int]
+    solution: Solution,
+    layout: Sequence[tuple[EstimationRow, NDArray[np.intp]]],
+    stock: MergedTriangles,
+    nuisances: Sequence[int],
 ) -> tuple[Array, Array]:
     """Return the solution over all columns (p + 2n,), and what turns raw scores into whitened ones, (s, r)."""
     columns = _numbers(stock, nuisances)
@@ -95,12 +103,12 @@ def lifted(
     return values, np.concatenate(parts)
 
 
-def live_columns(solution: Solution, stock: Stock, nuisances: Sequence[int]) -> NDArray[np.intp]:
+def live_columns(solution: Solution, stock: MergedTriangles, nuisances: Sequence[int]) -> NDArray[np.intp]:
     """Return the numbers of a solution's columns that are not zero, among all p + 2n."""
     return _numbers(stock, nuisances)[solution.live]
 
 
-def _numbers(stock: Stock, nuisances: Sequence[int]) -> NDArray[np.intp]:
+def _numbers(stock: MergedTriangles, nuisances: Sequence[int]) -> NDArray[np.intp]:
     first = stock.parameters
     return np.concatenate([np.arange(first), first + np.array(nuisances, dtype=np.intp)]).astype(np.intp)
 

@@ -10,7 +10,7 @@ import numpy as np
 from elid_cli.estimation.regression.least_squares import Solution, solve_system
 from elid_cli.estimation.regression.triangles import Triangles, factor_of
 from elid_cli.estimation.result import Identification, JointError, SensorError
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
 
 
@@ -23,7 +23,7 @@ def held_out(
     fold's fit.
     """
     shift = 0.0 if before is None else solution.values - before.values
-    squares: dict[Row, float] = dict.fromkeys(triangles.rows, 0.0)
+    squares: dict[EstimationRow, float] = dict.fromkeys(triangles.rows, 0.0)
     folds = range(triangles.folds)
     parts = [replace(triangles, prior=None).stacked(solution.weights, [fold]) for fold in folds]  # each reduced once
     known = [] if triangles.prior is None else [triangles.prior]
@@ -37,35 +37,41 @@ def held_out(
 
 
 def joint_errors(
-    robot: Robot, triangles: Triangles, squares: Mapping[Row, float], folds: Sequence[int] | None = None
+    robot: Robot, triangles: Triangles, squares: Mapping[EstimationRow, float], folds: Sequence[int] | None = None
 ) -> dict[str, JointError]:
     """Return each joint's error from residual sums of squares per row group."""
     errors = {}
     for k, joint in enumerate(robot.joints):
-        total, motor = Row("sum", k), Row("motor", k)
+        total, motor = EstimationRow("sum", k), EstimationRow("motor", k)
         if total not in squares:
             continue
         torque = triangles.torque_rms(total, folds)
 
-        def rms(row: Row) -> float:
+        def rms(row: EstimationRow) -> float:
             count = sum(t.count for t in triangles.of(row, folds))
             return float(np.sqrt(squares[row] / count)) if count else float("nan")
 
         spring = rms(motor) if motor in squares else None
         share = None if spring is None else spring / torque
         sensor = None
-        if Row("spring", k) in squares:
-            read = triangles.torque_rms(Row("spring", k), folds)
-            sensor = SensorError(rms(Row("load", k)), rms(Row("drive", k)), rms(Row("spring", k)), read)
+        if EstimationRow("spring", k) in squares:
+            read = triangles.torque_rms(EstimationRow("spring", k), folds)
+            sensor = SensorError(
+                rms(EstimationRow("load", k)), rms(EstimationRow("drive", k)), rms(EstimationRow("spring", k)), read
+            )
         errors[joint.name] = JointError(rms(total), rms(total) / torque, spring, share, torque, sensor=sensor)
     return errors
 
 
-def with_floor(identification: Identification, floor: Mapping[Row, float]) -> Identification:
+def with_floor(identification: Identification, floor: Mapping[EstimationRow, float]) -> Identification:
     """Return the identification with the noise floor of each row filled in."""
     names = {joint.name: k for k, joint in enumerate(identification.robot.joints)}
     errors = {
-        name: replace(e, floor=floor.get(Row("sum", names[name])), spring_floor=floor.get(Row("motor", names[name])))
+        name: replace(
+            e,
+            floor=floor.get(EstimationRow("sum", names[name])),
+            spring_floor=floor.get(EstimationRow("motor", names[name])),
+        )
         for name, e in identification.error.items()
     }
     return replace(identification, error=errors)

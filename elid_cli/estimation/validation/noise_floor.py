@@ -16,7 +16,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.model.regressor import SENSOR_KINDS, Model, Row
+from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Regressor
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.spline_fit import fit_spline
@@ -26,13 +26,13 @@ from elid_cli.signals.spline_fit import fit_spline
 class Floor:
     """Propagated noise of every row group."""
 
-    rms: Mapping[Row, float]
-    series: Mapping[Row, Array]
+    rms: Mapping[EstimationRow, float]
+    series: Mapping[EstimationRow, Array]
     """Noise series per row, (replicates, M), N·m."""
 
 
 def noise_floor(
-    model: Model,
+    model: Regressor,
     signals: Signals,
     observation: Observation,
     standard: Array,
@@ -55,7 +55,7 @@ def noise_floor(
         Seed of the noise; the same seed gives the same floor.
     """
     generator = np.random.default_rng(seed)
-    series: dict[Row, list[Array]] = {group.row: [] for group in observation.groups}
+    series: dict[EstimationRow, list[Array]] = {group.row: [] for group in observation.groups}
     sensed = any(group.row.kind in SENSOR_KINDS for group in observation.groups)
     for number in range(replicates):
         aside = 1 if number % 2 == 0 else -1

@@ -14,10 +14,10 @@ from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.result import JointError, SensorError
 from elid_cli.model.base_parameters import BaseParameters, find_base
-from elid_cli.model.effects.declared import resolve, shown_by
+from elid_cli.model.effects.declared import as_observed, resolve
 from elid_cli.model.effects.shifts import corrected, declared_shifts, unshifted_robot
 from elid_cli.model.effects.tilt import TILT, declared_tilt, levelled
-from elid_cli.model.regressor import Model, Row
+from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
@@ -28,7 +28,7 @@ class Validation:
 
     robot: Robot
     error: Mapping[str, JointError]
-    residual: Mapping[Row, Array]
+    residual: Mapping[EstimationRow, Array]
     """Measured minus predicted torque per row group, (M,); the columns of masked instants included."""
     observation: Observation
     settings: Mapping[str, object] = field(default_factory=dict)
@@ -56,8 +56,8 @@ def validate(
         If the description holds no parameter values, or an effect lacks some.
     """
     turned = bool(np.any(declared_tilt(robot)))
-    described, robot = robot, levelled(shown_by(robot, signals.unlinked))
-    model = Model(robot)
+    described, robot = robot, levelled(as_observed(robot, signals.missing_link))
+    model = Regressor(robot)
     standard = complete(robot, find_base(model))
     shifts = declared_shifts(robot)
     signals = corrected(signals, shifts)
@@ -102,15 +102,18 @@ def complete(robot: Robot, base: BaseParameters) -> Array:
 
 
 def _against_sensor(
-    observation: Observation, rms: Mapping[Row, float | None], use: Mapping[Row, NDArray[np.bool_]], joint: int
+    observation: Observation,
+    rms: Mapping[EstimationRow, float | None],
+    use: Mapping[EstimationRow, NDArray[np.bool_]],
+    joint: int,
 ) -> SensorError | None:
     """Return the errors of a joint's three sensor rows, or None where it has no sensor."""
-    spring = Row("spring", joint)
+    spring = EstimationRow("spring", joint)
     size = rms.get(spring)
     if size is None:
         return None
     read = observation.group(spring).target[use[spring]]
-    load, drive = (rms.get(Row(kind, joint)) for kind in ("load", "drive"))
+    load, drive = (rms.get(EstimationRow(kind, joint)) for kind in ("load", "drive"))
     nothing = float("nan")
     return SensorError(
         nothing if load is None else load, nothing if drive is None else drive, size, float(np.sqrt(np.mean(read**2)))
@@ -118,22 +121,22 @@ def _against_sensor(
 
 
 def _errors(
-    robot: Robot, observation: Observation, residual: Mapping[Row, Array], chosen: NDArray[np.bool_] | None
+    robot: Robot, observation: Observation, residual: Mapping[EstimationRow, Array], chosen: NDArray[np.bool_] | None
 ) -> dict[str, JointError]:
     errors = {}
     use = {g.row: g.use if chosen is None else g.use & chosen for g in observation.groups}
 
-    def rms(row: Row) -> float | None:
+    def rms(row: EstimationRow) -> float | None:
         if row not in use or not use[row].any():
             return None
         return float(np.sqrt(np.mean(residual[row][use[row]] ** 2)))
 
     for k, joint in enumerate(robot.joints):
-        total = rms(Row("sum", k))
+        total = rms(EstimationRow("sum", k))
         if total is None:
             continue
-        torque = float(np.sqrt(np.mean(observation.tau[k][use[Row("sum", k)]] ** 2)))
-        spring = rms(Row("motor", k))
+        torque = float(np.sqrt(np.mean(observation.tau[k][use[EstimationRow("sum", k)]] ** 2)))
+        spring = rms(EstimationRow("motor", k))
         errors[joint.name] = JointError(
             total,
             total / torque,
@@ -168,7 +171,7 @@ def errors_by_log(robot: Robot, signals: Signals, files: Sequence[str]) -> tuple
     """
     if len(files) < 2:
         return ()
-    observation = observe(Model(robot), signals)
+    observation = observe(Regressor(robot), signals)
     sources = np.array([segment.source for segment in signals.segments], dtype=np.intp)[observation.stretch]
     judged = []
     for number, file in enumerate(files):

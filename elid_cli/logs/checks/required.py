@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError, nearest
 from elid_cli.logs.contract import RawLog
-from elid_cli.logs.mapping.resolve import Placement, Plan, fits
+from elid_cli.logs.mapping.resolve import Placement, ReadPlan, fits
 from elid_cli.logs.mapping.suggest import suggestion
 from elid_cli.logs.repair.stuck import drop_stuck
 from elid_cli.memory import passed, writable
@@ -37,7 +37,7 @@ class Checked:
 
 
 def check(
-    signals: Mapping[str, Array], samples: int, robot: Robot, plan: Plan, raw: RawLog, name: str, *, strict: bool
+    signals: Mapping[str, Array], samples: int, robot: Robot, plan: ReadPlan, raw: RawLog, name: str, *, strict: bool
 ) -> Checked:
     """Return the signals with absent ones as NaN columns, rigid joints completed.
 
@@ -130,7 +130,7 @@ class _Fault:
     """Words for a missing signal: what is missing, where elid looked, what there is instead."""
 
     robot: Robot
-    plan: Plan
+    plan: ReadPlan
     raw: RawLog
     name: str
     dropped: tuple[str, ...] = ()
@@ -221,14 +221,14 @@ def _about(field: str) -> bool:
 _EXAMPLES = {"tau": "/arm/motors.current", "theta": "/arm/motors.position", "q": "/arm/joint_states.position"}
 
 
-def refuse_mixed(names: Sequence[str], unlinked: NDArray[np.bool_], joints: Sequence[str]) -> None:
+def refuse_mixed(names: Sequence[str], missing_link: NDArray[np.bool_], joints: Sequence[str]) -> None:
     """Refuse logs of which some lack the link position of an elastic joint and others do not.
 
     Parameters
     ----------
     names
         The logs'.
-    unlinked
+    missing_link
         Elastic joints without a link position, (logs, n).
     joints
         Names of the joints, n.
@@ -238,8 +238,8 @@ def refuse_mixed(names: Sequence[str], unlinked: NDArray[np.bool_], joints: Sequ
     UsageError
         Naming the joint, and a log of either kind.
     """
-    for joint in np.flatnonzero(unlinked.any(axis=0) & ~unlinked.all(axis=0))[:1]:
-        less, more = names[int(np.argmax(unlinked[:, joint]))], names[int(np.argmin(unlinked[:, joint]))]
+    for joint in np.flatnonzero(missing_link.any(axis=0) & ~missing_link.all(axis=0))[:1]:
+        less, more = names[int(np.argmax(missing_link[:, joint]))], names[int(np.argmin(missing_link[:, joint]))]
         raise UsageError(
             f"{less}: no link position of {joints[joint]}, which {more} has",
             detail="without it a transmission counts as rigid, which is another model",

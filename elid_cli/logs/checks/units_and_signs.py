@@ -16,7 +16,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.logs.checks.required import Checked
 from elid_cli.logs.checks.torque_scale import FOLLOWS, WRONG_SCALE, correlation_of, off, scale_of, spring_slope
-from elid_cli.logs.mapping.resolve import Plan
+from elid_cli.logs.mapping.resolve import ReadPlan
 from elid_cli.logs.repair.align import Aligned
 from elid_cli.logs.repair.stuck import frozen, limited
 from elid_cli.memory import along, let_go
@@ -49,7 +49,7 @@ STALE = 0.5
 """Share of samples equal to the one before above which a moving signal is sampled and held."""
 
 
-def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> list[str]:
+def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan) -> list[str]:
     """Return one sentence per suspicion, with a mapping to paste where there is one."""
     step = max(1, aligned.t.size // SAMPLES)
     found: list[str] = []
@@ -86,7 +86,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: Plan) -> 
     return found
 
 
-def _amperes(plan: Plan) -> Iterator[str]:
+def _amperes(plan: ReadPlan) -> Iterator[str]:
     """Name a torque that is read from a channel called a current without a factor."""
     placement = plan.placements.get("tau")
     if placement is None or placement.spec.unit or placement.spec.scale != 1.0:
@@ -98,7 +98,7 @@ def _amperes(plan: Plan) -> Iterator[str]:
         )
 
 
-def written_units(units: Mapping[str, str], plan: Plan) -> Iterator[str]:
+def written_units(units: Mapping[str, str], plan: ReadPlan) -> Iterator[str]:
     """Name signals whose columns are written to be in another unit than they are taken to be in."""
     for signal, placement in plan.placements.items():
         usual = SI.get(signal)
@@ -161,7 +161,7 @@ class _Pair:
             float(np.abs(q).max()),
         )
 
-    def sentences(self, plan: Plan) -> Iterator[str]:
+    def sentences(self, plan: ReadPlan) -> Iterator[str]:
         """Yield what is suspicious about this joint."""
         if self.revolute and self.reach > FAR:
             yield f"{self.name}: q reaches {self.reach:.4g} rad: if it is in degrees, map it with unit: deg"
@@ -216,7 +216,7 @@ class _Pair:
         return "check units and gear ratio", None
 
 
-def _paste(plan: Plan, signal: str, key: str) -> str:
+def _paste(plan: ReadPlan, signal: str, key: str) -> str:
     """Return the words that propose a mapping."""
     placement = plan.placements.get(signal)
     place = placement.places if placement is not None else signal
@@ -225,7 +225,7 @@ def _paste(plan: Plan, signal: str, key: str) -> str:
     return f"if so, map it: {signal}: {{{words}, {key}}}"
 
 
-def _directions(pair: _Pair, deflection: Array, tau: Array, plan: Plan) -> Iterator[str]:
+def _directions(pair: _Pair, deflection: Array, tau: Array, plan: ReadPlan) -> Iterator[str]:
     """Compare motor torque with deflection: tau = K (theta - q) + rotor inertia + friction."""
     correlation = correlation_of(deflection, tau)
     if correlation < -FOLLOWS:
@@ -240,7 +240,7 @@ def _directions(pair: _Pair, deflection: Array, tau: Array, plan: Plan) -> Itera
         )
 
 
-def _scale(pair: _Pair, ratio: float, robot: Robot, plan: Plan, *, alone: bool) -> Iterator[str]:
+def _scale(pair: _Pair, ratio: float, robot: Robot, plan: ReadPlan, *, alone: bool) -> Iterator[str]:
     """Name a torque that is in another unit; with `alone` other joints' are not, and its mapping scales it alone."""
     if not off(ratio):
         return
@@ -259,7 +259,7 @@ def _scale(pair: _Pair, ratio: float, robot: Robot, plan: Plan, *, alone: bool) 
     yield f"{pair.name}: tau looks like {what}, {why}; {_paste(plan, 'tau', key)}"
 
 
-def _rescaled(plan: Plan, pair: _Pair, factor: float, robot: Robot) -> str:
+def _rescaled(plan: ReadPlan, pair: _Pair, factor: float, robot: Robot) -> str:
     """Return the keys that scale one joint's torque by a factor and leave the others as they are mapped."""
     spec = plan.placements["tau"].spec
     given = np.broadcast_to(spec.scale, robot.n) * np.where(np.arange(robot.n) == pair.j, factor, 1.0)
@@ -303,7 +303,7 @@ def _swap(q: Array, theta: Array, pairs: list[_Pair], robot: Robot) -> str:
     return ""
 
 
-def _wraps(q: Array, theta: Array, robot: Robot, plan: Plan) -> Iterator[str]:
+def _wraps(q: Array, theta: Array, robot: Robot, plan: ReadPlan) -> Iterator[str]:
     """Name joints whose angle jumps by a whole turn."""
     for signal, values in (("q", q), ("theta", theta)):
         largest = _largest_steps(values)

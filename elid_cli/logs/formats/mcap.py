@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
-from elid_cli.logs.mcap.bulk_decode import CdrDecoder, Table
+from elid_cli.logs.mcap.bulk_decode import CdrDecoder, MessageTable
 from elid_cli.logs.mcap.container import MAGIC, Container, Messages, Readable, summary, walk
 from elid_cli.logs.mcap.fields import NameTable, values_topic
 from elid_cli.logs.mcap.flat_decode import FlatDecoder, flat_json
@@ -104,7 +104,7 @@ class McapLog:
                 wanted[pick.source].append((pick.time, (0,)))
         known = {channel.source: channel.rows or 0 for channel in self.channels}
         most = sum(source.size for source in self._sources)  # a summary may lie; a message takes more than a byte
-        tables = {topic: Table(fields, min(known.get(topic, 0), most)) for topic, fields in wanted.items()}
+        tables = {topic: MessageTable(fields, min(known.get(topic, 0), most)) for topic, fields in wanted.items()}
         self.losses[:] = self._missing
         for container, messages in self._walk(told=True):
             for identifier in np.unique(messages.channels):
@@ -122,7 +122,7 @@ class McapLog:
                 self.losses.append(f"{table.undecodable} messages of {topic} cannot be decoded ({table.problem})")
         return self._streams(picks, tables)
 
-    def _streams(self, picks: Sequence[Pick], tables: Mapping[str, Table]) -> list[Stream]:
+    def _streams(self, picks: Sequence[Pick], tables: Mapping[str, MessageTable]) -> list[Stream]:
         clocks: dict[str, dict[str, Any]] = {}
         values: dict[tuple[str, str, tuple[int | str, ...]], Any] = {}
         for topic, table in tables.items():

@@ -57,7 +57,7 @@ class Layer:
 
 
 @dataclass(frozen=True)
-class Plan:
+class ReadPlan:
     """Where every signal of a log is read from, and what had to be decided for that."""
 
     placements: Mapping[str, Placement]
@@ -73,7 +73,7 @@ class Plan:
     """Signals that the user gave a place for this log."""
 
 
-def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) -> Plan:
+def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) -> ReadPlan:
     """Place every signal with the first layer that fits it."""
     by_source = _by_source(channels)
     time, unfit, notes = _place_time(by_source, layers)
@@ -100,7 +100,7 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
         reasons.pop(signal, None)
         if placement.unnamed:
             notes.append(f"{signal}: values of {placement.places} have no names: taken in the robot's joint order")
-    return Plan(
+    return ReadPlan(
         placements, time, tuple(unfit), tuple(notes), reasons, frozenset(unusable - set(placements)),
         frozenset(signal for layer in layers if layer.asked for signal in layer.signals),
     )  # fmt: skip

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.logs.mcap.cdr import CdrError, Layout, learn
+from elid_cli.logs.mcap.cdr import CdrError, MessageLayout, learn
 from elid_cli.logs.mcap.container import Messages
 from elid_cli.logs.mcap.fields import MessageShape
 from elid_cli.logs.mcap.ros_schema import Definitions
 
 
-class Growing:
+class GrowingArray:
     """Rows appended to one array; growing re-uses the memory (realloc), so that nothing is ever held twice.
 
     With a sound `hint` of the final number of rows nothing is moved at all; memory is taken when it is written to.
@@ -54,14 +54,14 @@ SECOND = 1_000_000_000
 """Nanoseconds; those of a stamp are fewer."""
 
 
-class Table:
+class MessageTable:
     """Everything wanted from one topic: growing columns for each (field, columns) and its clocks."""
 
     def __init__(self, wanted: Sequence[tuple[str, tuple[int | str, ...]]], hint: int = 0) -> None:
         self.wanted = tuple(dict.fromkeys(wanted))
-        self.values = [Growing(len(columns), hint=hint) for _, columns in self.wanted]
-        self.header = Growing(None, np.int64, hint)
-        self.logged = Growing(None, np.int64, hint)
+        self.values = [GrowingArray(len(columns), hint=hint) for _, columns in self.wanted]
+        self.header = GrowingArray(None, np.int64, hint)
+        self.logged = GrowingArray(None, np.int64, hint)
         self.undecodable = 0
         self.problem = ""
         self.misstamped = 0
@@ -89,7 +89,7 @@ class CdrDecoder:
 
     def shapes(self, messages: Messages, chosen: NDArray[np.intp]) -> list[MessageShape]:
         """Return the distinct shapes of some messages (for discovery)."""
-        table = Table(())
+        table = MessageTable(())
         self.decode(messages, chosen, table)
         return [plan.shape for plan in self._layouts]
 
@@ -106,7 +106,7 @@ class CdrDecoder:
             path: float(np.frombuffer(data, block.dtype, 1, block.offset)[0]) for path, block in single.items()
         }
 
-    def decode(self, messages: Messages, chosen: NDArray[np.intp], table: Table) -> None:
+    def decode(self, messages: Messages, chosen: NDArray[np.intp], table: MessageTable) -> None:
         """Append the messages `chosen` (indices) to a table."""
         rows, stamps = table.extend(messages.log_times[chosen])
         offsets, lengths = messages.offsets[chosen], messages.lengths[chosen]
@@ -125,7 +125,7 @@ class CdrDecoder:
         where: NDArray[np.intp] | None,
         rows: list[NDArray[Any]],
         stamps: NDArray[Any],
-        table: Table,
+        table: MessageTable,
     ) -> None:
         matrix = _matrix(data, offsets, length)
         for plan in [plan for plan in self._layouts if plan.layout.length == length]:
@@ -155,7 +155,7 @@ class CdrDecoder:
         where: NDArray[np.intp] | None,
         rows: list[NDArray[Any]],
         stamps: NDArray[Any],
-        table: Table,
+        table: MessageTable,
     ) -> tuple[NDArray[np.intp] | None, NDArray[np.uint8]]:
         """Store the messages that have a plan's layout; return those that have not."""
         same = plan.layout.matches(matrix)
@@ -172,7 +172,7 @@ class CdrDecoder:
 class _Plan:
     """A layout with the column of every wanted value worked out once."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: MessageLayout) -> None:
         self.layout = layout
         self.shape = MessageShape({p: layout.width(p) for p in layout.numbers}, layout.strings, layout.starts)
         self._columns: dict[tuple[str, tuple[int | str, ...]], list[tuple[int, str, list[int], list[int]]]] = {}
@@ -183,7 +183,7 @@ class _Plan:
         where: Any,
         rows: list[NDArray[Any]],
         stamps: NDArray[Any],
-        table: Table,
+        table: MessageTable,
     ) -> None:
         """Write the wanted numbers of messages, shape (M, length), to the table's rows `where`."""
         for wanted, target in zip(table.wanted, rows, strict=True):

@@ -24,7 +24,7 @@ class CdrError(ValueError):
 
 
 @dataclass
-class Block:
+class CdrBlock:
     """A run of numbers of one type at one offset."""
 
     offset: int
@@ -35,11 +35,11 @@ class Block:
 
 
 @dataclass
-class Layout:
+class MessageLayout:
     """Offsets of all numbers and strings of one message shape."""
 
     length: int
-    numbers: dict[str, list[Block]] = field(default_factory=dict)
+    numbers: dict[str, list[CdrBlock]] = field(default_factory=dict)
     strings: dict[str, list[str]] = field(default_factory=dict)
     starts: dict[str, list[int]] = field(default_factory=dict)
     """Where each sequence of strings of the same path begins in `strings` (one per element of an outer sequence)."""
@@ -74,7 +74,7 @@ class Layout:
         return self._fixed_words
 
 
-def learn(message: bytes, type_name: str, definitions: Definitions) -> Layout:
+def learn(message: bytes, type_name: str, definitions: Definitions) -> MessageLayout:
     """Return the layout of a CDR message.
 
     Raises
@@ -98,10 +98,10 @@ class _Learner:
         self.order = "<" if message[1] & 1 else ">"
         self.widest = 4 if message[1] >= 6 else 8
         self.position = 4
-        self.layout = Layout(len(message), template=message)
+        self.layout = MessageLayout(len(message), template=message)
         self.layout.fixed.append((0, 2))
 
-    def run(self, type_name: str) -> Layout:
+    def run(self, type_name: str) -> MessageLayout:
         self._message(type_name, "")
         if len(self.message) - self.position > 7:  # writers may pad the end
             raise CdrError(f"{len(self.message) - self.position} bytes too many")
@@ -147,7 +147,7 @@ class _Learner:
         if blocks and blocks[-1].offset + size * blocks[-1].count == offset:
             blocks[-1].count += count
         else:
-            blocks.append(Block(offset, f"{self.order}{kind}", count, first))
+            blocks.append(CdrBlock(offset, f"{self.order}{kind}", count, first))
 
     def _string(self, path: str, *, wide: bool) -> None:
         length = self._length() * (4 if wide else 1)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.logs.mcap.bulk_decode import SECOND, Table, match_columns
+from elid_cli.logs.mcap.bulk_decode import SECOND, MessageTable, match_columns
 from elid_cli.logs.mcap.container import Messages
 from elid_cli.logs.mcap.fields import MessageShape
 
@@ -42,7 +42,7 @@ class FlatDecoder:
         strings = {path: list(values) for path, values in shape.strings.items()}
         return strings, {path: flat[path][0] for path, width in shape.widths.items() if width == 1}
 
-    def decode(self, messages: Messages, chosen: NDArray[np.intp], table: Table) -> None:
+    def decode(self, messages: Messages, chosen: NDArray[np.intp], table: MessageTable) -> None:
         """Append the messages `chosen` (indices) to a table."""
         rows, stamps = table.extend(messages.log_times[chosen])
         for target in rows:

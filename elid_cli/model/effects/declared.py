@@ -74,19 +74,19 @@ def _where(robot: Robot, spec: EffectSpec) -> str:
     return f"{spec.where}: {spec.effect}{of}" if spec.where else f"{robot.name}: effect {spec.effect}"
 
 
-def shown_by(robot: Robot, unlinked: NDArray[np.bool_]) -> Robot:
+def as_observed(robot: Robot, missing_link: NDArray[np.bool_]) -> Robot:
     """Return the robot as a log shows it that holds no link positions of some joints (n,): rigid there.
 
     Declared effects that need the transmission are left out with it (`lost_effects`).
     """
-    stiff = robot.stiffened(unlinked)
-    lost = lost_effects(robot, unlinked)
+    stiff = robot.stiffened(missing_link)
+    lost = lost_effects(robot, missing_link)
     return replace(stiff, effects=tuple(spec for spec in robot.effects if spec not in lost)) if lost else stiff
 
 
-def lost_effects(robot: Robot, unlinked: NDArray[np.bool_]) -> tuple[EffectSpec, ...]:
+def lost_effects(robot: Robot, missing_link: NDArray[np.bool_]) -> tuple[EffectSpec, ...]:
     """Return the declared effects at elastic joints that a log without link positions there, (n,), cannot show."""
-    blind = {joint.name for joint, without in zip(robot.joints, unlinked, strict=True) if without and joint.elastic}
+    blind = {joint.name for joint, without in zip(robot.joints, missing_link, strict=True) if without and joint.elastic}
     sprung = {name for name, kind in effect_classes().items() if kind.elastic_only}
     here = robot.joint_names[0]  # of a robot of one joint, whose effects need not name it
     return tuple(spec for spec in robot.effects if spec.effect in sprung and (spec.joint or here) in blind)

@@ -56,7 +56,7 @@ class Parameter:
         return unit
 
 
-class RowKey(NamedTuple):
+class EquationRow(NamedTuple):
     """A row of eq. (13): the link or motor equation of joint `joint` (from 0)."""
 
     side: Side
@@ -123,7 +123,7 @@ def direction_widths(robot: Robot, width: float = DIRECTION_WIDTH) -> Array:
     return np.array([width if joint.revolute else ARM * width for joint in robot.joints])
 
 
-Columns = Mapping[RowKey, Array]
+Columns = Mapping[EquationRow, Array]
 """Row -> array (d, N), one row per amplitude, in the order of `Effect.amplitudes`."""
 
 

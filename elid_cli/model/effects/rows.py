@@ -8,25 +8,25 @@ from itertools import pairwise
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Columns, RowKey
+from elid_cli.model.effects.effect import Columns, EquationRow
 
 # np.array, not np.stack: the same rows in a tenth of the time where a simulator asks for one instant
 
 
 def motor_row(joint: int, *columns: Array) -> Columns:
     """Return columns (N,) that act on the motor of `joint`."""
-    return {RowKey("motor", joint): np.array(columns)}
+    return {EquationRow("motor", joint): np.array(columns)}
 
 
 def link_row(joint: int, *columns: Array) -> Columns:
     """Return columns (N,) that act on the link of `joint`."""
-    return {RowKey("link", joint): np.array(columns)}
+    return {EquationRow("link", joint): np.array(columns)}
 
 
 def spring_rows(joint: int, *columns: Array) -> Columns:
     """Return columns (N,) of a torque in the transmission, positive where it pulls the link back to the motor."""
     stacked = np.array(columns)
-    return {RowKey("link", joint): stacked, RowKey("motor", joint): -stacked}
+    return {EquationRow("link", joint): stacked, EquationRow("motor", joint): -stacked}
 
 
 def derivative(values: Array, dt: float, starts: Sequence[int] = (0,)) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from elid_cli.diagnosis import Diagnosis
-from elid_cli.report.answers.diagnosis_input import Told, referenced
+from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
 from elid_cli.report.answers.diagnosis_json import diagnosis_payload
 from elid_cli.report.answers.diagnosis_tables import (
     before_after_table,
@@ -33,7 +33,7 @@ NAMED = 5
 """How many moved base parameters are named."""
 
 
-def diagnosis_report(told: Told) -> Report:
+def diagnosis_report(told: DiagnosisInput) -> Report:
     """Return the report of one diagnosis."""
     found, recording = told.found, told.recording
     facts = (
@@ -69,7 +69,7 @@ def _tried(found: Diagnosis) -> Items:
     return (("tried", f"{found.tried} {many}; held out of the search: {span_words(found.held_out)}"),)
 
 
-def _meaning(told: Told) -> list[Section]:
+def _meaning(told: DiagnosisInput) -> list[Section]:
     found = told.found
     sections: list[Section] = []
     if found.sufficient:
@@ -85,7 +85,7 @@ def _meaning(told: Told) -> list[Section]:
     return [*sections, Text("next", _next(told), "next")]
 
 
-def _outcome(told: Told) -> list[str]:
+def _outcome(told: DiagnosisInput) -> list[str]:
     """Return in words where the model after stands, and what the missing effects had moved."""
     found = told.found
     worst = _worst(found)
@@ -114,7 +114,7 @@ def _worst(found: Diagnosis) -> float:
     return max(ratios) if ratios else max(row.ratio for row in found.rows_after)
 
 
-def _next(told: Told) -> str:
+def _next(told: DiagnosisInput) -> str:
     found, recording = told.found, told.recording
     if told.written is not None:
         return command("validate", recording, told.written, "--held-out")
@@ -130,7 +130,7 @@ def _next(told: Told) -> str:
     return command("identify", recording, told.robot_argument)
 
 
-def _against(told: Told) -> list[str]:
+def _against(told: DiagnosisInput) -> list[str]:
     """Return what other logs say against the model after."""
     found, said = [], "what was found may not hold beyond the log that it was found in"
     for check in told.checks:

@@ -21,7 +21,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Told:
+class DiagnosisInput:
     """A diagnosis with what goes with it in a report."""
 
     found: Diagnosis

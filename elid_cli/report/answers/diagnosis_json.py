@@ -9,14 +9,14 @@ from typing import Any
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import RowState
 from elid_cli.estimation.result import Identification, JointError
-from elid_cli.report.answers.diagnosis_input import Told, referenced
+from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
 from elid_cli.report.answers.diagnosis_tables import curve_words
 from elid_cli.report.answers.identification import error_payload as errors
 from elid_cli.report.answers.identification import identification_payload
 from elid_cli.report.answers.inputs import log_payload, nuisance_payload
 
 
-def diagnosis_payload(told: Told) -> dict[str, Any]:
+def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
     """Return the JSON object of a diagnosis (FORMATS: JSON)."""
     found = told.found
     return {

@@ -11,7 +11,7 @@ from elid_cli.diagnosis.residuals import Organised
 from elid_cli.diagnosis.unexplained import HELD_OUT
 from elid_cli.estimation.result import JointError
 from elid_cli.model.effects.library.lookup import ROWS, VARIABLES
-from elid_cli.report.answers.diagnosis_input import Told
+from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.identification import AT_FLOOR, torque_unit
 from elid_cli.report.answers.inputs import effect_text
 from elid_cli.report.tree import (
@@ -119,7 +119,7 @@ def _follows(organised: Sequence[Organised]) -> str:
     return ", ".join(f"{variable_words(o.variable)} {share_words(o.share)}" for o in named) or "nothing known"
 
 
-def effect_sections(told: Told) -> list[Section]:
+def effect_sections(told: DiagnosisInput) -> list[Section]:
     """Return the effects that are missing, what each means, and what it cannot be told from."""
     found = told.found
     named = [c for c in told.contributions if c.effect not in found.curves]

@@ -18,14 +18,14 @@ from elid_cli.report.answers.inputs import (
 )
 from elid_cli.report.tree import KeyValues, Report, Section, Text
 from elid_cli.signals.recording import Recording
-from elid_cli.signals.signals import unlinked
+from elid_cli.signals.signals import missing_link
 
 
 def validation_report(
     found: Validation, recording: Recording, robot_argument: str, held_out: Sequence[tuple[float, float]] = ()
 ) -> Report:
     """Return the report of one validation, judged on some stretches (first and last time, s) or on the whole log."""
-    lost = lost_effects(found.robot, unlinked(recording))
+    lost = lost_effects(found.robot, missing_link(recording))
     acting = [spec for spec in found.robot.effects if spec not in lost]
     effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in acting)
     facts = (

@@ -11,7 +11,7 @@ from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.noise_floor import noise_floor
 from elid_cli.estimation.validation.prediction import Validation, validate
-from elid_cli.model.regressor import Model, Row
+from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.report.figures.data import JointView, coverage, joint_views, singular_values, spring_views
 from elid_cli.report.figures.effect_data import effect_views
 from elid_cli.report.tree import Figure, Report
@@ -158,10 +158,10 @@ def _coverage(robot: Robot, signals: Signals) -> Figure:
                   "Position against velocity; dashed: limits of the robot file.")  # fmt: skip
 
 
-def _floor(found: Identification, signals: Signals, judged: Validation) -> Mapping[Row, float] | None:
-    errors = {row: e.floor for row, e in ((Row("sum", k), found.error.get(j.name))
+def _floor(found: Identification, signals: Signals, judged: Validation) -> Mapping[EstimationRow, float] | None:
+    errors = {row: e.floor for row, e in ((EstimationRow("sum", k), found.error.get(j.name))
                                           for k, j in enumerate(found.robot.joints)) if e is not None}  # fmt: skip
     known = {row: floor for row, floor in errors.items() if floor is not None}
     if known:
         return known
-    return noise_floor(Model(found.robot), signals, judged.observation, found.standard).rms
+    return noise_floor(Regressor(found.robot), signals, judged.observation, found.standard).rms

@@ -14,7 +14,7 @@ from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects.declared import resolve
-from elid_cli.model.regressor import Row
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
@@ -90,7 +90,9 @@ class Coverage:
     limits: tuple[float, float] | None
 
 
-def joint_views(found: Validation, signals: Signals, floor: Mapping[Row, float] | None = None) -> tuple[JointView, ...]:
+def joint_views(
+    found: Validation, signals: Signals, floor: Mapping[EstimationRow, float] | None = None
+) -> tuple[JointView, ...]:
     """Return a view of every joint whose torque is known.
 
     Parameters
@@ -105,7 +107,7 @@ def joint_views(found: Validation, signals: Signals, floor: Mapping[Row, float] 
     """
     views = []
     for k, joint in enumerate(found.robot.joints):
-        total, motor = Row("sum", k), Row("motor", k)
+        total, motor = EstimationRow("sum", k), EstimationRow("motor", k)
         if total not in found.residual:
             continue
         group = found.observation.group(total)
@@ -153,7 +155,7 @@ def spring_views(found: Validation, signals: Signals, refused: Collection[str] =
     bare = _without_spring_effects(found, signals)
     views = []
     for k, joint in enumerate(found.robot.joints):
-        row = Row("motor", k)
+        row = EstimationRow("motor", k)
         stiffness = joint.parameters.get("K")
         if row not in found.residual or not joint.elastic or stiffness is None or signals.still[k]:
             continue
@@ -188,7 +190,9 @@ def coverage(robot: Robot, signals: Signals) -> tuple[Coverage, ...]:
     )  # fmt: skip
 
 
-def singular_values(base: BaseParameters, triangles: Triangles, weights: Mapping[Row, float]) -> tuple[Array, int]:
+def singular_values(
+    base: BaseParameters, triangles: Triangles, weights: Mapping[EstimationRow, float]
+) -> tuple[Array, int]:
     """Return the singular values of the weighted regressor, columns of unit norm, largest first, and the rank kept.
 
     Columns beyond the standard parameters (nuisances, effects) are left out; so are columns that are zero.

@@ -8,7 +8,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.model.effects.bodies import body_torque
-from elid_cli.model.effects.effect import Columns, Effect, Parameter, RowKey, Scene
+from elid_cli.model.effects.effect import Columns, Effect, EquationRow, Parameter, Scene
 from elid_cli.model.effects.rows import derivative, spring_rows
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.time_shift import shifted
@@ -61,7 +61,7 @@ class EncoderSkew(Effect):
         columns = dict(spring_rows(self.joint, scene.motion.dq[:, self.joint]))
         for joint, change in enumerate(self._bodies(scene)):
             if np.any(change):
-                row = RowKey("link", joint)
+                row = EquationRow("link", joint)
                 columns[row] = columns.get(row, np.zeros((1, scene.samples))) + change
         return columns
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.model.effects.bodies import gravity_torque, with_gravity
-from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter, RowKey, Scene
+from elid_cli.model.effects.effect import Alteration, Columns, Effect, EquationRow, Parameter, Scene
 from elid_cli.robot.robot import Robot
 
 
@@ -53,7 +53,7 @@ class GravityDirection(Effect):
                 ],
                 axis=1,
             )
-        return {RowKey("link", j): rows.copy() for j, rows in enumerate(scene.cache[key]) if np.any(rows)}
+        return {EquationRow("link", j): rows.copy() for j, rows in enumerate(scene.cache[key]) if np.any(rows)}
 
     def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
         """Return the robot in the turned field of gravity."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.model.effects.bodies import last_body
-from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter, RowKey, Scene
+from elid_cli.model.effects.effect import Alteration, Columns, Effect, EquationRow, Parameter, Scene
 from elid_cli.robot.robot import LINK_PARAMETERS, Robot
 from elid_cli.signals.motion import random_motion
 
@@ -79,7 +79,7 @@ class Payload(Effect):
     def columns(self, scene: Scene) -> Columns:
         """Return the last body's independent columns in the link rows from the start on, zeros for the others."""
         after = scene.motion.t >= self.shape[0]
-        return {RowKey("link", j): rows * after for j, rows in enumerate(_columns(scene))}
+        return {EquationRow("link", j): rows * after for j, rows in enumerate(_columns(scene))}
 
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
         """Return the changes that can be told apart, and the start."""
