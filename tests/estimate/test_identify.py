@@ -86,7 +86,7 @@ def test_the_collocation_falls_back_and_says_so() -> None:
 def test_a_mistyped_parameter_of_a_declared_effect_is_refused() -> None:
     """Built in Python, past the robot file's own check: it would have been taken as not given, silently."""
     mistyped = replace(PLANAR, effects=(EffectSpec("stribeck", "joint2", {"amplitud": 1.0, "velocity": 0.2}),))
-    with pytest.raises(RobotError, match="no parameter 'amplitud'") as refused:
+    with pytest.raises(RobotError, match="unknown parameter 'amplitud'") as refused:
         resolve(mistyped, mistyped.effects[0])
     assert refused.value.hint == "did you mean 'amplitude'?"
 
