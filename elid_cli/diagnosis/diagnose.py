@@ -10,7 +10,6 @@ from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.evidence.moments import friction_at_rest, one_of_many
 from elid_cli.diagnosis.evidence.quarters import Survival, judged
 from elid_cli.diagnosis.fit.state import Log, fit, refreshed, without
-from elid_cli.diagnosis.fit.stretches import folds
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.diagnosis.search.event_times import retimed
 from elid_cli.diagnosis.search.forward import Found, beside, search
@@ -23,6 +22,7 @@ from elid_cli.estimation.regression.effect_columns import scene_of
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.observation import observe
 from elid_cli.estimation.regression.triangles import to_triangles
+from elid_cli.estimation.stretches import search_folds
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.declared import as_observed, declared_effects
@@ -60,7 +60,7 @@ def divided(robot: Robot, signals: Signals) -> Log:
         base=find_base(model),
         signals=moved_signals,
         observation=observation,
-        fold=folds(observation.instants),
+        fold=search_folds(observation.instants),
         raw=signals,
         shifts=shifts,
         level=level,

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.diagnosis.fit.state import State, without
-from elid_cli.diagnosis.fit.stretches import FOLDS
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect
 from elid_cli.diagnosis.stiffness_by_load import with_load
-from elid_cli.estimation.identify import DefaultFit, assemble
+from elid_cli.estimation.assembly import assemble, judged
+from elid_cli.estimation.default_fit import DefaultFit
+from elid_cli.estimation.regression.standard_errors import covariance_of
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, JointError
-from elid_cli.estimation.stiffness.noise import deflections_noise, with_pull
+from elid_cli.estimation.stretches import STRETCHES
 
 
 def identified(state: State, error: Mapping[str, JointError], declared: int = 0) -> Identification:
@@ -28,21 +29,15 @@ def identified(state: State, error: Mapping[str, JointError], declared: int = 0)
         How many of the state's effects, the first ones, the robot file declares.
     """
     log = state.log
-    fit = DefaultFit(
-        log.model,
-        log.base,
-        log.signals,
-        log.training,
-        state.nuisances,
-        None,
-        state.triangles,
-        state.solution,
-        state.covariance,
-    )
-    if state.known is None:  # a collocation holds the trajectory to the equations: its deflections are no noise
-        noise = deflections_noise(fit)
-        fit = replace(fit, covariance=with_pull(fit.model, fit.triangles, fit.solution, fit.covariance, noise))
-    found = assemble(fit, EstimateOptions(folds=FOLDS, offsets=False))
+    options = EstimateOptions(folds=STRETCHES, offsets=False)
+    data, triangles, solution = log.data, state.triangles, state.solution
+    if state.known is not None:  # a collocation holds the trajectory to the equations: its deflections are no noise
+        fit = DefaultFit(log.base, data, state.nuisances, None, triangles, solution, state.known)
+        found = assemble(fit, options)
+    else:
+        covariance = covariance_of(data, state.extras, None, triangles, solution)
+        fit = DefaultFit(log.base, data, state.nuisances, None, triangles, solution, covariance)
+        _, _, found = judged(fit, options)
     whole = {"instants": log.observation.instants, "masked": [float(share) for share in log.observation.masked]}
     names = log.model.robot.joint_names
     effects = tuple(

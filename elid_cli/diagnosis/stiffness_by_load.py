@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.evidence.quarters import QUARTERS, quarter_of
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.search.encoder_skew import link_load
 from elid_cli.estimation.regression.covariance import regression
@@ -29,6 +28,7 @@ from elid_cli.estimation.stiffness.link_equation import (
     link_stiffness,
     two_ways,
 )
+from elid_cli.estimation.stretches import QUARTERS, quarter_of
 
 CLEAR = 0.95
 """Part of the deflection's variance that follows the torque from which one regression is good enough."""
@@ -108,7 +108,7 @@ def with_load(found: Identification, state: State) -> Identification:
         joint = int(name[1:]) - 1
         if joint in bent:
             continue
-        ways = two_ways(found, state.log.observation, joint)
+        ways = two_ways(state.log.observation, found.standard, found.base.parameters, joint)
         if ways is None or (verdict[k] != "refused" and ways.share >= CLEAR):
             continue
         link = link_stiffness(found.base, state.log.observation, state.log.signals, reference, joint)

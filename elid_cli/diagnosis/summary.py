@@ -9,7 +9,6 @@ import numpy as np
 
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.fit.state import Log, State
-from elid_cli.diagnosis.fit.stretches import spans
 from elid_cli.diagnosis.residuals import Organised, RowState, judged_rows, organise, rows_of, words
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect, Moved, Rival, Unexplained
 from elid_cli.diagnosis.search.encoder_skew import Skew
@@ -18,6 +17,7 @@ from elid_cli.diagnosis.search.screening import Candidate
 from elid_cli.diagnosis.unexplained import away_from_changes, unseen
 from elid_cli.estimation.identify import JointError, Nuisance
 from elid_cli.estimation.refined_robot import refined_robot, representative
+from elid_cli.estimation.stretches import spans
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError
+from elid_cli.estimation.facts import facts_of
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.estimation.regression.triangles import Triangles, folds_of, to_triangles
+from elid_cli.estimation.regression.triangles import Triangles, to_triangles
 from elid_cli.estimation.result import EstimateOptions, Identification
+from elid_cli.estimation.stretches import stretch_of
 from elid_cli.estimation.validation.cross_validation import joint_errors
 from elid_cli.estimation.validation.verdicts import classes_in_log, judge, suspicious, torque_scale
 from elid_cli.model.base_parameters import BaseParameters, find_base
@@ -64,7 +66,7 @@ def identify_paper(
     slowest = np.where(revolute, SLOWEST, SLIDING * speed.max(axis=0))
     slow = speed < slowest
     observation = _without(observe(model, classical, model.equations, mask=False), slow[classical.outputs].T)
-    fold = folds_of(observation, options.folds)
+    fold = stretch_of(observation.instants, options.folds)
     triangles = to_triangles(observation, (), fold)
     equal = dict.fromkeys(triangles.rows, 1.0)
     solution = solve(triangles, equal, rank=base.count)
@@ -76,7 +78,7 @@ def identify_paper(
     covariance = spread @ spread.T * power / spare
     deviation = np.sqrt(np.diag(covariance))
     scale = torque_scale(base, triangles)
-    verdict, reasons = judge(base, estimate, deviation, scale, known, robot, signals, {})
+    verdict, reasons = judge(base, estimate, deviation, scale, known, robot, facts_of(signals, observation.known), {})
     unsaid = ~known
     verdict = tuple(v if v != "refused" or unsaid[k] else "weak" for k, v in enumerate(verdict))
     this_log = classes_in_log(base, verdict, reasons)
@@ -180,7 +182,7 @@ def _prediction(
 ) -> tuple[Triangles, dict[EstimationRow, float]]:
     """Return sum and motor rows, filtered as the default estimator does, and squares predicted from other folds."""
     observation = observe(model, signals, model.estimation)
-    rows = to_triangles(observation, (), folds_of(observation, options.folds))
+    rows = to_triangles(observation, (), stretch_of(observation.instants, options.folds))
     squares: dict[EstimationRow, float] = dict.fromkeys(rows.rows, 0.0)
     for fold in range(rows.folds):
         others = [f for f in range(triangles.folds) if f != fold]

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli.errors import DataError
-from elid_cli.estimation.default_fit import DefaultFit, fit_log, fit_part
+from elid_cli.estimation.default_fit import DefaultFit, fit_log
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import Regressor
@@ -44,46 +44,48 @@ def fit_best(model: Regressor, base: BaseParameters, signals: Signals, options: 
 
     A cut-off that the user gave stands, and so does that for declared effects, whose shapes lie in faster changes.
     """
+    best = _best(model, base, signals, options)
+    if isinstance(best, DefaultFit):
+        return best
+    return fit_log(model, base, signals if best is None else signals.refiltered(best), options)
+
+
+def at_best_cutoff(model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions) -> Signals:
+    """Return the signals with the cut-off that `fit_best` fits them at; a long log is never held whole for it."""
+    best = _best(model, base, signals, options)
+    if best is None:
+        return signals
+    return best.signals if isinstance(best, DefaultFit) else signals.refiltered(best)
+
+
+def _best(
+    model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions
+) -> DefaultFit | float | None:
+    """Return the fit at the best cut-off; of a long log, by stretches of which it is judged, that cut-off, Hz.
+
+    None: the cut-off that the signals have.
+    """
     if not signals.cutoff_free or model.robot.effects:
-        return fit_log(model, base, signals, options)
+        return None
+    hint = replace(signals, segments=excerpts(signals.segments, signals.dt, HINT, shortest=SHORTEST))
+    if hint.duration < signals.duration:
+        other = _tried(base, hint, LOWER[0], lambda lower: fit_log(model, base, lower, options))
+        if other is not None and not _compared(other, fit_log(model, base, hint, options)) < HINTED:
+            return None
     shown = replace(signals, segments=excerpts(signals.segments, signals.dt))
-    whole = len(shown.segments) == len(signals.segments) and shown.duration == signals.duration
-    usual = fit_log(model, base, signals, options)
-    if not _hinted(base, usual, options):
-        return usual
-    best, least = usual, -WORTH
-    shorter = usual if whole else fit_log(model, base, shown, options)
-    before = -TREND
+    usual = fit_log(model, base, shown, options)
+    best, least, before = usual, -WORTH, -TREND
     for cutoff in LOWER:
-        other = _tried(base, shown, cutoff, lambda lower: fit_log(model, base, lower, options))
-        gain = np.inf if other is None else _compared(other, shorter)
-        if other is not None and gain < least:
-            best, least = other, gain
+        tried = _tried(base, shown, cutoff, lambda lower: fit_log(model, base, lower, options))
+        gain = np.inf if tried is None else _compared(tried, usual)
+        if tried is not None and gain < least:
+            best, least = tried, gain
         if not gain < before:
             break
         before = gain - TREND
-    if whole or best is usual:
+    if shown.duration == signals.duration and len(shown.segments) == len(signals.segments):
         return best
-    return fit_log(model, base, signals.refiltered(best.signals.filter.cutoff), options)
-
-
-def _hinted(base: BaseParameters, usual: DefaultFit, options: EstimateOptions) -> bool:
-    """Whether a part of a long log speaks for a lower cut-off; of a log that is not long, nobody asks.
-
-    Which reversals count and which nuisances there are has been decided by the whole log; gains of joint torque sensors
-    need a fit of their own.
-    """
-    signals = usual.signals
-    part = replace(signals, segments=excerpts(signals.segments, signals.dt, HINT, shortest=SHORTEST))
-    if part.duration == signals.duration:
-        return True
-    like = (lambda s: fit_log(usual.model, base, s, options)) if signals.sensed.any() else lambda s: fit_part(usual, s)
-    other = _tried(base, part, LOWER[0], like)
-    if other is None:
-        return True
-    # a part's standard errors are larger by the root of how much fewer instants it holds
-    held, all_ = (len(s.outputs) / s.rate for s in (other.signals, signals))
-    return bool(_compared(other, usual) - 0.5 * np.log(all_ / held) < HINTED)
+    return None if best is usual else best.signals.filter.cutoff
 
 
 def _tried(

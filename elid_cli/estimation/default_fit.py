@@ -1,7 +1,7 @@
 """The default fit: least squares on sum and motor rows (the spring eliminated, no homogeneous rows).
 
 Rows are filtered in parallel and every row group is weighted by its own residual; delay and offset of the torque
-channels and the shapes of declared effects are estimated along.
+channels and the shapes of declared effects are estimated along. There is one fit, whatever holds the data.
 """
 
 from __future__ import annotations
@@ -9,28 +9,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.regression.covariance import lasting_weights, residuals
+from elid_cli.estimation.data import FitData, SampledData, sampled, sum_row
+from elid_cli.estimation.regression.covariance import lasting_weights
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.least_squares import Solution, reweighted
-from elid_cli.estimation.regression.nuisances import (
-    DELAY,
-    OFFSET,
-    delay_columns,
-    of_sampling,
-    offset_columns,
-    reading_columns,
-    significant,
-)
-from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.estimation.regression.nuisances import DELAY, OFFSET, of_sampling, reading_columns, significant
+from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.other_shapes import check_shape_ambiguity, triangles_with_effects
 from elid_cli.estimation.regression.standard_errors import amplitudes_of, covariance_of
-from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, folds_of, to_triangles
+from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.model.base_parameters import BaseParameters
@@ -46,18 +39,44 @@ READING_ROUNDS = 2
 
 @dataclass(frozen=True)
 class DefaultFit:
-    """The default estimator's fit to a log, before it is judged."""
+    """The default estimator's fit, before it is judged."""
 
-    model: Regressor
     base: BaseParameters
-    signals: Signals
-    observation: Observation
+    data: FitData
     nuisances: tuple[ExtraColumns, ...]
     effects: FittedEffects | None
     triangles: Triangles
     solution: Solution
     covariance: Array
     """Covariance of the basis of `solution`, shapes of effects accounted for, (r, r)."""
+
+    @property
+    def model(self) -> Regressor:
+        """The robot's model."""
+        return self.data.model
+
+    @property
+    def samples(self) -> SampledData:
+        """The samples that it was fitted to.
+
+        Raises
+        ------
+        ValueError
+            The fit is one to reduced logs.
+        """
+        if self.data.samples is None:
+            raise ValueError("reduced logs hold no samples")
+        return self.data.samples
+
+    @property
+    def signals(self) -> Signals:
+        """Signals of the log; ValueError as `samples`."""
+        return self.samples.signals
+
+    @property
+    def observation(self) -> Observation:
+        """Equations of the log; ValueError as `samples`."""
+        return self.samples.observation
 
     @property
     def extras(self) -> tuple[ExtraColumns, ...]:
@@ -79,37 +98,118 @@ class DefaultFit:
 
     def amplitudes(self) -> list[Array]:
         """Return the fitted amplitudes of every declared effect, each (d,)."""
-        return amplitudes_of(self.solution, self.base, self.nuisances, self.effects)
+        return amplitudes_of(self.solution, len(self.base.parameters), self.nuisances, self.effects)
 
 
 def fit_log(model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions) -> DefaultFit:
-    """Fit a log by the default estimator."""
-    observation = observe(model, signals)
+    """Fit a log whose samples are at hand by the default estimator (`fit_data`)."""
+    return fit_data(base, sampled(model, signals, options.folds), options)
+
+
+def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> DefaultFit:
+    """Fit by the default estimator.
+
+    First every torque channel has a delay and an offset, and reversals are left out; the residual there decides which
+    joints' reversals count; then nuisances that are not significant, or that predict no better, go.
+
+    Parameters
+    ----------
+    base
+        Structural base parameters.
+    data
+        The equations.
+    options
+        How to estimate.
+
+    Raises
+    ------
+    DataError
+        If the log excites no parameter at all.
+    """
+    delays, offsets = data.delays(), data.offsets()
     if options.mask is False:
-        observation = observation.unmasked(np.ones(model.robot.n, dtype=bool))
-    fold = folds_of(observation, options.folds)
-    delays, offsets = delay_columns(observation), offset_columns(observation)
-    if options.mask is None:
-        start = _start_effects(model, base, observation, signals)
-        observation = masked_as_needed(observation, base, [*delays, *offsets], start.extras if start else (), fold)
+        data = data.counting(np.ones(data.model.robot.n, dtype=bool))
+    elif options.mask is None:
+        data = _with_gliding(base, data, [*delays, *offsets])
     nuisances = [*(delays if options.delays else ()), *(offsets if options.offsets else ())]
-    effects = _start_effects(model, base, observation, signals)
-    if options.offsets and len(observation.independent) < len(observation.groups):
-        nuisances += _reading_columns(model, base, observation, nuisances, effects)
+    effects = _start_effects(base, data)
+    if options.offsets and data.samples is not None and data.samples.rows_of_sensors():
+        nuisances += _reading_columns(base, data.samples, nuisances, effects)
+    solved = solve_with(base, data, nuisances, effects, shaping=True)
+    covariance = covariance_of(data, solved.nuisances, solved.effects, solved.triangles, solved.solution)
+    effects = solved.effects
+    if effects and data.samples is not None:
+        observation, signals = data.samples.observation, data.samples.signals
+        effects, covariance = check_shape_ambiguity(
+            observation, signals, solved.nuisances, effects, solved.solution, covariance
+        )
+    return DefaultFit(base, data, solved.nuisances, effects, solved.triangles, solved.solution, covariance)
+
+
+class Solved(NamedTuple):
+    """The nuisances that stand, the effects at their shapes, and what was solved with both."""
+
+    nuisances: tuple[ExtraColumns, ...]
+    effects: FittedEffects | None
+    triangles: Triangles
+    solution: Solution
+
+
+def solve_with(
+    base: BaseParameters,
+    data: FitData,
+    nuisances: Sequence[ExtraColumns],
+    effects: FittedEffects | None,
+    *,
+    shaping: bool = False,
+) -> Solved:
+    """Solve with nuisances, as far as they are significant and predict better, and effects.
+
+    Parameters
+    ----------
+    base, data
+        Structural base parameters and the equations.
+    nuisances
+        All that there may be.
+    effects
+        Effects with their columns.
+    shaping
+        Whether the effects' shapes are refined; else they stay as they are.
+    """
     for last in (False, True):
-        if effects:
+        if shaping and effects and data.samples is not None:
             steps = (_Step.REFINE, _Step.REFINE) if last else (_Step.SCAN, _Step.RESCAN, _Step.REFINE)
-            effects = _shaped(model, base, observation, signals, nuisances, effects, steps)
-        triangles = triangles_with_effects(observation, nuisances, effects, fold)
+            effects = _shaped(base, data.samples, nuisances, effects, steps)
+        triangles = data.triangles(nuisances, effects)
         solution = reweighted(triangles, base.count + triangles.extras)
         if last or not nuisances:
             break
-        nuisances = significant(observation, solution, nuisances, signals, effects.extras if effects else ())
-        nuisances = _borne_out(model, base, observation, nuisances, effects, fold)
-    covariance = covariance_of(base, observation, signals, nuisances, effects, triangles, solution)
-    if effects:
-        effects, covariance = check_shape_ambiguity(observation, signals, nuisances, effects, solution, covariance)
-    return DefaultFit(model, base, signals, observation, tuple(nuisances), effects, triangles, solution, covariance)
+        spread = data.covariance(solution, nuisances, effects)
+        kept = significant(solution, spread, nuisances, triangles.parameters, data.facts.dt)
+        kept = _borne_out(base, data, kept, effects)
+        if not (shaping and effects) and len(kept) == len(nuisances):
+            break
+        nuisances = kept
+    return Solved(tuple(nuisances), effects, triangles, solution)
+
+
+def _with_gliding(base: BaseParameters, data: FitData, nuisances: Sequence[ExtraColumns]) -> FitData:
+    """Return the data with reversals counted for the joints whose residual there is no larger than elsewhere.
+
+    A motor that sticks has no defined friction while it does; one that glides through zero tells most about its
+    Coulomb friction just there. Joints with declared effects stay masked: a friction curve is bent by what happens at
+    standstill more than it learns there.
+    """
+    effects = _start_effects(base, data)
+    extras = () if effects is None else effects.extras
+    # what is known of the effects' amplitudes does not count yet: the columns alone, as further nuisances
+    triangles = data.triangles([*nuisances, *extras])
+    values = reweighted(triangles, base.count + triangles.extras).values
+    inside, outside = data.at_reversals(values, [*nuisances, *extras])
+    glides = inside < STICKING * outside  # false where either is unknown
+    for joint in {row.joint for extra in extras for row in extra.rows}:
+        glides[joint] = False
+    return data.counting(glides)
 
 
 def with_delays(fit: DefaultFit, options: EstimateOptions) -> DefaultFit:
@@ -118,87 +218,60 @@ def with_delays(fit: DefaultFit, options: EstimateOptions) -> DefaultFit:
     A sharper estimator may: without them, rotor inertias and viscous friction would be bent by what is left of one. Not
     those that were too long for a delay of sampling, nor those that the robot file declares.
     """
-    had = {next(iter(extra.rows)).joint for extra in fit.nuisances if extra.name == DELAY}
+    had = {sum_row(extra).joint for extra in fit.nuisances if extra.name == DELAY}
     names = fit.model.robot.joint_names
     had |= {names.index(spec.joint) for spec in fit.model.robot.effects if spec.effect == DELAY and spec.joint in names}
-    missing = [e for e in delay_columns(fit.observation) if next(iter(e.rows)).joint not in had]
+    missing = [e for e in fit.data.delays() if sum_row(e).joint not in had]
     while missing and options.delays:
         nuisances = (*fit.nuisances, *missing)
-        triangles = triangles_with_effects(
-            fit.observation, nuisances, fit.effects, folds_of(fit.observation, options.folds)
-        )
+        triangles = fit.data.triangles(nuisances, fit.effects)
         solution = reweighted(triangles, fit.base.count + triangles.extras)
-        covariance = covariance_of(fit.base, fit.observation, fit.signals, nuisances, fit.effects, triangles, solution)
+        covariance = covariance_of(fit.data, nuisances, fit.effects, triangles, solution)
         grown = replace(fit, nuisances=nuisances, triangles=triangles, solution=solution, covariance=covariance)
         found = np.array([grown.nuisance(k) for k in range(len(fit.nuisances), len(nuisances))])
-        short = of_sampling(found[:, 0], found[:, 1], fit.signals.dt)
+        short = of_sampling(found[:, 0], found[:, 1], fit.data.facts.dt)
         if short.all():
             return grown
         missing = [extra for extra, may in zip(missing, short, strict=True) if may]
     return fit
 
 
-def fit_part(fit: DefaultFit, signals: Signals) -> DefaultFit:
-    """Fit a part of a log with what a fit to all of it decided: the reversals that count and the nuisances.
-
-    Of robots without declared effects and torque sensors.
-    """
-    model, base = fit.model, fit.base
-    observation = observe(model, signals).unmasked(fit.observation.gliding)
-    kept = {(extra.name, row.joint) for extra in fit.nuisances for row in extra.rows}
-    columns = [*delay_columns(observation), *offset_columns(observation)]
-    nuisances = [extra for extra in columns if (extra.name, next(iter(extra.rows)).joint) in kept]
-    triangles = to_triangles(observation, nuisances)
-    solution = reweighted(triangles, base.count + triangles.extras)
-    covariance = covariance_of(base, observation, signals, nuisances, None, triangles, solution)
-    return DefaultFit(model, base, signals, observation, tuple(nuisances), None, triangles, solution, covariance)
-
-
 def _borne_out(
-    model: Regressor,
-    base: BaseParameters,
-    observation: Observation,
-    nuisances: list[ExtraColumns],
-    effects: FittedEffects | None,
-    fold: NDArray[np.intp],
+    base: BaseParameters, data: FitData, nuisances: list[ExtraColumns], effects: FittedEffects | None
 ) -> list[ExtraColumns]:
     """Return the nuisances without torque offsets that predict left-out torque no better than none.
 
     Noise in accelerations pulls a mass towards 0, and an offset then takes up its weight: significant, and wrong.
     """
+    robot = data.model.robot
     for extra in [e for e in nuisances if e.name == OFFSET]:
-        name = model.robot.joint_names[next(iter(extra.rows)).joint]
+        name = robot.joint_names[sum_row(extra).joint]
         fewer = [e for e in nuisances if e is not extra]
         errors = []
         for chosen in (nuisances, fewer):
-            triangles = triangles_with_effects(observation, chosen, effects, fold)
+            triangles = data.triangles(chosen, effects)
             solution = reweighted(triangles, base.count + triangles.extras)
-            found = held_out(model.robot, triangles, solution).get(name)
+            found = held_out(robot, triangles, solution).get(name)
             errors.append(0.0 if found is None else found.rms)
         if errors[1] < errors[0]:
             nuisances = fewer
     return nuisances
 
 
-def reshaped(fit: DefaultFit, effects: FittedEffects, options: EstimateOptions) -> DefaultFit:
+def reshaped(fit: DefaultFit, effects: FittedEffects) -> DefaultFit:
     """Return the fit with effects in other shapes, their columns and everything linear fitted anew."""
     extras = tuple(extra_of(item.effect, effects.scene, fit.signals) for item in effects.effects)
     effects = replace(effects, extras=extras, others=())
-    triangles = triangles_with_effects(
-        fit.observation, fit.nuisances, effects, folds_of(fit.observation, options.folds)
-    )
+    triangles = fit.data.triangles(fit.nuisances, effects)
     solution = reweighted(triangles, fit.base.count + triangles.extras)
     return replace(fit, effects=effects, triangles=triangles, solution=solution)
 
 
 def _reading_columns(
-    model: Regressor,
-    base: BaseParameters,
-    observation: Observation,
-    nuisances: Sequence[ExtraColumns],
-    effects: FittedEffects | None,
+    base: BaseParameters, data: SampledData, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None
 ) -> list[ExtraColumns]:
     """Return offset and gain columns of the joint torque sensors, the gains' at the stiffness of a first fit."""
+    model, observation = data.model, data.observation
     elastic = model.robot.elastic
     declared = {(item.spec.effect, item.effect.joint) for item in (effects.effects if effects else ())}
     known = [*nuisances, *(effects.extras if effects else ())]
@@ -211,16 +284,15 @@ def _reading_columns(
     return reading_columns(observation, stiffness, declared)
 
 
-def _start_effects(
-    model: Regressor, base: BaseParameters, observation: Observation, signals: Signals
-) -> FittedEffects | None:
+def _start_effects(base: BaseParameters, data: FitData) -> FittedEffects | None:
     """Return the robot file's effects at the shapes it gives, or None where it declares none."""
-    if not model.robot.effects:
+    model, samples = data.model, data.samples
+    if not model.robot.effects or samples is None:
         return None
-    rough = reweighted(to_triangles(observation), base.count)
-    scene = scene_of(model, signals, rough.values[: model.parameters])
+    rough = reweighted(to_triangles(samples.observation), base.count)
+    scene = scene_of(model, samples.signals, rough.values[: model.parameters])
     effects = declared_effects(model.robot, scene)
-    extras = tuple(extra_of(item.effect, scene, signals) for item in effects)
+    extras = tuple(extra_of(item.effect, scene, samples.signals) for item in effects)
     return FittedEffects(effects, extras, scene)
 
 
@@ -233,10 +305,8 @@ class _Step(Enum):
 
 
 def _shaped(
-    model: Regressor,
     base: BaseParameters,
-    observation: Observation,
-    signals: Signals,
+    data: SampledData,
     nuisances: Sequence[ExtraColumns],
     effects: FittedEffects,
     steps: Sequence[_Step],
@@ -246,6 +316,7 @@ def _shaped(
     Which valley of the cost is right is a matter of a few standard deviations, in which rows with a slow residual, as
     that of a stiff spring's torque, count for far less than their number, and what the file gives counts as it stands.
     """
+    model, observation, signals = data.model, data.observation, data.signals
     for step in steps:
         triangles = triangles_with_effects(observation, nuisances, effects)
         solution = reweighted(triangles, base.count + triangles.extras)
@@ -258,35 +329,3 @@ def _shaped(
         found = fit_declared(observation, signals, scene, items, weights, nuisances, scan=step is not _Step.REFINE)
         effects = replace(found, others=found.others if step is _Step.RESCAN else effects.others)
     return effects
-
-
-def masked_as_needed(
-    observation: Observation,
-    base: BaseParameters,
-    nuisances: Sequence[ExtraColumns],
-    effects: Sequence[ExtraColumns],
-    fold: NDArray[np.intp],
-) -> Observation:
-    """Return the observation with reversals counted for the joints whose residual there is no larger than elsewhere.
-
-    A motor that sticks has no defined friction while it does; one that glides through zero tells most about its
-    Coulomb friction just there. Joints with declared effects stay masked. Folds are those of later reductions, which
-    then need not be made anew.
-    """
-    extras = [*nuisances, *effects]
-    triangles = to_triangles(observation, extras, fold)
-    values = reweighted(triangles, base.count + triangles.extras).values
-    residual = residuals(observation, values, extras)
-    glides = np.zeros(observation.robot.n, dtype=bool)
-    shaped = {row.joint for extra in effects for row in extra.rows}
-    for k in range(observation.robot.n):
-        # a friction curve is bent by what happens at standstill more than it learns there
-        if k in shaped:
-            continue
-        trace = residual.get(("sum", k))
-        inside = observation.known[k] & observation.reversing[k]
-        outside = observation.known[k] & ~observation.reversing[k]
-        if trace is None or not inside.any() or not outside.any():
-            continue
-        glides[k] = np.sqrt(np.mean(trace[inside] ** 2)) < STICKING * np.sqrt(np.mean(trace[outside] ** 2))
-    return observation.unmasked(glides)

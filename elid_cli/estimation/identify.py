@@ -1,61 +1,53 @@
-"""Identification: base parameters from a log, how sure they are, and how well they predict torque not used."""
+"""Identification: base parameters from logs, how sure they are, and how well they predict torque not used.
+
+`identify` takes signals that are at hand, `identify_logs` logs and triangle files; both come to the one fit.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.errors import UsageError
+from elid_cli.estimation.assembly import assemble, judged, missing_link_named
 from elid_cli.estimation.cutoff import fit_best
-from elid_cli.estimation.default_fit import DefaultFit, fit_log, masked_as_needed, reshaped, with_delays
-from elid_cli.estimation.regression.nuisances import DELAY, SIGNIFICANT
-from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.other_shapes import sentences
-from elid_cli.estimation.regression.standard_errors import freedom
-from elid_cli.estimation.result import (
-    EstimateOptions,
-    FittedEffect,
-    Identification,
-    JointError,
-    Nuisance,
-    Verdict,
-)
+from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
+from elid_cli.estimation.regression.nuisances import SIGNIFICANT
+from elid_cli.estimation.request import LogRequest
+from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, JointError, Nuisance, Verdict
 from elid_cli.estimation.sanity import physics_warnings
-from elid_cli.estimation.stiffness.link_equation import (
-    link_stiffness,
-    two_ways,
-    with_both_regressions,
-    with_link_stiffness,
-)
-from elid_cli.estimation.stiffness.noise import deflections_noise, unsupported_stiffness, with_pull
-from elid_cli.estimation.validation.cross_validation import held_out, joint_errors, with_floor
-from elid_cli.estimation.validation.verdicts import classes_in_log, judge, shortfall, suspicious, torque_scale
+from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.effects.declared import as_observed
-from elid_cli.model.effects.tilt import LEVEL, STEEPEST, TILT, declared_tilt, levelled, tilted, untilted
+from elid_cli.model.effects.declared import as_observed, with_lost_effects
+from elid_cli.model.effects.tilt import TILT, declared_tilt, levelled, settled, tilted, untilted
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.signals import Signals
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import Signals, prepare
 
 __all__ = [
     "DefaultFit",
     "EstimateOptions",
     "FittedEffect",
     "Identification",
+    "Identified",
     "JointError",
+    "LogRequest",
     "Nuisance",
     "Verdict",
+    "assemble",
     "fit_log",
-    "held_out",
     "identify",
-    "joint_errors",
-    "masked_as_needed",
-    "with_floor",
+    "identify_logs",
+    "samples_needed",
 ]
 
-
+LONG = 64 << 20
+"""Bytes of filtered columns above which a log is reduced block by block."""
 WORSE = 1.25
 """Ratio of held-out errors above which the collocation's answer is not kept.
 
@@ -66,12 +58,37 @@ collocation was five times closer to it.
 NO_WORSE = 1.1
 """The same for an answer that lies further from the default estimate than its standard errors allow."""
 
-_LEVELLING = 8
-"""Most fits until a declared tilt of the base and the fit agree."""
+
+def samples_needed(robot: Robot, options: EstimateOptions) -> str:
+    """Return why triangles do not suffice for what was asked, as a clause, or nothing where they do."""
+    if options.accurate:
+        return "--accurate estimates the trajectory from the samples"
+    if options.estimator != "default":
+        return f"--estimator {options.estimator} starts from the samples"
+    if robot.effects:
+        return f"{robot.name} declares effects, whose shapes are fitted to the samples"
+    return ""
+
+
+def is_long(signals: Signals, robot: Robot) -> bool:
+    """Return whether a log's filtered columns would take much memory."""
+    return len(signals.outputs) * Regressor(robot).estimation.program.outputs * 8 > LONG
 
 
 def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = None) -> Identification:
-    """Estimate the base parameters of a robot from one log (or several, joined).
+    """Estimate the base parameters of a robot from the signals of one log, or of several that were read together.
+
+    Several logs, and one that is long, are reduced one by one and identified as `identify_logs` does, unless something
+    was asked that needs all samples at once (`samples_needed`).
+
+    Parameters
+    ----------
+    robot
+        The robot as described; its parameters are the reference.
+    signals
+        What `prepare` makes of a recording; joint side, SI.
+    options
+        How to estimate.
 
     Raises
     ------
@@ -83,12 +100,17 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
         from elid_cli.estimation.classical import identify_paper
 
         return identify_paper(robot, signals, options)
+    if signals.recording is not None and not samples_needed(robot, options):
+        several = len({segment.source for segment in signals.segments}) > 1
+        if several or is_long(signals, robot):
+            from elid_cli.estimation.streaming.merge import identify_reduced
+            from elid_cli.estimation.streaming.reduce import reduce_each
+
+            return identify_reduced(robot, reduce_each(robot, signals, {}), options)[0]
     whole, robot = robot, as_observed(robot, signals.missing_link)
     fit, tilt = _levelled_fit(robot, signals, options)
-    refused = unsupported_stiffness(fit)
-    pulled = with_pull(fit.model, fit.triangles, fit.solution, fit.covariance, deflections_noise(fit))
-    fit = replace(fit, covariance=pulled)
-    found = missing_link_named(_as_described(assemble(fit, options, refused), robot, tilt), whole)
+    fit, refused, answer = judged(fit, options)
+    found = missing_link_named(_as_described(answer, robot, tilt), whole)
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
     if options.accurate:
@@ -96,21 +118,128 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
     return found
 
 
+class Identified(NamedTuple):
+    """What was found, from what, how it fits each of several logs, and the signals where they are at hand."""
+
+    found: Identification
+    recording: Recording
+    apart: tuple[ByLog, ...]
+    signals: Signals | None
+
+
+def identify_logs(
+    request: LogRequest, options: EstimateOptions | None = None, *, keep_signals: bool = False
+) -> Identified:
+    """Identify from logs and triangle files, in any mixture: the one door of Python and the command line.
+
+    Several logs, and triangle files, are reduced one by one and merged; what needs all samples at once
+    (`samples_needed`) is read together.
+
+    Parameters
+    ----------
+    request
+        The logs and how to read them.
+    options
+        How to estimate.
+    keep_signals
+        Whether the signals of a long log are wanted afterwards, for figures.
+
+    Raises
+    ------
+    LogError
+        A log that cannot be used.
+    UsageError
+        A triangle file where the samples are needed, or logs that do not belong together.
+    DataError
+        If the logs excite no parameter at all.
+    """
+    options = options or EstimateOptions()
+    if _merges(request, options):
+        from elid_cli.estimation.streaming.fleet import reduced_logs
+        from elid_cli.estimation.streaming.merge import identify_reduced, joined_recording
+
+        logs = reduced_logs(request)
+        found, apart = identify_reduced(request.robot, logs, options)
+        return Identified(found, joined_recording(logs), apart, None)
+    from elid_cli.estimation.refined_robot import identified_robot
+    from elid_cli.estimation.streaming.merge import identify_reduced
+    from elid_cli.estimation.streaming.reduce import asked_of, reduce_each
+    from elid_cli.estimation.streaming.reduced_log import without_positions
+    from elid_cli.estimation.validation.prediction import errors_by_log
+
+    recording, signals = read_signals(request)
+    if is_long(signals, request.robot) and not samples_needed(request.robot, options):
+        if not keep_signals:
+            recording = without_positions(recording)
+            signals = replace(signals, recording=recording)
+        logs = reduce_each(request.robot, signals, asked_of(request.signals), request.progress)
+        found, _ = identify_reduced(request.robot, logs, options)
+        return Identified(found, logs[0].recording, (), signals if keep_signals else None)
+    found = identify(request.robot, signals, options)
+    apart = errors_by_log(identified_robot(found), signals, recording.files)
+    return Identified(found, recording, apart, signals)
+
+
+def read_signals(request: LogRequest) -> tuple[Recording, Signals]:
+    """Read logs together and prepare their signals.
+
+    Raises
+    ------
+    LogError
+        A log that cannot be used.
+    DataError
+        If no joint moves.
+    """
+    from elid_cli.logs import read_recording
+
+    progress = request.progress
+    recording = read_recording(
+        request.logs, request.robot, request.mapping, strict=request.strict, rate=request.signals.rate,
+        time_source=request.time,
+        progress=None if progress is None else lambda share: progress("reading", share),
+    )  # fmt: skip
+    recording = with_lost_effects(recording, request.robot)
+    if request.on_read is not None:
+        request.on_read([recording], ())
+    if progress is not None:
+        progress("smoothing", 0.0)
+    chosen = request.signals
+    if chosen.rate == recording.rate:  # a rate that told the sample rate of a log without time is no other wish
+        chosen = replace(chosen, rate=None)
+    return recording, prepare(recording, request.robot, chosen)
+
+
+def _merges(request: LogRequest, options: EstimateOptions) -> bool:
+    """Return whether these logs are reduced one by one and merged: several of them, or triangle files among them.
+
+    Raises
+    ------
+    UsageError
+        A triangle file where the samples are needed.
+    """
+    from elid_cli.estimation.streaming.files import is_triangle_file
+
+    reason = samples_needed(request.robot, options)
+    stored = [log for log in request.logs if is_triangle_file(log)]
+    if stored and reason:
+        raise UsageError(f"{stored[0]}: triangles do not suffice", detail=reason, hint="name the logs themselves")
+    return not reason and (len(request.logs) > 1 or bool(stored))
+
+
 def _levelled_fit(robot: Robot, signals: Signals, options: EstimateOptions) -> tuple[DefaultFit, Array]:
     """Return the fit with gravity turned by the tilt that a declared effect stands for, and the tilt (2,), rad."""
-    tilt = declared_tilt(robot)
     level = levelled(robot)
     model = Regressor(level)
-    fit = fit_best(model, find_base(model), signals, options)
-    for _ in range(_LEVELLING):
+
+    def left(fit: DefaultFit) -> Array:
         declared = zip(fit.effects.effects if fit.effects else (), fit.amplitudes(), strict=True)
-        more = next((values for item, values in declared if item.spec.effect == TILT), np.zeros(2))
-        if np.abs(more).max() < LEVEL:
-            break
-        tilt = np.clip(tilt + more, -STEEPEST, STEEPEST)
-        model = Regressor(replace(level, gravity=tilted(robot, tilt).gravity))
-        fit = fit_log(model, find_base(model), signals, options)
-    return fit, tilt
+        return next((values for item, values in declared if item.spec.effect == TILT), np.zeros(2))
+
+    def again(fit: DefaultFit, tilt: Array) -> DefaultFit:
+        turned = Regressor(replace(level, gravity=tilted(robot, tilt).gravity))
+        return fit_log(turned, find_base(turned), signals, options)
+
+    return settled(fit_best(model, find_base(model), signals, options), declared_tilt(robot), left, again)
 
 
 def _as_described(found: Identification, robot: Robot, tilt: Array) -> Identification:
@@ -121,32 +250,13 @@ def _as_described(found: Identification, robot: Robot, tilt: Array) -> Identific
     return replace(found, robot=robot, effects=effects)
 
 
-def missing_link_named(found: Identification, robot: Robot) -> Identification:
-    """Return the identification with the stiffnesses named that a log without link positions cannot show."""
-    lost = [
-        (f"K{k}", before.name)
-        for k, (before, now) in enumerate(zip(robot.joints, found.robot.joints, strict=True), start=1)
-        if before.elastic and not now.elastic
-    ]
-    if not lost:
-        return found
-    why = "has no link position in this log: its transmission counts as rigid"
-    reasons = {name: f"{joint} {why}" for name, joint in lost}
-    return replace(
-        found,
-        this_log={**found.this_log, **dict.fromkeys(reasons, "not excited")},
-        reasons={**found.reasons, **reasons},
-        notes=(*found.notes, *(f"{name} cannot be identified: {reason}" for name, reason in reasons.items())),
-    )
-
-
 def _accurate(
     fit: DefaultFit, found: Identification, options: EstimateOptions, refused: Mapping[str, str]
 ) -> Identification:
     """Return the collocation's answer where it is accepted, else the default one with the reason."""
     from elid_cli.estimation.collocation.estimator import Refusal, collocate
 
-    if len(fit.observation.independent) < len(fit.observation.groups):
+    if fit.samples.rows_of_sensors():
         note = "--accurate: the default estimate stands: the collocation does not use the joint torque sensors"
         return replace(found, notes=(*found.notes, note))
     told = len(fit.nuisances)
@@ -157,7 +267,7 @@ def _accurate(
         return replace(found, notes=(*found.notes, note))
     solution = replace(fit.solution, values=answer.values)
     # held-out stretches are judged with the columns of the shapes that were found
-    own = fit if answer.effects is None else reshaped(fit, answer.effects, options)
+    own = fit if answer.effects is None else reshaped(fit, answer.effects)
     effects = replace(own.effects, others=answer.others) if own.effects else None
     better = replace(own, effects=effects, solution=solution, covariance=answer.covariance)
     note = f"--accurate: spline collocation, {answer.steps} steps, knots every {answer.knots * 1e3:.0f} ms"
@@ -188,107 +298,3 @@ def _worsening(before: Identification, after: Identification) -> tuple[float, st
             if now is not None and then:
                 ratios.append((now / then, name))
     return max(ratios, default=(0.0, ""))
-
-
-def assemble(
-    fit: DefaultFit,
-    options: EstimateOptions,
-    refused: Mapping[str, str] | None = None,
-    before: DefaultFit | None = None,
-) -> Identification:
-    """Judge a fit: verdicts, classes, held-out error.
-
-    `before` is the fit by triangles that `fit` was refined from: held-out stretches are then predicted by the
-    triangles' fit to the others, moved by what the refinement changed.
-    """
-    base, solution, robot = fit.base, fit.solution, fit.model.robot
-    transform = fit.transform
-    known = solution.estimable(transform)
-    estimate = transform @ solution.values
-    spread = transform[:, solution.basis] @ fit.covariance @ transform[:, solution.basis].T
-    deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    scale = torque_scale(base, fit.triangles)
-    left = freedom(fit.observation, fit.signals, len(solution.basis))
-    verdict, reasons = judge(base, estimate, deviation, scale, known, robot, fit.signals, refused or {}, left)
-    unsaid = np.array([v == "refused" for v in verdict])
-    nuisances, delays = _nuisances(fit)
-    warnings = [*suspicious(base, estimate, deviation, known), *fit.signals.doubts]
-    lacking = shortfall(base, solution, known, fit.signals)
-    fresh = Identification(
-        robot=robot,
-        base=base,
-        estimate=np.where(unsaid, np.nan, estimate),
-        std_error=np.where(unsaid, np.nan, deviation),
-        reference=base.values(robot.reference()),
-        verdict=verdict,
-        this_log=classes_in_log(base, verdict, reasons),
-        reasons=reasons,
-        error=held_out(robot, fit.triangles, solution, None if before is None else before.solution),
-        condition=solution.condition,
-        rank_margin=solution.margin,
-        rank=int(known.sum()),
-        covariance=np.where(unsaid[:, None] | unsaid[None], np.nan, spread),
-        standard=solution.values[: len(base.parameters)],
-        delays=delays,
-        settings=_settings(fit.signals, fit.observation, options),
-        nuisances=nuisances,
-        effects=_effects(fit),
-        warnings=tuple(warnings),
-        notes=(*((lacking,) if lacking else ()), *(sentences(fit.effects, robot) if fit.effects else ())),
-        estimator=options.estimator,
-        triangles=fit.triangles,
-        weights=solution.weights,
-    )
-    found = with_both_regressions(fresh, lambda joint: two_ways(fresh, fit.observation, joint))
-    return with_link_stiffness(
-        found, lambda joint: link_stiffness(base, fit.observation, fit.signals, robot.reference(), joint), base.classes
-    )
-
-
-def _deviation(fit: DefaultFit, column: int) -> float:
-    where = np.flatnonzero(fit.solution.basis == column)
-    return float(np.sqrt(max(fit.covariance[where[0], where[0]], 0.0))) if len(where) else float("nan")
-
-
-def _nuisances(fit: DefaultFit) -> tuple[tuple[Nuisance, ...], Array]:
-    robot, p = fit.model.robot, len(fit.base.parameters)
-    delays = np.zeros(robot.n)
-    found = []
-    for k, extra in enumerate(fit.nuisances):
-        joint = next(iter(extra.rows)).joint
-        value = float(fit.solution.values[p + k])
-        kind = extra.name.split("_")[-1]  # delay, offset, gain
-        if extra.name == DELAY:
-            delays[joint] = value
-        found.append(Nuisance(extra.name, robot.joints[joint].name, {kind: value}, {kind: _deviation(fit, p + k)}))
-    return tuple(found), delays
-
-
-def _effects(fit: DefaultFit) -> tuple[FittedEffect, ...]:
-    if fit.effects is None:
-        return ()
-    place = fit.model.parameters + sum(extra.width for extra in fit.nuisances)
-    found = []
-    for item, values in zip(fit.effects.effects, fit.amplitudes(), strict=True):
-        named = item.effect.named(fit.effects.scene, values)
-        errors = {p.name: _deviation(fit, place + d) for d, p in enumerate(item.effect.amplitudes)}
-        found.append(FittedEffect(item.spec.effect, item.spec.joint, named, errors))
-        place += len(values)
-    return tuple(found)
-
-
-def _settings(signals: Signals, observation: Observation, options: EstimateOptions) -> dict[str, object]:
-    return {
-        "cutoff": signals.filter.cutoff,
-        "rate": signals.rate,
-        "instants": observation.instants,
-        "knots": [None if not np.isfinite(k) else float(k) for k in signals.knots],
-        "min_velocity": [float(v) for v in signals.min_velocity],
-        "masked": [float(v) for v in observation.masked],
-        "noise_q": [float(v) for v in signals.noise.q],
-        "noise_theta": [float(v) for v in signals.noise.theta],
-        "noise_tau": [float(v) for v in signals.noise.tau],
-        "velocity_used": bool(signals.velocity_used.any()),
-        "estimator": options.estimator,
-        "folds": options.folds,
-    }

@@ -20,11 +20,10 @@ import numpy as np
 from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.evidence.held_out import held_out_triangles
-from elid_cli.diagnosis.evidence.quarters import QUARTERS, quarter_of
 from elid_cli.diagnosis.fit.state import Log, State, fit, refreshed, without
-from elid_cli.diagnosis.fit.stretches import FOLDS
 from elid_cli.diagnosis.search.acceptance import touched
 from elid_cli.diagnosis.search.screening import score, sensible
+from elid_cli.estimation.stretches import QUARTERS, STRETCHES, quarter_of
 from elid_cli.logs import read_recording
 from elid_cli.model.effects import effect_classes
 from elid_cli.robot.files import read_robot
@@ -38,7 +37,7 @@ def quarters(log: Log) -> Iterator[Log]:
     for k in range(QUARTERS):
         rest = np.flatnonzero(quarter != k)
         fold = np.full(instants, -1, dtype=np.intp)
-        fold[rest] = np.arange(len(rest)) * FOLDS // len(rest)
+        fold[rest] = np.arange(len(rest)) * STRETCHES // len(rest)
         yield replace(log, fold=fold)
 
 

@@ -32,14 +32,14 @@ def validate(
 
     check_output(output)
     with progress(output, "reading") as advance:
-        from elid_cli.diagnosis.fit.stretches import folds, spans
+        from elid_cli.estimation.stretches import search_folds, spans
         from elid_cli.estimation.validation.prediction import validate as judge
         from elid_cli.report.answers.validation import validation_report
 
         machine = load_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
         signals = load_signals(recording, machine, diagnosis_conditioning(conditioning, recording), advance)
-        chosen = folds(len(signals.outputs)) < 0 if held_out else None
+        chosen = search_folds(len(signals.outputs)) < 0 if held_out else None
         found = judge(machine, signals, chosen)
         stretches = () if chosen is None else spans(found.observation.t, chosen)
         report = validation_report(found, recording, robot, stretches)

@@ -26,10 +26,10 @@ from elid_cli.errors import DataError
 from elid_cli.estimation.regression.covariance import long_run, residuals
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.triangles import to_triangles
+from elid_cli.estimation.stretches import QUARTERS, quarter_of
 from elid_cli.model.effects.shifts import SKEW
 from elid_cli.model.regressor import EstimationRow
 
-QUARTERS = 4
 SPEAKS = 0.01
 """Part of a quarter's squared error that an effect must move for the quarter to speak about it."""
 TOLERATED = 0.05
@@ -99,11 +99,6 @@ _CONSTANT = "encoder_offset"
 """No two encoders have the same zero: where a quarter speaks against the offset it is not named, but its constant is
 still fitted, or stiffness and friction would have to stand in for it."""
 _SILENT = _Compared(0.0, 0.0, 0.0, 0.0, known=False)
-
-
-def quarter_of(instants: int) -> NDArray[np.intp]:
-    """Return the quarter of every instant, (M,)."""
-    return (np.arange(instants) * QUARTERS // max(instants, 1)).astype(np.intp)
 
 
 def judged(found: Found, declared: int) -> tuple[Found, Survival | None]:

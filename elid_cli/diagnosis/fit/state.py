@@ -11,21 +11,23 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.fit.projection import Projected, project
-from elid_cli.diagnosis.fit.stretches import FOLDS
 from elid_cli.diagnosis.fit.whitening import whiteners
-from elid_cli.estimation.regression.covariance import sandwich
-from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
+from elid_cli.estimation.data import SampledData, sum_row
+from elid_cli.estimation.default_fit import solve_with
+from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of
 from elid_cli.estimation.regression.least_squares import Solution, reweighted, solve
-from elid_cli.estimation.regression.nuisances import DELAY, delay_columns, significant
+from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
+from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
+from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.noise_floor import Floor, noise_floor
 from elid_cli.model.base_parameters import BaseParameters, find_base
+from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect, Scene
 from elid_cli.model.effects.shifts import NAMES, Shifts, corrected
-from elid_cli.model.effects.tilt import LEVEL, STEEPEST, TILT, tilted, untilted
+from elid_cli.model.effects.tilt import TILT, settled, tilted, untilted
 from elid_cli.model.regressor import EstimationRow, Regressor
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.signals import Signals
 
 LONGEST_SHIFT = 0.05
@@ -39,8 +41,6 @@ _AGREED = 1e-4
 """Change of an effect's torque, as a part of it, below which columns from the model and the fit agree …"""
 _AGREEING = 30
 """… and most fits until they do."""
-_LEVELLING = 12
-"""Most fits until gravity is turned as far as the tilt's column says."""
 
 
 @dataclass(frozen=True)
@@ -74,10 +74,15 @@ class Log:
             self, model=model, base=find_base(model), observation=observe(model, self.signals), tilt=np.array(tilt)
         )
 
-    @property
+    @cached_property
     def training(self) -> Observation:
-        """Return the observation with the held-out stretches masked."""
+        """The observation with the held-out stretches masked."""
         return self.observation.only(self.fold >= 0)
+
+    @cached_property
+    def data(self) -> SampledData:
+        """The training stretches as the one fit takes them."""
+        return SampledData(self.model, self.signals, self.training, self.fold)
 
 
 @dataclass(frozen=True)
@@ -131,7 +136,7 @@ class State:
         """Return the torque delay that is corrected, s, by joint."""
         first = self.log.model.parameters
         return {
-            next(iter(extra.rows)).joint: float(self.solution.values[first + k])
+            sum_row(extra).joint: float(self.solution.values[first + k])
             for k, extra in enumerate(self.nuisances)
             if extra.name == DELAY
         }
@@ -145,21 +150,21 @@ class State:
     def projected(self) -> Projected:
         """Whitened problem in which further effects are scored, training stretches only."""
         training = self.log.training
-        return project(training, self.extras, self.solution, whiteners(training, self.floor), self.log.fold, FOLDS)
+        return project(training, self.extras, self.solution, whiteners(training, self.floor), self.log.fold, STRETCHES)
 
     @cached_property
     def covariance(self) -> Array:
         """Covariance of the solution's basis, (r, r)."""
         if self.known is not None:
             return self.known
-        return sandwich(self.log.training, self.solution, self.extras)
+        return self.log.data.covariance(self.solution, self.extras)
 
     @cached_property
     def left_out(self) -> dict[EstimationRow, Array]:
         """Residual sum of squares of every row group per fold, predicted by a fit to the other folds, (folds,)."""
-        squares = {row: np.zeros(FOLDS) for row in self.triangles.rows}
-        for f in range(FOLDS):
-            others = [g for g in range(FOLDS) if g != f]
+        squares = {row: np.zeros(STRETCHES) for row in self.triangles.rows}
+        for f in range(STRETCHES):
+            others = [g for g in range(STRETCHES) if g != f]
             fitted = solve(self.triangles, self.solution.weights, others, len(self.solution.basis)).values
             for row in squares:
                 squares[row][f] = sum(t.squares(fitted) for t in self.triangles.of(row, [f]))
@@ -186,7 +191,7 @@ class State:
 
 
 def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None) -> State:
-    """Fit the model with some effects to the training stretches.
+    """Fit the model with some effects to the training stretches, by the one fit (`default_fit.solve_with`).
 
     Parameters
     ----------
@@ -197,42 +202,35 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None) -> Stat
     scene
         Scene from which the effects' columns are computed; None: made from a fit without effects.
     """
-    training = log.training
+    data = log.data
     if scene is None:
-        plain = to_triangles(training, (), log.fold)
-        scene = scene_of(log.model, log.signals, reweighted(plain, log.base.count).values[: log.model.parameters])
+        plain = reweighted(data.triangles(()), log.base.count).values
+        scene = scene_of(log.model, log.signals, plain[: log.model.parameters])
     columns = tuple(extra_of(effect, scene, log.signals) for effect in effects)
     late = {e.joint for e in effects if e.name == DELAY}
-    delays = [extra for extra in delay_columns(training) if next(iter(extra.rows)).joint not in late]
-    if delays:
-        extras = [*delays, *columns]
-        trial = reweighted(to_triangles(training, extras, log.fold), log.base.count + sum(e.width for e in extras))
-        kept = significant(training, trial, extras, log.signals)
-        delays = [extra for extra in delays if any(extra is k for k in kept)]
-    extras = [*delays, *columns]
-    triangles = to_triangles(training, extras, log.fold)
-    first = triangles.parameters + sum(e.width for e in delays)
-    triangles = replace(triangles, prior=_curve_prior(effects, columns, triangles, first))
-    solution = reweighted(triangles, log.base.count + sum(e.width for e in extras))
-    return State(log, tuple(effects), tuple(delays), columns, triangles, solution, scene)
+    delays = [extra for extra in data.delays() if sum_row(extra).joint not in late]
+    held = _held(log, effects, columns)
+    found = solve_with(log.base, data, delays, FittedEffects(held, columns, scene))
+    return State(log, tuple(effects), found.nuisances, columns, found.triangles, found.solution, scene)
 
 
-def _curve_prior(
-    effects: Sequence[Effect], columns: Sequence[ExtraColumns], triangles: Triangles, first: int
-) -> Array | None:
-    """Return equations that hold the heights of smooth curves near 0, (k, p + e + 1); None without curves.
+def _held(log: Log, effects: Sequence[Effect], columns: Sequence[ExtraColumns]) -> tuple[Declared, ...]:
+    """Return effects with what is known of their amplitudes: the heights of smooth curves lie near 0.
 
     A curve holds straight lines, which viscous friction or the spring explains already: the line stays with those.
     """
-    equations, place = [], first
+    names = log.model.robot.joint_names
+    held = []
     for effect, extra in zip(effects, columns, strict=True):
-        if effect.name == "lookup":
-            torque = max(triangles.torque_rms(row) for row in extra.rows)
-            block = np.zeros((extra.width, triangles.width + 1))
-            block[:, place : place + extra.width] = np.eye(extra.width) / (CURVE_HEIGHT * torque)
-            equations.append(block)
-        place += extra.width
-    return np.concatenate(equations) if equations else None
+        spec = EffectSpec(effect.name, None if effect.whole_robot else names[effect.joint])
+        if effect.name != "lookup":
+            held.append(Declared(spec, effect))
+            continue
+        rows = [group for group in log.training.groups if group.row in extra.rows]
+        torque = max(float(np.sqrt(np.mean(log.training.tau[g.row.joint][g.use] ** 2))) for g in rows)
+        nothing = np.zeros(extra.width)
+        held.append(Declared(spec, effect, nothing, np.full(extra.width, CURVE_HEIGHT * torque)))
+    return tuple(held)
 
 
 def refreshed(state: State) -> State:
@@ -252,15 +250,16 @@ def refreshed(state: State) -> State:
 def _levelled(state: State) -> State:
     """Return the state with gravity turned until nothing is left for the tilt's column to say."""
     place = [k for k, effect in enumerate(state.effects) if effect.name == TILT]
-    for _ in range(_LEVELLING if place else 0):
-        more = state.coefficients(place[0])
-        if np.abs(more).max() < LEVEL:
-            break
-        log = state.log.tilted(np.clip(state.log.tilt + more, -STEEPEST, STEEPEST))
+    if not place:
+        return state
+
+    def again(state: State, tilt: Array) -> State:
+        log = state.log.tilted(tilt)
         # what the tilt brings to light is not in the old parameters: columns come from a fit without them
-        level = reweighted(to_triangles(log.training, state.nuisances, log.fold), log.base.count).values
-        state = fit(log, state.effects, scene_of(log.model, log.signals, level[: log.model.parameters]))
-    return state
+        level = reweighted(log.data.triangles(state.nuisances), log.base.count).values
+        return fit(log, state.effects, scene_of(log.model, log.signals, level[: log.model.parameters]))
+
+    return settled(state, state.log.tilt, lambda state: state.coefficients(place[0]), again)[0]
 
 
 def agreed(state: State) -> State:

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from elid_cli.diagnosis.fit.state import State
-from elid_cli.diagnosis.fit.stretches import FOLDS
 from elid_cli.diagnosis.search.screening import FOLDS_LOST, Candidate, sensible
+from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import EstimationRow
 
@@ -35,7 +35,7 @@ def predicted_better(old: State, new: State, rows: Sequence[EstimationRow]) -> f
 
     Both models are fitted anew without each fold; rows count in units of their present residual.
     """
-    before, after = np.zeros(FOLDS), np.zeros(FOLDS)
+    before, after = np.zeros(STRETCHES), np.zeros(STRETCHES)
     for row in rows:
         if row in old.triangles.rows:
             unit = old.rms(row) ** -2 if old.rms(row) > 0 else 0.0

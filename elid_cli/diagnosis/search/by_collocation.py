@@ -99,7 +99,9 @@ def _collocated(
     # columns that come from torques must come from those of the stretches that are judged
     left = _stretch(log, log.fold < 0)
     scene = scene_of(model, left, fitted.solution.values[: model.parameters])
-    judge = Setup(replace(fitted, signals=left, effects=replace(fitted.effects, scene=scene)))
+    judge = Setup(
+        replace(fitted, data=replace(fitted.samples, signals=left), effects=replace(fitted.effects, scene=scene))
+    )
     if not judge.pieces:
         return None
     factor = widening(signal_to_noise(signals, model))

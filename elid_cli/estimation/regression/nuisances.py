@@ -15,12 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.regression.covariance import sandwich
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.regressor import EstimationRow
-from elid_cli.signals.signals import Signals
 
 SIGNIFICANT = 4.0
 """Standard deviations a nuisance must differ from zero to be corrected."""
@@ -83,27 +81,30 @@ def reading_columns(
 
 
 def significant(
-    observation: Observation,
-    solution: Solution,
-    extras: Sequence[ExtraColumns],
-    signals: Signals,
-    others: Sequence[ExtraColumns] = (),
+    solution: Solution, covariance: Array, nuisances: Sequence[ExtraColumns], parameters: int, dt: float
 ) -> list[ExtraColumns]:
     """Return the nuisances whose coefficient is significant; a delay must also be no longer than one sample.
 
-    A longer delay is not a nuisance of sampling but an effect, for the diagnosis to name. `others` are further columns
-    that follow the nuisances in the solution.
+    A longer delay is not a nuisance of sampling but an effect, for the diagnosis to name.
+
+    Parameters
+    ----------
+    solution, covariance
+        A solution with all of them, and the covariance of its basis, (r, r).
+    nuisances, parameters
+        Columns after the standard ones, in their order, and the number of those.
+    dt
+        Sample time, s.
     """
-    covariance = sandwich(observation, solution, (*extras, *others))
-    values, deviations = np.full((2, len(extras)), np.nan)
-    for k in range(len(extras)):
-        where = np.flatnonzero(solution.basis == observation.parameters + k)
+    values, deviations = np.full((2, len(nuisances)), np.nan)
+    for k in range(len(nuisances)):
+        where = np.flatnonzero(solution.basis == parameters + k)
         # an offset that stands for a weight as well is none: a joint that slides up and down cannot tell the two apart
-        if len(where) and solution.determined(observation.parameters + k):
-            values[k] = solution.values[observation.parameters + k]
+        if len(where) and solution.determined(parameters + k):
+            values[k] = solution.values[parameters + k]
             deviations[k] = np.sqrt(covariance[where[0], where[0]])
-    delays = np.array([extra.name == DELAY for extra in extras], dtype=bool)
-    return [e for e, firm in zip(extras, beyond_doubt(values, deviations, delays, signals.dt), strict=True) if firm]
+    delays = np.array([extra.name == DELAY for extra in nuisances], dtype=bool)
+    return [e for e, firm in zip(nuisances, beyond_doubt(values, deviations, delays, dt), strict=True) if firm]
 
 
 def of_sampling(delays: Array, deviations: Array, dt: float) -> NDArray[np.bool_]:

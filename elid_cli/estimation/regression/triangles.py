@@ -123,12 +123,6 @@ class Triangles:
         return factor_of(np.concatenate(parts))
 
 
-def folds_of(observation: Observation, folds: int) -> NDArray[np.intp]:
-    """Return the fold of each instant: contiguous stretches of equal length, (M,)."""
-    instants = observation.instants
-    return (np.arange(instants) * folds // max(instants, 1)).astype(np.intp)
-
-
 def to_triangles(
     observation: Observation,
     extras: Sequence[ExtraColumns] = (),

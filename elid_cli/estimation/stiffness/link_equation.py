@@ -7,17 +7,18 @@ transmitted torque, the file's reference inertias (CAD, a data sheet) supply the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.facts import deflection_noise
 from elid_cli.estimation.regression.covariance import regression
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.result import Identification, Verdict
-from elid_cli.estimation.stiffness.noise import deflection_noise, pull
+from elid_cli.estimation.stiffness.noise import pull
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.signals import Signals
@@ -129,7 +130,7 @@ class TwoWays:
         return self.direct / self.inverse
 
 
-def two_ways(found: Identification, observation: Observation, joint: int) -> TwoWays | None:
+def two_ways(observation: Observation, standard: Array, names: Sequence[str], joint: int) -> TwoWays | None:
     """Return a joint's stiffness by both regressions of its motor row, or None where they do not exist.
 
     The torque is the motor's less rotor inertia and friction as identified, or the joint torque sensor's; a constant is
@@ -139,12 +140,11 @@ def two_ways(found: Identification, observation: Observation, joint: int) -> Two
     group = rows.get(observation.spring_row(joint))
     if group is None or group.count < 50:
         return None
-    names = found.base.parameters
     spring = [k for k, column in enumerate(group.index) if names[column] == f"K{joint + 1}"]
     if not spring:
         return None
     own = [k for k in range(len(group.index)) if k not in spring]
-    torque = group.target - found.standard[group.index[own]] @ group.columns[own]
+    torque = group.target - standard[group.index[own]] @ group.columns[own]
     x, y = (values[group.use] - values[group.use].mean() for values in (group.columns[spring[0]], torque))
     xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
     return TwoWays(xy / xx, yy / xy) if xx > 0 and xy > 0 else None

@@ -14,27 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.triangles import Triangle, Triangles
 from elid_cli.model.regressor import EstimationRow, Kind, Regressor
-from elid_cli.signals.signals import Signals
 
 _ROWS: tuple[Kind, ...] = ("motor", "spring")
 LARGEST_SHARE = 0.2
 """Share of the deciding deflection's energy that noise may have: K is then pulled by as much."""
 COLLAPSED = 0.5
 """Share from which so little is left of K in the fit that what the spring passes on falls to the rotor."""
-
-
-def unsupported_stiffness(fit: DefaultFit) -> dict[str, str]:
-    """Return stiffness parameters that this log cannot support, with the reason."""
-    return stiffness_in_noise(fit.model, fit.triangles, fit.solution.basis, deflections_noise(fit))
-
-
-def deflections_noise(fit: DefaultFit) -> Array:
-    """Return the standard deviation of encoder noise in every filtered deflection, rad (m), (n,)."""
-    return np.array([deflection_noise(fit.signals, k) for k in range(fit.model.robot.n)])
 
 
 def stiffness_in_noise(model: Regressor, triangles: Triangles, basis: NDArray[np.intp], noise: Array) -> dict[str, str]:
@@ -136,13 +124,3 @@ def _left(model: Regressor, chosen: list[Triangle], basis: NDArray[np.intp], joi
         matrix = matrix[:, size > 0] / size[size > 0]
         rest = rest - matrix @ np.linalg.lstsq(matrix, rest, rcond=1e-10)[0]
     return float(rest @ rest) / sum(t.count for t in chosen)
-
-
-def deflection_noise(signals: Signals, joint: int) -> float:
-    """Return the standard deviation of encoder noise in the smoothed, filtered deflection, rad (m)."""
-    raw = float(np.hypot(signals.noise.q[joint], signals.noise.theta[joint]))
-    knots = float(signals.knots[joint])
-    # a least-squares spline keeps one coefficient's worth of noise per knot; the filter keeps the energy of its taps
-    spline = signals.dt / knots if np.isfinite(knots) and knots > 0 else 1.0
-    kept = min(1.0, spline, float(np.sum(signals.filter.taps**2)))
-    return raw * float(np.sqrt(kept))

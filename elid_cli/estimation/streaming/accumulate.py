@@ -13,6 +13,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.filtered_rows import FilteredBlock
 from elid_cli.estimation.regression.observation import REVERSAL_SHARE
 from elid_cli.estimation.regression.triangles import Triangle, factor_of, onto
+from elid_cli.estimation.stretches import stretches_between
 from elid_cli.model.regressor import EstimationRow, RegressorPlan
 from elid_cli.signals.signals import Signals
 
@@ -127,7 +128,7 @@ class TriangleAccumulator:
 
     def add(self, block: ReductionBlock) -> None:
         """Add the equations of a block."""
-        fold = np.arange(block.first, block.last) * self._folds // self._instants
+        fold = stretches_between(block.first, block.last, self._instants, self._folds)
         bounds = np.flatnonzero(np.diff(fold, prepend=-1, append=self._folds)).tolist()
         marks = [
             (start, found, self._marked(use, start, stop))

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError
+from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.regression.triangles import Triangle
 from elid_cli.estimation.streaming.links import LinkSystem
-from elid_cli.estimation.streaming.reduced_log import ReducedLog, Scores, SignalFacts
+from elid_cli.estimation.streaming.reduced_log import ReducedLog, Scores
 from elid_cli.files import replacing
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.recording import Recording, Segment

@@ -19,7 +19,8 @@ import numpy as np
 
 from elid_cli import errors
 from elid_cli.errors import ElidError, UsageError
-from elid_cli.estimation.streaming.reduce import reduce_log
+from elid_cli.estimation.request import LogRequest
+from elid_cli.estimation.streaming.reduce import asked_of, reduce_log
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, without_positions
 from elid_cli.logs import read_recording
 from elid_cli.robot.robot import Robot
@@ -131,6 +132,53 @@ def reduce_jobs(
     for job in here:
         done[id(job)] = reduce_job(job, tell)
     return [done[id(job)] for job in jobs]
+
+
+def reduced_logs(request: LogRequest) -> list[ReducedLog]:
+    """Return the logs of a request reduced, those of triangle files as they are.
+
+    Raises
+    ------
+    LogError
+        A log that cannot be used.
+    UsageError
+        A triangle file that was made with other options than those of the request.
+    """
+    from elid_cli.estimation.streaming.files import is_triangle_file, read_triangles
+    from elid_cli.robot.text import text_of
+
+    wish, text = asked_of(request.signals), text_of(request.robot)
+    stored = {log: read_triangles(log) for log in request.logs if is_triangle_file(log)}
+    jobs = [
+        Job(log, text, request.robot.name, request.mapping, request.strict, request.time, wish)
+        for log in request.logs
+        if log not in stored
+    ]
+    progress = request.progress
+    tell = None if progress is None else lambda share: progress("reducing", share)
+    made = iter(reduce_jobs(jobs, request.jobs, request.scheduler, tell))
+    found: list[ReducedLog] = []
+    for log in request.logs:
+        found += stored[log] if log in stored else [next(made)]
+    for log_ in found:
+        _check_options(log_, wish)
+    if request.on_read is not None:
+        read = [log.recording for log in found if not all(file in stored for file in log.recording.files)]
+        request.on_read(read, [log.recording for log in found])
+    return found
+
+
+def _check_options(log: ReducedLog, wish: Mapping[str, object]) -> None:
+    """Refuse what is asked now and stored triangles were not made with (UsageError)."""
+    usual = asked_of(SignalOptions())
+    for key, value in wish.items():
+        made = log.options.get(key)
+        if value not in (usual[key], made):
+            raise UsageError(
+                f"{log.name}: reduced with another {key.replace('_', '-')}",
+                detail=f"{'chosen from the log' if made is None else made} when it was reduced, {value} now",
+                hint="reduce the log again, or leave the option out",
+            )
 
 
 def answer_job(job: Job) -> Answer:

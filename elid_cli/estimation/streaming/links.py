@@ -13,10 +13,9 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.filtered_rows import FilteredBlock
 from elid_cli.estimation.regression.long_run import KernelSum, Persistence, small_sample, uncertain
 from elid_cli.estimation.regression.triangles import factor_of
-from elid_cli.estimation.stiffness.link_equation import LEAST, LinkStiffness, TwoWays
+from elid_cli.estimation.stiffness.link_equation import LEAST, LinkStiffness
 from elid_cli.estimation.stiffness.noise import pull
 from elid_cli.estimation.streaming.accumulate import GrowingTriangle
-from elid_cli.estimation.streaming.fit import MergedFit, MergedTriangles
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow, Regressor, RegressorPlan
 
@@ -192,29 +191,6 @@ def merged_stiffness(systems: Sequence[LinkSystem], noise: float) -> LinkStiffne
     pulled = pull(float(fitted[0]), noise, 1.0 / (float(inverse[0, 0]) * count) if inverse[0, 0] > 0 else 0.0)
     explained = 1.0 - left / variance if variance > 0 else 0.0
     return LinkStiffness(float(fitted[0]), math.hypot(spread, pulled), explained)
-
-
-def merged_ways(
-    model: Regressor, stock: MergedTriangles, fit: MergedFit, standard: Array, joint: int
-) -> TwoWays | None:
-    """Return a joint's stiffness by both regressions of its motor row (`link_equation.two_ways`), from triangles."""
-    chosen = stock.chosen(fit.gliding, stock.nuisances).of(EstimationRow("motor", joint))
-    count = sum(t.count for t in chosen)
-    spring = model.index.get(f"K{joint + 1}")
-    if count < LEAST or spring is None or spring not in chosen[0].index:
-        return None
-    index = chosen[0].index
-    factor = np.concatenate([t.factor for t in chosen])
-    own = np.flatnonzero((index < model.parameters) & (index != spring))
-    ones = factor[:, np.flatnonzero(index == model.parameters + stock.nuisances.index(model.robot.n + joint))[0]]
-    x = factor[:, np.flatnonzero(index == spring)[0]]
-    y = factor[:, -1] - factor[:, own] @ standard[index[own]]
-
-    def product(a: Array, b: Array) -> float:
-        return float(a @ b) - float(a @ ones) * float(b @ ones) / count
-
-    xx, yy, xy = product(x, x), product(y, y), product(x, y)
-    return TwoWays(xy / xx, yy / xy) if xx > 0 and xy > 0 else None
 
 
 def _solved(factor: Array) -> tuple[Array, Array]:

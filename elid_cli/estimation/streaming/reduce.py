@@ -6,33 +6,60 @@ residual is known; of a long log they are kept in single precision, which is ple
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli._types import Progress
+from elid_cli.estimation.cutoff import at_best_cutoff
+from elid_cli.estimation.default_fit import fit_data
+from elid_cli.estimation.facts import facts_of
 from elid_cli.estimation.regression.filtered_rows import observed_blocks
-from elid_cli.estimation.stiffness.noise import deflection_noise
+from elid_cli.estimation.result import EstimateOptions
 from elid_cli.estimation.streaming.accumulate import ReductionBlock, TriangleAccumulator, kept
-from elid_cli.estimation.streaming.fit import MergedTriangles, fit_stock
 from elid_cli.estimation.streaming.links import LinkSums
-from elid_cli.estimation.streaming.reduced_log import ReducedLog, SignalFacts, hollow
+from elid_cli.estimation.streaming.merged import MergedTriangles, TriangleData
+from elid_cli.estimation.streaming.reduced_log import ReducedLog, hollow
 from elid_cli.estimation.streaming.scores import LogScores
+from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import EstimationRow, Regressor, RegressorPlan
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.text import fingerprint
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
 
-Progress = Callable[[float], None]
-
-FOLDS = 6
-"""Contiguous stretches of a log, each in turn predicted by a fit to the others."""
-POSES = 200
-"""Link positions kept to say where a log did not go."""
 SINGLE = 64 << 20
 """Bytes of filtered columns above which they are kept in single precision."""
+
+
+def asked_of(options: SignalOptions) -> dict[str, object]:
+    """Return what of a log's conditioning a user may ask for, as JSON values; None: chosen from the log."""
+    keys = ("cutoff", "rate", "min_velocity", "measured_velocity", "knots", "slow_motion")
+    return {key: getattr(options, key) for key in keys}
+
+
+def reduce_each(
+    robot: Robot, signals: Signals, asked: Mapping[str, object], progress: Progress | None = None
+) -> list[ReducedLog]:
+    """Reduce signals whose samples are at hand, log by log of those that they were read from (ValueError without)."""
+    recording = signals.recording
+    if recording is None:
+        raise ValueError("signals that were not made from a recording")
+    sources = sorted({segment.source for segment in signals.segments})
+    tell = None if progress is None else lambda share: progress("reducing", share)
+    if len(sources) == 1:
+        return [reduce_log(robot, signals, recording, asked, tell)]
+    logs = []
+    for source in sources:
+        segments = tuple(segment for segment in signals.segments if segment.source == source)
+        files, digests = recording.files[source : source + 1], recording.sha256[source : source + 1]
+        part = replace(recording, segments=segments, files=files, sha256=digests)
+        logs.append(reduce_log(robot, replace(signals, segments=segments), part, asked))
+    return logs
 
 
 def reduce_log(
@@ -40,9 +67,9 @@ def reduce_log(
     signals: Signals,
     recording: Recording,
     options: Mapping[str, object],
-    progress: Progress | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> ReducedLog:
-    """Reduce one log.
+    """Reduce one log, at the cut-off that its standard errors prefer where the user chose none.
 
     Parameters
     ----------
@@ -57,9 +84,10 @@ def reduce_log(
     """
     model = Regressor(robot.stiffened(signals.missing_link))
     base = find_base(model)
+    signals = at_best_cutoff(model, base, signals, EstimateOptions())
     plan = model.estimation
     layout = _layout(model, plan)
-    pile = TriangleAccumulator(layout, len(signals.outputs), FOLDS)
+    pile = TriangleAccumulator(layout, len(signals.outputs), STRETCHES)
     blocks: list[ReductionBlock] = []
     reference = model.robot.reference()
     single = plan.program.outputs * len(signals.outputs) * 8 > SINGLE
@@ -71,42 +99,22 @@ def reduce_log(
         blocks.append(whole.single() if single else whole)
         if progress is not None:
             progress(block.last / len(signals.outputs))
-    stock = MergedTriangles(model.parameters, model.robot.n, FOLDS, *pile.triangles())
-    scores = LogScores(layout, stock, blocks)
-    fit_stock(stock, base.count, signals.dt, scores.covariance)
+    facts = facts_of(signals, np.sum([block.known.sum(axis=1) for block in blocks], axis=0))
+    merged = MergedTriangles(model.parameters, model.robot.n, STRETCHES, *pile.triangles())
+    scores = LogScores(layout, merged, blocks)
+    # the fit asks for the scores of every solution that a fit to the stored triangles will come to
+    fit_data(base, TriangleData(model, facts, merged, scores.covariance, lambda joint: None), EstimateOptions())
     return ReducedLog(
         fingerprint(robot),
         dict(options),
         hollow(recording),
-        facts_of(signals, blocks),
+        facts,
         layout,
-        stock.steady,
-        stock.reversing,
+        merged.steady,
+        merged.reversing,
         tuple(scores.made),
         links.systems(),
         reference,
-    )
-
-
-def facts_of(signals: Signals, blocks: Sequence[ReductionBlock]) -> SignalFacts:
-    """Return what later questions ask of the signals."""
-    outputs = signals.outputs[:: max(1, len(signals.outputs) // POSES)]
-    n = signals.n
-    return SignalFacts(
-        dt=signals.dt,
-        rate=signals.rate,
-        cutoff=signals.filter.cutoff,
-        instants=len(signals.outputs),
-        knots=np.asarray(signals.knots, dtype=float),
-        min_velocity=np.asarray(signals.min_velocity, dtype=float),
-        noise=np.stack([signals.noise.q, signals.noise.theta, signals.noise.tau]),
-        deflection_noise=np.array([deflection_noise(signals, k) for k in range(n)]),
-        still=signals.still,
-        torque=np.any([block.known.any(axis=1) for block in blocks], axis=0),
-        unlinked=signals.missing_link,
-        velocity_used=bool(signals.velocity_used.any()),
-        known=np.sum([block.known.sum(axis=1) for block in blocks], axis=0, dtype=np.intp),
-        poses=np.nan_to_num(np.array([signals.motion.positions(slice(k, k + 1))[0, :, 0] for k in outputs.tolist()])),
     )
 
 

@@ -14,39 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.regression.triangles import Triangle
 from elid_cli.estimation.streaming.links import LinkSystem
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.recording import Recording
-
-
-@dataclass(frozen=True)
-class SignalFacts:
-    """What the signals of one log were like: what verdicts and reports ask of them, arrays (n,)."""
-
-    dt: float
-    """Sample time of the log, s."""
-    rate: float
-    """Instants per second after decimation."""
-    cutoff: float
-    """Cut-off of the parallel filter, Hz."""
-    instants: int
-    knots: Array
-    min_velocity: Array
-    noise: Array
-    """Standard deviation of the noise of q, theta and tau, (3, n)."""
-    deflection_noise: Array
-    """The same in the smoothed, filtered deflection."""
-    still: NDArray[np.bool_]
-    torque: NDArray[np.bool_]
-    """Joints with a torque."""
-    unlinked: NDArray[np.bool_]
-    """Joints without a link position: their transmission counts as rigid."""
-    velocity_used: bool
-    known: NDArray[np.intp]
-    """Instants at which a joint's torque is known."""
-    poses: Array
-    """Link positions at a few instants spread over the log, (k, n)."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.long_run import KernelSum, Persistence, small_sample, uncertain
 from elid_cli.estimation.streaming.accumulate import ReductionBlock
-from elid_cli.estimation.streaming.fit import MergedTriangles
+from elid_cli.estimation.streaming.merged import MergedTriangles
 from elid_cli.estimation.streaming.reduced_log import Scores
 from elid_cli.model.regressor import EstimationRow
 
@@ -37,9 +37,16 @@ class LogScores:
     ) -> None:
         self._layout, self._stock, self._blocks = layout, stock, blocks
         self.made: list[Scores] = []
+        self._known: dict[tuple[tuple[int, ...], bytes], Array] = {}
 
     def covariance(self, solution: Solution, nuisances: Sequence[int], gliding: NDArray[np.bool_]) -> Array:
-        """Return the covariance of a solution's basis, and keep what it was made of."""
+        """Return the covariance of a solution's basis, and keep what it was made of.
+
+        Two solutions with the same nuisances and the same reversals are one.
+        """
+        key = (tuple(nuisances), gliding.tobytes())
+        if key in self._known:
+            return self._known[key]
         values, lift = lifted(solution, self._layout, self._stock, nuisances)
         live = live_columns(solution, self._stock, nuisances)
         weights = np.array([solution.weights.get(row, 0.0) ** 2 for row, _ in self._layout])
@@ -52,7 +59,10 @@ class LogScores:
         for block, residual in zip(self._blocks, residuals, strict=True):
             total.feed(self._scores(block, residual), block.stretch)
         self.made.append(Scores(total.total(), bandwidth, tuple(nuisances)))
-        return spread_of(solution, lift.T @ self.made[-1].gram @ lift, memory.instants, bandwidth)
+        meat = lift.T @ self.made[-1].gram @ lift * widening(solution, memory.instants, bandwidth)
+        found: Array = solution.inverse @ meat @ solution.inverse.T
+        self._known[key] = found
+        return found
 
     def _residuals(self, block: ReductionBlock, values: Array, gliding: NDArray[np.bool_]) -> Array:
         """Return every row group's residual where it counts and 0 elsewhere, (groups, m)."""
@@ -113,9 +123,7 @@ def _numbers(stock: MergedTriangles, nuisances: Sequence[int]) -> NDArray[np.int
     return np.concatenate([np.arange(first), first + np.array(nuisances, dtype=np.intp)]).astype(np.intp)
 
 
-def spread_of(solution: Solution, meat: Array, instants: int, bandwidth: float) -> Array:
-    """Return the covariance of a solution's basis from the long-run covariance of its whitened scores."""
+def widening(solution: Solution, instants: int, bandwidth: float) -> float:
+    """Return the factor on a long-run covariance of a solution's whitened scores for what is fitted and uncertain."""
     rows = sum(1 for weight in solution.weights.values() if weight > 0.0)
-    factor = small_sample(instants, len(solution.basis), bandwidth, rows) * uncertain(instants, bandwidth)
-    covariance: Array = solution.inverse @ (meat * factor) @ solution.inverse.T
-    return covariance
+    return small_sample(instants, len(solution.basis), bandwidth, rows) * uncertain(instants, bandwidth)

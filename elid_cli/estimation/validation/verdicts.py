@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.regression.least_squares import Solution
+from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.result import Verdict
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.signals import Signals
 
 WEAK = 0.3
 """Relative standard deviation above which a parameter is only weakly excited."""
@@ -49,7 +48,7 @@ def judge(
     scale: Array,
     known: NDArray[np.bool_],
     robot: Robot,
-    signals: Signals,
+    facts: SignalFacts,
     refused: Mapping[str, str],
     freedom: float = np.inf,
 ) -> tuple[tuple[Verdict, ...], dict[str, str]]:
@@ -63,12 +62,12 @@ def judge(
         `torque_scale`.
     known
         Which base parameters the log's rank determines, (b,).
-    robot, signals
+    robot, facts
         The robot and what moved.
     refused
         Leading parameters that other tests refuse, with the reason.
     freedom
-        Degrees of freedom that a short log leaves (`fitting.freedom`).
+        Degrees of freedom that a short log leaves (`standard_errors.freedom`).
     """
     verdicts: list[Verdict] = []
     reasons: dict[str, str] = {}
@@ -79,18 +78,18 @@ def judge(
         stiff = name.startswith("K")
         if not known[k] or not np.isfinite(deviation[k]):
             verdicts.append("refused")
-            reasons[name] = why(members, robot, signals)
+            reasons[name] = why(members, robot, facts)
         elif name in refused:
             verdicts.append("refused")
             reasons[name] = refused[name]
         elif deviation[k] > REFUSED * size or (stiff and estimate[k] < 2 * deviation[k]):
             verdicts.append("refused")
             spread = f"standard deviation {deviation[k]:.2g} against a value of {estimate[k]:.2g}"
-            reasons[name] = f"{spread}: {why(members, robot, signals)}"
+            reasons[name] = f"{spread}: {why(members, robot, facts)}"
         elif deviation[k] > WEAK * size:
             verdicts.append("weak")
             of = " of what would show in the torque" if size > abs(estimate[k]) else ""
-            reasons[name] = f"known to {deviation[k] / size:.0%}{of} only: {why(members, robot, signals)}"
+            reasons[name] = f"known to {deviation[k] / size:.0%}{of} only: {why(members, robot, facts)}"
         elif freedom < LEAST_FREEDOM:
             verdicts.append("weak")
             reasons[name] = f"the log is so short that its standard error is itself uncertain ({freedom:.1f} to spare)"
@@ -99,17 +98,17 @@ def judge(
     return tuple(verdicts), reasons
 
 
-def why(members: Sequence[str], robot: Robot, signals: Signals) -> str:
+def why(members: Sequence[str], robot: Robot, facts: SignalFacts) -> str:
     """Return in words what a log lacks for a base parameter with these standard parameters in it."""
     name = members[0]
     kind = name.rstrip("0123456789")
     joint = int(name[len(kind) :]) - 1
-    label = signals.joints[joint]
-    if not np.isfinite(signals.tau[:, joint]).any():
+    label = robot.joint_names[joint]
+    if not facts.torque[joint]:
         return f"{label} has no torque in this log"
-    if signals.still[joint]:
+    if facts.still[joint]:
         return f"{label} does not move"
-    still = [signals.joints[k] for k in np.flatnonzero(signals.still)]
+    still = [robot.joint_names[k] for k in np.flatnonzero(facts.still)]
     if kind == "K":
         return f"too little torque that varies passes through the transmission of {label}"
     if kind in ("fs", "fv", "Jm"):
@@ -118,21 +117,20 @@ def why(members: Sequence[str], robot: Robot, signals: Signals) -> str:
         return "there is no gravity, which first moments and masses show in"
     if still:
         return f"{', '.join(still)} {'does' if len(still) == 1 else 'do'} not move"
-    missing = missing_gravity(joint, robot, signals) if kind in ("m", "cx", "cy", "cz") else ""
+    missing = missing_gravity(joint, robot, facts) if kind in ("m", "cx", "cy", "cz") else ""
     return missing or "the motion excites it too little"
 
 
-def missing_gravity(joint: int, robot: Robot, signals: Signals) -> str:
+def missing_gravity(joint: int, robot: Robot, facts: SignalFacts) -> str:
     """Return which axis of a body's frame gravity hardly turned through in this log, or an empty string."""
     size = float(np.linalg.norm(robot.gravity))
-    outputs = signals.outputs[:: max(1, len(signals.outputs) // 200)]
-    spread = gravity_in_body(joint, robot, np.nan_to_num(signals.motion.q[outputs])).std(axis=0) / size
+    spread = gravity_in_body(joint, robot, facts.poses).std(axis=0) / size
     poses = np.random.default_rng(0).uniform(-np.pi, np.pi, (100, robot.n))
     possible = gravity_in_body(joint, robot, poses).std(axis=0) / size
     held = [axis for axis, now, most in zip("xyz", spread, possible, strict=True) if now < 0.1 * most]
     if not held:
         return ""
-    body = signals.joints[joint]
+    body = robot.joint_names[joint]
     return f"gravity along {' and '.join(held)} of {body}'s body hardly changes in this log: move it into other poses"
 
 
@@ -181,11 +179,11 @@ def suspicious(base: BaseParameters, estimate: Array, deviation: Array, known: N
     return tuple(sentences)
 
 
-def shortfall(base: BaseParameters, solution: Solution, known: NDArray[np.bool_], signals: Signals) -> str:
+def shortfall(base: BaseParameters, known: NDArray[np.bool_], robot: Robot, facts: SignalFacts) -> str:
     """Return a sentence where the log's rank falls short of the structural one, else an empty string."""
     missing = base.count - int(known.sum())
     if not missing:
         return ""
-    still = [signals.joints[k] for k in np.flatnonzero(signals.still)]
+    still = [robot.joint_names[k] for k in np.flatnonzero(facts.still)]
     cause = f"{', '.join(still)} did not move" if still else "some directions of motion are missing"
     return f"this log determines {base.count - missing} of {base.count} base parameters: {cause}"

@@ -13,6 +13,8 @@ from elid_cli.errors import RobotError, did_you_mean
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect, Scene
 from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import missing_link
 
 
 def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:
@@ -74,22 +76,35 @@ def _where(robot: Robot, spec: EffectSpec) -> str:
     return f"{spec.where}: {spec.effect}{of}" if spec.where else f"{robot.name}: effect {spec.effect}"
 
 
-def as_observed(robot: Robot, missing_link: NDArray[np.bool_]) -> Robot:
+def as_observed(robot: Robot, without_links: NDArray[np.bool_]) -> Robot:
     """Return the robot as a log shows it that holds no link positions of some joints (n,): rigid there.
 
     Declared effects that need the transmission are left out with it (`lost_effects`).
     """
-    stiff = robot.stiffened(missing_link)
-    lost = lost_effects(robot, missing_link)
+    stiff = robot.stiffened(without_links)
+    lost = lost_effects(robot, without_links)
     return replace(stiff, effects=tuple(spec for spec in robot.effects if spec not in lost)) if lost else stiff
 
 
-def lost_effects(robot: Robot, missing_link: NDArray[np.bool_]) -> tuple[EffectSpec, ...]:
+def lost_effects(robot: Robot, without_links: NDArray[np.bool_]) -> tuple[EffectSpec, ...]:
     """Return the declared effects at elastic joints that a log without link positions there, (n,), cannot show."""
-    blind = {joint.name for joint, without in zip(robot.joints, missing_link, strict=True) if without and joint.elastic}
+    blind = {
+        joint.name for joint, without in zip(robot.joints, without_links, strict=True) if without and joint.elastic
+    }
     sprung = {name for name, kind in effect_classes().items() if kind.elastic_only}
     here = robot.joint_names[0]  # of a robot of one joint, whose effects need not name it
     return tuple(spec for spec in robot.effects if spec.effect in sprung and (spec.joint or here) in blind)
+
+
+def with_lost_effects(recording: Recording, robot: Robot) -> Recording:
+    """Return the recording with a warning of every declared effect that it cannot show for want of link positions."""
+    if not robot.effects:
+        return recording
+    lost = [
+        f"{spec.joint or robot.joint_names[0]}: the declared {spec.effect} needs the link position q: left out"
+        for spec in lost_effects(robot, missing_link(recording))
+    ]
+    return replace(recording, warnings=(*recording.warnings, *lost)) if lost else recording
 
 
 FRICTIONS = 3.0

@@ -7,8 +7,9 @@ tells only what is still missing.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,12 +17,16 @@ from elid_cli._types import Array
 from elid_cli.model.effects.library.gravity_direction import horizontal_axes, turned
 from elid_cli.robot.robot import EffectSpec, Robot
 
+Fit = TypeVar("Fit")
+
 TILT = "gravity_direction"
 ANGLES = ("roll", "pitch")
 LEVEL = 1e-6
 """rad; tilt below which nothing more is turned."""
 STEEPEST = 0.5
 """rad; a base that seems steeper is not turned further."""
+_LEVELLING = 12
+"""Most fits until gravity is turned as far as the tilt's column says."""
 
 
 def declared_tilt(robot: Robot) -> Array:
@@ -54,3 +59,26 @@ def levelled(robot: Robot) -> Robot:
 def untilted(values: Mapping[str, float], angles: Array) -> dict[str, float]:
     """Return roll and pitch of the whole tilt, from what is left beyond `angles`."""
     return {name: values.get(name, 0.0) + float(a) for name, a in zip(ANGLES, angles, strict=True)}
+
+
+def settled(
+    fit: Fit, tilt: Array, left: Callable[[Fit], Array], again: Callable[[Fit, Array], Fit]
+) -> tuple[Fit, Array]:
+    """Return a fit with gravity turned until nothing is left for the tilt's column to say, and the tilt, rad, (2,).
+
+    Parameters
+    ----------
+    fit, tilt
+        Where it starts.
+    left
+        What a fit says is still missing of roll and pitch, (2,).
+    again
+        Fits with gravity turned by other angles.
+    """
+    for _ in range(_LEVELLING):
+        more = left(fit)
+        if np.abs(more).max() < LEVEL:
+            break
+        tilt = np.clip(tilt + more, -STEEPEST, STEEPEST)
+        fit = again(fit, tilt)
+    return fit, tilt

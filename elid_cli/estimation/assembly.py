@@ -1,0 +1,152 @@
+"""A fit judged: verdicts, classes, held-out error, stiffnesses by their other ways."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.estimation.data import FitData, sum_row
+from elid_cli.estimation.default_fit import DefaultFit
+from elid_cli.estimation.regression.nuisances import DELAY
+from elid_cli.estimation.regression.other_shapes import sentences
+from elid_cli.estimation.regression.standard_errors import freedom
+from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance
+from elid_cli.estimation.stiffness.link_equation import with_both_regressions, with_link_stiffness
+from elid_cli.estimation.stiffness.noise import stiffness_in_noise, with_pull
+from elid_cli.estimation.validation.cross_validation import held_out
+from elid_cli.estimation.validation.verdicts import classes_in_log, judge, shortfall, suspicious, torque_scale
+from elid_cli.robot.robot import Robot
+
+
+def judged(fit: DefaultFit, options: EstimateOptions) -> tuple[DefaultFit, dict[str, str], Identification]:
+    """Return a fit whose standard errors know of the encoders' noise, what that noise refuses, and what it all says."""
+    noise = fit.data.facts.deflection_noise
+    refused = stiffness_in_noise(fit.model, fit.triangles, fit.solution.basis, noise)
+    fit = replace(fit, covariance=with_pull(fit.model, fit.triangles, fit.solution, fit.covariance, noise))
+    return fit, refused, assemble(fit, options, refused)
+
+
+def assemble(
+    fit: DefaultFit,
+    options: EstimateOptions,
+    refused: Mapping[str, str] | None = None,
+    before: DefaultFit | None = None,
+) -> Identification:
+    """Judge a fit: verdicts, classes, held-out error.
+
+    `before` is the fit by triangles that `fit` was refined from: held-out stretches are then predicted by the
+    triangles' fit to the others, moved by what the refinement changed.
+    """
+    base, solution, robot = fit.base, fit.solution, fit.model.robot
+    transform = fit.transform
+    known = solution.estimable(transform)
+    estimate = transform @ solution.values
+    spread = transform[:, solution.basis] @ fit.covariance @ transform[:, solution.basis].T
+    deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    scale = torque_scale(base, fit.triangles)
+    facts = fit.data.facts
+    left = freedom(facts, fit.triangles, len(solution.basis))
+    verdict, reasons = judge(base, estimate, deviation, scale, known, robot, facts, refused or {}, left)
+    unsaid = np.array([v == "refused" for v in verdict])
+    nuisances, delays = _nuisances(fit)
+    doubts = () if fit.data.samples is None else fit.signals.doubts
+    lacking = shortfall(base, known, robot, facts)
+    fresh = Identification(
+        robot=robot,
+        base=base,
+        estimate=np.where(unsaid, np.nan, estimate),
+        std_error=np.where(unsaid, np.nan, deviation),
+        reference=base.values(robot.reference()),
+        verdict=verdict,
+        this_log=classes_in_log(base, verdict, reasons),
+        reasons=reasons,
+        error=held_out(robot, fit.triangles, solution, None if before is None else before.solution),
+        condition=solution.condition,
+        rank_margin=solution.margin,
+        rank=int(known.sum()),
+        covariance=np.where(unsaid[:, None] | unsaid[None], np.nan, spread),
+        standard=solution.values[: len(base.parameters)],
+        delays=delays,
+        settings=_settings(fit.data, options),
+        nuisances=nuisances,
+        effects=_effects(fit),
+        warnings=(*suspicious(base, estimate, deviation, known), *doubts),
+        notes=(*((lacking,) if lacking else ()), *(sentences(fit.effects, robot) if fit.effects else ())),
+        estimator=options.estimator,
+        triangles=fit.triangles,
+        weights=solution.weights,
+    )
+    found = with_both_regressions(fresh, lambda joint: fit.data.two_ways(fresh.standard, joint))
+    return with_link_stiffness(found, lambda joint: fit.data.link_stiffness(base, joint), base.classes)
+
+
+def _deviation(fit: DefaultFit, column: int) -> float:
+    where = np.flatnonzero(fit.solution.basis == column)
+    return float(np.sqrt(max(fit.covariance[where[0], where[0]], 0.0))) if len(where) else float("nan")
+
+
+def _nuisances(fit: DefaultFit) -> tuple[tuple[Nuisance, ...], Array]:
+    robot, p = fit.model.robot, len(fit.base.parameters)
+    delays = np.zeros(robot.n)
+    found = []
+    for k, extra in enumerate(fit.nuisances):
+        joint = sum_row(extra).joint
+        value = float(fit.solution.values[p + k])
+        kind = extra.name.split("_")[-1]  # delay, offset, gain
+        if extra.name == DELAY:
+            delays[joint] = value
+        found.append(Nuisance(extra.name, robot.joints[joint].name, {kind: value}, {kind: _deviation(fit, p + k)}))
+    return tuple(found), delays
+
+
+def _effects(fit: DefaultFit) -> tuple[FittedEffect, ...]:
+    if fit.effects is None:
+        return ()
+    place = fit.model.parameters + sum(extra.width for extra in fit.nuisances)
+    found = []
+    for item, values in zip(fit.effects.effects, fit.amplitudes(), strict=True):
+        named = item.effect.named(fit.effects.scene, values)
+        errors = {p.name: _deviation(fit, place + d) for d, p in enumerate(item.effect.amplitudes)}
+        found.append(FittedEffect(item.spec.effect, item.spec.joint, named, errors))
+        place += len(values)
+    return tuple(found)
+
+
+def _settings(data: FitData, options: EstimateOptions) -> dict[str, object]:
+    facts = data.facts
+    return {
+        "cutoff": facts.cutoff,
+        "rate": facts.rate,
+        "instants": facts.instants,
+        "knots": [None if not np.isfinite(k) else float(k) for k in facts.knots],
+        "min_velocity": [float(v) for v in facts.min_velocity],
+        "masked": [float(v) for v in data.masked],
+        "noise_q": [float(v) for v in facts.noise[0]],
+        "noise_theta": [float(v) for v in facts.noise[1]],
+        "noise_tau": [float(v) for v in facts.noise[2]],
+        "velocity_used": facts.velocity_used,
+        "estimator": options.estimator,
+        "folds": options.folds,
+    }
+
+
+def missing_link_named(found: Identification, robot: Robot) -> Identification:
+    """Return the identification with the stiffnesses named that a log without link positions cannot show."""
+    lost = [
+        (f"K{k}", before.name)
+        for k, (before, now) in enumerate(zip(robot.joints, found.robot.joints, strict=True), start=1)
+        if before.elastic and not now.elastic
+    ]
+    if not lost:
+        return found
+    why = "has no link position in this log: its transmission counts as rigid"
+    reasons = {name: f"{joint} {why}" for name, joint in lost}
+    return replace(
+        found,
+        this_log={**found.this_log, **dict.fromkeys(reasons, "not excited")},
+        reasons={**found.reasons, **reasons},
+        notes=(*found.notes, *(f"{name} cannot be identified: {reason}" for name, reason in reasons.items())),
+    )

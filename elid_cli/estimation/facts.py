@@ -1,0 +1,111 @@
+"""What the signals of a log were like: all that verdicts and reports ask of them, whoever still has the samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.signals.signals import Signals
+
+POSES = 200
+"""Link positions kept to say where a log did not go."""
+
+
+@dataclass(frozen=True)
+class SignalFacts:
+    """Facts about the signals of one log, or of several together, arrays (n,)."""
+
+    dt: float
+    """Sample time of the log, s; of several the longest."""
+    rate: float
+    """Instants per second after decimation."""
+    cutoff: float
+    """Cut-off of the parallel filter, Hz."""
+    instants: int
+    knots: Array
+    min_velocity: Array
+    noise: Array
+    """Standard deviation of the noise of q, theta and tau, (3, n)."""
+    deflection_noise: Array
+    """The same in the smoothed, filtered deflection."""
+    still: NDArray[np.bool_]
+    torque: NDArray[np.bool_]
+    """Joints with a torque."""
+    unlinked: NDArray[np.bool_]
+    """Joints without a link position: their transmission counts as rigid (`Signals.missing_link`)."""
+    velocity_used: bool
+    known: NDArray[np.intp]
+    """Instants at which a joint's torque is known."""
+    poses: Array
+    """Link positions at a few instants spread over the log, (k, n)."""
+
+
+def facts_of(signals: Signals, known: NDArray[np.bool_] | NDArray[np.intp]) -> SignalFacts:
+    """Return the facts of a log's signals.
+
+    Parameters
+    ----------
+    signals
+        The log.
+    known
+        Number of instants at which each joint's torque is known, (n,), or marks of them, (n, M).
+    """
+    outputs = signals.outputs[:: max(1, len(signals.outputs) // POSES)]
+    known = np.asarray(known.sum(axis=1) if known.ndim == 2 else known, dtype=np.intp)
+    return SignalFacts(
+        dt=signals.dt,
+        rate=signals.rate,
+        cutoff=signals.filter.cutoff,
+        instants=len(signals.outputs),
+        knots=np.asarray(signals.knots, dtype=float),
+        min_velocity=np.asarray(signals.min_velocity, dtype=float),
+        noise=np.stack([signals.noise.q, signals.noise.theta, signals.noise.tau]),
+        deflection_noise=np.array([deflection_noise(signals, k) for k in range(signals.n)]),
+        still=signals.still,
+        torque=known > 0,
+        unlinked=signals.missing_link,
+        velocity_used=bool(signals.velocity_used.any()),
+        known=known,
+        poses=np.nan_to_num(np.array([signals.motion.positions(slice(k, k + 1))[0, :, 0] for k in outputs.tolist()])),
+    )
+
+
+def deflection_noise(signals: Signals, joint: int) -> float:
+    """Return the standard deviation of encoder noise in the smoothed, filtered deflection, rad (m)."""
+    raw = float(np.hypot(signals.noise.q[joint], signals.noise.theta[joint]))
+    knots = float(signals.knots[joint])
+    # a least-squares spline keeps one coefficient's worth of noise per knot; the filter keeps the energy of its taps
+    spline = signals.dt / knots if np.isfinite(knots) and knots > 0 else 1.0
+    kept = min(1.0, spline, float(np.sum(signals.filter.taps**2)))
+    return raw * float(np.sqrt(kept))
+
+
+def joined_facts(facts: Sequence[SignalFacts]) -> SignalFacts:
+    """Return the facts of several logs together: noises by their mean squares, the finest knots, all poses."""
+    if len(facts) == 1:
+        return facts[0]
+    weights = [f.instants for f in facts]
+    first = facts[0]
+    return replace(
+        first,
+        dt=max(f.dt for f in facts),
+        instants=sum(weights),
+        knots=np.min([f.knots for f in facts], axis=0),
+        min_velocity=np.max([f.min_velocity for f in facts], axis=0),
+        noise=np.array([_mean_square([f.noise[k] for f in facts], weights) for k in range(3)]),
+        deflection_noise=_mean_square([f.deflection_noise for f in facts], weights),
+        still=np.all([f.still for f in facts], axis=0),
+        torque=np.any([f.torque for f in facts], axis=0),
+        velocity_used=any(f.velocity_used for f in facts),
+        known=np.sum([f.known for f in facts], axis=0, dtype=np.intp),
+        poses=np.concatenate([f.poses for f in facts]),
+    )
+
+
+def _mean_square(values: Sequence[Array], weights: Sequence[int]) -> Array:
+    mean: Array = np.sqrt(np.average(np.square(values), axis=0, weights=weights))
+    return mean

@@ -1,0 +1,105 @@
+"""Several logs together: the covariance of what is fitted to all of them, and whether they disagree.
+
+Every log's scores (columns times residual) are those of its own fit, so their long-run covariances add. What its
+residual under the common fit sums to beyond that is exact from its triangles; where these sums scatter from log to log
+by more than noise makes them, the scatter counts as noise as well (clusters: Cameron and Miller 2015, J. Human
+Resources 50).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.regression.least_squares import Solution
+from elid_cli.estimation.regression.triangles import Triangles
+from elid_cli.estimation.streaming.merged import MergedTriangles
+from elid_cli.estimation.streaming.reduced_log import ReducedLog
+from elid_cli.estimation.streaming.scores import lifted, widening
+from elid_cli.estimation.stretches import STRETCHES
+
+DOUBT = 1e-3
+"""Probability with which logs that agree are said to disagree."""
+
+
+@dataclass(frozen=True)
+class Together:
+    """Covariances of the whitened scores of several logs under a common solution, (r, r)."""
+
+    solution: Solution
+    within: Array
+    """Of every log's own noise."""
+    between: Array
+    """Of what the logs' sums of scores differ by; of logs that agree about the same."""
+    logs: int
+
+    @property
+    def disagree(self) -> bool:
+        """Whether the logs differ by more than their noise."""
+        if self.logs < 2:
+            return False
+        from scipy.stats import chi2
+
+        ratio = float(np.trace(np.linalg.pinv(self.within, hermitian=True) @ self.between)) * (self.logs - 1)
+        return ratio > float(chi2.ppf(1 - DOUBT, len(self.within) * (self.logs - 1)))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the solution's basis, (r, r)."""
+        meat = self.within + self.between if self.disagree else self.within
+        found: Array = self.solution.inverse @ meat @ self.solution.inverse.T
+        return found
+
+    def ratios(self, transform: Array) -> Array:
+        """Return the variance between logs over that within for the parameters transform @ solution, (b,)."""
+        own = transform[:, self.solution.basis] @ self.solution.inverse
+        within, between = (np.einsum("bi,ij,bj->b", own, meat, own) for meat in (self.within, self.between))
+        return np.where(within > 0, between / np.where(within > 0, within, 1.0), 0.0)
+
+
+def together(
+    logs: Sequence[ReducedLog],
+    merged: MergedTriangles,
+    solution: Solution,
+    nuisances: Sequence[int],
+    gliding: NDArray[np.bool_],
+) -> Together:
+    """Return what several logs say of a common solution.
+
+    Parameters
+    ----------
+    logs, merged
+        The logs, and their triangles together.
+    solution, nuisances, gliding
+        The solution, the numbers of its nuisances, and the joints whose reversals count, (n,).
+    """
+    size = len(solution.basis)
+    within, sums, lags = np.zeros((size, size)), np.zeros((len(logs), size)), []
+    for k, log in enumerate(logs):
+        _, lift = lifted(solution, log.layout, merged, nuisances)
+        scores = next((s for s in log.scores if s.nuisances == tuple(nuisances)), log.scores[0])
+        within += lift.T @ scores.gram @ lift
+        lags.append(scores.bandwidth)
+        own = MergedTriangles(merged.parameters, merged.joints, STRETCHES, log.steady, log.reversing)
+        if len(logs) > 1:
+            sums[k] = _sum_of_scores(own.chosen(gliding, nuisances), solution)
+    instants = np.array([log.facts.instants for log in logs])
+    within *= widening(solution, int(instants.sum()), float(np.average(lags, weights=instants)))
+    between = sums.T @ sums * (len(logs) / (len(logs) - 1)) if len(logs) > 1 else np.zeros_like(within)
+    return Together(solution, within, between, len(logs))
+
+
+def _sum_of_scores(triangles: Triangles, solution: Solution) -> Array:
+    """Return the whitened sum of a log's scores under a solution, (r,)."""
+    inverse = np.zeros((triangles.width, len(solution.basis)))
+    inverse[solution.basis] = solution.inverse
+    total = np.zeros(len(solution.basis))
+    for triangle in triangles.items:
+        residual = triangle.factor[:, -1] - triangle.factor[:, :-1] @ solution.values[triangle.index]
+        weight = solution.weights.get(triangle.row, 0.0) ** 2
+        total += weight * (triangle.factor[:, :-1] @ inverse[triangle.index]).T @ residual
+    return total

@@ -1,0 +1,191 @@
+"""Triangles of one log or of several together, as the data of the one fit.
+
+Columns are the standard parameters, then a delay and then an offset for every torque channel, whether a log has it or
+not, so that the columns of all logs of a robot agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.data import SampledData, sum_row
+from elid_cli.estimation.facts import SignalFacts
+from elid_cli.estimation.regression.effect_columns import FittedEffects
+from elid_cli.estimation.regression.least_squares import Solution
+from elid_cli.estimation.regression.nuisances import DELAY, OFFSET
+from elid_cli.estimation.regression.triangles import ExtraColumns, Triangle, Triangles, factor_of
+from elid_cli.estimation.stiffness.link_equation import LEAST, LinkStiffness, TwoWays
+from elid_cli.model.base_parameters import BaseParameters
+from elid_cli.model.regressor import EstimationRow, Regressor
+
+_ORDER = {"link": 0, "sum": 1, "motor": 2}
+
+
+@dataclass(frozen=True)
+class MergedTriangles:
+    """Triangles of one log or of several together, with columns for every nuisance there may be."""
+
+    parameters: int
+    joints: int
+    folds: int
+    steady: tuple[Triangle, ...]
+    reversing: tuple[Triangle, ...]
+
+    def counted(self, gliding: NDArray[np.bool_]) -> list[Triangle]:
+        """Return the triangles that count with the reversals of the `gliding` joints (n,)."""
+        return [*self.steady, *(t for t in self.reversing if gliding[t.row.joint])]
+
+    def chosen(self, gliding: NDArray[np.bool_], nuisances: Sequence[int]) -> Triangles:
+        """Return the triangles to fit: reversals of the `gliding` joints (n,) and some nuisances only.
+
+        Nuisance k < n is the delay, k >= n the offset of torque channel k mod n; they are numbered anew from p on.
+        """
+        number = np.full(self.parameters + 2 * self.joints, -1, dtype=np.intp)
+        number[: self.parameters] = np.arange(self.parameters)
+        number[self.parameters + np.array(nuisances, dtype=np.intp)] = self.parameters + np.arange(len(nuisances))
+        items = []
+        for triangle in combined(self.counted(gliding)):
+            kept = number[triangle.index] >= 0
+            factor = triangle.factor[:, np.append(kept, True)]
+            items.append(replace(triangle, index=number[triangle.index[kept]], factor=factor))
+        rows = sorted({t.row for t in items}, key=lambda row: (_ORDER[row.kind], row.joint))
+        return Triangles(tuple(items), self.parameters, len(nuisances), self.folds, tuple(rows))
+
+    @property
+    def nuisances(self) -> list[int]:
+        """Delay and offset of every channel that has equations."""
+        present = sorted({t.row.joint for t in self.steady})
+        return [*present, *(self.joints + k for k in present)]
+
+
+def combined(items: Iterable[Triangle]) -> list[Triangle]:
+    """Return one triangle for every row group and fold, in their order."""
+    groups: dict[tuple[EstimationRow, int], list[Triangle]] = {}
+    for triangle in items:
+        groups.setdefault((triangle.row, triangle.fold), []).append(triangle)
+    merged = []
+    for (row, _), members in sorted(groups.items(), key=lambda g: (_ORDER[g[0][0].kind], g[0][0].joint, g[0][1])):
+        first = members[0]
+        if len(members) > 1:
+            factor = factor_of(np.concatenate([t.factor for t in members]))
+            count, power = sum(t.count for t in members), sum(t.power for t in members)
+            first = replace(first, factor=factor, count=count, power=power)
+        merged.append(replace(first, row=row))
+    return merged
+
+
+Spread = Callable[[Solution, Sequence[int], NDArray[np.bool_]], Array]
+"""(solution, numbers of its nuisances, gliding joints) -> covariance of its basis (r, r)."""
+LinkWay = Callable[[int], LinkStiffness | None]
+"""Joint -> its stiffness from its link's equation."""
+
+
+@dataclass(frozen=True)
+class TriangleData:
+    """Equations of which only triangles are at hand (`FitData`)."""
+
+    model: Regressor
+    facts: SignalFacts
+    merged: MergedTriangles
+    spread: Spread
+    links: LinkWay
+    gliding: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Joints whose reversals count, (n,); empty: none."""
+
+    @property
+    def samples(self) -> SampledData | None:
+        """There are none."""
+        return None
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Joints whose reversals count, (n,)."""
+        return self.gliding if len(self.gliding) else np.zeros(self.merged.joints, dtype=bool)
+
+    @property
+    def masked(self) -> Array:
+        """See `FitData`."""
+        used = np.zeros(self.merged.joints, dtype=np.intp)
+        for triangle in self.merged.counted(self.counted):
+            used[triangle.row.joint] += triangle.count if triangle.row.kind == "sum" else 0
+        share: Array = (self.facts.known - used) / np.maximum(self.facts.known, 1)
+        return share
+
+    def counting(self, gliding: NDArray[np.bool_]) -> TriangleData:
+        """See `FitData`."""
+        return replace(self, gliding=gliding)
+
+    def delays(self) -> list[ExtraColumns]:
+        """See `FitData`."""
+        return self._columns(DELAY, "s")
+
+    def offsets(self) -> list[ExtraColumns]:
+        """See `FitData`."""
+        return self._columns(OFFSET, "N·m")
+
+    def _columns(self, name: str, unit: str) -> list[ExtraColumns]:
+        present = sorted({t.row.joint for t in self.merged.steady})
+        return [ExtraColumns(name, {EstimationRow("sum", k): np.zeros((1, 0))}, (unit,)) for k in present]
+
+    def numbers(self, nuisances: Sequence[ExtraColumns]) -> list[int]:
+        """Return the numbers of nuisances among a robot's: k < n the delay of channel k, from n on the offsets."""
+        return [sum_row(extra).joint + (self.merged.joints if extra.name == OFFSET else 0) for extra in nuisances]
+
+    def triangles(self, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None) -> Triangles:
+        """See `FitData`."""
+        return self.merged.chosen(self.counted, self.numbers(nuisances))
+
+    def covariance(
+        self, solution: Solution, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None
+    ) -> Array:
+        """See `FitData`."""
+        return self.spread(solution, self.numbers(nuisances), self.counted)
+
+    def at_reversals(
+        self, values: Array, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None
+    ) -> tuple[Array, Array]:
+        """See `FitData`."""
+        numbers, n = self.numbers(nuisances), self.merged.joints
+        steady = self.merged.chosen(np.zeros(n, dtype=bool), numbers)
+        everywhere = self.merged.chosen(np.ones(n, dtype=bool), numbers)
+        inside, outside = np.full((2, n), np.nan)
+        for k in range(n):
+            row = EstimationRow("sum", k)
+            away, both = steady.of(row), everywhere.of(row)
+            count = sum(t.count for t in both) - sum(t.count for t in away)
+            if not away or count == 0:
+                continue
+            squares = sum(t.squares(values) for t in away)
+            inside[k] = np.sqrt(max(sum(t.squares(values) for t in both) - squares, 0.0) / count)
+            outside[k] = np.sqrt(squares / sum(t.count for t in away))
+        return inside, outside
+
+    def two_ways(self, standard: Array, joint: int) -> TwoWays | None:
+        """See `FitData`."""
+        merged, model = self.merged, self.model
+        chosen = merged.chosen(self.counted, merged.nuisances).of(EstimationRow("motor", joint))
+        spring = model.index.get(f"K{joint + 1}")
+        if sum(t.count for t in chosen) < LEAST or spring is None or spring not in chosen[0].index:
+            return None
+        index, count = chosen[0].index, sum(t.count for t in chosen)
+        factor = np.concatenate([t.factor for t in chosen])
+        own = np.flatnonzero((index < model.parameters) & (index != spring))
+        offset = model.parameters + merged.nuisances.index(merged.joints + joint)
+        ones = factor[:, np.flatnonzero(index == offset)[0]]
+        x = factor[:, np.flatnonzero(index == spring)[0]]
+        y = factor[:, -1] - factor[:, own] @ standard[index[own]]
+
+        def product(a: Array, b: Array) -> float:
+            return float(a @ b) - float(a @ ones) * float(b @ ones) / count
+
+        xx, yy, xy = product(x, x), product(y, y), product(x, y)
+        return TwoWays(xy / xx, yy / xy) if xx > 0 and xy > 0 else None
+
+    def link_stiffness(self, base: BaseParameters, joint: int) -> LinkStiffness | None:
+        """See `FitData`."""
+        return self.links(joint)
