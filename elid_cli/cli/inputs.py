@@ -40,6 +40,7 @@ def load_recording(
     """
     from elid_cli.logs import read_map_options, read_recording
     from elid_cli.memory import keep_freed_memory
+    from elid_cli.model.effects.declared import with_lost_effects
     from elid_cli.signals.recording import unique_notices
 
     keep_freed_memory()
@@ -47,24 +48,10 @@ def load_recording(
         logs, robot, read_map_options(reading.maps), strict=reading.strict, rate=rate, time_source=reading.time,
         progress=None if progress is None else lambda share: progress("reading", share),
     )  # fmt: skip
-    recording = _with_lost_effects(recording, robot)
+    recording = with_lost_effects(recording, robot)
     note(unique_notices([(label, recording.repairs)]), output, "repaired")
     note(unique_notices([(label, recording.warnings)]), output, "warning")
     return recording
-
-
-def _with_lost_effects(recording: Recording, robot: Robot) -> Recording:
-    """Return the recording with a warning of every declared effect that it cannot show for want of link positions."""
-    if not robot.effects:
-        return recording
-    from elid_cli.model.effects.declared import lost_effects
-    from elid_cli.signals.signals import missing_link
-
-    lost = [
-        f"{spec.joint or robot.joint_names[0]}: the declared {spec.effect} needs the link position q: left out"
-        for spec in lost_effects(robot, missing_link(recording))
-    ]
-    return replace(recording, warnings=(*recording.warnings, *lost)) if lost else recording
 
 
 def load_signals(recording: Recording, robot: Robot, conditioning: Conditioning, progress: Progress | None) -> Signals:

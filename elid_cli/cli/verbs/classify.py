@@ -34,10 +34,9 @@ def classify(
     With a log: also what its motion excites, and why anything is missing.
     """
     from elid_cli.cli.gates import check_gates, check_names
-    from elid_cli.cli.options import FitOptions
     from elid_cli.cli.output import check_output, emit
     from elid_cli.cli.progress import progress
-    from elid_cli.cli.routes import IdentifyRequest, from_samples, from_triangles, merges
+    from elid_cli.cli.routes import log_request
 
     check_output(output)
     with progress(output, "reading") as advance:
@@ -50,8 +49,9 @@ def classify(
         check_names(gates, machine)
         recording = found = None
         if logs:
-            asked = IdentifyRequest(logs, machine, reading, conditioning, FitOptions(), spread, output, advance)
-            answer = from_triangles(asked) if merges(logs, machine, FitOptions()) else from_samples(asked)
+            from elid_cli.estimation.identify import identify_logs
+
+            answer = identify_logs(log_request(logs, machine, reading, conditioning, spread, output, advance))
             found, recording = answer.found, answer.recording
     emit(classification_report(machine, base, robot, found, recording), output)
     check_gates(gates, classes=base.classes if found is None else found.this_log)

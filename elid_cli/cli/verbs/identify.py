@@ -49,7 +49,7 @@ def identify(
     from elid_cli.cli.gates import check_gates, check_names, motor_rows_told
     from elid_cli.cli.output import check_described, check_output, emit, pictures_wanted, write_described
     from elid_cli.cli.progress import progress
-    from elid_cli.cli.routes import IdentifyRequest, from_samples, from_triangles, merges, samples_of
+    from elid_cli.cli.routes import log_request, samples_of
 
     check_output(output)
     if physical:
@@ -59,19 +59,21 @@ def identify(
     if write_robot is not None:
         check_described(write_robot)
     with progress(output, "reading") as advance:
+        from elid_cli.estimation.identify import EstimateOptions, identify_logs
         from elid_cli.estimation.refined_robot import identified_robot, remarks
         from elid_cli.report.answers.identification import identification_report
 
         machine = load_robot(robot)
         check_names(gates, machine)
-        asked = IdentifyRequest(logs, machine, reading, conditioning, fit, spread, output, advance)
-        found, recording, apart, signals = from_triangles(asked) if merges(logs, machine, fit) else from_samples(asked)
+        request = log_request(logs, machine, reading, conditioning, spread, output, advance)
+        chosen = EstimateOptions(estimator=fit.estimator, accurate=fit.accurate)
+        found, recording, apart, signals = identify_logs(request, chosen, keep_signals=pictures_wanted(output))
         refined = identified_robot(found)
         report = identification_report(found, recording, robot, apart, write_robot)
         if pictures_wanted(output):
             from elid_cli.report.figures.build import identification_figures, with_figures
 
-            signals = signals or samples_of(asked)
+            signals = signals or samples_of(logs, machine, reading, conditioning, output, advance)
             if signals is not None:
                 report = with_figures(report, identification_figures(found, refined, signals))
         if physical:

@@ -35,10 +35,9 @@ def reduce(
     """
     from pathlib import Path
 
-    from elid_cli.cli.options import FitOptions
     from elid_cli.cli.output import check_output, emit
     from elid_cli.cli.progress import progress
-    from elid_cli.cli.routes import reduced_logs, whole_log_needed
+    from elid_cli.cli.routes import log_request
     from elid_cli.errors import UsageError
     from elid_cli.files import check_suffix, check_writable
 
@@ -46,15 +45,17 @@ def reduce(
     check_suffix(Path(out), (".npz",), "triangles")
     check_writable(Path(out))
     with progress(output, "reading") as advance:
+        from elid_cli.estimation.identify import EstimateOptions, samples_needed
         from elid_cli.estimation.streaming.files import write_triangles
+        from elid_cli.estimation.streaming.fleet import reduced_logs
         from elid_cli.estimation.streaming.merge import check_alike, joined_recording
         from elid_cli.report.answers.reduction import reduction_report
 
         machine = load_robot(robot)
-        reason = whole_log_needed(machine, FitOptions())
+        reason = samples_needed(machine, EstimateOptions())
         if reason:
             raise UsageError(f"{robot}: cannot be reduced for", detail=reason, hint="take the robot without effects")
-        found = reduced_logs(logs, machine, reading, conditioning, spread, output, advance)
+        found = reduced_logs(log_request(logs, machine, reading, conditioning, spread, output, advance))
         check_alike(machine, found)
         write_triangles(found, out)
         report = reduction_report(machine, found, joined_recording(found), robot, out)

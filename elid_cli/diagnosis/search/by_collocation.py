@@ -99,9 +99,8 @@ def _collocated(
     # columns that come from torques must come from those of the stretches that are judged
     left = _stretch(log, log.fold < 0)
     scene = scene_of(model, left, fitted.solution.values[: model.parameters])
-    judge = Setup(
-        replace(fitted, data=replace(fitted.samples, signals=left), effects=replace(fitted.effects, scene=scene))
-    )
+    held_back = replace(fitted.samples, signals=left)
+    judge = Setup(replace(fitted, data=held_back, effects=replace(fitted.effects, scene=scene)))
     if not judge.pieces:
         return None
     factor = widening(signal_to_noise(signals, model))
