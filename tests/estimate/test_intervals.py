@@ -10,10 +10,11 @@ import pytest
 
 from elid_cli.estimation.collocation.bordered_banded import variance_apart
 from elid_cli.estimation.collocation.knots import astray, between_knots, between_valleys
+from elid_cli.estimation.facts import deflection_noise
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.regression.observation import observe
 from elid_cli.estimation.stiffness.link_equation import TwoWays, link_stiffness, with_both_regressions
-from elid_cli.estimation.stiffness.noise import deflection_noise, pull
+from elid_cli.estimation.stiffness.noise import pull
 from elid_cli.estimation.streaming.links import merged_stiffness
 from elid_cli.estimation.streaming.reduce import reduce_log
 from elid_cli.experiment.reference import ReferenceOptions

@@ -9,7 +9,7 @@ import pytest
 
 from elid_cli.estimation import cutoff
 from elid_cli.estimation.cutoff import HINT
-from elid_cli.estimation.default_fit import DefaultFit, fit_part
+from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.identify import EstimateOptions, fit_log, identify
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import Regressor
@@ -42,12 +42,7 @@ def asked(
         fits.append((signals.duration, signals.filter.cutoff))
         return fit_log(model, base, signals, options)
 
-    def part(fit: DefaultFit, signals: Signals) -> DefaultFit:
-        fits.append((signals.duration, signals.filter.cutoff))
-        return fit_part(fit, signals)
-
     monkeypatch.setattr(cutoff, "HINT", hint)
-    monkeypatch.setattr(cutoff, "fit_part", part)
     monkeypatch.setattr(cutoff, "fit_log", seen)
     robot, log = logged(db, torque)
     found = identify(robot, prepare(log, robot), EstimateOptions(guards=False))
@@ -56,7 +51,7 @@ def asked(
 
 def test_noisy_positions_still_lower_the_cut_off_of_a_long_log(monkeypatch: pytest.MonkeyPatch) -> None:
     chosen, fits = asked(monkeypatch, 4000, db=90.0, torque=0.0)
-    assert fits[:3] == [(WHOLE, 10.0), (pytest.approx(24.0), 7.0), (WHOLE, 7.0)]
+    assert fits[:4] == [(pytest.approx(24.0), 7.0), (pytest.approx(24.0), 10.0), (WHOLE, 10.0), (WHOLE, 7.0)]
     assert chosen < 7.0
     assert chosen == asked(monkeypatch, HINT, db=90.0, torque=0.0)[0]
 
@@ -64,7 +59,7 @@ def test_noisy_positions_still_lower_the_cut_off_of_a_long_log(monkeypatch: pyte
 def test_where_a_part_says_no_the_whole_is_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     chosen, fits = asked(monkeypatch, 4000, db=130.0, torque=0.01)
     assert chosen == 10.0
-    assert fits == [(WHOLE, 10.0), (pytest.approx(24.0), 7.0)]
+    assert fits == [(pytest.approx(24.0), 7.0), (pytest.approx(24.0), 10.0), (WHOLE, 10.0)]
 
 
 def test_a_log_that_is_not_long_is_asked_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.identify import EstimateOptions, fit_log, identify
-from elid_cli.estimation.stiffness.noise import deciding_deflection, deflections_noise, with_pull
+from elid_cli.estimation.stiffness.noise import deciding_deflection, with_pull
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
@@ -58,7 +58,7 @@ def test_intervals_of_stiffnesses_by_coarse_encoders_hold_the_truth_for_the_pull
     seeds = range(301, 301 + LOGS)
     wide = np.concatenate([scores(seed) for seed in seeds])
     monkeypatch.setattr(
-        "elid_cli.estimation.identify.with_pull", lambda model, triangles, solution, covariance, noise: covariance
+        "elid_cli.estimation.assembly.with_pull", lambda model, triangles, solution, covariance, noise: covariance
     )
     alone = np.concatenate([scores(seed) for seed in seeds])
     inside, short = (np.mean(np.abs(x[np.isfinite(x)]) < 1.96) for x in (wide, alone))
@@ -76,7 +76,7 @@ def test_no_noise_pulls_at_nothing() -> None:
 
 def test_the_pull_is_the_noises_share_of_the_deciding_deflection() -> None:
     fit = fitted()
-    noise = deflections_noise(fit)
+    noise = fit.data.facts.deflection_noise
     for number, name in enumerate(("K1", "K2")):
         one, own = np.where(np.arange(2) == number, noise, 0.0), place(fit, name)
         left = deciding_deflection(fit.model, fit.triangles, fit.solution.basis, number)
@@ -91,7 +91,7 @@ def test_the_pull_is_the_noises_share_of_the_deciding_deflection() -> None:
 def test_what_a_stiffness_is_correlated_with_moves_along() -> None:
     fit = fitted()
     own = place(fit, "K2")
-    added = widened(fit, deflections_noise(fit) * np.array([0.0, 1.0]))
+    added = widened(fit, fit.data.facts.deflection_noise * np.array([0.0, 1.0]))
     slope = fit.covariance[:, own] / fit.covariance[own, own]
     assert added == pytest.approx(added[own, own] * np.outer(slope, slope), rel=1e-6)
     assert np.count_nonzero(np.diag(added) > 0) > 1

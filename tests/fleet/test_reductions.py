@@ -14,7 +14,8 @@ from elid_cli.estimation.regression.least_squares import WEIGHT_ITERATIONS, rewe
 from elid_cli.estimation.regression.long_run import student_quantile
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.estimation.regression.triangles import Triangles, folds_of, to_triangles
+from elid_cli.estimation.regression.triangles import Triangles, to_triangles
+from elid_cli.estimation.stretches import stretch_of
 from elid_cli.logs import read_recording
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.regressor import Regressor
@@ -43,7 +44,7 @@ def answer(base: BaseParameters, values: Array) -> Array:
 @pytest.mark.parametrize("chosen", [[], [2], [0, 5, 7, 11], [11, 3, 4], list(range(12))])
 def test_with_fewer_or_reordered_columns(observation: Observation, chosen: list[int]) -> None:
     extras = [*delay_columns(observation), *offset_columns(observation)]
-    fold = folds_of(observation, 6)
+    fold = stretch_of(observation.instants, 6)
     some = [extras[k] for k in chosen]
     to_triangles(observation, extras, fold)
     short = to_triangles(observation, some, fold)
@@ -77,7 +78,7 @@ def same(a: Triangles, b: Triangles) -> bool:
 @pytest.mark.parametrize("joints", [[], [1], [0, 1, 2, 3, 4, 5]])
 def test_reversals_are_added_to_what_was_reduced_without_them(observation: Observation, joints: list[int]) -> None:
     extras = [*delay_columns(observation), *offset_columns(observation)]
-    fold = folds_of(observation, 6)
+    fold = stretch_of(observation.instants, 6)
     masked = to_triangles(observation, extras, fold)
     wider = observation.unmasked(np.isin(np.arange(6), joints))
     grown = to_triangles(wider, extras, fold)
@@ -90,7 +91,7 @@ def test_reversals_are_added_to_what_was_reduced_without_them(observation: Obser
 
 
 def test_a_fold_all_of_reversals_is_added_too(observation: Observation) -> None:
-    fold = folds_of(observation, 6)
+    fold = stretch_of(observation.instants, 6)
     extras = offset_columns(observation)
     empty = replace(observation, groups=tuple(replace(g, use=g.use & (fold != 2)) for g in observation.groups))
     few = np.flatnonzero(fold == 3)[:7]  # fewer than columns: kept as they are until there are more

@@ -70,14 +70,10 @@ def apart(a: Identification, b: Identification) -> tuple[float, float]:
 
 @pytest.mark.parametrize(("log", "name"), [("puma560.h5", "puma560"), ("planar2.csv", "planar2"),
                                            ("planar2_stribeck.h5", "planar2")])  # fmt: skip
-def test_one_log_says_the_same_through_its_triangles(
-    log: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # the samples at hand tell more: a cut-off that suits them better, and how few independent ones they are
-    monkeypatch.setattr("elid_cli.estimation.regression.standard_errors.SHORT", 0.0)
+def test_one_log_says_the_same_through_its_triangles(log: str, name: str, tmp_path: Path) -> None:
     robot = read_robot(name)
     recording = read_recording([LOGS / log], robot)
-    signals = prepare(recording, robot, SignalOptions(cutoff=10.0))
+    signals = prepare(recording, robot)
     direct = identify(robot, signals)
     write_triangles([reduce_log(robot, signals, recording, {})], tmp_path / "log.npz")
     reduced, _ = identify_reduced(robot, read_triangles(tmp_path / "log.npz"))
@@ -150,7 +146,7 @@ def test_the_same_log_four_times_halves_the_standard_errors(place: Path, monkeyp
     log = reduce_jobs(jobs(place, "b.h5"))[0]
     whole = [identify_reduced(robot, [log] * count)[0].std_error for count in (1, 4)]
     monkeypatch.setattr(
-        "elid_cli.estimation.streaming.merge.with_pull",
+        "elid_cli.estimation.assembly.with_pull",
         lambda model, triangles, solution, covariance, noise: covariance,
     )
     alone = [identify_reduced(robot, [log] * count)[0].std_error for count in (1, 4)]
