@@ -18,7 +18,7 @@ from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.search.encoder_skew import link_load
 from elid_cli.estimation.regression.covariance import regression
-from elid_cli.estimation.result import Identification, Verdict
+from elid_cli.estimation.result import Identification
 from elid_cli.estimation.stiffness.link_equation import CLEAR as LOOSE
 from elid_cli.estimation.stiffness.link_equation import (
     EXPLAINED,
@@ -26,6 +26,7 @@ from elid_cli.estimation.stiffness.link_equation import (
     LinkStiffness,
     TwoWays,
     link_stiffness,
+    taken,
     two_ways,
 )
 from elid_cli.estimation.stretches import QUARTERS, quarter_of
@@ -95,43 +96,33 @@ def _bounds(ways: TwoWays) -> str:
 
 def with_load(found: Identification, state: State) -> Identification:
     """Return the identification with each stiffness that depends on the direction of regression taken by the load."""
-    estimate, deviation = found.estimate.copy(), found.std_error.copy()
-    verdict: list[Verdict] = list(found.verdict)
-    this_log, reasons = dict(found.this_log), dict(found.reasons)
     reference = state.log.model.robot.reference()
     # what bends a spring's law is fitted along with its stiffness; a line through the raw deflection knows none of it
     bent = {effect.joint for effect in state.effects if effect.place == "spring"}
-    for k, leader in enumerate(found.base.leaders):
-        name = found.base.parameters[leader]
-        if not name.startswith("K"):
-            continue
-        joint = int(name[1:]) - 1
-        if joint in bent:
+    items = list(found.parameters)
+    for k, item in enumerate(items):
+        joint = int(item.leader[1:]) - 1 if item.leader.startswith("K") else -1
+        if joint < 0 or joint in bent:
             continue
         ways = two_ways(state.log.observation, found.standard, found.base.parameters, joint)
-        if ways is None or (verdict[k] != "refused" and ways.share >= CLEAR):
+        if ways is None or (item.verdict != "refused" and ways.share >= CLEAR):
             continue
         link = link_stiffness(found.base, state.log.observation, state.log.signals, reference, joint)
         if link is not None and ways.share < LOOSE and _good(link):
-            estimate[k], deviation[k] = link.value, link.deviation
-            known = link.explained >= GOOD
-            verdict[k], this_log[name] = ("supported", found.base.classes[name]) if known else ("weak", "weak")
-            reasons[name] = (
+            reason = (
                 f"from the link's equation and the file's inertias, which explain {link.explained:.0%} of its torque; "
                 f"{_bounds(ways)}"
             )
+            items[k] = taken(item, link.value, link.deviation, reason, firm=link.explained >= GOOD)
             continue
         other = stiffness_by_load(state, joint)
         if other is None or not ways.direct / BEYOND < other.value < ways.inverse * BEYOND:
             continue
         # a 95 % interval that reaches from one way to the other, where they differ by more than the error
         apart = 0.25 * abs(float(np.log(ways.middle / other.value))) * other.value
-        estimate[k], deviation[k] = other.value, max(other.deviation, apart)
-        verdict[k], this_log[name] = "supported", found.base.classes[name]
-        reasons[name] = (
+        reason = (
             f"from the deflection against the torque that the bodies need, which {other.explained:.0%} of it follows; "
             f"{_bounds(ways)}"
         )
-    return replace(
-        found, estimate=estimate, std_error=deviation, verdict=tuple(verdict), this_log=this_log, reasons=reasons
-    )
+        items[k] = taken(item, other.value, max(other.deviation, apart), reason)
+    return replace(found, parameters=tuple(items))

@@ -13,11 +13,11 @@ from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.other_shapes import sentences
 from elid_cli.estimation.regression.standard_errors import freedom
-from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance
+from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, records
 from elid_cli.estimation.stiffness.link_equation import with_both_regressions, with_link_stiffness
 from elid_cli.estimation.stiffness.noise import stiffness_in_noise, with_pull
 from elid_cli.estimation.validation.cross_validation import held_out
-from elid_cli.estimation.validation.verdicts import classes_in_log, judge, shortfall, suspicious, torque_scale
+from elid_cli.estimation.validation.verdicts import judge, shortfall, suspicious, torque_scale
 from elid_cli.robot.robot import Robot
 
 
@@ -57,12 +57,14 @@ def assemble(
     fresh = Identification(
         robot=robot,
         base=base,
-        estimate=np.where(unsaid, np.nan, estimate),
-        std_error=np.where(unsaid, np.nan, deviation),
-        reference=base.values(robot.reference()),
-        verdict=verdict,
-        this_log=classes_in_log(base, verdict, reasons),
-        reasons=reasons,
+        parameters=records(
+            base,
+            np.where(unsaid, np.nan, estimate),
+            np.where(unsaid, np.nan, deviation),
+            base.values(robot.reference()),
+            verdict,
+            reasons,
+        ),
         error=held_out(robot, fit.triangles, solution, None if before is None else before.solution),
         condition=solution.condition,
         rank_margin=solution.margin,
@@ -80,7 +82,7 @@ def assemble(
         weights=solution.weights,
     )
     found = with_both_regressions(fresh, lambda joint: fit.data.two_ways(fresh.standard, joint))
-    return with_link_stiffness(found, lambda joint: fit.data.link_stiffness(base, joint), base.classes)
+    return with_link_stiffness(found, lambda joint: fit.data.link_stiffness(base, joint))
 
 
 def _deviation(fit: DefaultFit, column: int) -> float:
@@ -144,9 +146,5 @@ def missing_link_named(found: Identification, robot: Robot) -> Identification:
         return found
     why = "has no link position in this log: its transmission counts as rigid"
     reasons = {name: f"{joint} {why}" for name, joint in lost}
-    return replace(
-        found,
-        this_log={**found.this_log, **dict.fromkeys(reasons, "not excited")},
-        reasons={**found.reasons, **reasons},
-        notes=(*found.notes, *(f"{name} cannot be identified: {reason}" for name, reason in reasons.items())),
-    )
+    notes = (f"{name} cannot be identified: {reason}" for name, reason in reasons.items())
+    return replace(found, hidden={**found.hidden, **reasons}, notes=(*found.notes, *notes))

@@ -18,10 +18,10 @@ from elid_cli.estimation.facts import facts_of
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.triangles import Triangles, to_triangles
-from elid_cli.estimation.result import EstimateOptions, Identification
+from elid_cli.estimation.result import EstimateOptions, Identification, records
 from elid_cli.estimation.stretches import stretch_of
 from elid_cli.estimation.validation.cross_validation import joint_errors
-from elid_cli.estimation.validation.verdicts import classes_in_log, judge, suspicious, torque_scale
+from elid_cli.estimation.validation.verdicts import judge, suspicious, torque_scale
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
@@ -81,17 +81,18 @@ def identify_paper(
     verdict, reasons = judge(base, estimate, deviation, scale, known, robot, facts_of(signals, observation.known), {})
     unsaid = ~known
     verdict = tuple(v if v != "refused" or unsaid[k] else "weak" for k, v in enumerate(verdict))
-    this_log = classes_in_log(base, verdict, reasons)
     error = joint_errors(robot, *_prediction(model, base, signals, triangles, solution, options))
     return Identification(
         robot=robot,
         base=base,
-        estimate=np.where(unsaid, np.nan, estimate),
-        std_error=np.where(unsaid, np.nan, deviation),
-        reference=base.values(robot.reference()),
-        verdict=verdict,
-        this_log=this_log,
-        reasons=reasons,
+        parameters=records(
+            base,
+            np.where(unsaid, np.nan, estimate),
+            np.where(unsaid, np.nan, deviation),
+            base.values(robot.reference()),
+            verdict,
+            reasons,
+        ),
         error=error,
         condition=solution.condition,
         rank_margin=solution.margin,

@@ -58,7 +58,6 @@ def remarks(found: Identification, *, physical: bool = False) -> tuple[str, ...]
 
     `physical`: they are those of a robot that could be built.
     """
-    base = found.base
     lines = []
     if physical:
         lines.append("Identified by elid as a robot that could be built (--physical).")
@@ -71,11 +70,11 @@ def remarks(found: Identification, *, physical: bool = False) -> tuple[str, ...]
         if not _could_be_built(found):
             text += " As single values they are not those of real bodies; elid identify --physical gives such."
         lines.append(text)
-    for name, verdict in zip(base.names, found.verdict, strict=True):
-        if verdict == "refused":
-            why = found.reasons.get(name, "this log does not show it")
+    for item in found.parameters:
+        if item.verdict == "refused":
+            why = item.reason or "this log does not show it"
             kept = "not from this log" if physical else "no estimate, only what the prediction needs"
-            lines.append(f"{name} is refused: {why}. Its value is {kept}.")
+            lines.append(f"{item.leader} is refused: {why}. Its value is {kept}.")
     return tuple(lines)
 
 

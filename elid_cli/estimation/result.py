@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -91,21 +92,39 @@ class FittedEffect:
 
 
 @dataclass(frozen=True)
+class BaseEstimate:
+    """One base parameter as a log gives it."""
+
+    name: str
+    """The combination as printed: ``m1 - 4*Izz1 + 4*Izz2``."""
+    leader: str
+    """Its leading standard parameter: ``m1``."""
+    unit: str
+    estimate: float
+    """NaN where refused."""
+    std_error: float
+    reference: float
+    """Value by the robot file; NaN where unknown."""
+    verdict: Verdict
+    reason: str = ""
+    """Why it is weak, refused, or not from the motor torque."""
+
+    @property
+    def relative_error(self) -> float:
+        """|estimate - reference| / |reference|; NaN where there is no non-zero reference."""
+        if self.reference == 0 or not np.isfinite(self.reference):
+            return float("nan")
+        return abs(self.estimate - self.reference) / abs(self.reference)
+
+
+@dataclass(frozen=True)
 class Identification:
     """What a log says about a robot's parameters."""
 
     robot: Robot
     base: BaseParameters
-    estimate: Array
-    """Base parameters, (b,); NaN where refused."""
-    std_error: Array
-    reference: Array
-    """Reference values of the base parameters, (b,); NaN where unknown."""
-    verdict: tuple[Verdict, ...]
-    this_log: Mapping[str, str]
-    """Class of every standard parameter for this log: as structural, or weak, or not excited."""
-    reasons: Mapping[str, str]
-    """Why a parameter is weak, refused or not excited."""
+    parameters: tuple[BaseEstimate, ...]
+    """One record per base parameter, in standard order, (b,)."""
     error: Mapping[str, JointError]
     condition: float
     rank_margin: float
@@ -128,14 +147,81 @@ class Identification:
     """The reduced data, for those who fit again under further conditions (`physical`)."""
     weights: Mapping[EstimationRow, float] = field(default_factory=dict)
     """Weight of every row group in the fit: one over its residual rms."""
+    hidden: Mapping[str, str] = field(default_factory=dict)
+    """Standard parameters of the robot as described that logs of this kind do not show, with the reason."""
+
+    @cached_property
+    def estimate(self) -> Array:
+        """Base parameters, (b,); NaN where refused."""
+        return np.array([item.estimate for item in self.parameters])
+
+    @cached_property
+    def std_error(self) -> Array:
+        """Standard errors of the base parameters, (b,); NaN where refused."""
+        return np.array([item.std_error for item in self.parameters])
+
+    @cached_property
+    def reference(self) -> Array:
+        """Reference values of the base parameters, (b,); NaN where unknown."""
+        return np.array([item.reference for item in self.parameters])
+
+    @property
+    def verdict(self) -> tuple[Verdict, ...]:
+        """Verdicts on the base parameters, (b,)."""
+        return tuple(item.verdict for item in self.parameters)
+
+    @property
+    def this_log(self) -> Mapping[str, str]:
+        """Class of every standard parameter for this log: as structural, or weak, or not excited."""
+        return self._in_log[0]
+
+    @property
+    def reasons(self) -> Mapping[str, str]:
+        """Why a standard parameter is weak, refused or not excited."""
+        return self._in_log[1]
+
+    @cached_property
+    def _in_log(self) -> tuple[dict[str, str], dict[str, str]]:
+        """Classes of the standard parameters, and reasons: those of the leaders, which their followers share."""
+        base = self.base
+        classes: dict[str, str] = dict(base.classes)
+        reasons = {item.leader: item.reason for item in self.parameters if item.reason}
+        for k, item in enumerate(self.parameters):
+            if item.verdict == "supported":
+                continue
+            classes[item.leader] = "weak" if item.verdict == "weak" else "not excited"
+            for j in np.flatnonzero(base.transform[k])[1:]:
+                follower = base.parameters[j]
+                seen = [self.parameters[row].verdict for row in np.flatnonzero(base.transform[:, j])]
+                if any(verdict == "supported" for verdict in seen):
+                    continue
+                classes[follower] = "not excited" if all(verdict == "refused" for verdict in seen) else "weak"
+                reasons.setdefault(follower, item.reason)
+        classes |= dict.fromkeys(self.hidden, "not excited")
+        return classes, reasons | dict(self.hidden)
 
     def relative_error(self) -> Array:
         """Return |estimate - reference| / |reference|, (b,); NaN where there is no non-zero reference."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            error: Array = np.abs(self.estimate - self.reference) / np.abs(self.reference)
-        return np.where(self.reference == 0, np.nan, error)
+        return np.array([item.relative_error for item in self.parameters])
 
     def normalised_mean_error(self) -> float:
         """Return the paper's figure: mean relative error over all base parameters, zero-valued ones counting 0."""
         error = np.where(self.reference == 0, 0.0, np.nan_to_num(self.relative_error(), nan=1.0))
         return float(error.mean())
+
+
+def records(
+    base: BaseParameters,
+    estimate: Array,
+    std_error: Array,
+    reference: Array,
+    verdicts: Sequence[Verdict],
+    reasons: Mapping[str, str],
+) -> tuple[BaseEstimate, ...]:
+    """Return one record per base parameter from arrays (b,); `reasons` go by the leading parameter's name."""
+    found = []
+    for k, leader in enumerate(base.leaders):
+        name = base.parameters[leader]
+        values = float(estimate[k]), float(std_error[k]), float(reference[k])
+        found.append(BaseEstimate(base.names[k], name, base.units[k], *values, verdicts[k], reasons.get(name, "")))
+    return tuple(found)

@@ -7,7 +7,7 @@ transmitted torque, the file's reference inertias (CAD, a data sheet) supply the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.facts import deflection_noise
 from elid_cli.estimation.regression.covariance import regression
 from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.result import Identification, Verdict
+from elid_cli.estimation.result import BaseEstimate, Identification, Verdict
 from elid_cli.estimation.stiffness.noise import pull
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow
@@ -155,86 +155,58 @@ def with_both_regressions(found: Identification, way: Callable[[int], TwoWays | 
 
     `way` gives both for a joint (from 0).
     """
-    estimate, deviation = found.estimate.copy(), found.std_error.copy()
-    verdict: list[Verdict] = list(found.verdict)
-    this_log, reasons = dict(found.this_log), dict(found.reasons)
-    for k, leader in enumerate(found.base.leaders):
-        name = found.base.parameters[leader]
-        if not name.startswith("K") or verdict[k] == "refused":
-            continue
-        ways = way(int(name[1:]) - 1)
-        if ways is None or ways.share >= CLEAR:
-            continue
-        estimate[k], deviation[k] = ways.middle, max(ways.spread, deviation[k])
-        known = deviation[k] <= REFUSED * estimate[k]  # false for NaN too
-        if not known:
-            verdict[k], this_log[name] = "refused", "not excited"
-        elif deviation[k] > WEAK * estimate[k]:
-            verdict[k], this_log[name] = "weak", "weak"
-        reasons[name] = (
-            f"only {ways.share:.0%} of the deflection follows the torque: between {ways.direct:.3g} (torque on "
-            f"deflection) and {ways.inverse:.3g} (deflection on torque)"
-        )
-        if not known:
-            spread = f"standard deviation {deviation[k]:.2g} against a value of {estimate[k]:.2g}"
-            reasons[name] = f"{spread}: {reasons[name]}"
-            estimate[k] = deviation[k] = np.nan
-    unsaid = np.isnan(estimate)
-    return replace(
-        found,
-        estimate=estimate,
-        std_error=deviation,
-        verdict=tuple(verdict),
-        this_log=this_log,
-        reasons=reasons,
-        covariance=np.where(unsaid[:, None] | unsaid[None], np.nan, found.covariance),
+    items = tuple(_between(item, way) if item.leader.startswith("K") else item for item in found.parameters)
+    unsaid = np.array([np.isnan(item.estimate) for item in items])
+    covariance = np.where(unsaid[:, None] | unsaid[None], np.nan, found.covariance)
+    return replace(found, parameters=items, covariance=covariance)
+
+
+def _between(item: BaseEstimate, way: Callable[[int], TwoWays | None]) -> BaseEstimate:
+    ways = way(int(item.leader[1:]) - 1) if item.verdict != "refused" else None
+    if ways is None or ways.share >= CLEAR:
+        return item
+    estimate, deviation = ways.middle, max(ways.spread, item.std_error)
+    reason = (
+        f"only {ways.share:.0%} of the deflection follows the torque: between {ways.direct:.3g} (torque on "
+        f"deflection) and {ways.inverse:.3g} (deflection on torque)"
     )
+    if not deviation <= REFUSED * estimate:  # true for NaN too
+        reason = f"standard deviation {deviation:.2g} against a value of {estimate:.2g}: {reason}"
+        return replace(item, estimate=np.nan, std_error=np.nan, verdict="refused", reason=reason)
+    verdict: Verdict = "weak" if deviation > WEAK * estimate else item.verdict
+    return replace(item, estimate=estimate, std_error=deviation, verdict=verdict, reason=reason)
 
 
-def with_link_stiffness(
-    found: Identification, way: Callable[[int], LinkStiffness | None], classes: Mapping[str, str]
-) -> Identification:
+def with_link_stiffness(found: Identification, way: Callable[[int], LinkStiffness | None]) -> Identification:
     """Return the identification with refused and weak stiffnesses taken from the links' equations, where they hold.
 
     A stiffness that both ways give, but differently, is marked as weak. `way` gives the other way to the stiffness of
     a joint (from 0).
     """
-    base = found.base
-    estimate, deviation = found.estimate.copy(), found.std_error.copy()
-    verdict: list[Verdict] = list(found.verdict)
-    this_log, reasons, notes = dict(found.this_log), dict(found.reasons), list(found.notes)
-    for k, leader in enumerate(base.leaders):
-        name = base.parameters[leader]
-        if not name.startswith("K"):
+    items, notes = list(found.parameters), list(found.notes)
+    for k, item in enumerate(items):
+        if not item.leader.startswith("K"):
             continue
-        joint = int(name[1:]) - 1
+        joint = int(item.leader[1:]) - 1
         other = way(joint)
         if other is None or other.value <= 0 or other.explained < EXPLAINED or other.deviation > 0.3 * other.value:
             continue
-        label = found.robot.joint_names[joint]
-        if verdict[k] == "refused" or (verdict[k] == "weak" and other.deviation < SHARPER * deviation[k]):
-            estimate[k], deviation[k] = other.value, other.deviation
-            good = other.explained > GOOD
-            verdict[k] = "supported" if good else "weak"
-            this_log[name] = classes[name] if good else "weak"
-            reasons[name] = (
+        if item.verdict == "refused" or (item.verdict == "weak" and other.deviation < SHARPER * item.std_error):
+            reason = (
                 f"from the link's equation and the file's inertias, which explain {other.explained:.0%} of its torque: "
                 "the motor torque does not show it"
             )
-            notes.append(f"{name} of {label} is {reasons[name]}")
-        elif abs(estimate[k] - other.value) > APART * estimate[k] and deviation[k] > 0.05 * estimate[k]:
-            verdict[k] = "weak"
-            this_log[name] = "weak"
-            reasons[name] = (
+            items[k] = taken(item, other.value, other.deviation, reason, firm=other.explained > GOOD)
+            notes.append(f"{item.leader} of {found.robot.joint_names[joint]} is {reason}")
+        elif abs(item.estimate - other.value) > APART * item.estimate and item.std_error > 0.05 * item.estimate:
+            reason = (
                 f"poorly determined: the link's equation with the file's inertias gives {other.value:.3g} "
                 f"(± {other.deviation:.2g})"
             )
-    return replace(
-        found,
-        estimate=estimate,
-        std_error=deviation,
-        verdict=tuple(verdict),
-        this_log=this_log,
-        reasons=reasons,
-        notes=tuple(notes),
-    )
+            items[k] = replace(item, verdict="weak", reason=reason)
+    return replace(found, parameters=tuple(items), notes=tuple(notes))
+
+
+def taken(item: BaseEstimate, value: float, deviation: float, reason: str, *, firm: bool = True) -> BaseEstimate:
+    """Return a parameter with a value that another way gives, supported where that is `firm`."""
+    return replace(item, estimate=value, std_error=deviation, verdict="supported" if firm else "weak", reason=reason)

@@ -148,26 +148,6 @@ def gravity_in_body(joint: int, robot: Robot, q: Array) -> Array:
     return field
 
 
-def classes_in_log(base: BaseParameters, verdict: Sequence[Verdict], reasons: dict[str, str]) -> dict[str, str]:
-    """Return the class of every standard parameter for this log, and add the followers' reasons."""
-    result: dict[str, str] = dict(base.classes)
-    for k, leader in enumerate(base.leaders):
-        members = [base.parameters[j] for j in np.flatnonzero(base.transform[k])]
-        name = base.parameters[leader]
-        if verdict[k] == "supported":
-            continue
-        result[name] = "weak" if verdict[k] == "weak" else "not excited"
-        for member in members[1:]:
-            seen = [v for row, v in zip(base.transform, verdict, strict=True) if row[base.parameters.index(member)]]
-            if all(v == "refused" for v in seen):
-                result[member] = "not excited"
-                reasons.setdefault(member, reasons.get(name, ""))
-            elif all(v != "supported" for v in seen):
-                result[member] = "weak"
-                reasons.setdefault(member, reasons.get(name, ""))
-    return result
-
-
 def suspicious(base: BaseParameters, estimate: Array, deviation: Array, known: NDArray[np.bool_]) -> tuple[str, ...]:
     """Return a sentence for every stiffness, rotor inertia or friction that came out negative beyond doubt."""
     sentences = []
