@@ -14,7 +14,11 @@ import pytest
 
 from elid_cli import __version__
 from elid_cli.cli.group import elid, summaries
+from elid_cli.logs.mapping.language import parse_mapping
 from elid_cli.model.effects import effect_classes
+from elid_cli.robot.robot import Joint, Robot
+from elid_cli.robot.schema import robot_of_yaml
+from elid_cli.robot.yaml import parse_yaml
 from tests.reproduce.readme import documents
 from tests.reproduce.reference import REFERENCE, pages
 
@@ -131,6 +135,25 @@ def test_examples_in_help_use_options_that_exist(verb: str) -> None:
 def test_links_lead_somewhere(name: str) -> None:
     targets = re.findall(r"\]\((?!https?:|#)([^)#\s]+)", TEXTS[name])
     assert [target for target in targets if not (ROOT / name).parent.joinpath(target).exists()] == []
+
+
+YAML = [
+    (name, block) for name, text in TEXTS.items() if Path(name).name not in GENERATED for block in blocks(text, "yaml")
+]
+
+
+@pytest.mark.parametrize(("name", "block"), [(n, b) for n, b in YAML if "dh:" in b], ids=lambda v: v.split("\n")[0])
+def test_robot_files_that_are_shown_are_read(name: str, block: str) -> None:
+    robot = robot_of_yaml(block, name)
+    assert {spec.effect for spec in robot.effects} <= effect_classes().keys()
+
+
+@pytest.mark.parametrize(("name", "block"), [(n, b) for n, b in YAML if "field:" in b], ids=lambda v: v.split("\n")[0])
+def test_mappings_that_are_shown_are_read(name: str, block: str) -> None:
+    raw = parse_yaml(block, name).plain()
+    robot = Robot("shown", tuple(Joint(joint) for joint in raw["q"]["joints"]))
+    signals, _ = parse_mapping(raw, robot, name)
+    assert {"q", "theta", "tau"} <= signals.keys()
 
 
 def test_one_version_stands_everywhere() -> None:
