@@ -1,3 +1,3 @@
 """elid: dynamic parameters of robots with elastic joints, from a recorded log, and the effect the model lacks."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -33,7 +33,7 @@ _interrupted = False
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command line and return its exit code (FORMATS: command line)."""
+    """Run one command line and return its exit code (docs/reference/exit-codes.md)."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     # Small dense algebra is faster on one BLAS thread; it must be said before NumPy is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

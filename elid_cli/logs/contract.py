@@ -73,7 +73,7 @@ class RawLog(Protocol):
 
     @property
     def canonical(self) -> Sequence[Mapping[str, Any]]:
-        """The canonical names of FORMATS.md for this format and usual spellings, in the mapping language."""
+        """The format's canonical names (docs/reference/formats.md) and usual spellings, in the mapping language."""
 
     @property
     def losses(self) -> list[str]:

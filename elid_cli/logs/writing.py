@@ -39,7 +39,7 @@ def recognise(source: Source) -> LogFormat:
     raise LogError(
         f"{source.name}: not a log that elid can read",
         detail=f"its content is none of: {', '.join(fmt.name for fmt in formats() if fmt.write)}",
-        hint="export it as CSV with a header row, HDF5 or MCAP (FORMATS: Logs)",
+        hint="export it as CSV with a header row, HDF5 or MCAP, as docs/reference/formats.md says",
     )
 
 

@@ -63,7 +63,7 @@ class BaseParameters:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Return each base parameter as FORMATS prints it: ``m1 - 4*Izz1 + 4*Izz2``."""
+        """Return each base parameter as text: ``m1 - 4*Izz1 + 4*Izz2`` (docs/reference/formats.md)."""
         return tuple(combination(terms) for terms in self.terms)
 
     @property

@@ -107,7 +107,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint with its body, motor and transmission (FORMATS: robot description)."""
+    """One joint with its body, motor and transmission (docs/reference/formats.md, robot files)."""
 
     name: str
     type: JointType = "revolute"

@@ -1,7 +1,7 @@
 """What a robot description may hold: YAML values in, `Robot` out, every fault with file, line, joint and key.
 
-The keys are those of FORMATS "Robot description"; beyond it there are, per joint, ``limits`` (position, velocity,
-acceleration, torque) and, with ``dh: urdf``, the keys ``xyz``, ``rpy`` and ``axis`` in place of ``a alpha d theta``.
+The keys are those of docs/reference/formats.md, robot files. With ``dh: urdf``, the keys ``xyz``, ``rpy`` and ``axis``
+stand in place of ``a alpha d theta``.
 """
 
 from __future__ import annotations

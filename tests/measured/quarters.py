@@ -1,6 +1,6 @@
 """Blocked cross-validation over quarters: what every effect is worth on a quarter of the log that the fit never saw.
 
-    python tests/measured/quarters.py ../shared/data/kr300_A.csv kr300 [effect@joint …]
+    python tests/measured/quarters.py data/kr300_A.csv kr300 [effect@joint …]
 
 prints what a diagnosis itself asks before it names an effect (see `elid_cli.diagnosis.evidence.quarters`): the part of
 the error in the effect's rows, of encoder faults in the deflection, that it takes away on each quarter of the log,

@@ -17,7 +17,7 @@ from elid_cli.report.answers.inputs import log_payload, nuisance_payload
 
 
 def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
-    """Return the JSON object of a diagnosis (FORMATS: JSON)."""
+    """Return the JSON object of a diagnosis (docs/reference/json.md)."""
     found = told.found
     return {
         **identification_payload(told.after, told.recording),

@@ -88,7 +88,7 @@ def identification_report(
 
 
 def identification_payload(found: Identification, recording: Recording) -> dict[str, Any]:
-    """Return the JSON object of an identification (FORMATS: JSON)."""
+    """Return the JSON object of an identification (docs/reference/json.md)."""
     return {
         **robot_payload(found.robot),
         "log": log_payload(recording),
