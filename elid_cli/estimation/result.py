@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -199,6 +199,11 @@ class Identification:
                 reasons.setdefault(follower, item.reason)
         classes |= dict.fromkeys(self.hidden, "not excited")
         return classes, reasons | dict(self.hidden)
+
+    def beside(self, reference: Array) -> Identification:
+        """Return the identification with other reference values of the base parameters, (b,)."""
+        items = zip(self.parameters, reference.tolist(), strict=True)
+        return replace(self, parameters=tuple(replace(item, reference=value) for item, value in items))
 
     def relative_error(self) -> Array:
         """Return |estimate - reference| / |reference|, (b,); NaN where there is no non-zero reference."""

@@ -49,7 +49,7 @@ def logged(seed: int, db: float, joint: int = 0) -> tuple[Made, Robot, Signals]:
 def fitted(seed: int, db: float, joint: int = 0) -> Identification:
     made, robot, signals = logged(seed, db, joint)
     found = identify(robot, signals, EstimateOptions(guards=False))
-    return replace(found, reference=found.base.values(made.truth.reference()))
+    return found.beside(found.base.values(made.truth.reference()))
 
 
 def fit_of(robot: Robot, signals: Signals) -> DefaultFit:

@@ -89,7 +89,7 @@ def test_a_links_equation_knows_the_encoders_noise(db: float) -> None:
         q=exact.q + noise * generator.standard_normal(exact.q.shape),
         theta=exact.theta + noise * generator.standard_normal(exact.q.shape),
     )
-    signals = prepare(log, stiff)
+    signals = prepare(log, stiff, SignalOptions(cutoff=10.0))
     model = Regressor(stiff)
     base, observation = find_base(model), observe(model, signals)
     system = reduce_log(stiff, signals, log, {}).links
