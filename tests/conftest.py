@@ -6,7 +6,14 @@ from pathlib import Path
 
 import pytest
 
-LONG = ("diagnosis", "takeaway", "measured", "joint_torque", "estimate", "simulation")
+from elid_cli.estimation.identify import Identification, identify
+from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
+
+LONG = ("diagnosis", "report", "system/measured", "estimation", "experiment")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -14,7 +21,28 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     here = Path(__file__).parent
 
     def rank(item: pytest.Item) -> int:
-        folder = item.path.relative_to(here).parts[0]
-        return LONG.index(folder) if folder in LONG else len(LONG)
+        place = item.path.relative_to(here).as_posix()
+        return next((k for k, folder in enumerate(LONG) if place.startswith(f"{folder}/")), len(LONG))
 
     items.sort(key=rank)
+
+
+@pytest.fixture(scope="session")
+def planar() -> Robot:
+    return read_robot("planar2")
+
+
+@pytest.fixture(scope="session")
+def clean(planar: Robot) -> Recording:
+    return simulate(planar, SimulationOptions(duration=8.0, rate=500.0, seed=3))
+
+
+@pytest.fixture(scope="session")
+def noisy(planar: Robot) -> Recording:
+    sensors = SensorOptions(position_noise=3e-5, torque_noise_relative=0.03)
+    return simulate(planar, SimulationOptions(duration=8.0, rate=500.0, seed=1, sensors=sensors))
+
+
+@pytest.fixture(scope="session")
+def found(planar: Robot, noisy: Recording) -> Identification:
+    return identify(planar, prepare(noisy, planar))

@@ -90,3 +90,9 @@ def test_the_core_never_prints_or_exits(path: Path) -> None:
     assert not calls & {"print", "exit", "quit", "sys.exit", "os._exit", "sys.stdout.write", "sys.stderr.write"}
     if path.parent.name in ("answers", "formats") and room_of(path) == "report":
         assert "numpy" not in {name.split(".")[0] for _, name in imports(path)}, "no numerics in answers and formats"
+
+
+def test_the_tests_mirror_the_rooms() -> None:
+    here = Path(__file__).parent
+    folders = {path.name for path in here.iterdir() if path.is_dir() and path.name != "__pycache__"}
+    assert folders - {"system"} <= set(ROOMS)

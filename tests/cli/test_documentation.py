@@ -19,8 +19,8 @@ from elid_cli.model.effects import effect_classes
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.schema import robot_of_yaml
 from elid_cli.robot.yaml import parse_yaml
-from tests.reproduce.readme import documents
-from tests.reproduce.reference import REFERENCE, pages
+from tests.system.reproduce.readme import documents
+from tests.system.reproduce.reference import REFERENCE, pages
 
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
@@ -51,7 +51,7 @@ def blocks(text: str, *languages: str) -> list[str]:
 @pytest.mark.parametrize("name", sorted(GENERATED))
 def test_generated_pages_are_up_to_date(name: str) -> None:
     assert pages().keys() == GENERATED
-    assert (REFERENCE / name).read_text("utf-8") == pages()[name](), "run python -m tests.reproduce.reference"
+    assert (REFERENCE / name).read_text("utf-8") == pages()[name](), "run python -m tests.system.reproduce.reference"
 
 
 @pytest.mark.parametrize("verb", list(summaries()))

@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import interruptible
 
 from elid_cli import __version__
 from elid_cli.cli.group import summaries
+from tests.cli.conftest import interruptible
 
 ESCAPE = "\x1b"
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import Elid
 from jsonschema import Draft202012Validator
 
 from elid_cli.cli.group import summaries
+from tests.cli.conftest import Elid
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = json.loads((ROOT / "docs" / "reference" / "elid-1.schema.json").read_text("utf-8"))

@@ -17,7 +17,8 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import JOINT, Elid, environment, interruptible, spindle_log
+
+from tests.cli.conftest import JOINT, Elid, environment, interruptible, spindle_log
 
 LOG, ROBOT = "run 07.csv", "spindle.yaml"
 TRUTH = {"Izz1 + Jm1": 0.6, "fs1": 0.4, "fv1": 0.3}

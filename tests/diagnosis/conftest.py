@@ -10,12 +10,12 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from diagnosis_logs import Diagnosed, Logs, arm, log_with, moved
 
 from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import prepare
+from tests.diagnosis.diagnosis_logs import Diagnosed, Logs, arm, log_with, moved
 
 
 @pytest.fixture(scope="session")

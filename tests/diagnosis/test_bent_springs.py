@@ -13,7 +13,7 @@ from elid_cli.diagnosis.refit import identified
 from elid_cli.report.answers.inputs import effect_text
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.signals import prepare
-from tests.reproduce.inverse_logs import Laws, World, log_of, make, recorded
+from tests.system.reproduce.inverse_logs import Laws, World, log_of, make, recorded
 
 
 def test_the_stiffness_beside_a_wide_gap_is_the_fits_own() -> None:

@@ -7,12 +7,12 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from diagnosis_logs import arm
 
 from elid_cli.estimation.result import JointError
 from elid_cli.report.answers.diagnosis import WORSE, _against
 from elid_cli.report.answers.diagnosis_input import Check, DiagnosisInput
 from elid_cli.signals.recording import Recording
+from tests.diagnosis.diagnosis_logs import arm
 
 
 class Found:

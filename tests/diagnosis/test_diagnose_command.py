@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from diagnosis_logs import Logs, written
 
 from elid_cli.robot.files import write_robot
 from elid_cli.robot.robot import Robot
+from tests.diagnosis.diagnosis_logs import Logs, written
 
 Place = Path
 FEW = ("--only", "stribeck", "--only", "torque_offset")

@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from diagnosis_logs import EFFECTS, Diagnosed, Logs
 
 from elid_cli.diagnosis import DiagnoseOptions, diagnose
 from elid_cli.diagnosis.diagnose import options_for
@@ -16,6 +15,7 @@ from elid_cli.estimation.validation.prediction import validate
 from elid_cli.robot.files import read_robot, write_robot
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals, prepare
+from tests.diagnosis.diagnosis_logs import EFFECTS, Diagnosed, Logs
 
 
 def test_a_clean_log_gives_no_effect(diagnosed: Diagnosed) -> None:

@@ -16,7 +16,7 @@ from elid_cli.estimation.identify import JointError
 from elid_cli.model.regressor import Kind
 from elid_cli.report.answers.diagnosis_tables import _left
 from elid_cli.signals.signals import prepare
-from tests.reproduce.inverse_logs import Laws, Made, World, laws_of, log_of, make, recorded
+from tests.system.reproduce.inverse_logs import Laws, Made, World, laws_of, log_of, make, recorded
 
 ARM, GRIPPER, RATE = 317, 305, 500.0
 """Seeds of two arms; what the search alone says of a payload of the second is up to a second wrong."""

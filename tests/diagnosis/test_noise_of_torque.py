@@ -11,7 +11,7 @@ from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.result import Unexplained
 from elid_cli.report.answers.diagnosis_tables import NOISE_WORDS, noise_like, unexplained_section
 from elid_cli.signals.signals import prepare
-from tests.reproduce.inverse_logs import Laws, log_of, make, recorded
+from tests.system.reproduce.inverse_logs import Laws, log_of, make, recorded
 
 SUM = Unexplained("j1", "sum", "frequency 5.2 Hz", 0.09, 0.02, 12.0, (("stribeck", "j1", 0.03),))
 

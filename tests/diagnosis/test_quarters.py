@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from diagnosis_logs import EFFECTS, Diagnosed, Logs
 
 from elid_cli.diagnosis.diagnose import divided, options_for
 from elid_cli.diagnosis.evidence import quarters
@@ -21,6 +20,7 @@ from elid_cli.model.effects.effect import Effect
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
+from tests.diagnosis.diagnosis_logs import EFFECTS, Diagnosed, Logs
 
 
 def with_torque(recording: Recording, robot: Robot, sign: np.ndarray, effect: Effect) -> tuple[State, Found]:

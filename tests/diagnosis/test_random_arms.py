@@ -1,7 +1,8 @@
 """Diagnosis of random three-joint arms, of which only the geometry is known, on logs made by inverse dynamics.
 
-The effects' formulas are written a second time in `tests.reproduce.inverse_logs`; `tests.reproduce.field_trials` runs
-all of them over many arms, this file a few that each need something of their own.
+The effects' formulas are written a second time in `tests.system.reproduce.inverse_logs`;
+`tests.system.reproduce.field_trials` runs all of them over many arms, this file a few that each
+need something of their own.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from elid_cli.estimation.identify import identify
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.robot.robot import EffectSpec
 from elid_cli.signals.signals import Signals, prepare
-from tests.reproduce.inverse_logs import Laws, Made, laws_of, log_of, make, recorded
+from tests.system.reproduce.inverse_logs import Laws, Made, laws_of, log_of, make, recorded
 
 RATE = 500.0
 

@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
 from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.signals.signals import prepare
-from tests.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
+from tests.system.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
 
 RATE, SLOWS, WITHIN = 500.0, 9.0, 1.5
 """Hz; the motion slows down from here on, s, and creeps after as many seconds more."""

@@ -16,7 +16,7 @@ from elid_cli.estimation.regression.effect_columns import extra_of
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.signals import prepare
-from tests.reproduce.inverse_logs import laws_of, log_of, make, recorded
+from tests.system.reproduce.inverse_logs import laws_of, log_of, make, recorded
 
 RATE = 500.0
 

@@ -8,7 +8,7 @@ import pytest
 from elid_cli.diagnosis import DiagnoseOptions, diagnose
 from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.signals.signals import prepare
-from tests.reproduce.inverse_logs import Laws, World, _late, laws_of, log_of, make, recorded
+from tests.system.reproduce.inverse_logs import Laws, World, _late, laws_of, log_of, make, recorded
 
 RATE = 1000.0
 TRIED = ("torque_delay", "transmission_damping", "stribeck", "torque_offset")

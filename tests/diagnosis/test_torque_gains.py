@@ -10,7 +10,7 @@ from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.signals import prepare
-from tests.reproduce.inverse_logs import Laws, Made, laws_of, log_of, make, recorded
+from tests.system.reproduce.inverse_logs import Laws, Made, laws_of, log_of, make, recorded
 
 RATE = 500.0
 GAIN = -0.08

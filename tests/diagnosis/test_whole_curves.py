@@ -17,11 +17,11 @@ from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import prepare
-from tests.estimate.test_curve_valleys import logged
-from tests.reproduce import inverse_logs
-from tests.reproduce.inverse_logs import Laws, World
-from tests.reproduce.own_case import error
-from tests.reproduce.paper_logs import FRICTION, log_of, motion_of, with_friction
+from tests.estimation.test_curve_valleys import logged
+from tests.system.reproduce import inverse_logs
+from tests.system.reproduce.inverse_logs import Laws, World
+from tests.system.reproduce.own_case import error
+from tests.system.reproduce.paper_logs import FRICTION, log_of, motion_of, with_friction
 
 NOISE = 80.0
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from made_logs import JOINTS, SIGNALS
 
 from elid_cli.signals.recording import Recording
+from tests.logs.made_logs import JOINTS, SIGNALS
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from made_logs import JOINTS, recording
 from mcap.writer import CompressionType, IndexType, Writer
 
 from elid_cli.logs.mcap.write import joint_state_schema
 from elid_cli.signals.recording import Recording
+from tests.logs.made_logs import JOINTS, recording
 
 HEADER = "std_msgs/Header header\n"
 RULE = "=" * 80

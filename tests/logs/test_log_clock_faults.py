@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faults import Table, table
-from made_logs import SIGNALS, read, recording, same, written
-from mcap_made import Bag, joint_state
 
 from elid_cli.errors import LogError
+from tests.logs.faults import Table, table
+from tests.logs.made_logs import SIGNALS, read, recording, same, written
+from tests.logs.mcap_made import Bag, joint_state
 
 BASE = recording()
 GOOD = table(BASE)
@@ -205,7 +205,7 @@ def motion(t: np.ndarray) -> dict[str, np.ndarray]:
 
 def two_topics(path: Path, link: np.ndarray, motor: np.ndarray, delay: int = 0) -> Path:
     """Write a log whose two topics are sampled at their own instants."""
-    from made_logs import JOINTS
+    from tests.logs.made_logs import JOINTS
 
     bag = Bag()
     for topic in ("/joint_states", "/motor_states"):
@@ -277,7 +277,7 @@ def test_topics_that_lose_single_messages_are_bridged(tmp_path: Path) -> None:
 
 
 def test_header_stamps_that_run_backwards_give_way(tmp_path: Path) -> None:
-    from made_logs import JOINTS
+    from tests.logs.made_logs import JOINTS
 
     bag = Bag()
     for topic in ("/joint_states", "/motor_states"):

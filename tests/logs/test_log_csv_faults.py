@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faults import Table, table
-from made_logs import JOINTS, read, recording, same
 
 from elid_cli.errors import LogError
+from tests.logs.faults import Table, table
+from tests.logs.made_logs import JOINTS, read, recording, same
 
 BASE = recording(500)
 GOOD = table(BASE)

@@ -11,14 +11,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from faults import cut, flipped
-from made_logs import JOINTS, SIGNALS, read, recording, same, written
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType
-from mcap_made import PLAIN, canonical
 
 from elid_cli.errors import LogError
 from elid_cli.logs.mcap.container import MAGIC, Container, walk
+from tests.logs.faults import cut, flipped
+from tests.logs.made_logs import JOINTS, SIGNALS, read, recording, same, written
+from tests.logs.mcap_made import PLAIN, canonical
 
 BASE = recording(600)
 
@@ -193,8 +193,8 @@ def test_an_index_without_a_channel_loses_nothing(tmp_path: Path) -> None:
 
 
 def test_messages_that_do_not_follow_their_definition_are_counted(tmp_path: Path) -> None:
-    from made_logs import JOINTS
-    from mcap_made import Bag, joint_state
+    from tests.logs.made_logs import JOINTS
+    from tests.logs.mcap_made import Bag, joint_state
 
     bag = Bag()
     for topic in ("/joint_states", "/motor_states"):

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_logs import JOINTS, ROBOT, SIGNALS, recording
 
 from elid_cli.errors import ElidError, UsageError
 from elid_cli.logs.mapping.language import KEYS, SignalMap, parse_mapping
 from elid_cli.logs.repair.align import Sampled, align
 from elid_cli.logs.repair.grid import interpolate
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "fuzz"))
+from tests.logs.made_logs import JOINTS, ROBOT, SIGNALS, recording
 
 values = st.recursive(
     st.none()
@@ -98,7 +93,7 @@ def test_interpolation_is_exact_on_polynomials(seed: int, order: int) -> None:
 
 
 def test_mutated_files_end_in_a_recording_or_an_error() -> None:
-    import fuzz_logs
+    from tests.system.fuzz import fuzz_logs
 
     ends = fuzz_logs.run(160, seed=7)
     assert sum(ends.values()) == 160

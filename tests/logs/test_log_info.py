@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from faults import table
-from made_logs import JOINTS, ROBOT, like, read, recording, same, written
-from mcap_made import Bag, canonical, joint_state
 
 from elid_cli.logs import inspect_log
 from elid_cli.logs.contract import Channel
 from elid_cli.logs.mapping.suggest import suggestion
+from tests.logs.faults import table
+from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, same, written
+from tests.logs.mcap_made import Bag, canonical, joint_state
 
 BASE = recording(800)
 

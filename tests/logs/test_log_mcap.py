@@ -6,10 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_logs import JOINTS, ROBOT, like, read, recording, same
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
-from mcap_made import DYNAMIC, PLAIN, ROBOT_STATE, Bag, add_recording, canonical, joint_state
 from mcap_ros2.decoder import DecoderFactory
 
 from elid_cli.errors import LogError
@@ -17,6 +15,8 @@ from elid_cli.logs import read_recording
 from elid_cli.logs.contract import Pick
 from elid_cli.logs.formats.mcap import McapLog
 from elid_cli.logs.source import open_source
+from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, same
+from tests.logs.mcap_made import DYNAMIC, PLAIN, ROBOT_STATE, Bag, add_recording, canonical, joint_state
 
 BASE = recording(400)
 CONTAINERS = {

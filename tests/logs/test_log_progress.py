@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from made_logs import ROBOT, recording, same, written
 
 from elid_cli.logs import read_recording
+from tests.logs.made_logs import ROBOT, recording, same, written
 
 
 def rises(shares: list[float], least: int) -> bool:

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_logs import JOINTS, ROBOT, like, read, recording, same, written
 
 from elid_cli.errors import UsageError
 from elid_cli.logs import read_recording, write_recording
 from elid_cli.logs.writing import formats
 from elid_cli.robot.robot import Joint, Robot
+from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, same, written
 
 FORMATS = ("log.csv", "log.csv.gz", "log.h5", "log.hdf5", "log.mcap")
 

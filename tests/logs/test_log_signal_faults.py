@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from faults import table
-from made_logs import GEARS, JOINTS, ROBOT, like, read, recording, same, written
-from mcap_made import canonical
 
 from elid_cli.errors import LogError, UsageError
 from elid_cli.logs import read_map_options, read_recording
 from elid_cli.robot.robot import Joint, Robot
+from tests.logs.faults import table
+from tests.logs.made_logs import GEARS, JOINTS, ROBOT, like, read, recording, same, written
+from tests.logs.mcap_made import canonical
 
 BASE = recording(600)
 GOOD = table(BASE)

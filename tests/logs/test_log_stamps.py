@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_logs import JOINTS, read, recording, same
-from mcap_made import Bag, joint_state
 
 from elid_cli.errors import LogError
 from elid_cli.logs.mcap.flat_decode import Flat, flat_json, misstamped, stamp_of
+from tests.logs.made_logs import JOINTS, read, recording, same
+from tests.logs.mcap_made import Bag, joint_state
 
 NAMES = [("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos")]
 

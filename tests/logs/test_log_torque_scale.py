@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from elid_cli.logs import read_map_options, read_recording, write_recording
-from tests.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
+from tests.system.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
 
 ARMS = range(1, 13)
 

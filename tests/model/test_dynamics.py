@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_robots import random_robot
 
 from elid_cli.errors import RobotError
 from elid_cli.model.dynamics import Dynamics
@@ -14,6 +13,7 @@ from elid_cli.model.mass_matrix import NotPositiveError, ldl_solver
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.motion import Motion
+from tests.robot.random_robots import random_robot
 
 ROBOTS = {
     "planar2": read_robot("planar2"),

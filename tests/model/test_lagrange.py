@@ -11,12 +11,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from random_robots import random_robot
 
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.signals.motion import random_motion
+from tests.robot.random_robots import random_robot
 
 STEP = 1e-30
 

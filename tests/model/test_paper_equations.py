@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import paper_equations as paper
 import pytest
-from random_robots import random_robot
 
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.signals.motion import random_motion
+from tests.model import paper_equations as paper
+from tests.robot.random_robots import random_robot
 
 ROBOTS = {
     "planar2": read_robot("planar2"),

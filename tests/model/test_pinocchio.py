@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from random_robots import random_robot
 
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import random_motion
+from tests.robot.random_robots import random_robot
 
 pin = pytest.importorskip("pinocchio", reason="needs the wheel pin (extra: test)")
 

@@ -1,0 +1,146 @@
+"""The exported MJCF loads in MuJoCo and accelerates as the equations of the elastic robot say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elid_cli.errors import RobotError
+from elid_cli.experiment.mjcf import known_parameters, mjcf_text, write_mjcf
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Limits, Robot
+from tests.robot.elastic_lagrange import accelerations
+from tests.robot.random_robots import random_robot
+
+mujoco = pytest.importorskip("mujoco")
+
+
+def free(robot: Robot, *, smooth: bool) -> Robot:
+    """Return the robot without limits and, where `smooth`, without Coulomb friction."""
+    joints = []
+    for joint in robot.joints:
+        parameters = dict(joint.parameters)
+        if smooth:
+            parameters["fs"] = 0.0
+        joints.append(replace(joint, limits=Limits(), parameters=parameters))
+    return replace(robot, joints=tuple(joints))
+
+
+def compare(
+    robot: Robot, *, states: int = 20, deflection: float = 0.01, speeds: tuple[float, float] = (0.2, 3)
+) -> float:
+    """Return the largest relative difference of accelerations over random states; links and motors apart."""
+    values = known_parameters(robot)
+    model = mujoco.MjModel.from_xml_string(mjcf_text(robot, values))
+    data = mujoco.MjData(model)
+    dynamics = Dynamics(robot, values)
+    rng = np.random.default_rng(5)
+    n, worst = robot.n, 0.0
+    links = [model.joint(name).id for name in robot.joint_names]
+    motors = [model.joint(f"{name}_rotor").id for name in robot.joint_names]
+    for _ in range(states):
+        q, dq, tau = rng.uniform(-1, 1, n), rng.uniform(-2, 2, n), rng.uniform(-20, 20, n)
+        theta = np.where(robot.elastic, q + deflection * rng.normal(size=n), q)
+        dtheta = np.where(robot.elastic, rng.choice([-1, 1], n) * rng.uniform(*speeds, n), dq)
+        data.qpos[model.jnt_qposadr[links]], data.qvel[model.jnt_dofadr[links]] = q, dq
+        data.qpos[model.jnt_qposadr[motors]] = theta * robot.gear_ratios
+        data.qvel[model.jnt_dofadr[motors]] = dtheta * robot.gear_ratios
+        data.ctrl[:] = tau
+        mujoco.mj_forward(model, data)
+        found = data.qacc[model.jnt_dofadr[links]], data.qacc[model.jnt_dofadr[motors]] / robot.gear_ratios
+        reference = accelerations(robot, values, (q, dq, theta, dtheta), tau)
+        elids = dynamics.acceleration(q.tolist(), dq.tolist(), theta.tolist(), dtheta.tolist(), tau.tolist())
+        for ours, theirs, energies in zip(elids, found, reference, strict=True):
+            scale = np.abs(energies).max()
+            assert np.abs(ours - energies).max() < 1e-9 * scale  # elid's own forward dynamics
+            worst = max(worst, float(np.abs(ours - theirs).max() / scale))
+        for k, name in enumerate(robot.joint_names):
+            assert data.sensor(f"{name}_q").data[0] == pytest.approx(q[k], abs=1e-12)
+            assert data.sensor(f"{name}_theta").data[0] == pytest.approx(theta[k], abs=1e-12)
+            assert data.sensor(f"{name}_dtheta").data[0] == pytest.approx(dtheta[k], abs=1e-12)
+    return worst
+
+
+@pytest.mark.parametrize("name", ["planar2", "puma560"])
+def test_the_papers_robots_accelerate_alike(name):
+    # their published inertias are not those of real bodies: an equal-moving real twin is exported
+    assert compare(free(read_robot(name), smooth=True)) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("dh", "kinds", "own_axes"),
+    [("standard", "r", False), ("standard", "rrp", True), ("modified", "rp", True), ("urdf", "rpr", True)],
+)
+def test_random_robots_accelerate_alike(dh, kinds, own_axes):
+    robot = random_robot(3, 5, dh, kinds=kinds, own_axes=own_axes)
+    assert compare(free(robot, smooth=True)) < 1e-9
+
+
+def test_coulomb_friction_is_alike_where_motors_turn_fast_enough_to_be_off_mujocos_stiction():
+    robot = free(read_robot("planar2"), smooth=False)
+    assert compare(robot, deflection=1e-3, speeds=(1, 3)) < 1e-9
+    assert compare(free(robot, smooth=True), deflection=1e-3) < 1e-9
+
+
+def test_rigid_transmissions_are_kept_to_the_accuracy_of_mujocos_constraints():
+    robot = random_robot(4, 4, "standard", rigid=(1, 3))
+    assert compare(free(robot, smooth=True)) < 1e-3
+
+
+def test_a_swing_of_a_second_is_alike():
+    robot = free(read_robot("planar2"), smooth=True)
+    values = known_parameters(robot)
+    model = mujoco.MjModel.from_xml_string(mjcf_text(robot, values))
+    model.opt.timestep = 1e-3
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    data = mujoco.MjData(model)
+    links = [model.joint(name).qposadr[0] for name in robot.joint_names]
+    motors = [model.joint(f"{name}_rotor").qposadr[0] for name in robot.joint_names]
+
+    def slope(state: np.ndarray) -> np.ndarray:
+        q, theta, dq, dtheta = state.reshape(4, 2)
+        return np.concatenate(
+            [dq, dtheta, *accelerations(robot, values, (q, dq, theta, dtheta), np.array([30.0, 5.0]))]
+        )
+
+    state = np.zeros(8)
+    data.ctrl[:] = (30, 5)
+    for _ in range(500):
+        h = 1e-3
+        k1 = slope(state)
+        k2 = slope(state + h / 2 * k1)
+        k3 = slope(state + h / 2 * k2)
+        state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(state + h * k3))
+        mujoco.mj_step(model, data)
+    assert abs(state[0]) > 0.3  # it did swing
+    found = np.concatenate([data.qpos[links], data.qpos[motors] / robot.gear_ratios])
+    np.testing.assert_allclose(found, state[:4], atol=1e-9)
+
+
+def test_what_matters_must_be_known_and_positive(tmp_path):
+    with pytest.raises(RobotError, match="unknown parameters"):
+        write_mjcf(read_robot("kr300"), tmp_path / "r.xml")
+    robot = read_robot("planar2")
+    values = robot.reference()
+    values[robot.parameter_names().index("K1")] = -1
+    with pytest.raises(RobotError, match="K1 is -1"):
+        write_mjcf(robot, tmp_path / "r.xml", values)
+    values = robot.reference()
+    values[robot.parameter_names().index("m2")] = -10
+    with pytest.raises(RobotError, match="no real bodies"):
+        write_mjcf(robot, tmp_path / "r.xml", values)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_limits_names_and_undeclared_effects_are_in_the_file(tmp_path):
+    robot = read_robot("puma560")
+    odd = replace(robot.joints[0], name='a "<b>" & c')
+    robot = replace(robot, joints=(odd, *robot.joints[1:]))
+    write_mjcf(robot, tmp_path / "r.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "r.xml"))
+    assert model.joint('a "<b>" & c').range == pytest.approx(robot.joints[0].limits.position)
+    assert model.actuator("joint2_motor").ctrlrange == pytest.approx([-186.4, 186.4])
+    assert (model.nv, model.nu, model.ntendon) == (12, 6, 6)

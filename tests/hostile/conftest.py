@@ -1,8 +1,0 @@
-"""What breaks logs lives beside the readers' own tests."""
-
-from __future__ import annotations
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "logs"))
