@@ -1,3 +1,147 @@
-"""elid: dynamic parameters of robots with elastic joints, from a recorded log, and the effect the model lacks."""
+"""elid: dynamic parameters of robots with elastic joints, from a recorded log, and the effect the model lacks.
+
+``import elid_cli`` offers the functions behind the commands (docs/how-to/python.md). Each is imported when it is first
+asked for (PEP 562): importing the package takes neither NumPy nor time.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from elid_cli.diagnosis.diagnose import DiagnoseOptions, diagnose
+    from elid_cli.diagnosis.result import Diagnosis
+    from elid_cli.errors import DataError, ElidError, LogError, RobotError, UsageError
+    from elid_cli.estimation.comparison import Comparison, SavedResult, compare, read_result
+    from elid_cli.estimation.identify import Identified, identify, identify_logs
+    from elid_cli.estimation.physical.nearest import PhysicalParameters, make_physical
+    from elid_cli.estimation.refined_robot import identified_robot
+    from elid_cli.estimation.request import LogRequest
+    from elid_cli.estimation.result import BaseEstimate, EstimateOptions, Identification, JointError
+    from elid_cli.estimation.streaming.files import write_triangles
+    from elid_cli.estimation.streaming.fleet import reduced_logs
+    from elid_cli.estimation.validation.prediction import Validation, validate
+    from elid_cli.experiment.excitation import Excitation, ExciteOptions, excite
+    from elid_cli.experiment.reference import write_trajectory
+    from elid_cli.experiment.simulation.run import SimulationOptions, simulate
+    from elid_cli.experiment.simulation.sensors import SensorOptions
+    from elid_cli.logs.inspect import LogInfo, inspect_log
+    from elid_cli.logs.mapping.language import read_map_options
+    from elid_cli.logs.reading import read_recording
+    from elid_cli.logs.writing import write_recording
+    from elid_cli.model.base_parameters import BaseParameters, find_base
+    from elid_cli.model.effects import effect_classes
+    from elid_cli.model.regressor import Regressor
+    from elid_cli.robot.files import read_robot, shipped_robots, write_robot
+    from elid_cli.robot.robot import EffectSpec, Joint, Limits, Robot
+    from elid_cli.signals.options import SignalOptions
+    from elid_cli.signals.recording import Recording
+    from elid_cli.signals.signals import Signals, prepare
 
 __version__ = "0.2.0"
+
+_PLACES = {
+    "diagnosis.diagnose": "DiagnoseOptions diagnose",
+    "diagnosis.result": "Diagnosis",
+    "errors": "DataError ElidError LogError RobotError UsageError",
+    "estimation.comparison": "Comparison SavedResult compare read_result",
+    "estimation.identify": "Identified identify identify_logs",
+    "estimation.physical.nearest": "PhysicalParameters make_physical",
+    "estimation.refined_robot": "identified_robot",
+    "estimation.request": "LogRequest",
+    "estimation.result": "BaseEstimate EstimateOptions Identification JointError",
+    "estimation.streaming.files": "write_triangles",
+    "estimation.streaming.fleet": "reduced_logs",
+    "estimation.validation.prediction": "Validation validate",
+    "experiment.excitation": "Excitation ExciteOptions excite",
+    "experiment.reference": "write_trajectory",
+    "experiment.simulation.run": "SimulationOptions simulate",
+    "experiment.simulation.sensors": "SensorOptions",
+    "logs.inspect": "LogInfo inspect_log",
+    "logs.mapping.language": "read_map_options",
+    "logs.reading": "read_recording",
+    "logs.writing": "write_recording",
+    "model.base_parameters": "BaseParameters find_base",
+    "model.effects": "effect_classes",
+    "model.regressor": "Regressor",
+    "robot.files": "read_robot shipped_robots write_robot",
+    "robot.robot": "EffectSpec Joint Limits Robot",
+    "signals.options": "SignalOptions",
+    "signals.recording": "Recording",
+    "signals.signals": "Signals prepare",
+}
+"""Module -> public names, the imports above again as data: type checkers read those, Python these."""
+_HOMES = {name: module for module, names in _PLACES.items() for name in names.split()}
+
+__all__ = [
+    "BaseEstimate",
+    "BaseParameters",
+    "Comparison",
+    "DataError",
+    "DiagnoseOptions",
+    "Diagnosis",
+    "EffectSpec",
+    "ElidError",
+    "EstimateOptions",
+    "Excitation",
+    "ExciteOptions",
+    "Identification",
+    "Identified",
+    "Joint",
+    "JointError",
+    "Limits",
+    "LogError",
+    "LogInfo",
+    "LogRequest",
+    "PhysicalParameters",
+    "Recording",
+    "Regressor",
+    "Robot",
+    "RobotError",
+    "SavedResult",
+    "SensorOptions",
+    "SignalOptions",
+    "Signals",
+    "SimulationOptions",
+    "UsageError",
+    "Validation",
+    "__version__",
+    "compare",
+    "diagnose",
+    "effect_classes",
+    "excite",
+    "find_base",
+    "identified_robot",
+    "identify",
+    "identify_logs",
+    "inspect_log",
+    "make_physical",
+    "prepare",
+    "read_map_options",
+    "read_recording",
+    "read_result",
+    "read_robot",
+    "reduced_logs",
+    "shipped_robots",
+    "simulate",
+    "validate",
+    "write_recording",
+    "write_robot",
+    "write_trajectory",
+    "write_triangles",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module and keep it."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib
+
+    value = globals()[name] = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the public names, imported or not."""
+    return sorted({*globals(), *__all__})

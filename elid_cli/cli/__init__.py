@@ -27,7 +27,6 @@ from elid_cli.errors import (
 
 COMPLETE = "_ELID_COMPLETE"
 """Environment variable through which a shell asks for completions."""
-BUGS = "https://github.com/elid/elid/issues"
 
 _interrupted = False
 
@@ -109,9 +108,8 @@ def _bug(problem: BaseException, arguments: list[str]) -> int:
     where = f" at {os.path.basename(frames[-1].filename)}:{frames[-1].lineno}" if frames else ""  # noqa: PTH119
     what = _one_line(f"{type(problem).__name__}: {problem}")
     advice = "" if "--debug" in arguments else " (--debug shows where it happened)"
-    return _report(
-        f"a bug in elid {__version__}{where}, {what}; please report it at {BUGS}{advice}", "", "", EXIT_BUG, arguments
-    )
+    line = f"a bug in elid {__version__}{where}, {what}; please report it to its developers with this line{advice}"
+    return _report(line, "", "", EXIT_BUG, arguments)
 
 
 def _one_line(text: str) -> str:

@@ -68,9 +68,9 @@ def load_signals(recording: Recording, robot: Robot, conditioning: Conditioning,
 
 def diagnosis_conditioning(conditioning: Conditioning, recording: Recording) -> Conditioning:
     """Return the options that diagnose and validate share; a cut-off that the user chose stands."""
-    from elid_cli.diagnosis.diagnose import options_for
+    from elid_cli.signals.options import SignalOptions
 
-    shared = options_for(recording.rate)
+    shared = SignalOptions.for_diagnosis(recording.rate)
     cutoff = shared.cutoff if conditioning.cutoff is None else conditioning.cutoff
     return replace(conditioning, cutoff=cutoff, slow_motion=shared.slow_motion)
 

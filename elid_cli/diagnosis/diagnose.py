@@ -1,4 +1,4 @@
-"""Diagnose(), DiagnoseOptions, signal options of a diagnosis."""
+"""Diagnose() and DiagnoseOptions."""
 
 from __future__ import annotations
 
@@ -31,8 +31,7 @@ from elid_cli.model.effects.shifts import corrected, declared_shifts
 from elid_cli.model.effects.tilt import declared_tilt, levelled
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.options import SignalOptions
-from elid_cli.signals.signals import RATE_PER_CUTOFF, Signals
+from elid_cli.signals.signals import Signals
 
 _NEVER_SEARCHED = ("lookup",)
 
@@ -167,17 +166,3 @@ def _with_curves(found: Found) -> tuple[Found, list[Effect]]:
         found = replace(found, after=grown)
         curves.append(curve)
     return found, curves
-
-
-CUTOFF = 25.0
-"""Hz; higher than what parameters need, since ripple, vibration and reversals live above them."""
-
-
-def cutoff_for(rate: float) -> float:
-    """Return the cut-off (Hz) of the parallel filter for a log of `rate` samples per second."""
-    return min(CUTOFF, rate / RATE_PER_CUTOFF)
-
-
-def options_for(rate: float) -> SignalOptions:
-    """Return how to prepare a log of `rate` samples per second: sharp, with its slow motion kept."""
-    return SignalOptions(cutoff=cutoff_for(rate), slow_motion=True)

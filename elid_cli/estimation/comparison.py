@@ -30,7 +30,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Saved:
+class SavedResult:
     """What a saved JSON of ``elid identify`` or ``elid diagnose`` says."""
 
     file: str
@@ -64,8 +64,8 @@ class Change:
 class Comparison:
     """A result compared with the first one."""
 
-    first: Saved
-    other: Saved
+    first: SavedResult
+    other: SavedResult
     changes: tuple[Change, ...]
     """Base parameters that both have, in the first's order."""
     unshared: tuple[str, ...]
@@ -81,7 +81,7 @@ class Comparison:
         return tuple(change for change in self.changes if abs(change.deviations) > sigmas)
 
 
-def read_saved(path: str | Path) -> Saved:
+def read_result(path: str | Path) -> SavedResult:
     """Read a saved result.
 
     Raises
@@ -103,10 +103,10 @@ def read_saved(path: str | Path) -> Saved:
     if not any(estimate.value is not None for estimate in parameters.values()):
         detail = f"it was made by elid {data.get('command')}"
         raise UsageError(f"{path}: holds no estimates", detail=detail, hint="compare results of identify or diagnose")
-    return Saved(str(path), str(data.get("robot", "")), parameters, _relative(error))
+    return SavedResult(str(path), str(data.get("robot", "")), parameters, _relative(error))
 
 
-def compare(results: Sequence[Saved]) -> tuple[Comparison, ...]:
+def compare(results: Sequence[SavedResult]) -> tuple[Comparison, ...]:
     """Compare every result with the first.
 
     Raises
@@ -120,7 +120,7 @@ def compare(results: Sequence[Saved]) -> tuple[Comparison, ...]:
     return tuple(_compare(first, other) for other in others)
 
 
-def _compare(first: Saved, other: Saved) -> Comparison:
+def _compare(first: SavedResult, other: SavedResult) -> Comparison:
     shared = [name for name in first.parameters if name in other.parameters]
     if not shared:
         raise UsageError(

@@ -1,5 +1,8 @@
 """Identification: base parameters from logs, how sure they are, and how well they predict torque not used.
 
+The linear least squares of the paper's section 5 (Zollo et al., doi:10.1155/2014/843186), with weights per row, rows
+filtered in parallel, and standard errors that know of correlated residuals (docs/explanation/estimators.md).
+
 `identify` takes signals that are at hand, `identify_logs` logs and triangle files; both come to the one fit.
 """
 

@@ -119,7 +119,7 @@ class BaseEstimate:
 
 @dataclass(frozen=True)
 class Identification:
-    """What a log says about a robot's parameters."""
+    """What a log says about a robot's parameters, in SI units at the joint."""
 
     robot: Robot
     base: BaseParameters
@@ -130,9 +130,9 @@ class Identification:
     rank_margin: float
     rank: int
     covariance: Array
-    """Covariance of the base parameters, (b, b); NaN rows where refused."""
+    """Covariance of the base parameters, (b, b), in products of `base.units`; NaN rows where refused."""
     standard: Array
-    """A representative set of standard parameters (p,) that predicts as the base parameters do."""
+    """A representative set of standard parameters (p,), SI, that predicts as the base parameters do."""
     delays: Array
     """Torque delay per joint that was corrected, s, (n,)."""
     settings: Mapping[str, object] = field(default_factory=dict)

@@ -95,9 +95,10 @@ class Excitation:
     random: Evaluation
     """Median random motion (by its condition number) of the same length."""
     std_error: Array
-    """Standard deviations of the base parameters that estimation will give, (b,); infinite where it sees nothing."""
+    """Standard deviations of the base parameters that estimation will give, (b,), in `base.units`; infinite where
+    it sees nothing."""
     random_std_error: Array
-    """Those after the random motion, (b,)."""
+    """Those after the random motion, (b,), in `base.units`."""
     used: dict[str, Array]
     """Share of each limit that the trajectory uses, (n,); NaN where the robot file has no limit."""
     options: ExciteOptions

@@ -68,6 +68,15 @@ class LogInfo:
 def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[str, Any] | None = None) -> LogInfo:
     """Return what is in a log; with a robot, where its signals would be read from.
 
+    Parameters
+    ----------
+    path
+        A file or a rosbag2 folder.
+    robot
+        Whose joints and mapping are used; None: joints as the log names them.
+    mapping
+        What `read_map_options` returns, tried before the robot's own.
+
     Raises
     ------
     LogError

@@ -61,7 +61,7 @@ def writer_for(path: str | Path) -> LogFormat:
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:
-    """Write a recording in the canonical layout of its suffix (``.csv .csv.gz .h5 .hdf5 .mcap``).
+    """Write a `recording` in the canonical layout of the suffix of `path` (``.csv .csv.gz .h5 .hdf5 .mcap``).
 
     The same recording gives the same bytes. The file appears whole or not at all.
 

@@ -45,7 +45,7 @@ class BaseParameters:
     leaders: NDArray[np.intp]
     """Positions of the leftmost independent columns, (b,)."""
     transform: Array
-    """Base parameters = transform @ standard parameters, (b, p); identity in the leaders' columns (eq. 41)."""
+    """Base parameters = transform @ standard parameters, (b, p), SI; identity in the leaders' columns (eq. 41)."""
     classes: Mapping[str, Class]
     """Structural class of every standard parameter."""
     margin: float
@@ -182,6 +182,13 @@ _BASES: Recent[BaseParameters] = Recent(16)
 
 def find_base(model: Regressor, seed: int = 0) -> BaseParameters:
     """Return the structural base parameters of a robot, from random states and without data.
+
+    Parameters
+    ----------
+    model
+        Its regressor (eqs. 13, 14).
+    seed
+        Of the random states; any other gives the same answer.
 
     Raises
     ------

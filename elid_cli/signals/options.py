@@ -5,6 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+RATE_PER_CUTOFF = 5.0
+"""Samples kept per second for every Hz of cut-off."""
+DIAGNOSIS_CUTOFF = 25.0
+"""Hz; higher than what parameters need, since ripple, vibration and reversals live above them."""
+
 
 @dataclass(frozen=True)
 class SignalOptions:
@@ -28,3 +33,8 @@ class SignalOptions:
     """Cut-off of the Butterworth filter on positions, Hz."""
     order: int = 4
     """Order of the Butterworth filter."""
+
+    @classmethod
+    def for_diagnosis(cls, rate: float) -> SignalOptions:
+        """Return what a diagnosis needs of a log of `rate` samples per second: sharp, with its slow motion kept."""
+        return cls(cutoff=min(DIAGNOSIS_CUTOFF, rate / RATE_PER_CUTOFF), slow_motion=True)

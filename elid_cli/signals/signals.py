@@ -18,6 +18,7 @@ from elid_cli.signals.knots import channels_of, filtered, splined
 from elid_cli.signals.lowpass import LowPass, low_pass
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.moving_joints import at_rest, constant, extremes, held, stationary, top_speed
+from elid_cli.signals.options import RATE_PER_CUTOFF
 from elid_cli.signals.options import SignalOptions as SignalOptions
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.torque_sensors import sensors_of
@@ -26,8 +27,6 @@ DEFAULT_CUTOFF = 10.0
 """Cut-off of the parallel filter, Hz, unless the data or the user choose another."""
 EFFECT_CUTOFF = 20.0
 """The same where the robot file declares effects, whose shapes show in faster changes than inertia does."""
-RATE_PER_CUTOFF = 5.0
-"""Samples kept per second for every Hz of cut-off."""
 SLOW, SLOW_KEPT = (0.05, 0.05), (0.01, 0.005)
 """Largest speed that counts as reversing, rad/s (m/s), and its largest part of the top speed."""
 MINIMUM_SAMPLES = 40

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from elid_cli.estimation.comparison import Estimate, Saved, compare
+from elid_cli.estimation.comparison import Estimate, SavedResult, compare
 from elid_cli.report.answers.comparison import NOTABLE, WORSE, comparison_report
 from elid_cli.report.tree import Text
 
@@ -81,11 +81,11 @@ def test_wrong_files_are_one_error(elid, folder: Path, files, words) -> None:
     assert len(done.stderr.splitlines()) <= 3
 
 
-def saved(file: str, robot: str = "arm", **error: float) -> Saved:
-    return Saved(file, robot, {"K1": Estimate(3000.0, 30.0, "N·m")}, error)
+def saved(file: str, robot: str = "arm", **error: float) -> SavedResult:
+    return SavedResult(file, robot, {"K1": Estimate(3000.0, 30.0, "N·m")}, error)
 
 
-def warned(*results: Saved) -> list[str]:
+def warned(*results: SavedResult) -> list[str]:
     """Return the warnings of a comparison."""
     sections = comparison_report(compare(results), 3.0).sections
     return [s.text for s in sections if isinstance(s, Text) and s.role == "warning"]
@@ -98,7 +98,7 @@ def test_results_of_one_robot_predicted_alike_raise_no_doubt() -> None:
 @pytest.mark.parametrize(
     "other", [saved("b", "other", joint1=0.01), saved("b", joint2=0.01), saved("b", joint1=0.01, joint2=0.01)]
 )
-def test_results_of_other_robots_or_joints_are_doubted(other: Saved) -> None:
+def test_results_of_other_robots_or_joints_are_doubted(other: SavedResult) -> None:
     (line,) = warned(saved("a", joint1=0.01), other, saved("c", joint1=0.01))
     assert line.startswith(f"b is of {other.robot} and a of arm: parameters of one name may be others")
 

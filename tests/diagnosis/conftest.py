@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from elid_cli.diagnosis import Diagnosis, diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 from tests.diagnosis.diagnosis_logs import Diagnosed, Logs, arm, log_with, moved
 
@@ -33,7 +33,7 @@ def log(robot: Robot) -> Logs:
 def diagnosed(robot: Robot, log: Logs) -> Diagnosed:
     def found(*effects: str) -> Diagnosis:
         recording = log(*effects)
-        return diagnose(robot, prepare(recording, robot, options_for(recording.rate)))
+        return diagnose(robot, prepare(recording, robot, SignalOptions.for_diagnosis(recording.rate)))
 
     return cache(found)
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.refit import identified
 from elid_cli.report.answers.inputs import effect_text
 from elid_cli.robot.files import read_robot
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 from tests.system.reproduce.inverse_logs import Laws, World, log_of, make, recorded
 
@@ -26,7 +26,9 @@ def test_the_stiffness_beside_a_wide_gap_is_the_fits_own() -> None:
 
     clean = log_of(made, Laws(spring={0: gap}))
     log = recorded(made, clean, db=90.0, counts=0.0, torque=0.003, colour=0.0, seed=41)
-    found = diagnose(made.robot, prepare(log, made.robot, options_for(500.0)), DiagnoseOptions(only=("backlash",)))
+    found = diagnose(
+        made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(500.0)), DiagnoseOptions(only=("backlash",))
+    )
     assert [(e.effect, e.joint) for e in found.effects] == [("backlash", "j1")]
     told = identified(found.state_after, found.after, 0)
     place = [told.base.parameters[k] for k in told.base.leaders].index("K1")

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.refit import contributions, identified
 from elid_cli.diagnosis.search.smooth_curves import residual_rows
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.robot.files import read_robot, write_robot
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import Signals, prepare
 from tests.diagnosis.diagnosis_logs import EFFECTS, Diagnosed, Logs
 
@@ -66,7 +66,9 @@ def test_the_refined_robot_predicts_the_held_out_stretches_exactly_as_reported(
     write_robot(found.refined, tmp_path / "refined.yaml")
     recording = log("stribeck", "load_friction")
     judged = validate(
-        read_robot(str(tmp_path / "refined.yaml")), prepare(recording, robot, options_for(recording.rate)), found.chosen
+        read_robot(str(tmp_path / "refined.yaml")),
+        prepare(recording, robot, SignalOptions.for_diagnosis(recording.rate)),
+        found.chosen,
     )
     for joint, error in found.after.items():
         assert judged.error[joint].rms == pytest.approx(error.rms, rel=1e-12)
@@ -76,7 +78,7 @@ def test_the_refined_robot_predicts_the_held_out_stretches_exactly_as_reported(
 def bumped(log: Logs, robot: Robot) -> Signals:
     """Return a log with a bump of friction at 0.8 rad/s of joint2, which is no effect of the library."""
     recording = log()
-    signals = prepare(recording, robot, options_for(recording.rate))
+    signals = prepare(recording, robot, SignalOptions.for_diagnosis(recording.rate))
     speed = signals.motion.dtheta[:, 1]
     tau = recording.tau.copy()
     tau[:, 1] += np.exp(-(((speed - 0.8) / 0.25) ** 2)) - np.exp(-(((speed + 0.8) / 0.25) ** 2))
@@ -103,6 +105,6 @@ def test_a_curve_takes_up_what_no_effect_explains_and_stays_unexplained(log: Log
 
 def test_no_curve_where_every_row_is_at_its_floor(diagnosed: Diagnosed, log: Logs, robot: Robot) -> None:
     assert [residual_rows(diagnosed().state_after, k) for k in range(2)] == [None, None]
-    signals = prepare(log(), robot, options_for(log().rate))
+    signals = prepare(log(), robot, SignalOptions.for_diagnosis(log().rate))
     found = diagnose(robot, signals, DiagnoseOptions(only=("torque_offset",), lookup=True))
     assert found.curves == ()

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.residuals import MATTERS, RowState
 from elid_cli.diagnosis.result import Unexplained
 from elid_cli.diagnosis.unexplained import HELD_OUT, UNSEEN, unseen
 from elid_cli.estimation.identify import JointError
 from elid_cli.model.regressor import Kind
 from elid_cli.report.answers.diagnosis_tables import _left
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 from tests.system.reproduce.inverse_logs import Laws, Made, World, laws_of, log_of, make, recorded
 
@@ -31,7 +31,7 @@ def made() -> Made:
 
 def diagnosed(made: Made, laws: Laws, *only: str, seed: int = ARM) -> Diagnosis:
     log = recorded(made, log_of(made, laws), db=90.0, counts=0.0, torque=0.0, colour=0.0, seed=seed)
-    return diagnose(made.robot, prepare(log, made.robot, options_for(RATE)), DiagnoseOptions(only=only))
+    return diagnose(made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(RATE)), DiagnoseOptions(only=only))
 
 
 def touch(made: Made, joint: int, instant: float) -> Laws:

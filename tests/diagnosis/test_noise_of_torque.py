@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from elid_cli.diagnosis import diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.result import Unexplained
 from elid_cli.report.answers.diagnosis_tables import NOISE_WORDS, noise_like, unexplained_section
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 from tests.system.reproduce.inverse_logs import Laws, log_of, make, recorded
 
@@ -19,7 +19,7 @@ SUM = Unexplained("j1", "sum", "frequency 5.2 Hz", 0.09, 0.02, 12.0, (("stribeck
 def test_coloured_noise_of_the_torque_is_called_like_noise() -> None:
     made = make(171, 2, rate=500.0)
     log = recorded(made, log_of(made, Laws()), db=90.0, counts=1.25e6, torque=0.004, colour=0.02, seed=171)
-    found = diagnose(made.robot, prepare(log, made.robot, options_for(500.0)))
+    found = diagnose(made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(500.0)))
     assert found.effects == ()
     assert len(found.unexplained) == 4
     (section,) = unexplained_section(found)

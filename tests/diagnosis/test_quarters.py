@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from elid_cli.diagnosis.diagnose import divided, options_for
+from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.evidence import quarters
 from elid_cli.diagnosis.evidence.quarters import judged, left_out, survival
 from elid_cli.diagnosis.fit.state import State, fit, refreshed
@@ -18,6 +18,7 @@ from elid_cli.estimation.stretches import QUARTERS
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
 from tests.diagnosis.diagnosis_logs import EFFECTS, Diagnosed, Logs
@@ -27,7 +28,9 @@ def with_torque(recording: Recording, robot: Robot, sign: np.ndarray, effect: Ef
     """Return a fit without and a search's outcome with an effect, in a log with `sign` N·m more on joint 1."""
     tau = recording.tau.copy()
     tau[:, 0] += sign
-    log = divided(robot, prepare(dataclasses.replace(recording, tau=tau), robot, options_for(recording.rate)))
+    log = divided(
+        robot, prepare(dataclasses.replace(recording, tau=tau), robot, SignalOptions.for_diagnosis(recording.rate))
+    )
     before = refreshed(fit(log, ()))
     candidate = score(before, effect, 1, 1)
     assert candidate is not None
@@ -104,7 +107,7 @@ def test_an_encoder_offset_that_fails_is_still_fitted_but_not_named(
 
 def test_the_stiffness_by_the_load_is_the_true_one_whatever_the_motor_does(log: Logs, robot: Robot) -> None:
     recording = log("stribeck")
-    state = refreshed(fit(divided(robot, prepare(recording, robot, options_for(recording.rate))), ()))
+    state = refreshed(fit(divided(robot, prepare(recording, robot, SignalOptions.for_diagnosis(recording.rate))), ()))
     for joint, item in enumerate(robot.joints):
         found = stiffness_by_load(state, joint)
         assert found is not None

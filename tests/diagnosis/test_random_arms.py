@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.robot.robot import EffectSpec
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import Signals, prepare
 from tests.system.reproduce.inverse_logs import Laws, Made, laws_of, log_of, make, recorded
 
@@ -28,7 +28,7 @@ def logged(arm: int, effect: str = "", joint: int = 0) -> tuple[Made, Signals]:
     made = make(arm, rate=RATE)
     signals = log_of(made, laws_of(effect, made, joint) if effect else Laws())
     log = recorded(made, signals, db=90.0, counts=0.0, torque=0.0, colour=0.0, seed=arm)
-    return made, prepare(log, made.robot, options_for(RATE))
+    return made, prepare(log, made.robot, SignalOptions.for_diagnosis(RATE))
 
 
 def found_in(arm: int, effect: str, joint: int, *only: str) -> tuple[Made, Signals, Diagnosis]:
@@ -98,6 +98,6 @@ def test_one_of_many_reversals_is_no_contact() -> None:
     log = recorded(
         made, log_of(made, laws_of("presliding", made, 1)), db=90.0, counts=0.0, torque=0.0, colour=0.0, seed=43
     )
-    found = diagnose(made.robot, prepare(log, made.robot, options_for(RATE)))
+    found = diagnose(made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(RATE)))
     assert "contact" not in {e.effect for e in found.effects}
     assert "j2" in {item.joint for item in found.unexplained}

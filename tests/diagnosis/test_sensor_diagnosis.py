@@ -7,9 +7,9 @@ from functools import cache
 import pytest
 
 from elid_cli.diagnosis import Diagnosis, diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
 from tests.estimation.sensor_logs import STRIBECK, logged, planar, without_sensors
@@ -24,7 +24,7 @@ CASES: dict[str, dict[str, object]] = {
 
 
 def diagnosed(log: Recording) -> Diagnosis:
-    return diagnose(PLANAR, prepare(log, PLANAR, options_for(log.rate)))
+    return diagnose(PLANAR, prepare(log, PLANAR, SignalOptions.for_diagnosis(log.rate)))
 
 
 @cache

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.diagnose import options_for
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 from tests.system.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
 
@@ -64,7 +64,7 @@ def diagnosed(made: Made, laws: Laws, seed: int) -> Diagnosis:
         signals["q"] = signals["theta"]
     log = recorded(made, signals, db=90.0, counts=2e5, torque=0.008, colour=0.0, seed=seed)
     options = DiagnoseOptions(only=("contact", "payload"))
-    return diagnose(made.robot, prepare(log, made.robot, options_for(RATE)), options)
+    return diagnose(made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(RATE)), options)
 
 
 @pytest.mark.parametrize(("arm", "joints"), [(1, 1), (2, 1), (7, 1), (3, 2), (7, 2), (8, 2), (10, 2)])

@@ -8,13 +8,14 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from elid_cli.diagnosis.diagnose import divided, options_for
+from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.fit.projection import Projected, Stretch
 from elid_cli.diagnosis.fit.state import State, fit, refreshed
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.effect_columns import extra_of
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.regressor import EstimationRow
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 from tests.system.reproduce.inverse_logs import laws_of, log_of, make, recorded
 
@@ -27,7 +28,7 @@ def state() -> State:
     made = make(302, 2, rate=RATE)
     signals = log_of(made, laws_of("torque_ripple", made, 1))
     log = recorded(made, signals, db=90.0, counts=0.0, torque=0.002, colour=0.0, seed=1)
-    return refreshed(fit(divided(made.robot, prepare(log, made.robot, options_for(RATE))), ()))
+    return refreshed(fit(divided(made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(RATE))), ()))
 
 
 def noise(state: State, seed: int, width: int, joint: int) -> dict[EstimationRow, np.ndarray]:

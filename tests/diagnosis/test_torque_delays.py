@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, diagnose
-from elid_cli.diagnosis.diagnose import options_for
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 from tests.system.reproduce.inverse_logs import Laws, World, _late, laws_of, log_of, make, recorded
 
@@ -28,7 +28,9 @@ def late(joint: int, by: float) -> Laws:
 def test_a_shift_of_either_sign_is_named(arm: int, joint: int, by: float) -> None:
     made = make(arm, 2, rate=RATE, duration=12.0)
     log = recorded(made, log_of(made, late(joint, by)), db=90.0, counts=5e5, torque=0.005, colour=0.0, seed=arm)
-    found = diagnose(made.robot, prepare(log, made.robot, options_for(RATE)), DiagnoseOptions(only=TRIED))
+    found = diagnose(
+        made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(RATE)), DiagnoseOptions(only=TRIED)
+    )
     (effect,) = found.effects
     assert (effect.effect, effect.joint) == ("torque_delay", f"j{joint + 1}")
     assert effect.parameters["delay"] == pytest.approx(-by, abs=1e-4)
@@ -41,5 +43,7 @@ def test_friction_that_builds_up_over_a_distance_is_no_late_torque(arm: int) -> 
     made = make(arm, 2, rate=500.0, duration=12.0)
     laws = laws_of("presliding", made, arm % 2)
     log = recorded(made, log_of(made, laws), db=85.0, counts=0.0, torque=0.004, colour=0.0, seed=arm)
-    found = diagnose(made.robot, prepare(log, made.robot, options_for(500.0)), DiagnoseOptions(only=TRIED))
+    found = diagnose(
+        made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(500.0)), DiagnoseOptions(only=TRIED)
+    )
     assert "torque_delay" not in {e.effect for e in found.effects}

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.files import read_robot
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 from tests.system.reproduce.inverse_logs import Laws, Made, laws_of, log_of, make, recorded
 
@@ -28,7 +28,7 @@ def diagnosed(
     """Return the diagnosis of a log of an arm whose file gives its parameters or not."""
     log = recorded(made, log_of(made, laws), db=90.0, counts=0.0, torque=torque, colour=0.0, seed=seed)
     robot = made.truth if given else made.robot
-    return diagnose(robot, prepare(log, robot, options_for(RATE)), DiagnoseOptions(only=only))
+    return diagnose(robot, prepare(log, robot, SignalOptions.for_diagnosis(RATE)), DiagnoseOptions(only=only))
 
 
 @pytest.mark.parametrize("joint", [0, 1])

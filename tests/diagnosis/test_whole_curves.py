@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.search import friction_curves as whole_curves
 from elid_cli.diagnosis.search.by_collocation import Collocated, collocated
 from elid_cli.estimation.validation.prediction import validate
@@ -16,6 +15,7 @@ from elid_cli.model.effects.effect import DIRECTION_WIDTH
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 from tests.estimation.test_curve_valleys import logged
 from tests.system.reproduce import inverse_logs
@@ -33,7 +33,9 @@ def bare() -> Robot:
 def diagnosed(friction: Robot, seed: int, *only: str, rates: bool = False) -> Diagnosis:
     recording, accelerations = log_of(motion_of(friction, seed), NOISE, seed, rates=rates)
     return diagnose(
-        bare(), prepare(recording, bare(), options_for(1 / recording.dt), accelerations), DiagnoseOptions(only=only)
+        bare(),
+        prepare(recording, bare(), SignalOptions.for_diagnosis(1 / recording.dt), accelerations),
+        DiagnoseOptions(only=only),
     )
 
 
@@ -107,7 +109,9 @@ def test_a_curve_of_one_term_stays_one(looked_at: bool, monkeypatch: pytest.Monk
     monkeypatch.setattr(whole_curves, "collocated", counted)
     if looked_at:
         monkeypatch.setattr(whole_curves, "_obeyed", lambda alone: False)
-    found = diagnose(made.robot, prepare(log, made.robot, options_for(500.0)), DiagnoseOptions(only=("stribeck",)))
+    found = diagnose(
+        made.robot, prepare(log, made.robot, SignalOptions.for_diagnosis(500.0)), DiagnoseOptions(only=("stribeck",))
+    )
     assert tried[0] == 1
     assert (len(tried) > 1) == looked_at
     (effect,) = found.effects

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli.diagnosis.diagnose import divided, options_for
+from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.fit.state import fit as fit_of_a_search
 from elid_cli.diagnosis.refit import identified
 from elid_cli.estimation.assembly import judged
@@ -138,7 +138,7 @@ def test_logs_that_disagree_say_so_and_widen_their_errors(two_logs: tuple[Path, 
 def test_a_search_starts_from_the_same_fit(two_logs: tuple[Path, Path]) -> None:
     """On the stretches that it sees, at its cut-off, reversals left out and no offsets: its stated differences."""
     recording = read_recording(two_logs[:1], PLANAR)
-    log = divided(PLANAR, prepare(recording, PLANAR, options_for(recording.rate)))
+    log = divided(PLANAR, prepare(recording, PLANAR, SignalOptions.for_diagnosis(recording.rate)))
     state = fit_of_a_search(log, ())
     options = EstimateOptions(mask=True, offsets=False)
     _, _, found = judged(fit_data(log.base, log.data, options), options)

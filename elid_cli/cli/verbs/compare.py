@@ -28,11 +28,11 @@ def compare(results: tuple[str, ...], sigmas: float, fail_on_change: bool, outpu
     """
     from elid_cli.cli.output import LimitError, check_output, emit
     from elid_cli.estimation.comparison import compare as compare_results
-    from elid_cli.estimation.comparison import read_saved
+    from elid_cli.estimation.comparison import read_result
     from elid_cli.report.answers.comparison import comparison_report
 
     check_output(output)
-    comparisons = compare_results([read_saved(result) for result in results])
+    comparisons = compare_results([read_result(result) for result in results])
     emit(comparison_report(comparisons, sigmas), output)
     moved = {c.other.file: len(c.moved(sigmas)) for c in comparisons if c.moved(sigmas)}
     if fail_on_change and moved:

@@ -63,12 +63,12 @@ class PhysicalParameters:
 
     robot: Robot
     values: Array
-    """Standard parameters in standard order, (p,)."""
+    """Standard parameters in standard order, (p,), in the units of `robot.parameter_units`."""
     origin: tuple[Origin, ...]
     """What decided each: the data; the data up to a split among a combination's members; the reference value; or
     an assumption, where neither says anything."""
     base: Array
-    """Its base parameters, (b,)."""
+    """Its base parameters, (b,), SI."""
     moved: Array
     """How far each base parameter moved from its estimate, in standard deviations, (b,); NaN where refused."""
     impossible: tuple[Impossible, ...]

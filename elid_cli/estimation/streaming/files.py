@@ -159,6 +159,13 @@ def is_triangle_file(path: str | Path) -> bool:
 def write_triangles(logs: Sequence[ReducedLog], path: str | Path) -> None:
     """Write reduced logs, the file whole or not at all; the same logs give the same bytes.
 
+    Parameters
+    ----------
+    logs
+        What `reduced_logs` returns.
+    path
+        NumPy's npz.
+
     Raises
     ------
     UsageError

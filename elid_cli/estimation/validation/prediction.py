@@ -29,7 +29,7 @@ class Validation:
     robot: Robot
     error: Mapping[str, JointError]
     residual: Mapping[EstimationRow, Array]
-    """Measured minus predicted torque per row group, (M,); the columns of masked instants included."""
+    """Measured minus predicted torque per row group, N·m (N), (M,); the columns of masked instants included."""
     observation: Observation
     settings: Mapping[str, object] = field(default_factory=dict)
 

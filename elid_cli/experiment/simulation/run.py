@@ -89,19 +89,12 @@ class Simulation:
 def simulate(
     robot: Robot, options: SimulationOptions | None = None, progress: Callable[[float], None] | None = None
 ) -> Recording:
-    """Return the log of a simulated motion (see `run`)."""
-    return run(robot, options, progress).recording
-
-
-def run(
-    robot: Robot, options: SimulationOptions | None = None, progress: Callable[[float], None] | None = None
-) -> Simulation:
-    """Simulate a robot with its reference parameters and declared effects.
+    """Return the log of a simulated motion: raw signals (N, n), SI, joint side.
 
     Parameters
     ----------
     robot
-        The robot description; the parameters that matter must be known.
+        The description, with its effects; the parameters that matter must be known.
     options
         What to simulate.
     progress
@@ -114,8 +107,14 @@ def run(
         that runs away.
     UsageError
         Options that make no log.
-
     """
+    return run(robot, options, progress).recording
+
+
+def run(
+    robot: Robot, options: SimulationOptions | None = None, progress: Callable[[float], None] | None = None
+) -> Simulation:
+    """Simulate a robot as `simulate` does, and return what was behind the log as well."""
     options = options or SimulationOptions()
     samples = _samples(options)
     dt = 1.0 / options.rate

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from elid_cli.estimation.comparison import Change, Comparison, Saved
+from elid_cli.estimation.comparison import Change, Comparison, SavedResult
 from elid_cli.report.tree import (
     Cell,
     Column,
@@ -86,7 +86,7 @@ def _row(change: Change) -> tuple[Cell, ...]:
     )
 
 
-def _errors(results: Sequence[Saved]) -> list[Section]:
+def _errors(results: Sequence[SavedResult]) -> list[Section]:
     joints = list(dict.fromkeys(joint for r in results for joint in r.error))
     if not joints:
         return []
@@ -95,7 +95,7 @@ def _errors(results: Sequence[Saved]) -> list[Section]:
     return [Table("error", columns, tuple(rows), title="held-out error, share of torque")]
 
 
-def _doubts(results: Sequence[Saved]) -> list[str]:
+def _doubts(results: Sequence[SavedResult]) -> list[str]:
     """Return what makes a comparison mean less than it says."""
     first, *others = results
     doubts = [
@@ -115,7 +115,7 @@ def _doubts(results: Sequence[Saved]) -> list[str]:
     return doubts
 
 
-def _numbers(results: Sequence[Saved]) -> range:
+def _numbers(results: Sequence[SavedResult]) -> range:
     return range(1, len(results) + 1)
 
 

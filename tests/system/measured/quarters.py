@@ -18,7 +18,6 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli.diagnosis import Diagnosis, diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.diagnosis.fit.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import touched
@@ -27,6 +26,7 @@ from elid_cli.estimation.stretches import QUARTERS, STRETCHES, quarter_of
 from elid_cli.logs import read_recording
 from elid_cli.model.effects import effect_classes
 from elid_cli.robot.files import read_robot
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 
 
@@ -88,7 +88,7 @@ def main(arguments: Sequence[str]) -> None:
     path, name, *further = arguments
     robot = read_robot(name)
     recording = read_recording([path], robot, None)
-    found = diagnose(robot, prepare(recording, robot, options_for(recording.rate)))
+    found = diagnose(robot, prepare(recording, robot, SignalOptions.for_diagnosis(recording.rate)))
     rows = [(e.effect, e.joint, e.quarters, e.gain, "survives") for e in found.effects]
     rows += [(s.effect, s.joint, s.gains, s.whole, "refuted" + ", kept" * s.kept) for s in found.refuted]
     for text in further:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import Diagnosis, diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.diagnosis.refit import identified
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.result import Identification
@@ -35,7 +34,7 @@ def verdict(found: Identification, name: str) -> str:
 def diagnosed(name: str) -> Diagnosis:
     robot = read_robot(name)
     recording = read_recording([DATA / FILES[name]], robot, None)
-    return diagnose(robot, prepare(recording, robot, options_for(recording.rate)))
+    return diagnose(robot, prepare(recording, robot, SignalOptions.for_diagnosis(recording.rate)))
 
 
 def test_emps_gives_the_published_table_under_the_published_filtering():

@@ -20,9 +20,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import EffectSpec
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 from tests.system.reproduce.inverse_logs import FOREIGN, KNOWN, WHOLE, Laws, laws_of, log_of, make, recorded
 from tests.system.reproduce.trials import said, verdict
@@ -82,7 +82,7 @@ def one(trial: Trial) -> tuple[Trial, str, str, float, float, float]:
         for e, k in trial.effects
         if e not in FOREIGN
     ]
-    prepared = prepare(log, made.robot, options_for(trial.rate))
+    prepared = prepare(log, made.robot, SignalOptions.for_diagnosis(trial.rate))
     start = time.perf_counter()
     found = diagnose(made.robot, prepared)
     seconds = time.perf_counter() - start

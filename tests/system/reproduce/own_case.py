@@ -14,10 +14,10 @@ import argparse
 import numpy as np
 
 from elid_cli.diagnosis import diagnose
-from elid_cli.diagnosis.diagnose import options_for
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 from tests.system.reproduce.paper_logs import Array, by_elid, log_of, motion_of, with_friction
 
@@ -54,7 +54,7 @@ def main() -> None:
         if options.declared:
             print(f"motion {seed}: {last}", flush=True)
             continue
-        found = diagnose(bare, prepare(recording, bare, options_for(1.0 / recording.dt), rates))
+        found = diagnose(bare, prepare(recording, bare, SignalOptions.for_diagnosis(1.0 / recording.dt), rates))
         named = ", ".join(f"{e.effect}@{e.joint}" for e in found.effects) or "nothing"
         before, after = (error(base.transform @ s.standard, truth) for s in (found.state_before, found.state_after))
         print(f"motion {seed}: before {before:.4f}, after {after:.4f} ({named}); {last}", flush=True)
