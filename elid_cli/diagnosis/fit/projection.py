@@ -82,6 +82,24 @@ class Stretch:
 
 
 @dataclass(frozen=True)
+class _Unit:
+    """Columns of length one that the model does not span."""
+
+    parts: Mapping[int, Array]
+    """What they are in the channels that they act on, (k, d) by number of the channel …"""
+    aside: list[int]
+    """… and the other channels, …"""
+    shared: Array
+    """… where they are the basis times the negative of this, (r, d)."""
+    gram: Array
+    """Their Gram matrix, (d, d)."""
+    live: NDArray[np.bool_]
+    """Which of all columns they are."""
+    size: Array
+    """Their sizes before they were scaled, (d,)."""
+
+
+@dataclass(frozen=True)
 class Projected:
     """Whitened residual and an orthonormal basis of what the model spans.
 
@@ -115,41 +133,57 @@ class Projected:
             found[item.channel] = slice(first, item.slice.stop)
         return list(found.values())
 
-    def whiten(self, rows: Mapping[EstimationRow, Array]) -> Array | None:
-        """Return whitened columns (K, d), or None where they act on no equation that counts."""
-        if not rows:
-            return None
-        width = next(iter(rows.values())).shape[0]
-        result = np.zeros((self.count, width))
-        touched = False
+    @cached_property
+    def _grams(self) -> tuple[Array, Array]:
+        """Gram matrix of the basis in each channel and its product with the residual, (channels, r, r) and (…, r).
+
+        With them the basis is not read where columns do not act: what they leave there is the basis's own.
+        """
+        parts = [(self.basis[channel], self.residual[channel]) for channel in self.channels]
+        return np.array([b.T @ b for b, _ in parts]), np.array([b.T @ r for b, r in parts])
+
+    def _whitened(self, rows: Mapping[EstimationRow, Array]) -> dict[int, Array]:
+        """Return whitened columns (k, d) in the channels of the joints that they act on, by number of the channel."""
+        found: dict[int, Array] = {}
         for whitener, seen, place in zip(self.whiteners, self.seen, self.places, strict=True):
             series = stack(rows, whitener, self.instants)
             if series is None:
                 continue
-            result[place] = whitener.apply(series).transpose(0, 2, 1).reshape(-1, width)[seen]
-            touched = True
-        return result if touched else None
+            columns = whitener.apply(series).transpose(0, 2, 1).reshape(-1, series.shape[1])[seen]
+            for number, channel in enumerate(self.channels):
+                if place.start <= channel.start < place.stop:
+                    found[number] = columns[channel.start - place.start : channel.stop - place.start]
+        return found
 
     def gain(self, rows: Mapping[EstimationRow, Array]) -> Gain | None:
         """Score columns given as row -> (d, M); None where the model explains them already."""
-        found = self._unit(rows)
-        if found is None:
+        unit = self._unit(rows)
+        if unit is None:
             return None
-        unit, live, size = found
-        coefficients = np.zeros(len(live))
-        solved, rank = _least_squares(unit.T @ unit, unit.T @ self.residual)
-        coefficients[live] = solved / size
-        rest = self.residual - unit @ solved
+        grams, loads = self._grams
+        gram, load = unit.gram, -unit.shared.T @ loads[unit.aside].sum(axis=0)
+        for number, part in unit.parts.items():
+            load += part.T @ self.residual[self.channels[number]]
+        solved, rank = _least_squares(gram, load)
+        coefficients = np.zeros(len(unit.live))
+        coefficients[unit.live] = solved / unit.size
+        back = unit.shared @ solved
         whole = 0.0
-        for channel in self.channels:
-            old, new = self.residual[channel], rest[channel]
-            powers = float(old @ old), float(new @ new)
-            if powers[0] > 0 and powers[1] > 0:
-                gained = 0.5 * len(old) * float(np.log(powers[0] / powers[1]))
-                whole += gained
+        for number, channel in enumerate(self.channels):
+            old = self.residual[channel]
+            power = float(old @ old)
+            if number in unit.parts:
+                new = old - unit.parts[number] @ solved
+                left = float(new @ new)
+            else:
+                left = power + float(back @ (2.0 * loads[number] + grams[number] @ back))
+            if power > 0 and left > 0:
+                whole += 0.5 * len(old) * float(np.log(power / left))
 
         def judged() -> tuple[float, Array, Array]:
-            return (self._independent_share(unit, rest), *self._cross_validated(unit, self.stretches))
+            full = self._full(unit)
+            share = self._independent_share(full, self.residual - full @ solved)
+            return share, *self._cross_validated(full, self.stretches)
 
         return Gain(whole, coefficients, rank, self.count, judged)
 
@@ -158,32 +192,43 @@ class Projected:
 
         Counted are the joints that the rows belong to.
         """
-        found = self._unit(rows)
-        if found is None:
+        unit = self._unit(rows)
+        if unit is None:
             return 0.0
         places = self.touched(rows)
         own = [s for s in self.stretches if any(p.start <= s.slice.start < p.stop for p in places)]
         squares = sum(float(self.residual[s.slice] @ self.residual[s.slice]) for s in own)
-        gains, _ = self._cross_validated(found[0], own)
+        gains, _ = self._cross_validated(self._full(unit), own)
         return max(float(gains.sum()), 0.0) / max(squares, 1e-300)
 
-    def _unit(self, rows: Mapping[EstimationRow, Array]) -> tuple[Array, NDArray[np.bool_], Array] | None:
-        """Return columns of length one that the model does not span, which of all columns they are, and their sizes."""
-        columns = self.whiten(rows)
-        if columns is None:
+    def _unit(self, rows: Mapping[EstimationRow, Array]) -> _Unit | None:
+        """Return columns of length one that the model does not span; None where it spans them all."""
+        columns = self._whitened(rows)
+        if not columns:
             return None
-        shared = np.zeros((self.basis.shape[1], columns.shape[1]))
-        for place in self.touched(rows):
-            shared += self.basis[place].T @ columns[place]
-        before = np.linalg.norm(columns, axis=0)
-        if not np.isfinite(before).all() or not (before > 0).any():
+        aside = [k for k in range(len(self.channels)) if k not in columns]
+        before = np.sum([np.sum(part**2, axis=0) for part in columns.values()], axis=0)
+        if not np.isfinite(before).all() or not np.any(before):
             return None
-        columns -= self.basis @ shared
-        after = np.linalg.norm(columns, axis=0)
-        live = after > 1e-4 * before
+        shared = np.sum([self.basis[self.channels[k]].T @ part for k, part in columns.items()], axis=0)
+        gram = shared.T @ self._grams[0][aside].sum(axis=0) @ shared
+        for number, part in columns.items():
+            part -= self.basis[self.channels[number]] @ shared
+            gram += part.T @ part
+        size = np.sqrt(np.maximum(np.diag(gram), 0.0))
+        live = size > 1e-4 * np.sqrt(before)
         if not live.any():
             return None
-        return columns[:, live] / after[live], live, after[live]
+        size = size[live]
+        parts = {number: part[:, live] / size for number, part in columns.items()}
+        return _Unit(parts, aside, shared[:, live] / size, gram[np.ix_(live, live)] / np.outer(size, size), live, size)
+
+    def _full(self, unit: _Unit) -> Array:
+        """Return unit columns in all equations, (K, d)."""
+        full: Array = -self.basis @ unit.shared
+        for number, part in unit.parts.items():
+            full[self.channels[number]] = part
+        return full
 
     def touched(self, rows: Mapping[EstimationRow, Array]) -> list[slice]:
         """Return the places of the joints that some rows belong to."""

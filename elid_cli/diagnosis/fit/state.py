@@ -20,7 +20,7 @@ from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stretches import STRETCHES
-from elid_cli.estimation.validation.noise_floor import Floor, noise_floor
+from elid_cli.estimation.validation.noise_floor import Floor, PropagatedNoise, propagated
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect, Scene
@@ -84,6 +84,11 @@ class Log:
         """The training stretches as the one fit takes them."""
         return SampledData(self.model, self.signals, self.training, self.fold)
 
+    @cached_property
+    def noise(self) -> PropagatedNoise:
+        """What sensor noise changes in the equations, whatever the parameters."""
+        return propagated(self.model, self.signals, self.observation)
+
 
 @dataclass(frozen=True)
 class State:
@@ -144,7 +149,7 @@ class State:
     @cached_property
     def floor(self) -> Floor:
         """Propagated sensor noise at this model's parameters."""
-        return noise_floor(self.log.model, self.log.signals, self.log.observation, self.standard)
+        return self.log.noise.floor(self.standard)
 
     @cached_property
     def projected(self) -> Projected:

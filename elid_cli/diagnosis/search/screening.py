@@ -167,13 +167,13 @@ def _periodic(kind: type[Effect]) -> bool:
 
 
 def _best_shape(state: State, kind: type[Effect], joint: int, groups: int) -> Candidate | None:
-    shapes = kind.grid(state.scene, joint)
+    shapes, looks = kind.grid(state.scene, joint), kind.looks(state.scene, joint)
     present = [e.shape for e in state.effects if (e.name, e.joint) == (kind.name, joint)]
     best: dict[tuple[float, ...], Candidate] = {}
     for shape in shapes:
         if not kind.distinct(state.scene, joint, shape, present):
             continue
-        candidate = score(state, kind(joint, shape), kind.looks(state.scene, joint), groups)
+        candidate = score(state, kind(joint, shape), looks, groups)
         if candidate is None:
             continue
         form = tuple(value for k, value in enumerate(shape) if _whole(kind, k))

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.estimation.regression.observation import Observation, RowGroup, observe
 from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Regressor
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
@@ -31,15 +31,50 @@ class Floor:
     """Noise series per row, (replicates, M), N·m."""
 
 
-def noise_floor(
-    model: Regressor,
-    signals: Signals,
-    observation: Observation,
-    standard: Array,
-    replicates: int = 3,
-    seed: int = 0,
-) -> Floor:
-    """Propagate sensor noise to the residuals of every row group.
+@dataclass(frozen=True)
+class PropagatedNoise:
+    """What some noise histories change in a log's equations: everything of its floor that no parameter enters."""
+
+    groups: tuple[RowGroup, ...]
+    changes: tuple[tuple[Array, ...], ...]
+    """By how much every group's columns differ, per history, each (p_r, M)."""
+    torque: tuple[Array, ...]
+    """Noise of the motor torques, per history (n, M), N·m."""
+    reading: tuple[Array, ...]
+    """The same of the joint torque sensors, zeros where none is used."""
+
+    def floor(self, standard: Array) -> Floor:
+        """Return the floor at standard parameters (p,)."""
+        stacked = {
+            group.row: np.array([self._moved(number, place, standard) for number in range(len(self.changes))])
+            for place, group in enumerate(self.groups)
+        }
+        rms = {}
+        for group in self.groups:
+            used = stacked[group.row][:, group.use]
+            rms[group.row] = float(np.sqrt(np.mean(used**2))) if used.size else float("nan")
+        return Floor(rms, stacked)
+
+    def _moved(self, number: int, place: int, standard: Array) -> Array:
+        group = self.groups[place]
+        kind, joint = group.row
+        moved: Array = standard[group.index] @ self.changes[number][place]
+        if kind not in ("link", "load", "spring"):
+            moved = moved - self.torque[number][joint]
+        if kind in SENSOR_KINDS:
+            moved = moved + (1.0 if kind == "drive" else -1.0) * self.reading[number][joint]
+        return moved
+
+
+def noise_floor(model: Regressor, signals: Signals, observation: Observation, standard: Array) -> Floor:
+    """Propagate sensor noise to the residuals of every row group (see `propagated`) at standard parameters (p,)."""
+    return propagated(model, signals, observation).floor(standard)
+
+
+def propagated(
+    model: Regressor, signals: Signals, observation: Observation, replicates: int = 3, seed: int = 0
+) -> PropagatedNoise:
+    """Send sensor noise through splines, regressor and filter.
 
     Parameters
     ----------
@@ -47,34 +82,25 @@ def noise_floor(
         As given to `observe`.
     observation
         What `observe` made of them.
-    standard
-        Standard parameters (p,) at which the noise is propagated.
     replicates
         Independent noise histories.
     seed
         Seed of the noise; the same seed gives the same floor.
     """
     generator = np.random.default_rng(seed)
-    series: dict[EstimationRow, list[Array]] = {group.row: [] for group in observation.groups}
     sensed = any(group.row.kind in SENSOR_KINDS for group in observation.groups)
+    changes, torques, readings = [], [], []
     for number in range(replicates):
         aside = 1 if number % 2 == 0 else -1
         noisy = observe(model, replace(signals, motion=perturbed(signals, generator, aside)), mask=False)
-        torque = signals.decimate(_torque_noise(signals, generator).T)
-        read = signals.decimate(_reading_noise(signals, generator).T) if sensed else np.zeros_like(torque)
+        torque = np.nan_to_num(signals.decimate(_torque_noise(signals, generator).T))
+        read = np.nan_to_num(signals.decimate(_reading_noise(signals, generator).T)) if sensed else 0.0 * torque
         for group, other in zip(observation.groups, noisy.groups, strict=True):
-            moved = standard[group.index] @ (other.columns - group.columns)
-            if group.row.kind not in ("link", "load", "spring"):
-                moved = moved - np.nan_to_num(torque[group.row.joint])
-            if group.row.kind in SENSOR_KINDS:
-                moved = moved + (1.0 if group.row.kind == "drive" else -1.0) * np.nan_to_num(read[group.row.joint])
-            series[group.row].append(moved)
-    stacked = {row: np.array(values) for row, values in series.items()}
-    rms = {}
-    for group in observation.groups:
-        used = stacked[group.row][:, group.use]
-        rms[group.row] = float(np.sqrt(np.mean(used**2))) if used.size else float("nan")
-    return Floor(rms, stacked)
+            np.subtract(other.columns, group.columns, out=other.columns)
+        changes.append(tuple(group.columns for group in noisy.groups))
+        torques.append(torque)
+        readings.append(read)
+    return PropagatedNoise(observation.groups, tuple(changes), tuple(torques), tuple(readings))
 
 
 def perturbed(signals: Signals, generator: np.random.Generator, aside: int = 0) -> Motion:
