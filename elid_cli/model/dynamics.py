@@ -218,7 +218,9 @@ class Dynamics:
             hint="give a positive Jm and gear_ratio, or transmission: rigid",
         )
 
-    def _not_positive(self, pivot: int, q: Vector) -> RobotError:
+    def _not_positive(self, pivot: int, q: Vector) -> RobotError | ValueError:
+        if not all(map(math.isfinite, q)):  # a motion that runs away, and no fault of the masses
+            return ValueError("no finite position")
         where = ", ".join(f"{x:.3g}" for x in q)
         return RobotError(
             f"{self.robot.name}: {self.robot.joints[pivot].name}: the mass matrix is not positive definite",
