@@ -55,7 +55,12 @@ class Timeline:
         rows = np.flatnonzero(keep) if self.rows is None else self.rows[keep[self.rows]]
         kept = keep if self.rows is None else keep[self.rows]
         t = self.t[kept]
-        return replace(self, t=t, rows=rows, breaks=_breaks(t, self.dt))
+        return replace(self, t=t, rows=rows, breaks=_breaks(t, self.dt)).split(self.t[self.breaks])
+
+    def split(self, at: Array) -> Timeline:
+        """Return the timeline with a new stretch at each of some times, s."""
+        further = np.searchsorted(self.t, at - 0.5 * self.dt)
+        return replace(self, breaks=np.union1d(self.breaks, further[further < self.t.size]).astype(np.intp))
 
 
 def fill_limit(dt: float) -> int:

@@ -183,3 +183,19 @@ def test_a_log_named_twice_is_said(tmp_path: Path) -> None:
         assert done.code == 0, done.err
         assert f"copy.csv: the same bytes as {one}" in " ".join(done.json["log"]["warnings"])
         assert done.err.count("the same bytes") == 1
+
+
+@pytest.mark.parametrize("signal", ["q", "theta", "tau"])
+@pytest.mark.parametrize("joint", ["joint1", "joint2"])
+def test_dropouts_within_the_range_are_left_out_and_counted(tmp_path: Path, signal: str, joint: str) -> None:
+    broken = table().with_column(f"{signal}.{joint}", lambda v: np.where(np.arange(v.size) % 250 == 103, 0.0, v))
+    done = used(saved(tmp_path, broken.text()), f"{signal} of {joint}: 1", "that the motion cannot reach left out",
+                tolerance=1e-3)  # fmt: skip
+    assert "repaired: " in done.err
+
+
+def test_dropouts_name_no_effect(tmp_path: Path) -> None:
+    broken = table().with_column("q.joint2", lambda v: np.where(np.arange(v.size) % 250 == 3, 0.0, v))
+    done = elid("diagnose", saved(tmp_path, broken.text()), "--robot", ROBOT, "--json")
+    assert done.code == 0, done.err
+    assert done.json["effects"] == []
