@@ -39,7 +39,7 @@ def check_output(output: Output) -> None:
 
 def pictures_wanted(output: Output) -> bool:
     """Return whether anybody will look at the report's figures, which cost time."""
-    return output.plot is not None or any(name.lower().endswith((".html", ".htm")) for name in output.report)
+    return output.plot is not None or any(formats.shows_figures(Path(name)) for name in output.report)
 
 
 def emit(report: Report, output: Output) -> None:

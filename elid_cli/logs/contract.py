@@ -43,7 +43,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Pick:
-    """A request for columns of one channel: by label, or by index where the channel has no labels."""
+    """A request for columns of one channel: by label or, for a look or where the channel has no labels, by index."""
 
     source: str
     field: str

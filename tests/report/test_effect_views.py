@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elid_cli.report.figures.effect_data import _followed
+from elid_cli.report.figures.plots.effect import _followed
 from elid_cli.robot.robot import Array
 
 T = np.linspace(0.0, 20.0, 4000)

@@ -21,12 +21,13 @@ from elid_cli.experiment.simulation import SimulationOptions, simulate
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import Regressor
 from elid_cli.report import formats
-from elid_cli.report.answers.excitation import excitation_report
 from elid_cli.report.answers.identification import identification_report
-from elid_cli.report.figures import kinds, paint, picture
+from elid_cli.report.figures import figures_of, kinds, paint, picture
 from elid_cli.report.figures.build import identification_figures, validation_figures, with_figures
-from elid_cli.report.figures.data import joint_views, organised, spring_views
+from elid_cli.report.figures.input import FigureInput
+from elid_cli.report.figures.joint_views import joint_views, organised
 from elid_cli.report.figures.paint import bands, cloud, envelope
+from elid_cli.report.figures.plots.spring import spring_views
 from elid_cli.report.tree import Figure, Report, Table, Text
 from elid_cli.robot.robot import Array, EffectSpec, Robot
 from elid_cli.signals.recording import Recording
@@ -61,8 +62,9 @@ EFFECT = Figure("effect1", "an effect", "effect", {
 
 def every_kind(report: Report, planar: Robot) -> dict[str, Figure]:
     trajectory = excite(planar, ExciteOptions(duration=8.0, rounds=1, starts=1))
-    moved = excitation_report(trajectory, "planar2", "x.csv", 100.0)
-    return {figure.kind: figure for figure in (*report.figures, *moved.figures, EFFECT)}
+    return {
+        figure.kind: figure for figure in (*report.figures, *figures_of(FigureInput(excitation=trajectory)), EFFECT)
+    }
 
 
 def test_every_kind_of_figure_is_drawn(report: Report, planar: Robot) -> None:

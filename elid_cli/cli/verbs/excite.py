@@ -98,7 +98,7 @@ def excite(
 
     import click
 
-    from elid_cli.cli.output import check_output, emit, note
+    from elid_cli.cli.output import check_output, emit, note, pictures_wanted
     from elid_cli.cli.progress import progress
     from elid_cli.files import check_suffix, check_writable
 
@@ -125,7 +125,14 @@ def excite(
                 choice = replace(choice, measured=last.residual)
         found = find(machine, choice, None if advance is None else lambda share: advance("optimising", share))
         write_trajectory(out, machine.joint_names, *found.sampled(rate))
-    emit(excitation_report(found, robot, out, rate), output)
+        report = excitation_report(found, robot, out, rate)
+        if pictures_wanted(output):
+            from elid_cli.report.figures import figures_of
+            from elid_cli.report.figures.build import with_figures
+            from elid_cli.report.figures.input import FigureInput
+
+            report = with_figures(report, figures_of(FigureInput(excitation=found)))
+    emit(report, output)
 
 
 def _last(after: str, machine: Robot, reading: Reading, output: Output) -> LastLog:

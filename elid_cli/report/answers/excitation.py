@@ -10,7 +10,6 @@ from elid_cli.report.answers.inputs import heading, robot_payload
 from elid_cli.report.tree import (
     Cell,
     Column,
-    Figure,
     KeyValues,
     Quantity,
     Report,
@@ -41,7 +40,6 @@ def excitation_report(found: Excitation, robot_argument: str, file: str, rate: f
         KeyValues("facts", facts),
         _limits(found),
         _errors(found),
-        _figure(found),
         Text("next", shlex.join(["elid", "simulate", "--robot", robot_argument, "--reference", file, "-o", "try.mcap"]),
              "next"),
     ]  # fmt: skip
@@ -93,13 +91,6 @@ def _errors(found: Excitation) -> Table:
             Quantity(float(found.random_std_error[k]), digits=2), found.base.units[k],
         ))  # fmt: skip
     return Table("std_error", columns, tuple(rows), title="what a log of it will show", shown=SHOWN)
-
-
-def _figure(found: Excitation) -> Figure:
-    t, q, dq, ddq = found.sampled(50.0)
-    data: dict[str, Any] = {"t": t, "q": q, "dq": dq, "ddq": ddq, "joints": found.robot.joint_names}
-    data["revolute"] = tuple(joint.revolute for joint in found.robot.joints)
-    return Figure("trajectory", "Exciting trajectory", "trajectory", data, "position, velocity and acceleration")
 
 
 def _payload(found: Excitation, file: str, rate: float) -> dict[str, Any]:

@@ -35,7 +35,7 @@ class Style:
 
 
 class Format(Protocol):
-    """What a module in this folder offers."""
+    """What a module in this folder offers; one that shows figures says ``FIGURES = True``."""
 
     SUFFIXES: tuple[str, ...]
 
@@ -76,6 +76,11 @@ def format_of(path: Path) -> Format:
             hint=f"known: {', '.join(sorted(suffixes))}",
         )
     return find_format(suffixes[path.suffix.lower()])
+
+
+def shows_figures(path: Path) -> bool:
+    """Return whether the format of a file's suffix shows figures."""
+    return getattr(format_of(path), "FIGURES", False)
 
 
 def check_destination(path: Path) -> None:

@@ -26,7 +26,7 @@ from elid_cli.report.tree import (
     cell_text,
 )
 
-SUFFIXES = (".html", ".htm")
+SUFFIXES, FIGURES = (".html", ".htm"), True
 LONG = 14
 """Rows of a table beyond which it is folded."""
 RESULTS = ("facts", "effects", "effects_meaning", "also_possible", "before_after", "error", "physical")

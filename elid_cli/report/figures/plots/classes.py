@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from elid_cli.report.figures.paint import INK
@@ -10,8 +11,10 @@ from elid_cli.report.tree import Figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
+    from elid_cli.report.figures.input import FigureInput
     from elid_cli.report.figures.paint import Paper
 
+ORDER = 6
 LOOK = {
     "independent": ("#0072b2", "i", "white", "independent"),
     "combined": ("#8fc1e3", "c", INK, "combined"),
@@ -21,6 +24,14 @@ LOOK = {
 }
 """Class -> colour (lightness falls with what is known), letter, its colour, words."""
 STANDARD = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "Jm", "fs", "fv", "K")
+
+
+def figures(told: FigureInput) -> Iterator[Figure]:
+    """Yield one figure of all standard parameters."""
+    if (found := told.identified) is not None:
+        data = {"classes": dict(found.this_log), "joints": found.robot.joint_names}
+        title = "What this log shows of each parameter"
+        yield Figure("classification", title, "classes", data, "The 14 parameters of each joint.")
 
 
 def draw(figure: Figure, paper: Paper) -> Canvas:

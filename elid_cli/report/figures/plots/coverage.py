@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from elid_cli.report.figures.paint import BLUE, GREY, ORANGE, cloud
 from elid_cli.report.tree import Figure
@@ -10,7 +13,24 @@ from elid_cli.report.tree import Figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
+    from elid_cli.report.figures.input import FigureInput
     from elid_cli.report.figures.paint import Paper
+
+ORDER = 7
+
+
+def figures(told: FigureInput) -> Iterator[Figure]:
+    """Yield one figure of all joints, at the log's rate."""
+    if (signals := told.signals) is None or (robot := told.robot) is None:
+        return
+    inside = np.concatenate([np.arange(s.start, s.stop) for s in signals.segments])
+    joints = [
+        {"joint": joint.name, "revolute": joint.revolute, "q": signals.motion.q[inside, k],
+         "dq": signals.motion.dq[inside, k], "limits": joint.limits.position}
+        for k, joint in enumerate(robot.joints)
+    ]  # fmt: skip
+    caption = "Position against velocity; dashed: limits of the robot file."
+    yield Figure("coverage", "Where the joints have been", "coverage", {"joints": joints}, caption)
 
 
 def draw(figure: Figure, paper: Paper) -> Canvas:

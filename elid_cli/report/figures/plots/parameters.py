@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,8 +13,10 @@ from elid_cli.report.tree import Figure, number_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
+    from elid_cli.report.figures.input import FigureInput
     from elid_cli.report.figures.paint import Paper
 
+ORDER = 5
 LONGEST, SHORTER = 30, 22
 """Characters of a name on a page and on a telephone; the table beside the figure has it whole."""
 EDGE = 2.2
@@ -21,6 +24,15 @@ EDGE = 2.2
 TYPE = 7.5
 FAR = 100.0
 """Standard deviation, % of the value, from which on its size says nothing."""
+
+
+def figures(told: FigureInput) -> Iterator[Figure]:
+    """Yield one figure of all base parameters."""
+    if (found := told.identified) is not None:
+        data = {"names": found.base.names, "estimate": found.estimate, "std_error": found.std_error,
+                "reference": found.reference, "verdict": found.verdict}  # fmt: skip
+        caption = "Each on the scale of its own value; bars are 95 % intervals, diamonds the robot file's values."
+        yield Figure("parameters", "Base parameters", "parameters", data, caption)
 
 
 def draw(figure: Figure, paper: Paper) -> Canvas:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,26 @@ from elid_cli.report.tree import Figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
+    from elid_cli.report.figures.input import FigureInput
     from elid_cli.report.figures.paint import Paper
+
+ORDER = 8
+
+
+def figures(told: FigureInput) -> Iterator[Figure]:
+    """Yield the singular values of the weighted regressor, columns of unit norm, and the rank kept.
+
+    Columns beyond the standard parameters (nuisances, effects) are left out; so are columns that are zero.
+    """
+    if (found := told.identified) is None or found.triangles is None:
+        return
+    system = found.triangles.stacked(found.weights)[:, : found.triangles.parameters]
+    norms = np.linalg.norm(system, axis=0)
+    live = norms > 0
+    values = np.linalg.svd(system[:, live] / norms[live], compute_uv=False)
+    caption = "Columns of unit norm. The wider the step, the surer the number of base parameters."
+    data = {"values": np.asarray(values), "rank": found.base.count}
+    yield Figure("singular", "Singular values of the regressor", "singular", data, caption)
 
 
 def draw(figure: Figure, paper: Paper) -> Canvas:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,30 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Canvas
 
+    from elid_cli.report.figures.input import FigureInput
     from elid_cli.report.figures.paint import Paper
+
+ORDER = 2
+
+
+def figures(told: FigureInput) -> Iterator[Figure]:
+    """Yield a figure of every joint whose torque is known."""
+    caption = (
+        "Filtered motor torque, measured and predicted with the spring eliminated, and their difference. Grey: "
+        "left out, around reversals."
+    )
+    for view in told.views:
+        old = told.views_before.get(view.joint)
+        residuals = [{"name": "residual", "residual": view.residual, "before": None if old is None else old.residual,
+                      "floor": view.floor}]  # fmt: skip
+        if view.spring_residual is not None:
+            residuals.append(
+                {"name": "residual, spring torque from the deflection", "residual": view.spring_residual,
+                 "before": None if old is None else old.spring_residual, "floor": view.spring_floor}
+            )  # fmt: skip
+        data = {"joint": view.joint, "unit": view.unit, "t": view.t, "measured": view.measured, "used": view.used,
+                "residuals": residuals}  # fmt: skip
+        yield Figure(f"torque_{view.joint}", f"{view.joint}: torque and residual", "torque", data, caption)
 
 
 def draw(figure: Figure, paper: Paper) -> Canvas:

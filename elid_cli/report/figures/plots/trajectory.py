@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from elid_cli.report.figures.paint import CYCLE, envelope
@@ -10,7 +11,20 @@ from elid_cli.report.tree import Figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
+    from elid_cli.report.figures.input import FigureInput
     from elid_cli.report.figures.paint import Paper
+
+ORDER = 9
+
+
+def figures(told: FigureInput) -> Iterator[Figure]:
+    """Yield the trajectory that was found."""
+    if (found := told.excitation) is not None:
+        t, q, dq, ddq = found.sampled(50.0)
+        revolute = tuple(joint.revolute for joint in found.robot.joints)
+        data = {"t": t, "q": q, "dq": dq, "ddq": ddq, "joints": found.robot.joint_names, "revolute": revolute}
+        caption = "position, velocity and acceleration"
+        yield Figure("trajectory", "Exciting trajectory", "trajectory", data, caption)
 
 
 def draw(figure: Figure, paper: Paper) -> Canvas:

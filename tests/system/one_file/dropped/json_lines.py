@@ -1,0 +1,58 @@
+"""Logs of one JSON object per line: ``t`` and, by name of signal, one value per joint. A format dropped by a test."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
+from elid_cli.logs.source import Source
+from elid_cli.signals.recording import Recording
+
+SIGNALS = ("q", "theta", "tau")
+
+
+class JsonLines:
+    """One text of lines."""
+
+    def __init__(self, source: Source) -> None:
+        self._rows = [json.loads(line) for line in source.read().decode().splitlines()]
+        first = self._rows[0]
+        self.channels = tuple(Channel(s, width=len(first[s]), labels=tuple(first[s])) for s in SIGNALS if s in first)
+        self.losses: list[str] = []
+        self.notes: list[str] = []
+
+    @property
+    def canonical(self) -> Sequence[Mapping[str, Any]]:
+        return [{signal: {"from": signal} for signal in SIGNALS}]
+
+    def load(self, picks: Sequence[Pick]) -> list[Stream]:
+        t = np.array([row["t"] for row in self._rows])
+        labels = {channel.source: channel.labels for channel in self.channels}
+        named = [[c if isinstance(c, str) else labels[p.source][c] for c in p.columns] for p in picks]
+        values = [
+            np.array([[row[p.source][c] for c in columns] for row in self._rows])
+            for p, columns in zip(picks, named, strict=True)
+        ]
+        return [Stream(found, {"t": t}) for found in values]
+
+
+def write(recording: Recording, name: str) -> bytes:
+    lines = []
+    for k, t in enumerate(recording.t.tolist()):
+        signals = {s: getattr(recording, s)[k].tolist() for s in SIGNALS}
+        named = {s: dict(zip(recording.joints, values, strict=True)) for s, values in signals.items()}
+        lines.append(json.dumps({"t": t, **named}))
+    return "\n".join(lines).encode()
+
+
+FORMAT = LogFormat(
+    name="JSON lines",
+    suffixes=(".jsonl",),
+    recognise=lambda source: source.head.startswith(b'{"t":'),
+    open=lambda source: [JsonLines(source)],
+    write=write,
+)
