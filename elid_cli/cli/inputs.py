@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from elid_cli.cli.options import Conditioning, Output, Reading
 from elid_cli.cli.output import note
@@ -25,6 +25,14 @@ def load_robot(source: str) -> Robot:
     return check_effects(read_robot(source))
 
 
+def mapping_of(reading: Reading) -> dict[str, Any] | None:
+    """Return where the log keeps its signals, as the options say; None where they say nothing."""
+    from elid_cli.logs import read_map_options
+
+    gains = {name: {"value": value} for name, value in (("kp", reading.kp), ("kd", reading.kd)) if value is not None}
+    return read_map_options(reading.maps) | gains or None
+
+
 def load_recording(
     logs: Sequence[str],
     robot: Robot,
@@ -38,14 +46,14 @@ def load_recording(
 
     What was repaired and what looks wrong goes to stderr, after a `label` where the logs are others than the report's.
     """
-    from elid_cli.logs import read_map_options, read_recording
+    from elid_cli.logs import read_recording
     from elid_cli.memory import keep_freed_memory
     from elid_cli.model.effects.declared import with_lost_effects
     from elid_cli.signals.recording import unique_notices
 
     keep_freed_memory()
     recording = read_recording(
-        logs, robot, read_map_options(reading.maps), strict=reading.strict, rate=rate, time_source=reading.time,
+        logs, robot, mapping_of(reading), strict=reading.strict, rate=rate, time_source=reading.time,
         progress=None if progress is None else lambda share: progress("reading", share),
     )  # fmt: skip
     recording = with_lost_effects(recording, robot)

@@ -46,6 +46,18 @@ class Number(click.ParamType):  # type: ignore[type-arg]  # generic since click 
         return float(text)
 
 
+class Numbers(click.ParamType):  # type: ignore[type-arg]
+    """One number for every joint, or one per joint: ``20`` or ``20,20,30``, none below 0."""
+
+    name = "numbers"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | list[float]:
+        """Return the number, or the list of them."""
+        each = Number(least=0)
+        found = [each.convert(part, param, ctx) for part in str(value).split(",")]
+        return found[0] if len(found) == 1 else found
+
+
 class Share(Number):
     """A share, written ``0.05`` or ``5%``."""
 
@@ -166,6 +178,8 @@ class Reading:
     """How logs are read."""
 
     maps: tuple[str, ...] = ()
+    kp: float | list[float] | None = None
+    kd: float | list[float] | None = None
     time: Literal["auto", "header", "log"] = "auto"
     strict: bool = False
 
@@ -173,6 +187,10 @@ class Reading:
 reading = gathered(
     "reading", Reading,
     maps,
+    option(INPUT, "--kp", type=Numbers(), metavar="GAIN",
+           help="Gain of the drives' position loops, N·m/rad at the joint, for logs without torque: one, or one per "
+           "joint with commas."),
+    option(INPUT, "--kd", type=Numbers(), metavar="GAIN", help="The same of their velocity loops, N·m·s/rad."),
     option(INPUT, "--time", type=click.Choice(("auto", "header", "log")), default="auto",
            help="Clock of an MCAP log: the messages' header stamps, or the times of logging."),
     option(INPUT, "--strict", is_flag=True, help="Refuse a damaged log instead of using what is whole."),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from elid_cli.cli import options
-from elid_cli.cli.inputs import load_recording, load_signals, signal_options
+from elid_cli.cli.inputs import load_recording, load_signals, mapping_of, signal_options
 from elid_cli.cli.options import Conditioning, Output, Reading, Spread
 from elid_cli.cli.output import note
 
@@ -40,7 +40,6 @@ def log_request(
 ) -> LogRequest:
     """Return the request for what was typed; what was repaired and what looks wrong goes to stderr as logs are read."""
     from elid_cli.estimation.request import LogRequest
-    from elid_cli.logs import read_map_options
     from elid_cli.memory import keep_freed_memory
     from elid_cli.signals.recording import notices_of, repeated, unique_notices
 
@@ -54,7 +53,7 @@ def log_request(
         note(repeated([f for r in every for f in r.files], [d for r in every for d in r.sha256]), output, "warning")
 
     return LogRequest(
-        logs, robot, signal_options(conditioning), read_map_options(reading.maps) or None, reading.strict,
+        logs, robot, signal_options(conditioning), mapping_of(reading), reading.strict,
         reading.time, spread.jobs, spread.scheduler, on_read, progress,
     )  # fmt: skip
 

@@ -14,7 +14,7 @@ from elid_cli.errors import LogError
 from elid_cli.logs.checks.required import Checked, check, refuse_mixed
 from elid_cli.logs.checks.units_and_signs import suspicions, written_units
 from elid_cli.logs.contract import RawLog, Stream
-from elid_cli.logs.mapping.language import parse_mapping
+from elid_cli.logs.mapping.language import COMMANDS, parse_mapping
 from elid_cli.logs.mapping.resolve import Layer, Placement, ReadPlan, resolve
 from elid_cli.logs.repair.align import Aligned, Sampled, align
 from elid_cli.logs.repair.clocks import another_clock, in_seconds
@@ -30,7 +30,7 @@ BETWEEN_LOGS = 1.0
 """s between logs in the joined time."""
 SLOWEST, FASTEST = 5.0, 1e6
 """Hz; rates outside are a time in another unit."""
-OPTIONAL = ("dq", "dtheta", "tau_link", "temperature")
+OPTIONAL = ("dq", "dtheta", "tau_link", "temperature", *COMMANDS)
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     robot = options.robot
     plan = resolve(raw.channels, layers_of(raw, robot, options.mapping), robot)
     if not {"q", "theta"} & set(plan.placements):
-        check({}, 0, robot, plan, raw, name, strict=options.strict)
+        check({}, robot, plan, raw, name, strict=options.strict)
     streams = raw.load([pick for placement in plan.placements.values() for pick in placement.picks])
     if options.strict and (raw.losses or plan.unfit):
         raise LogError(
@@ -158,7 +158,8 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     signals = dict(aligned.signals)
     for signal, placement in plan.placements.items():
         _add(signals, signal, placement)
-    checked = check(signals, aligned.t.size, robot, plan, raw, name, strict=options.strict)
+    checked = check(signals, robot, plan, raw, name, segments=aligned.segments, dt=aligned.dt, strict=options.strict)
+    notes += checked.notes
     checked.warnings.extend(written_units(getattr(raw, "units", {}), plan))
     checked.warnings.extend(suspicions(checked, aligned, robot, plan))
     let_go(*signals.values())
@@ -249,7 +250,9 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         begin += float(t[-1]) + BETWEEN_LOGS
         samples += t.size
     whole = {s: values[0] if len(values) == 1 else np.concatenate(values) for s, values in blocks.items()}
-    places = parts[0].plan.placements
+    places = {signal: p.places for signal, p in parts[0].plan.placements.items() if p.spec.value is None}
+    if parts[0].checked.computed:
+        places["tau"] = parts[0].checked.computed
     files, sha256 = tuple(source.name for source in sources), tuple(source.sha256 for source in sources)
     return Recording(
         joints=robot.joint_names,
@@ -262,13 +265,14 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         dtheta=whole.get("dtheta"),
         tau_link=whole.get("tau_link"),
         temperature=whole.get("temperature"),
+        commands={signal: whole[signal] for signal in COMMANDS if signal in whole},
         segments=tuple(segments),
         files=files,
         sha256=sha256,
         repairs=tuple(unique_notices(said["repairs"])),
         notes=tuple(unique_notices(said["notes"])),
         warnings=(*unique_notices(said["warnings"]), *repeated(files, sha256)),
-        sources={signal: placement.places for signal, placement in places.items()},
+        sources=places,
     )
 
 

@@ -163,6 +163,8 @@ class Robot:
     description: str = ""
     effects: tuple[EffectSpec, ...] = ()
     log: Mapping[str, Any] = field(default_factory=_empty)
+    control: Mapping[str, Mapping[str, float]] = field(default_factory=_empty)
+    """Gains of the drives' position loops at the joint, by joint: ``kp`` in N·m/rad, ``kd`` in N·m·s/rad."""
 
     @property
     def n(self) -> int:

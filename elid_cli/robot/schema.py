@@ -19,7 +19,7 @@ UNIT = 1e-6
 """How far the length of a written axis may be from 1; it is then normalised."""
 
 _TOP = ("name", "gravity", "dh", "joints")
-_TOP_OPTIONAL = ("description", "effects", "log")
+_TOP_OPTIONAL = ("description", "effects", "log", "control")
 _GEOMETRY = {"standard": ("a", "alpha", "d", "theta"), "urdf": ("xyz", "rpy", "axis")}
 _JOINT_OPTIONAL = ("type", "motor_axis", "transmission", "parameters", "limits")
 
@@ -43,6 +43,7 @@ def robot_of_yaml(text: str, file: str) -> Robot:
         description=top["description"].text() if "description" in top else "",
         effects=read_effects(top["effects"], joints) if "effects" in top else (),
         log=read_log(top["log"]) if "log" in top else {},
+        control=read_control(top["control"], [joint.name for joint in joints]) if "control" in top else {},
     )
 
 
@@ -145,6 +146,25 @@ def read_log(value: Value) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise value.error("not a mapping of signals", hint="log: {q: {from: …}, …}")
     return data
+
+
+def read_control(value: Value, joints: Sequence[str]) -> dict[str, dict[str, float]]:
+    """Return the gains ``kp`` and ``kd`` of every joint: one number, one per joint, or joints by name."""
+    found: dict[str, dict[str, float]] = {}
+    for gain, entry in value.fields((), ("kp", "kd")).items():
+        plain = entry.plain()
+        if isinstance(plain, list):
+            given = dict(zip(joints, entry.numbers(len(joints)), strict=True))
+        else:
+            named = entry.numbers_by_name() if isinstance(plain, dict) else dict.fromkeys(joints, entry.number())
+            given = dict(named)
+        for joint, number in given.items():
+            if joint not in joints:
+                raise entry.error(f"no joint {joint!r}", hint=did_you_mean(joint, joints))
+            if number < 0:
+                raise entry.error(f"{number:g} of {joint}: gains are not negative")
+        found[gain] = given
+    return found
 
 
 def read_vector(value: Value, *, unit: bool = False) -> tuple[float, float, float]:

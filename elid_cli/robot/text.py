@@ -32,6 +32,8 @@ def text_of(robot: Robot, remarks: Sequence[str] = ()) -> str:
             where = f", joint: {quoted(effect.joint)}" if effect.joint is not None else ""
             values = f", parameters: {_map(effect.parameters)}" if effect.parameters else ""
             lines.append(f"  - {{effect: {effect.effect}{where}{values}}}")
+    if robot.control:
+        lines += ["control:", *(f"  {gain}: {_map(values)}" for gain, values in robot.control.items())]
     if robot.log:
         lines += ["log:", *emit(_thawed(robot.log), 1)]
     return "\n".join(lines) + "\n"

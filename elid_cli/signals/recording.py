@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from elid_cli._types import Array
@@ -47,6 +47,9 @@ class Recording:
     """Measured torque in the transmission, N·m, shape (N, n), or None; NaN columns where a joint has none."""
     temperature: Array | None = None
     """Temperatures, °C, shape (N, n), or None."""
+    commands: Mapping[str, Array] = field(default_factory=dict)
+    """What the drives were told, where it was logged: ``q_des dq_des tau_ff kp kd``, held from one sample to the next,
+    SI at the joint, each of shape (N, n); NaN columns where a joint has none."""
     segments: tuple[Segment, ...] = ()
     files: tuple[str, ...] = ()
     sha256: tuple[str, ...] = ()
@@ -58,6 +61,11 @@ class Recording:
     """What looks wrong and needs the user (units, signs, swapped channels), with a mapping to paste."""
     sources: dict[str, str] = field(default_factory=dict)
     """Signal name -> where it was read from, for reports."""
+
+    def signal(self, name: str) -> Array | None:
+        """Return a signal or command by its name, shape (N, n), or None where the log has none."""
+        values: Array | None = self.commands.get(name) if name in self.commands else getattr(self, name, None)
+        return values
 
     @property
     def samples(self) -> int:

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError, nearest
+from elid_cli.logs.checks.commanded import commanded_torque, gains_of
 from elid_cli.logs.contract import RawLog
+from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.resolve import Placement, ReadPlan, fits
 from elid_cli.logs.mapping.suggest import suggestion
 from elid_cli.logs.repair.stuck import drop_stuck
@@ -34,22 +36,31 @@ class Checked:
     tau: Array
     optional: dict[str, Array]
     warnings: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    computed: str = ""
+    """Joints whose torque is computed from commands, in words; empty: none."""
 
 
 def check(
-    signals: Mapping[str, Array], samples: int, robot: Robot, plan: ReadPlan, raw: RawLog, name: str, *, strict: bool
-) -> Checked:
-    """Return the signals with absent ones as NaN columns, rigid joints completed.
+    signals: Mapping[str, Array], robot: Robot, plan: ReadPlan, raw: RawLog, name: str, *,
+    segments: Sequence[tuple[int, int]] = (), dt: float = np.nan, strict: bool,
+) -> Checked:  # fmt: skip
+    """Return the signals with absent ones as NaN columns, rigid joints completed, torques computed from commands.
+
+    `segments` are the contiguous stretches of the signals, (start, stop), `dt` their sample time in s.
 
     Raises
     ------
     LogError
         If a signal that the robot needs is missing; with `strict`, also if a joint lacks one it could do without.
     """
+    samples = max((stop for _, stop in segments), default=0)
     filled = {s: signals[s] if s in signals else np.full((samples, robot.n), np.nan) for s in ("q", "theta", "tau")}
     filled |= {s: values for s, values in signals.items() if s not in filled}
     warnings = _drop_zeros(filled, robot.joint_names)
     warnings += _drop_stuck(filled, robot)
+    notes: list[str] = []
+    computed = _compute_torque(filled, robot, plan, segments, dt, notes) if samples else ""
     has: dict[str, NDArray[np.bool_]] = {
         s: np.isfinite(values[0]) if samples else np.zeros(robot.n, bool) for s, values in filled.items()
     }
@@ -62,7 +73,7 @@ def check(
         elif not has["theta"][j]:
             fault.refuse("theta", joint.name, "no motor position")
     if not has["tau"].any():
-        fault.refuse("tau", robot.joint_names[0] if robot.n == 1 else "", "no torque")
+        fault.refuse_torque(filled)
     lacking = [j.name for k, j in enumerate(robot.joints) if not has["q"][k]]
     if lacking:
         if strict or "q" in plan.unusable:
@@ -78,7 +89,32 @@ def check(
     if idle:
         warnings.append(f"{' '.join(idle)}: the robot file's K is not used: it declares the transmission rigid")
     optional = {s: values for s, values in filled.items() if s not in MEANING and not np.isnan(values).all()}
-    return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings)
+    return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings, notes, computed)
+
+
+def _compute_torque(
+    filled: dict[str, Array], robot: Robot, plan: ReadPlan, segments: Sequence[tuple[int, int]], dt: float,
+    notes: list[str],
+) -> str:  # fmt: skip
+    """Compute the torque of joints that have none from commands and gains; return whose, in words."""
+    given = {s: np.asarray(p.spec.value) for s, p in plan.placements.items() if p.spec.value is not None}
+    gains, said = gains_of(filled, given, robot, len(filled["q"]))
+    filled |= gains
+    if "q_des" not in filled or len(gains) < len(GAINS):
+        return ""
+    absent = np.isnan(filled["tau"]).all(axis=0)
+    tau, more = commanded_torque(filled, gains, segments, dt, robot)
+    made = absent & np.isfinite(tau).any(axis=0)
+    if not made.any():
+        return ""
+    filled["tau"] = np.where(made, tau, filled["tau"])
+    who = "" if made.all() else f" of {' '.join(np.array(robot.joint_names)[made])}"
+    notes += [
+        *said,
+        f"tau{who} is computed: kp (q_des - q) + kd (dq_des - dq){' + tau_ff' * ('tau_ff' in filled)}",
+        *more,
+    ]
+    return f"command{who}"
 
 
 def _complete(filled: dict[str, Array], has: dict[str, NDArray[np.bool_]], j: int) -> None:
@@ -140,6 +176,20 @@ class _Fault:
         """Raise the LogError of one missing signal."""
         who = f" for {joint}" if joint else ""
         raise LogError(f"{self.name}: {what}{who}", detail=self._detail(signal, joint), hint=self._hint(signal, joint))
+
+    def refuse_torque(self, filled: Mapping[str, Array]) -> None:
+        """Raise the LogError of a log without any torque; where commands would make one, name what they lack."""
+        lacking = [gain for gain in GAINS if gain not in filled]
+        if "q_des" in filled and lacking:
+            options = " ".join(
+                f"--{gain} {value}" for gain, value in zip(GAINS, ("20", "0.5"), strict=True) if gain in lacking
+            )
+            raise LogError(
+                f"{self.name}: no torque, and no gains {' '.join(lacking)} to compute it from q_des",
+                detail="tau = kp (q_des - q) + kd (dq_des - dq) + tau_ff, gains in N·m/rad and N·m·s/rad at the joint",
+                hint=f"give the drive's own, such as {options}, or control: {{kp: 20, kd: 0.5}} in the robot file",
+            )
+        self.refuse("tau", self.robot.joint_names[0] if self.robot.n == 1 else "", "no torque")
 
     def _detail(self, signal: str, joint: str) -> str:
         placement = self.plan.placements.get(signal)

@@ -13,6 +13,7 @@ from elid_cli._types import Array
 from elid_cli.errors import LogError, did_you_mean
 from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
 from elid_cli.logs.formats.csv_text import Dialect, parse_columns, sniff
+from elid_cli.logs.mapping.language import SIGNALS
 from elid_cli.logs.source import Source
 from elid_cli.signals.recording import Recording
 
@@ -39,7 +40,6 @@ TIGHTEST = 50
 SMALL = 128 << 20
 """… of more than this many bytes."""
 CUT = "the gzip data end early: the log is cut"
-SIGNAL_NAMES = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
 
 
 class CsvLog:
@@ -66,7 +66,7 @@ class CsvLog:
     def canonical(self) -> Sequence[Mapping[str, Any]]:
         """Canonical column names, then the spellings of programs that cannot write them."""
         time = {"t": {"from": self._time}} if self._time else {}
-        patterns = [{s: {"from": p.format(signal=s)} for s in SIGNAL_NAMES} for p in PATTERNS]
+        patterns = [{s: {"from": p.format(signal=s)} for s in SIGNALS} for p in PATTERNS]
         return [time | patterns[0], *patterns[1:], *_topics()]
 
     def load(self, picks: Sequence[Pick]) -> list[Stream]:
@@ -152,8 +152,8 @@ def _write(recording: Recording, name: str) -> bytes:
 
     columns: list[Array] = [recording.t[:, None]]
     names = ["t"]
-    for signal in SIGNAL_NAMES:
-        values = getattr(recording, signal)
+    for signal in SIGNALS:
+        values = recording.signal(signal)
         if values is None:
             continue
         for j, joint in enumerate(recording.joints):

@@ -16,6 +16,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
+from elid_cli.logs.mapping.language import GAINS, SIGNALS
 from elid_cli.logs.source import Source
 from elid_cli.memory import mapped_dataset
 from elid_cli.signals.recording import Recording
@@ -118,7 +119,6 @@ def _kind(dataset: Any) -> str:
 
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
-SIGNAL_NAMES = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
 TIME_NAMES = ("t", "time", "timestamp", "stamp")
 EPISODE = re.compile(r"(episode|demo|traj|trajectory|run|trial)[_-]?\d+$", re.IGNORECASE)
 LARGEST = 16 << 30
@@ -141,8 +141,10 @@ class Hdf5Log:
         path: Path | None = None,
         refused: Mapping[str, str] | None = None,
         tell: Callable[[float], None] | None = None,
+        gains: Mapping[str, Array] | None = None,
     ) -> None:
         self.name = name
+        self._gains = gains or {}
         self._tell = tell
         self._path = path
         self._stream = stream  # kept open with the file object that h5py reads from
@@ -151,17 +153,23 @@ class Hdf5Log:
         self._rows = _length(datasets[self._time]) if self._time else None
         self.losses: list[str] = []
         self.notes: list[str] = []
-        unread = [Channel(path, width=0, kind=kind) for path, kind in (refused or {}).items()]
-        self.channels: Sequence[Channel] = (*(self._channel(path, labels) for path in datasets), *unread)
+        unread = [Channel(p, width=0, kind=kind) for p, kind in (refused or {}).items() if p not in self._gains]
+        held = [self._channel(path, labels) for path in datasets]
+        width = max((len(labels), *(c.width for c in held if c.source in ("/q", "/theta", "/q_des"))))
+        self._gains = {p: np.broadcast_to(v, width) if v.size == 1 and width else v for p, v in self._gains.items()}
+        for place, values in self._gains.items():
+            named = labels if len(labels) == values.size else ()
+            held.append(Channel(place, width=values.size, labels=named, rows=1, kind="constant"))
+        self.channels: Sequence[Channel] = (*held, *unread)
 
     @property
     def canonical(self) -> Sequence[Mapping[str, Any]]:
         """``/t`` and one dataset per signal, or one per signal and joint."""
         time = {"t": {"from": self._time}} if self._time else {}
-        whole = {signal: {"from": f"/{signal}"} for signal in SIGNAL_NAMES}
-        each = {signal: {"from": f"/{signal}/{{joint}}"} for signal in SIGNAL_NAMES}
-        numbered = {signal: {"from": f"/{signal}/{{i}}"} for signal in SIGNAL_NAMES}
-        dotted = {signal: {"from": f"/{signal}.{{joint}}"} for signal in SIGNAL_NAMES}
+        whole = {signal: {"from": f"/{signal}"} for signal in SIGNALS}
+        each = {signal: {"from": f"/{signal}/{{joint}}"} for signal in SIGNALS}
+        numbered = {signal: {"from": f"/{signal}/{{i}}"} for signal in SIGNALS}
+        dotted = {signal: {"from": f"/{signal}.{{joint}}"} for signal in SIGNALS}
         return [time | whole, each, numbered, dotted]
 
     def load(self, picks: Sequence[Pick]) -> list[Stream]:
@@ -175,7 +183,10 @@ class Hdf5Log:
             time = pick.time
             if time and time not in times:
                 times[time] = self._read(time).reshape(-1)
-            samples = self._shape(self._datasets[pick.source])[0]
+            gain = self._gains.get(pick.source)
+            if gain is not None:
+                whole[pick.source] = np.tile(gain, (self._samples(), 1))
+            samples = len(whole[pick.source]) if gain is not None else self._shape(self._datasets[pick.source])[0]
             if time and times[time].size != samples:  # before memory is taken for them
                 raise LogError(
                     f"{self.name}: {pick.source} has {samples} samples, {time} has {times[time].size}",
@@ -192,6 +203,10 @@ class Hdf5Log:
                 values = values[:, columns]
             streams.append(Stream(values, {"t": times[time]} if time else {}))
         return streams
+
+    def _samples(self) -> int:
+        """Return how many samples a constant stands for: one for each of the log's."""
+        return self._rows or max((self._shape(dataset)[0] for dataset in self._datasets.values()), default=0)
 
     def _channel(self, path: str, labels: tuple[str, ...]) -> Channel:
         dataset = self._datasets[path]
@@ -255,6 +270,7 @@ def _open(source: Source) -> Sequence[Hdf5Log]:
         file = h5py.File(stream if stream is not None else str(source.path), "r")
         datasets, refused = contents(file)
         labels = _names(file.attrs.get("joint_names"))
+        gains = _gains(file, datasets)
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         raise LogError(
             f"{source.name}: HDF5 file is cut or damaged",
@@ -268,9 +284,9 @@ def _open(source: Source) -> Sequence[Hdf5Log]:
     episodes: dict[str, dict[str, Any]] = {}
     for path, dataset in datasets.items():
         prefix, name = path.rsplit("/", 1)
-        if name in TIME_NAMES + SIGNAL_NAMES and EPISODE.search(prefix):
+        if name in TIME_NAMES + SIGNALS and EPISODE.search(prefix):
             episodes.setdefault(prefix, {})[f"/{name}"] = dataset
-    if episodes and not any(f"/{name}" in datasets for name in SIGNAL_NAMES):
+    if episodes and not any(f"/{name}" in datasets for name in SIGNALS):
         ordered = sorted(episodes, key=lambda text: [int(x) if x.isdigit() else x for x in re.split(r"(\d+)", text)])
         return [
             Hdf5Log(
@@ -280,10 +296,23 @@ def _open(source: Source) -> Sequence[Hdf5Log]:
                 _names(file[prefix].attrs.get("joint_names")) or labels,
                 source.path,
                 tell=_share_of(source, number, len(ordered)),
+                gains=_gains(file[prefix], episodes[prefix]) or gains,
             )
             for number, prefix in enumerate(ordered)
         ]
-    return [Hdf5Log(source.name, stream, datasets, labels, source.path, refused, source.tell)]
+    return [Hdf5Log(source.name, stream, datasets, labels, source.path, refused, source.tell, gains)]
+
+
+def _gains(group: Any, datasets: dict[str, Any]) -> dict[str, Array]:
+    """Return gains that hold for a whole log, by path: attributes, or arrays of one value or one per joint."""
+    found = {f"/{gain}": group.attrs[gain] for gain in GAINS if gain in group.attrs}
+    longest = max((max(d.shape, default=0) for d in datasets.values()), default=0)
+    for path in (f"/{gain}" for gain in GAINS):
+        held = datasets.get(path, group.get(path[1:]))
+        if path not in found and held is not None and getattr(held, "size", longest) < longest:
+            found[path] = held[()]
+            datasets.pop(path, None)
+    return {path: np.atleast_1d(np.asarray(value, dtype=float)).ravel() for path, value in found.items()}
 
 
 def _share_of(source: Source, number: int, count: int) -> Callable[[float], None]:
@@ -321,8 +350,8 @@ def _write(recording: Recording, name: str) -> bytes:
     with h5py.File(buffer, "w", libver=("earliest", "v110"), track_order=False) as file:
         file.attrs["joint_names"] = np.array([joint.encode() for joint in recording.joints])
         file.create_dataset("t", data=recording.t, track_times=False)
-        for signal in SIGNAL_NAMES:
-            values = getattr(recording, signal)
+        for signal in SIGNALS:
+            values = recording.signal(signal)
             if values is not None and not np.isnan(values).all():
                 file.create_dataset(signal, data=values, track_times=False)
     return buffer.getvalue()

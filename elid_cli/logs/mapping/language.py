@@ -22,15 +22,19 @@ from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.files import read_text
 from elid_cli.robot.robot import Robot
 
-POSITIONS = ("q", "theta")
-VELOCITIES = ("dq", "dtheta")
-TORQUES = ("tau", "tau_link")
-SIGNALS = (*POSITIONS, "tau", *VELOCITIES, "tau_link", "temperature")
-KEYS = ("from", "field", "joints", "unit", "scale", "offset", "sign", "side", "add", "time", "unwrap")
+POSITIONS = ("q", "theta", "q_des")
+VELOCITIES = ("dq", "dtheta", "dq_des")
+TORQUES = ("tau", "tau_link", "tau_ff")
+GAINS = ("kp", "kd")
+COMMANDS = ("q_des", "dq_des", "tau_ff", *GAINS)
+"""What the drive was told, held until the next sample."""
+SIGNALS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature", *COMMANDS)
+KEYS = ("from", "value", "field", "joints", "unit", "scale", "offset", "sign", "side", "add", "time", "unwrap")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "turn": 2 * math.pi, "m": 1.0, "mm": 1e-3, "cm": 1e-2}
 RATES = {"rad/s": 1.0, "deg/s": math.pi / 180, "rev/s": 2 * math.pi, "rpm": math.pi / 30, "m/s": 1.0, "mm/s": 1e-3}
 EFFORTS = {"N.m": 1.0, "Nm": 1.0, "N·m": 1.0, "mN.m": 1e-3, "mNm": 1e-3, "kN.m": 1e3, "N": 1.0, "kN": 1e3, "mN": 1e-3}
+STIFFNESSES = {"N.m/rad": 1.0, "N.m/deg": 180 / math.pi, "N.m.s/rad": 1.0, "N.m.s/deg": 180 / math.pi, "N/m": 1.0}
 EFFORTS |= {"A": 1.0, "mA": 1e-3, "V": 1.0, "%": 1e-2}
 
 
@@ -55,6 +59,8 @@ class SignalMap:
     add: str = ""
     time: str = ""
     """Column or dataset with this signal's own stamps."""
+    value: tuple[float, ...] | float | None = None
+    """A constant in place of a channel."""
     unwrap: bool = False
     """Whether the angle wraps at one turn of its unit and is to be made continuous first."""
 
@@ -64,7 +70,8 @@ class SignalMap:
         gain = gain * np.broadcast_to(self.sign, robot.n)
         if self.motor_side:
             ratios = robot.gear_ratios
-            gain = gain * ratios if self.signal in TORQUES else gain / ratios
+            power = 1 if self.signal in TORQUES else 2 if self.signal in GAINS else -1
+            gain = gain * ratios**power
         return np.asarray(gain, dtype=float)
 
     @property
@@ -182,7 +189,7 @@ def _entry(name: Any, spec: Any, where: str) -> Mapping[str, Any]:
     for key in spec:
         if key not in KEYS:
             raise UsageError(f"{where}: {name}: unknown key {key!r}", hint=did_you_mean(str(key), KEYS))
-    if "from" not in spec and not (name == "t" and "field" in spec):
+    if "from" not in spec and "value" not in spec and not (name == "t" and "field" in spec):
         raise UsageError(f"{where}: {name}: no 'from'", hint="from: column pattern, dataset path or topic")
     return spec
 
@@ -214,7 +221,7 @@ def _signal(name: str, spec: Mapping[str, Any], robot: Robot, where: str) -> Sig
         raise UsageError(f"{where}: unwrap: needs one unit for all joints", detail=f"found {unit}")
     return SignalMap(
         signal=name,
-        source=_places(spec["from"], robot, where),
+        source=_places(spec.get("from", ""), robot, where),
         field=_text(spec.get("field", ""), where, "field"),
         joints=_joints(spec.get("joints"), robot, where),
         factor=factor,
@@ -225,6 +232,7 @@ def _signal(name: str, spec: Mapping[str, Any], robot: Robot, where: str) -> Sig
         motor_side=side == "motor",
         add=add,
         time=_text(spec.get("time", ""), where, "time"),
+        value=_per_joint(spec["value"], robot, f"{where}: value") if "value" in spec else None,
         unwrap=unwrap,
     )
 
@@ -307,6 +315,8 @@ def _units(value: Any, name: str, robot: Robot, where: str) -> tuple[str, tuple[
 
 def _unit_factor(signal: str, unit: str, where: str) -> float:
     table = ANGLES if signal in POSITIONS else ANGLES | RATES if signal in VELOCITIES else EFFORTS
+    if signal in GAINS:
+        table = STIFFNESSES
     if signal == "temperature":
         table = {"degC": 1.0, "°C": 1.0, "C": 1.0}
     if signal in (*POSITIONS, *VELOCITIES) and unit.startswith("counts"):

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from elid_cli.errors import UsageError, nearest
 from elid_cli.logs.contract import Channel, Pick
 from elid_cli.logs.mapping.language import (
+    GAINS,
     POSITIONS,
     SIGNALS,
     TORQUES,
@@ -26,8 +27,10 @@ LISTED = 12
 """Fields and names that a reason lists."""
 ABSENT = "the log has no "
 """How the reason begins where a place is not in the log at all."""
+COMPUTED = "command"
+"""What ``--map tau=command`` names: the torque is to be computed although the log holds one."""
 DEFAULT_FIELDS = dict.fromkeys(POSITIONS, "position") | dict.fromkeys(VELOCITIES, "velocity")
-DEFAULT_FIELDS |= dict.fromkeys(TORQUES, "effort") | {"temperature": "temperature"}
+DEFAULT_FIELDS |= dict.fromkeys(TORQUES, "effort") | {s: s for s in ("temperature", *GAINS)}
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,10 @@ def place(
     near: bool = True,
 ) -> Placement | str:
     """Return where a signal is, or why its mapping does not fit the log; `near`: with the nearest name, which costs."""
+    if spec.value is not None:
+        return Placement(spec, (), (), "given")
+    if spec.signal == "tau" and spec.source == COMPUTED and COMPUTED not in by_source:
+        return Placement(spec, (), (), COMPUTED)
     if isinstance(spec.source, tuple) or any(mark in spec.source + spec.field for mark in PATTERNS):
         return _place_each(spec, by_source, robot, time, near=near)
     channel = _find(spec, spec.source, by_source, near=near)

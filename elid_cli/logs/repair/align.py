@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError
+from elid_cli.logs.mapping.language import COMMANDS
 from elid_cli.logs.repair.dropouts import impossible
 from elid_cli.logs.repair.grid import Grid, grid_of, identical, onto, regularised
 from elid_cli.logs.repair.samples import fill, without_glitches
@@ -300,7 +301,7 @@ def _assemble(
             signals[track.signal] = track.values
             continue
         target = signals.setdefault(track.signal, np.full((grid.samples, n), np.nan))
-        values, interpolated = onto(grid, track.line, track.values)
+        values, interpolated = onto(grid, track.line, track.values, held=track.signal in COMMANDS)
         target[:, list(track.joints)] = values
         if interpolated and track.line is not leader.line:
             apart[track.signal] = 1 / track.line.dt

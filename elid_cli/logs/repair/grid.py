@@ -204,8 +204,11 @@ def identical(line: Timeline, grid: Grid) -> bool:
     )
 
 
-def onto(grid: Grid, line: Timeline, values: Array) -> tuple[Array, bool]:
-    """Return a stream's values on a grid, NaN where it has none, shape (N, k), and whether it was interpolated."""
+def onto(grid: Grid, line: Timeline, values: Array, *, held: bool = False) -> tuple[Array, bool]:
+    """Return a stream's values on a grid, NaN where it has none, shape (N, k), and whether it was interpolated.
+
+    A `held` stream keeps each value until the next one.
+    """
     result = np.full((grid.samples, values.shape[1]), np.nan)
     interpolated = False
     stretches = line.stretches
@@ -231,7 +234,7 @@ def onto(grid: Grid, line: Timeline, values: Array) -> tuple[Array, bool]:
                 target[slots[inside]] = values[rows][inside]
             elif high - low >= 2:
                 interpolated = True
-                _interpolate(target, start, grid.dt, t, values[rows], line.dt)
+                (_hold if held else _interpolate)(target, start, grid.dt, t, values[rows], line.dt)
     return result, interpolated
 
 
@@ -252,6 +255,14 @@ def _on_grid(t: Array, start: float, dt: float) -> NDArray[np.intp] | None:
     if np.abs(apart).max() > SNAP or abs(float(apart.mean())) > OFFSET or not (np.diff(slots) > 0).all():
         return None
     return slots.astype(np.intp)
+
+
+def _hold(target: Array, start: float, dt: float, t: Array, values: Array, own_dt: float) -> None:
+    """Fill the rows of `target` from the first sample to one sample time after the last one with the last value."""
+    at = start + dt * np.arange(target.shape[0])
+    index = np.searchsorted(t, at + SNAP * dt, side="right") - 1
+    inside = (index >= 0) & (at <= t[-1] + own_dt)
+    target[inside] = values[index[inside]]
 
 
 def _interpolate(target: Array, start: float, dt: float, t: Array, values: Array, own_dt: float) -> None:
