@@ -7,6 +7,7 @@ one into text and an exit code, so the core never prints and never exits.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from itertools import islice
 from typing import ClassVar
@@ -19,6 +20,44 @@ EXIT_DATA = 4
 EXIT_BUG = 70
 EXIT_INTERRUPTED = 130
 EXIT_CLOSED_PIPE = 141
+
+
+LONGEST_WORD = 300
+"""Characters of a word that are shown whole."""
+_KEPT = "\N{NO-BREAK SPACE}\N{FIGURE SPACE}\N{NARROW NO-BREAK SPACE}"
+"""Spaces that are not printable by Python's rule and do nothing to a terminal."""
+
+
+def visible(text: str, *, lines: bool = False) -> str:
+    r"""Return a text as it may be shown to people: the one door between names from files and a terminal or a page.
+
+    Controls, marks that turn the direction of writing and what else is no letter become ``\x1b``; so do line ends,
+    unless the text has `lines`. Words of more than `LONGEST_WORD` characters are shown by their ends. Bytes of a file
+    name that are no UTF-8 pass as they are, those of terminals' own codes excepted.
+    """
+    if not text.isascii() or not text.isprintable():
+        text = "".join(c if _shown(c) or (lines and c in "\n\t") else _spelt(c) for c in text)
+    if len(text) > LONGEST_WORD:
+        text = re.sub(rf"\S{{{LONGEST_WORD + 1},}}", _ends, text)
+    return text
+
+
+def _shown(letter: str) -> bool:
+    return letter.isprintable() or letter in _KEPT or "\udca0" <= letter <= "\udcff"
+
+
+def _spelt(letter: str) -> str:
+    code = ord(letter)
+    if letter in "\n\t\r":
+        return {"\n": "\\n", "\t": "\\t", "\r": "\\r"}[letter]
+    if 0xDC80 <= code < 0xDCA0:
+        code -= 0xDC00
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+def _ends(word: re.Match[str]) -> str:
+    whole = word.group()
+    return f"{whole[: LONGEST_WORD - 100]}…({len(whole)} characters)…{whole[-60:]}"
 
 
 class ElidError(Exception):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+import stat
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from elid_cli.errors import UsageError, did_you_mean
@@ -77,14 +78,61 @@ def replacing(path: str | Path) -> Iterator[Path]:
     check_writable(target)
     beside = target.with_name(f".{target.stem[:100]}.{os.getpid()}.part{target.suffix}")
     try:
+        beside.unlink(missing_ok=True)
+        # never a link that lies there, and never more readable than the file that it replaces
+        mode = target.stat().st_mode & 0o777 if target.exists() else 0o666
+        os.close(os.open(beside, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
         yield beside
         if target.exists():
-            beside.chmod(target.stat().st_mode & 0o777)
+            beside.chmod(mode)
         beside.replace(target)
     except OSError as problem:
         raise UsageError(f"{target}: cannot be written", detail=str(problem.strerror or problem).lower()) from problem
     finally:
         beside.unlink(missing_ok=True)
+
+
+def refuse_overwriting(inputs: Iterable[tuple[str, str]], outputs: Iterable[tuple[str, str]]) -> None:
+    """Refuse, before any work is done, to write a file over one that is read, or two outputs to one file.
+
+    Parameters
+    ----------
+    inputs, outputs
+        (How the user named it: an option, or empty; path) of each. Links are followed; devices and pipes are left out.
+
+    Raises
+    ------
+    UsageError
+        Naming both.
+    """
+    inputs = list(inputs)
+    taken = {file: (option, name) for option, name in inputs if (file := _identity(name)) is not None}
+    folders = {Path(name).resolve() for _, name in inputs if name and Path(name).is_dir()}
+    written: dict[object, str] = {}
+    for option, name in outputs:
+        file = _identity(name)
+        if file in taken:
+            other, read = taken[file]
+            raise UsageError(
+                f"{option} {name}: the same file as {other + ' ' if other else ''}{read}, which is read",
+                hint="name another file",
+            )
+        place = Path(name).resolve()
+        if folders & set(place.parents) and place.exists():
+            raise UsageError(f"{option} {name}: lies in a folder that is read", hint="name another file")
+        key = file or place
+        if key in written and not (place.exists() and not place.is_file()):
+            raise UsageError(f"{option} {name}: the same file as {written[key]}", hint="name another file")
+        written[key] = f"{option} {name}"
+
+
+def _identity(name: str) -> tuple[int, int] | None:
+    """Return what tells a regular file from all others; None where there is none of that name."""
+    try:
+        found = Path(name).stat()
+    except (OSError, ValueError):
+        return None
+    return (found.st_dev, found.st_ino) if name and stat.S_ISREG(found.st_mode) else None
 
 
 def write_text(path: str | Path, text: str) -> None:

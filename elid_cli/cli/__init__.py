@@ -23,10 +23,14 @@ from elid_cli.errors import (
     EXIT_LOG,
     EXIT_USAGE,
     ElidError,
+    visible,
 )
 
 COMPLETE = "_ELID_COMPLETE"
 """Environment variable through which a shell asks for completions."""
+
+LONGEST_LINE = 4000
+"""Characters of a line of an error."""
 
 _interrupted = False
 
@@ -80,7 +84,7 @@ def _answer(problem: BaseException, arguments: list[str]) -> int:
     if isinstance(problem, SystemExit):
         return problem.code if isinstance(problem.code, int) else EXIT_BUG
     if "--debug" in arguments:
-        _print("".join(traceback.format_exception(problem)))
+        _print(visible("".join(traceback.format_exception(problem)), lines=True))
     if isinstance(problem, ElidError):
         return _report(problem.message, problem.detail, problem.hint, problem.exit_code, arguments)
     if isinstance(problem, MemoryError):
@@ -113,8 +117,9 @@ def _bug(problem: BaseException, arguments: list[str]) -> int:
 
 
 def _one_line(text: str) -> str:
-    """Return the text on one line, without control characters that a file name or a library may bring."""
-    return "".join(c if c.isprintable() or "\udc80" <= c <= "\udcff" else " " for c in text).strip()
+    """Return the text on one line of a bearable length."""
+    shown = visible(text.strip().replace("\n", " "))
+    return shown if len(shown) <= LONGEST_LINE else f"{shown[: LONGEST_LINE - 200]} … {shown[-150:]}"
 
 
 def _colored_errors(arguments: list[str]) -> bool:

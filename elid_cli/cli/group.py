@@ -22,6 +22,7 @@ from click.shell_completion import CompletionItem
 
 from elid_cli import __version__
 from elid_cli.errors import UsageError, did_you_mean, nearest
+from elid_cli.files import refuse_overwriting
 
 PACKAGE = f"{__package__}.verbs"
 ORDER = ("info", "identify", "classify", "diagnose", "validate", "reduce", "simulate", "excite")
@@ -83,7 +84,10 @@ class Verb(ExampleFirst, click.Command):
         try:
             if not ctx.resilient_parsing:
                 self._written_once(ctx, args)
-            return super().parse_args(ctx, args)
+            rest = super().parse_args(ctx, args)
+            if not ctx.resilient_parsing:
+                self._nothing_overwritten(ctx)
+            return rest
         except click.UsageError as problem:
             problem.ctx = problem.ctx or ctx
             raise
@@ -98,6 +102,18 @@ class Verb(ExampleFirst, click.Command):
                 raise UsageError(
                     f"{name}: given {order.count(param)} times, and only one file is written", hint="name one"
                 )
+
+    def _nothing_overwritten(self, ctx: click.Context) -> None:
+        """Refuse a file to write that is also read, or written twice."""
+        files: dict[bool, list[tuple[str, str]]] = {True: [], False: []}
+        for param in self.params:
+            value = ctx.params.get(param.name or "")
+            written = getattr(param, "heading", "") == "Output"
+            if (not isinstance(param.type, click.Path) and param.name != "robot") or param.name == "plot" or not value:
+                continue
+            name = max(param.opts, key=len) if isinstance(param, click.Option) else ""
+            files[written] += [(name, one) for one in ([value] if isinstance(value, str) else value)]
+        refuse_overwriting(files[False], files[True])
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, grouped by heading, in the order of their definition."""

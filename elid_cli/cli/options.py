@@ -88,7 +88,9 @@ class File(click.Path):
         super().__init__(path_type=str)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the path as typed."""
+        """Return the path as typed; one that is empty, as an unset variable leaves it, would name the folder."""
+        if not str(value).strip():
+            self.fail("an empty name is no file", param, ctx)
         return str(value)
 
 

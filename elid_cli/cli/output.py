@@ -15,7 +15,7 @@ import click
 
 from elid_cli.cli.color import is_terminal, wants_color
 from elid_cli.cli.options import Output
-from elid_cli.errors import ElidError
+from elid_cli.errors import ElidError, visible
 from elid_cli.files import check_suffix, check_writable
 from elid_cli.report import formats
 from elid_cli.report.tree import Report, Section, Text
@@ -112,7 +112,7 @@ def note(lines: Iterable[str], output: Output, word: str = "note") -> None:
     if not (output.json or output.markdown) and is_terminal(sys.stdout) and is_terminal(sys.stderr):
         return
     for line in lines:
-        sys.stderr.write(f"{word}: {line}\n")
+        sys.stderr.write(f"{word}: {visible(line)}\n")
 
 
 class LimitError(ElidError):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from elid_cli.cli.color import is_terminal, wants_color
 from elid_cli.cli.options import Output
+from elid_cli.errors import visible
 
 if TYPE_CHECKING:
     from elid_cli._types import Progress
@@ -45,6 +46,7 @@ def progress(output: Output, first: str = "reading") -> Iterator[Progress | None
 
         def advance(stage: str, share: float) -> None:
             nonlocal task
+            stage = visible(stage)
             if bars.tasks[-1].description != stage:
                 bars.remove_task(task)
                 task = bars.add_task(stage, total=1.0)

@@ -92,8 +92,12 @@ def open_source(path: str | Path, listener: Callable[[float], None] | None = Non
     ------
     LogError
         If the path does not exist, cannot be read, or is neither a file nor a folder.
+    UsageError
+        If it is empty.
     """
     name = str(path)
+    if not name.strip():
+        raise UsageError("an empty name is no log", hint="name the log, or the folder as .")
     if name == "-":
         data = sys.stdin.buffer.read()
         if not data.strip():

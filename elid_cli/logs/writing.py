@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib
-import os
 import pkgutil
-import tempfile
 from functools import cache
 from pathlib import Path
 
 from elid_cli.errors import LogError, UsageError
+from elid_cli.files import replacing
 from elid_cli.logs import formats as library
 from elid_cli.logs.contract import LogFormat
 from elid_cli.logs.source import Source
@@ -73,20 +71,5 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     fmt = writer_for(path)
     assert fmt.write is not None
     data = fmt.write(recording, Path(path).name)
-    target = Path(path)
-    try:
-        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be written", detail=(error.strerror or str(error)).lower()) from error
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(temporary).chmod(0o666 & ~umask)
-        Path(temporary).replace(target)
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be written", detail=(error.strerror or str(error)).lower()) from error
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            Path(temporary).unlink()
+    with replacing(path) as beside:
+        beside.write_bytes(data)

@@ -9,9 +9,13 @@ Nothing here knows about colour, width or markup, and nothing here computes: cel
 from __future__ import annotations
 
 import math
+import re
+import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal, TypeAlias
+
+from elid_cli.errors import visible
 
 Tone = Literal["plain", "good", "warn", "bad", "dim"]
 Role = Literal["heading", "plain", "warning", "code", "next"]
@@ -216,3 +220,51 @@ class Report:
     def figures(self) -> tuple[Figure, ...]:
         """The figures, in order."""
         return tuple(section for section in self.sections if isinstance(section, Figure))
+
+
+def shown(report: Report) -> Report:
+    """Return the report with every text as people may see it (`visible`); the payload, which JSON escapes, as it is."""
+    return replace(report, sections=tuple(_seen(s) for s in report.sections), invocation=visible(report.invocation))
+
+
+def _seen(value: Any, *, lines: bool = False) -> Any:
+    """Return a part of a report with its texts made visible; only paragraphs have lines."""
+    if isinstance(value, str):
+        return visible(value, lines=lines)
+    if type(value) in (tuple, list):
+        return type(value)(_seen(item) for item in value)
+    if is_dataclass(value) and not isinstance(value, type):
+        texts = isinstance(value, Text | Table)
+        if isinstance(value, Figure):  # a drawing has little room for a name
+            return Figure(value.key, visible(value.title), value.kind, _cut(value.data), visible(value.caption))
+        parts = {f.name: getattr(value, f.name) for f in fields(value) if f.name != "key"}
+        changed = {
+            name: seen
+            for name, part in parts.items()
+            if (seen := _seen(part, lines=texts and name in ("text", "note"))) is not part
+        }
+        return replace(value, **changed) if changed else value
+    return value
+
+
+DRAWN = 48
+"""Characters of a name in a drawing."""
+
+
+def _cut(value: Any) -> Any:
+    """Return what a plotter is given with its texts made visible and short; arrays as they are."""
+    if isinstance(value, str):
+        text = visible(value)
+        return text if len(text) <= DRAWN else f"{text[: DRAWN - 14]}…{text[-12:]}"
+    if type(value) in (tuple, list):
+        return type(value)(_cut(item) for item in value)
+    return {key: _cut(item) for key, item in value.items()} if isinstance(value, Mapping) else value
+
+
+def file_name(key: str) -> str:
+    """Return a section's key as a name for a file or an anchor, of letters, digits, ``_``, ``-`` and ``.``.
+
+    Unlike keys have unlike names. Joints may be called ``arm/joint1`` (a ROS name space).
+    """
+    plain = re.sub(r"[^\w.-]|^\.", "_", key)[:100]
+    return plain if plain == key else f"{plain}-{zlib.crc32(key.encode('utf-8', 'surrogateescape')):08x}"

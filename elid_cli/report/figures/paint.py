@@ -140,6 +140,7 @@ def settings() -> dict[str, Any]:
         "axes.grid": True, "grid.color": "#e6e6e6", "grid.linewidth": 0.6, "axes.axisbelow": True,
         "lines.linewidth": 1.0, "legend.frameon": False, "figure.facecolor": "white", "savefig.facecolor": "white",
         "svg.fonttype": "none", "path.simplify": True, "path.simplify_threshold": 0.2, "axes.unicode_minus": False,
+        "text.parse_math": False,  # names of joints may hold a dollar sign
     }  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from typing import Protocol, cast
 
 from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.files import check_writable, write_text
-from elid_cli.report.tree import Report
+from elid_cli.report.tree import Report, shown
 
 
 @dataclass(frozen=True)
@@ -91,12 +91,12 @@ def check_destination(path: Path) -> None:
 
 def render(report: Report, name: str, style: Style) -> str:
     """Return a report as text in the format of that name."""
-    return find_format(name).render(report, style)
+    return find_format(name).render(shown(report), style)
 
 
 def write_report(report: Report, path: Path) -> None:
     """Write a report to a file, whole or not at all, with all its rows, in the format of the file's suffix."""
-    write_text(path, format_of(path).render(report, Style(width=120, everything=True)))
+    write_text(path, format_of(path).render(shown(report), Style(width=120, everything=True)))
 
 
 def check_drawing(folder: Path) -> None:
@@ -110,7 +110,7 @@ def check_drawing(folder: Path) -> None:
 def draw(report: Report, folder: Path, suffix: str = "png") -> None:
     """Write the report's figures into a folder, made if it is missing, one ``png`` or ``svg`` file per figure."""
     folder.mkdir(exist_ok=True)
-    _drawing().draw(report, folder, suffix)
+    _drawing().draw(shown(report), folder, suffix)
 
 
 def _drawing() -> ModuleType:

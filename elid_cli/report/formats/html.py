@@ -10,7 +10,7 @@ from html import escape
 from importlib import metadata, resources
 
 from elid_cli import __version__
-from elid_cli.errors import UsageError
+from elid_cli.errors import UsageError, visible
 from elid_cli.report.formats import Style
 from elid_cli.report.tree import (
     Cell,
@@ -24,6 +24,7 @@ from elid_cli.report.tree import (
     Table,
     Text,
     cell_text,
+    file_name,
 )
 
 SUFFIXES, FIGURES = (".html", ".htm"), True
@@ -89,7 +90,7 @@ def _origin(report: Report) -> str:
     log = report.payload.get("log") or {}
     hashes = zip(log.get("files", ()), log.get("sha256", ()), strict=False)
     lines += [f"{file} sha256 {digest}" for file, digest in hashes]
-    return "<br>".join(escape(line) for line in lines)
+    return "<br>".join(escape(visible(line)) for line in lines)
 
 
 def _version(name: str) -> str:
@@ -187,7 +188,7 @@ def _inline(svg: str, figure: Figure, variant: str) -> str:
 
 
 def _anchor(key: str) -> str:
-    return "f-" + re.sub(r"[^A-Za-z0-9_-]", "_", key)
+    return "f-" + re.sub(r"[^A-Za-z0-9_-]", "_", file_name(key))
 
 
 def _title(title: str) -> str:

@@ -9,7 +9,7 @@ from elid_cli.report.formats import Style
 from elid_cli.report.tree import Cell, Column, Figure, KeyValues, Report, Section, Table, Text, cell_text
 
 SUFFIXES = (".md", ".markdown")
-_SPECIAL = re.compile(r"([\\`*_\[\]<>|#~])")
+_SPECIAL = re.compile(r"([\\`*_\[\]<>|#~&$])")
 
 
 def render(report: Report, style: Style) -> str:
@@ -35,10 +35,16 @@ def _text(section: Text) -> str:
     if section.role == "warning":
         return f"> **warning** {_escape(section.text)}"
     if section.role == "next":
-        return f"Next:\n\n```sh\n{section.text}\n```"
+        return f"Next:\n\n{_fenced(section.text, 'sh')}"
     if section.role == "code":
-        return f"```yaml\n{section.text}\n```"
+        return _fenced(section.text, "yaml")
     return _escape(section.text)
+
+
+def _fenced(text: str, language: str) -> str:
+    """Return a block of code whose fence is longer than any that a name in it may bring."""
+    fence = "`" * max([3, *(len(run) + 1 for run in re.findall("`+", text))])
+    return f"{fence}{language}\n{text}\n{fence}"
 
 
 def _key_values(section: KeyValues) -> str:
