@@ -19,7 +19,7 @@ from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.triangles import to_triangles
 from elid_cli.estimation.result import Identification
 from elid_cli.model.regressor import Regressor
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import POSITIVE, Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
 
@@ -56,25 +56,27 @@ def physics_warnings(fit: DefaultFit, found: Identification) -> tuple[str, ...]:
     moving = [k for k in range(robot.n) if not fit.signals.still[k]]
     for k in moving if len(moving) > 1 else []:
         # turning the others round fits as well; the joint whose own parameters are negative is the one
-        if negative and not any(
-            w.startswith(tuple(f"{kind}{k + 1} " for kind in ("Jm", "K", "fs", "fv"))) for w in negative
-        ):
+        if negative and not any(w.startswith(tuple(f"{kind}{k + 1} " for kind in POSITIVE)) for w in negative):
             continue
         tried(turned(observation, k), f"the torque of {names[k]} looks as if its sign were wrong")
     for a, b in combinations(moving, 2):
         tried(swapped(observation, a, b), f"the torques of {names[a]} and {names[b]} look swapped")
     for k in moving:
-        if robot.joints[k].elastic and robot.joints[k].gear_ratio and k > 0:
+        if robot.joints[k].elastic and robot.joints[k].gear_ratio and robot.parents[k] >= 0:
             other = Regressor(_geared(robot, k))
             tried(observe(other, signals, mask=False), f"gear_ratio of {names[k]} looks as if its sign were wrong")
     for label, factor in (("degrees", np.pi / 180), ("radians where degrees are declared", 180 / np.pi)):
         scaled = replace(signals, motion=_scaled(fit.signals.motion, factor))
         tried(observe(fit.model, scaled, mask=False), f"the positions look as if they were in {label}")
     for k in moving:
-        own = {kind for kind in ("Jm", "K", "fs", "fv") if any(w.startswith(f"{kind}{k + 1} ") for w in negative)}
+        own = {kind for kind in POSITIVE if any(w.startswith(f"{kind}{k + 1} ") for w in negative)}
         sentence = f"the torque of {names[k]} looks as if its sign were wrong"
         # whatever else fits: a motor whose inertia and friction are negative is driven the other way round
-        if {"Jm", "fs", "fv"} <= own and len(negative) < 3 * len(moving) and all(sentence != s for _, s in said):
+        if (
+            {robot.rotor_names[k][:2], "fs", "fv"} <= own
+            and len(negative) < 3 * len(moving)
+            and all(sentence != s for _, s in said)
+        ):
             said.append((np.inf, sentence))
         if own == {"K"}:
             said.append((np.inf, f"q and theta of {names[k]} look swapped: its spring pushes the wrong way"))
@@ -137,7 +139,7 @@ def _with_torque(observation: Observation, tau: Array) -> Observation:
 
 def _geared(robot: Robot, joint: int) -> Robot:
     joints = list(robot.joints)
-    joints[joint] = replace(joints[joint], gear_ratio=-joints[joint].gear_ratio)
+    joints[joint] = replace(joints[joint], gear_ratio=-(joints[joint].gear_ratio or 0.0))
     return replace(robot, joints=tuple(joints))
 
 

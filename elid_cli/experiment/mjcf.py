@@ -64,7 +64,7 @@ def known_parameters(robot: Robot, parameters: Array | None = None) -> Array:
         listed = " ".join(unknown[:8]) + (" …" if len(unknown) > 8 else "")
         raise RobotError(f"{robot.name}: unknown parameters {listed}", hint=_PHYSICAL)
     for name, value in zip(names, values, strict=True):
-        if name.startswith(("Jm", "K")) and value <= 0:
+        if name.startswith(("Jm", "Ja", "K")) and value <= 0:
             raise RobotError(f"{robot.name}: {name} is {value:g}; it must be positive to be simulated", hint=_PHYSICAL)
     return values
 
@@ -95,10 +95,10 @@ def apart(robot: Robot, parameters: Array) -> tuple[Robot, list[Array]]:
 
 def _links(robot: Robot) -> list[Array]:
     """Return the pseudo-inertias of a robot in joint frames, less the discs of the rotors that ride on them."""
-    links = []
-    for joint, carried in zip(robot.joints, [*robot.joints[1:], None], strict=True):
-        matrix = pseudo_inertia(np.array([joint.parameters[name] for name in LINK_PARAMETERS]))
-        links.append(matrix if carried is None else matrix - disc(carried.parameters["Jm"], carried.motor_axis))
+    links = [pseudo_inertia(np.array([joint.parameters[name] for name in LINK_PARAMETERS])) for joint in robot.joints]
+    for joint, carrier in zip(robot.joints, robot.parents, strict=True):
+        if carrier >= 0 and joint.gear_ratio is not None:
+            links[carrier] = links[carrier] - disc(joint.parameters["Jm"], joint.motor_axis)
     return links
 
 
@@ -218,29 +218,46 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
 
 
 def _bodies(robot: Robot, links: list[Array]) -> Iterator[str]:
-    """Yield the nested bodies: in each the rotor that rides on it, then the next link."""
+    """Yield the nested bodies: in each the rotors that ride on it, then the next links."""
     places = origins(robot)
-    pad = "    "
-    yield from _rotor(robot.joints[0], 1e-3, np.zeros(3), pad)
-    for i, (joint, link) in enumerate(zip(robot.joints, links, strict=True)):
-        carried = robot.joints[i + 1] if i + 1 < robot.n else None
-        mass, centre = 0.0, np.zeros(3)
-        if carried is not None:
-            link, mass, centre = split_mass(link, ROTOR_SHARE)
-        place = f'pos="{_spaced(places[i][:3, 3])}" quat="{_spaced(_quaternion(places[i][:3, :3]))}"'
-        yield f"{pad}<body name={quoteattr(joint.name + '_link')} {place}>"
-        pad += "  "
-        yield pad + _inertial(link)
-        yield pad + _link_joint(joint)
-        end = places[i + 1][:3, 3] if carried is not None else np.zeros(3)
-        if np.linalg.norm(end) > 1e-6:
-            size = _number(round(0.08 * float(np.linalg.norm(end)), 6))
-            yield f'{pad}<geom type="capsule" fromto="0 0 0 {_spaced(end)}" size="{size}" contype="0" conaffinity="0"/>'
-        if carried is not None:
-            yield from _rotor(carried, mass, centre, pad)
-    for _ in robot.joints:
-        pad = pad[2:]
-        yield f"{pad}</body>"
+
+    def carried(parent: int, link: Array | None, pad: str) -> Iterator[str]:
+        """Yield what a body (-1: the world) carries, its own inertia first, less what stands in for its rotors."""
+        on = [k for k, carrier in enumerate(robot.parents) if carrier == parent]
+        riding = [k for k in on if robot.joints[k].gear_ratio is not None]
+        rotors: list[str] = []
+        for k in riding:
+            mass, centre = 1e-3, np.zeros(3)
+            if link is not None:
+                link, mass, centre = split_mass(link, ROTOR_SHARE)
+            rotors += _rotor(robot.joints[k], mass, centre, pad)
+        if link is not None:
+            yield pad + _inertial(link)
+            yield pad + _link_joint(robot.joints[parent])
+        for k in on:
+            end = places[k][:3, 3]
+            if link is not None and np.linalg.norm(end) > 1e-6:
+                size = _number(round(0.08 * float(np.linalg.norm(end)), 6))
+                shape = f'fromto="0 0 0 {_spaced(end)}" size="{size}"'
+                yield f'{pad}<geom type="capsule" {shape} contype="0" conaffinity="0"/>'
+        yield from rotors
+        for k in on:
+            place = f'pos="{_spaced(places[k][:3, 3])}" quat="{_spaced(_quaternion(places[k][:3, :3]))}"'
+            yield f"{pad}<body name={quoteattr(robot.joints[k].name + '_link')} {place}>"
+            yield from carried(k, links[k], pad + "  ")
+            yield f"{pad}</body>"
+
+    for (
+        joint
+    ) in robot.joints:  # a reflected inertia behind a spring: a rotor that turns in the world, coupled to nothing
+        if joint.elastic and joint.gear_ratio is None:
+            yield from _rotor(joint, 1e-3, np.zeros(3), "    ")
+    yield from carried(-1, None, "    ")
+
+
+def _armature(joint: Joint) -> bool:
+    """Whether a motor is MuJoCo's own: its reflected inertia rigidly at the joint."""
+    return joint.gear_ratio is None and not joint.elastic
 
 
 def _inertial(link: Array) -> str:
@@ -252,12 +269,17 @@ def _inertial(link: Array) -> str:
 def _link_joint(joint: Joint) -> str:
     kind = "hinge" if joint.revolute else "slide"
     limits = f' limited="true" range="{_spaced(joint.limits.position)}"' if joint.limits.position is not None else ""
-    return f'<joint name={quoteattr(joint.name)} type="{kind}" axis="{_spaced(joint.axis)}"{limits}/>'
+    motor = ""
+    if _armature(joint):
+        own = joint.parameters
+        friction = f'frictionloss="{_number(max(own.get("fs", 0.0), 0.0))}" solreffriction="{2 * TIMESTEP} 1"'
+        motor = f' armature="{_number(own["Ja"])}" damping="{_number(own.get("fv", 0.0))}" {friction}'
+    return f'<joint name={quoteattr(joint.name)} type="{kind}" axis="{_spaced(joint.axis)}"{limits}{motor}/>'
 
 
 def _rotor(joint: Joint, mass: float, centre: Array, pad: str) -> Iterator[str]:
-    inertia = joint.parameters["Jm"]
-    k = joint.gear_ratio
+    k = _ratio(joint)
+    inertia = joint.parameters["Jm" if joint.gear_ratio is not None else "Ja"]
     friction = _number(max(joint.parameters.get("fs", 0.0), 0.0) / abs(k))
     damping = _number(joint.parameters.get("fv", 0.0) / k**2)
     name = joint.name + "_rotor"
@@ -272,6 +294,11 @@ def _rotor(joint: Joint, mass: float, centre: Array, pad: str) -> Iterator[str]:
     yield f"{pad}</body>"
 
 
+def _ratio(joint: Joint) -> float:
+    """Return the turns of the body that stands for a rotor per turn of its joint."""
+    return 1.0 if joint.gear_ratio is None else joint.gear_ratio
+
+
 def _transmissions(joints: tuple[Joint, ...]) -> Iterator[str]:
     if any(joint.elastic for joint in joints):
         yield "  <tendon>"
@@ -279,15 +306,16 @@ def _transmissions(joints: tuple[Joint, ...]) -> Iterator[str]:
             name = quoteattr(joint.name + "_transmission")
             yield f'    <fixed name={name} stiffness="{_number(joint.parameters["K"])}" springlength="0">'
             yield f'      <joint joint={quoteattr(joint.name)} coef="1"/>'
-            yield f'      <joint joint={quoteattr(joint.name + "_rotor")} coef="{_number(-1 / joint.gear_ratio)}"/>'
+            yield f'      <joint joint={quoteattr(joint.name + "_rotor")} coef="{_number(-1 / _ratio(joint))}"/>'
             yield "    </fixed>"
         yield "  </tendon>"
-    if any(not joint.elastic for joint in joints):
+    stiff = [joint for joint in joints if not joint.elastic and not _armature(joint)]
+    if stiff:
         yield "  <equality>"
-        for joint in (joint for joint in joints if not joint.elastic):
+        for joint in stiff:
             both = f"joint1={quoteattr(joint.name + '_rotor')} joint2={quoteattr(joint.name)}"
-            stiff = f'solref="{2 * TIMESTEP} 1" solimp="0.9999 0.9999 0.001"'
-            yield f'    <joint {both} polycoef="0 {_number(joint.gear_ratio)} 0 0 0" {stiff}/>'
+            firm = f'solref="{2 * TIMESTEP} 1" solimp="0.9999 0.9999 0.001"'
+            yield f'    <joint {both} polycoef="0 {_number(_ratio(joint))} 0 0 0" {firm}/>'
         yield "  </equality>"
 
 
@@ -296,8 +324,9 @@ def _motors(joints: tuple[Joint, ...]) -> Iterator[str]:
     for joint in joints:
         torque = joint.limits.torque
         limits = f' ctrllimited="true" ctrlrange="{_number(-torque)} {_number(torque)}"' if torque is not None else ""
-        names = f"name={quoteattr(joint.name + '_motor')} joint={quoteattr(joint.name + '_rotor')}"
-        yield f'    <motor {names} gear="{_number(1 / joint.gear_ratio)}"{limits}/>'
+        moved = joint.name if _armature(joint) else joint.name + "_rotor"
+        names = f"name={quoteattr(joint.name + '_motor')} joint={quoteattr(moved)}"
+        yield f'    <motor {names} gear="{_number(1 / _ratio(joint))}"{limits}/>'
     yield "  </actuator>"
 
 

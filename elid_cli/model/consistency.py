@@ -50,7 +50,7 @@ class Consistency:
     links: Array
     """Link pseudo-inertia of every body as a linear map of y, (n, 4, 4, p); dimensionless."""
     positive: NDArray[np.intp]
-    """Parameters that must be positive: Jm, K."""
+    """Parameters that must be positive: Jm, Ja, K."""
     nonnegative: NDArray[np.intp]
     """Parameters that must not be negative: fs, fv."""
 
@@ -128,13 +128,14 @@ def consistency(robot: Robot, estimate: Array) -> Consistency:
         for k, kind in enumerate(LINK_PARAMETERS):
             place = names.index(f"{kind}{i}")
             links[i - 1, :, :, place] = pseudo_inertia(np.eye(10)[k]) * scales.sizes[place] / unit
-        if i > 1:
+        carrier = robot.parents[i - 1]
+        if carrier >= 0 and joint.gear_ratio is not None:
             z = np.asarray(joint.motor_axis, dtype=float)
             place = names.index(f"Jm{i}")
-            before = np.outer(length, length) * scales.masses[i - 2]
+            before = np.outer(length, length) * scales.masses[carrier]
             disc = (np.eye(3) - np.outer(z, z)) / 2 * scales.sizes[place]
-            links[i - 2, :3, :3, place] = -disc / before[:3, :3]
-    positive = [k for k, name in enumerate(names) if name.startswith(("Jm", "K"))]
+            links[carrier, :3, :3, place] = -disc / before[:3, :3]
+    positive = [k for k, name in enumerate(names) if name.startswith(("Jm", "Ja", "K"))]
     friction = [k for k, name in enumerate(names) if name.startswith("f")]
     return Consistency(robot, scales, links, np.array(positive, dtype=np.intp), np.array(friction, dtype=np.intp))
 
@@ -172,7 +173,8 @@ def _scales(robot: Robot, estimate: Array) -> Scales:
     for k, name in enumerate(names):
         kind = name.rstrip("0123456789")
         body = int(name[len(kind) :]) - 1
-        load = float(masses[body:].sum()), length if robot.joints[body].revolute else 1.0
+        moved = [k for k, own in enumerate(robot.ancestors) if body in own]
+        load = float(masses[moved].sum()), length if robot.joints[body].revolute else 1.0
         if kind in LINK_PARAMETERS:
             sizes[k] = masses[body] * length ** {"m": 0, "c": 1, "I": 2}[kind[0]]
         else:
@@ -181,7 +183,7 @@ def _scales(robot: Robot, estimate: Array) -> Scales:
 
 
 def _scalar_size(kind: str, names: tuple[str, ...], reference: Array, estimate: Array, k: int) -> float:
-    """Return the size of a Jm, fs, fv or K: its reference, else its estimate, else those of its kind, else 0."""
+    """Return the size of a Jm, Ja, fs, fv or K: its reference, else its estimate, else those of its kind, else 0."""
     for value in (reference[k], estimate[k]):
         if np.isfinite(value) and value != 0:
             return abs(float(value))
@@ -192,9 +194,9 @@ def _scalar_size(kind: str, names: tuple[str, ...], reference: Array, estimate: 
 
 
 def _typical(kind: str, joint: Joint, load: tuple[float, float]) -> float:
-    """Return a usual Jm, fs, fv or K of a joint that carries a mass at an arm, (kg, m): its inertia matched."""
+    """Return a usual Jm, Ja, fs, fv or K of a joint that carries a mass at an arm, (kg, m): its inertia matched."""
     mass, arm = load
     inertia = mass * arm**2
-    if kind == "Jm":
-        return inertia / joint.gear_ratio**2
+    if kind in ("Jm", "Ja"):
+        return inertia / (joint.gear_ratio or 1.0) ** 2
     return inertia * RESONANCE**2 if kind == "K" else FRICTION * GRAVITY * mass * arm

@@ -212,10 +212,11 @@ class Dynamics:
         return compile_program(graph, outputs)
 
     def _no_rotor(self, k: int) -> RobotError:
+        name = self.robot.rotor_names[k]
         return RobotError(
-            f"{self.robot.name}: {self.robot.joints[k].name}: Jm = {self._values[f'Jm{k + 1}']:g} kg·m²",
+            f"{self.robot.name}: {self.robot.joints[k].name}: {name[:2]} = {self._values[name]:g} kg·m²",
             detail="a motor behind an elastic transmission needs a positive rotor inertia to move",
-            hint="give a positive Jm and gear_ratio, or transmission: rigid",
+            hint="give a positive Jm and gear_ratio, or Ja, or transmission: rigid",
         )
 
     def _not_positive(self, pivot: int, q: Vector) -> RobotError | ValueError:

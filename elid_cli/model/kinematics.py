@@ -1,4 +1,4 @@
-"""Velocities and accelerations of a serial chain, body by body, in body frames.
+"""Velocities and accelerations of a chain or a tree, body by body, in body frames.
 
 Written as scalar arithmetic that runs on floats, on traced nodes or on arrays of samples alike. All quantities
 of body i are expressed in frame i; the acceleration is that of frame i's origin minus gravity, so gravity needs
@@ -41,8 +41,8 @@ class Body:
     omega: Vector
     alpha: Vector
     acceleration: Vector
-    twists: tuple[tuple[Vector, Vector], ...]
-    """(linear, angular) velocity per unit velocity of joints 1…i."""
+    twists: tuple[tuple[int, tuple[Vector, Vector]], ...]
+    """(joint, (linear, angular) velocity per its unit velocity) of the joints that move this body."""
 
 
 def add(a: Vector, b: Vector) -> Vector:
@@ -91,11 +91,11 @@ def chain(robot: Robot, states: Sequence[JointState], *, gravity: bool = True) -
     """
     g = robot.gravity if gravity else (0.0, 0.0, 0.0)
     bodies = [Body(ZERO, ZERO, (-g[0], -g[1], -g[2]), ())]
-    for joint, state, (before, after) in zip(robot.joints, states, robot.placements(), strict=True):
+    for k, (joint, state, (before, after)) in enumerate(zip(robot.joints, states, robot.placements(), strict=True)):
         if joint.revolute:
             state, before, after = _with_offset(state, before, after)
-        body = _fixed(bodies[-1], before)
-        body = _turn(body, state) if joint.revolute else _slide(body, state)
+        body = _fixed(bodies[robot.parents[k] + 1], before)
+        body = _turn(body, state, k) if joint.revolute else _slide(body, state, k)
         bodies.append(_fixed(body, after, arriving=True))
     return bodies
 
@@ -150,7 +150,7 @@ def _fixed(body: Body, transform: Array, *, arriving: bool = False) -> Body:
     if moved and arriving:
         x, y, z = (0.0 if abs(c) < _EXACT else c for c in (turn.T @ np.array(p)).tolist())
         acceleration = add(acceleration, _times(acceleration_field(omega, alpha), (x, y, z)))
-    twists = tuple((into(add(v, cross(w, p)) if moved else v), into(w)) for v, w in body.twists)
+    twists = tuple((j, (into(add(v, cross(w, p)) if moved else v), into(w))) for j, (v, w) in body.twists)
     return Body(omega, alpha, acceleration, twists)
 
 
@@ -158,7 +158,7 @@ def _times(rows: tuple[Vector, Vector, Vector], v: Vector) -> Vector:
     return (dot(rows[0], v), dot(rows[1], v), dot(rows[2], v))
 
 
-def _turn(body: Body, state: JointState) -> Body:
+def _turn(body: Body, state: JointState, joint: int) -> Body:
     """Turn about z by q."""
     s, c = state.sin, state.cos
 
@@ -169,16 +169,16 @@ def _turn(body: Body, state: JointState) -> Body:
     alpha = into(body.alpha)
     # d/dt of the relative velocity seen from the turning frame: omega x (dq z)
     alpha = (alpha[0] + omega[1] * state.dq, alpha[1] - omega[0] * state.dq, alpha[2] + state.ddq)
-    twists = (*((into(v), into(w)) for v, w in body.twists), (ZERO, (0.0, 0.0, 1.0)))
+    twists = (*((j, (into(v), into(w))) for j, (v, w) in body.twists), (joint, (ZERO, (0.0, 0.0, 1.0))))
     return Body((omega[0], omega[1], omega[2] + state.dq), alpha, into(body.acceleration), twists)
 
 
-def _slide(body: Body, state: JointState) -> Body:
+def _slide(body: Body, state: JointState, joint: int) -> Body:
     """Slide along z by q."""
     p: Vector = (0.0, 0.0, state.q)
     acceleration = add(body.acceleration, cross(body.alpha, p))
     acceleration = add(acceleration, cross(body.omega, cross(body.omega, p)))
     acceleration = add(acceleration, cross(scale(body.omega, 2.0), (0.0, 0.0, state.dq)))
     acceleration = add(acceleration, (0.0, 0.0, state.ddq))
-    twists = (*((add(v, cross(w, p)), w) for v, w in body.twists), ((0.0, 0.0, 1.0), ZERO))
+    twists = (*((j, (add(v, cross(w, p)), w)) for j, (v, w) in body.twists), (joint, ((0.0, 0.0, 1.0), ZERO)))
     return Body(body.omega, body.alpha, acceleration, twists)

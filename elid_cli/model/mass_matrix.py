@@ -50,8 +50,9 @@ class NumericEquations:
         return tuple(k for k, joint in enumerate(self.robot.joints) if joint.elastic)
 
     def motor_inertia(self) -> list[float]:
-        """Return k_m² Jm of the elastic joints' motors, kg·m² at the joint."""
-        return [self.values[f"Jm{k + 1}"] * self.robot.joints[k].gear_ratio ** 2 for k in self.elastic]
+        """Return k_m² Jm, or Ja, of the elastic joints' motors, kg·m² at the joint."""
+        joints, names = self.robot.joints, self.robot.rotor_names
+        return [self.values[names[k]] * (joints[k].gear_ratio or 1.0) ** 2 for k in self.elastic]  # Ja has it in it
 
     def reduced(self) -> ReducedEquations:
         """Trace the reduced system; inputs are the `BLOCKS`."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from elid_cli.errors import RobotError, did_you_mean
@@ -61,9 +62,11 @@ def read_robot(source: str | Path) -> Robot:
     xml = path.suffix.lower() in (".urdf", ".xml")
     text = read_text(path, RobotError, suffixes=SUFFIXES, most=LARGEST * 20 if xml else LARGEST)
     if _is_xml(text) or xml:
+        from elid_cli.robot.beside import beside_file, robot_with
         from elid_cli.robot.urdf.read import read_urdf
 
-        return read_urdf(text, str(path), beside=path)
+        robot = replace(read_urdf(text, str(path)), source=str(path))
+        return robot_with(robot, beside_file(path))
     return robot_of_yaml(text, str(path))
 
 

@@ -1,38 +1,48 @@
-"""The robot: a serial chain of joints, each with a motor behind an elastic or a rigid transmission.
+"""The robot: a tree of joints on a fixed base, each with a motor behind an elastic or a rigid transmission.
 
-Frozen dataclasses only. Reading and writing them as YAML is `robot_file.py`, URDF is `urdf.py`.
-Joints are numbered from 1, base to tip, in names; from 0 in arrays. Units are SI.
+Frozen dataclasses only. Reading and writing them as YAML is `files.py`; `urdf/` and `mjcf/` have their own formats.
+Joints are numbered from 1, base to tips, in names; from 0 in arrays. Units are SI. A joint is carried by the one
+before it unless `Joint.parent` names another one, which must stand before it.
 
-Geometry: frame i follows from frame i-1 by ``before_i · motion(q_i) · after_i``, where the motion turns about
-(or, for a prismatic joint, slides along) the z axis. Distal (standard) DH has ``before = 1``, proximal
+Geometry: frame i follows from the frame of its parent by ``before_i · motion(q_i) · after_i``, where the motion turns
+about (or, for a prismatic joint, slides along) the z axis. Distal (standard) DH has ``before = 1``, proximal
 (modified) DH and URDF have everything in `before` (URDF axes other than z also need `after`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.errors import RobotError
 
 JointType = Literal["revolute", "prismatic"]
-Transmission = Literal["elastic", "rigid"]
+Transmission = Literal["elastic", "rigid", "auto"]
 Convention = Literal["standard", "modified", "urdf"]
 
 LINK_PARAMETERS = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 """Names of a body's ten inertial parameters, without the joint's number."""
-JOINT_PARAMETERS = (*LINK_PARAMETERS, "Jm", "fs", "fv", "K")
-"""Names of the 14 parameters of a joint, without its number."""
+MOTOR_PARAMETERS = ("Jm", "Ja", "fs", "fv")
+"""Names of a motor's parameters; it has `Jm` where its gear ratio is known, `Ja` otherwise."""
+JOINT_PARAMETERS = (*LINK_PARAMETERS, *MOTOR_PARAMETERS, "K")
+"""Names of the 14 parameters of a joint, without its number, with the two names of its rotor's inertia."""
+POSITIVE = ("K", *MOTOR_PARAMETERS)
+"""Parameters that no physical joint has negative."""
+BASE = "base"
+"""What `Joint.parent` calls the base."""
 PARAMETER_GROUPS: tuple[tuple[str, ...], ...] = (
     ("m",),
     ("cx", "cy", "cz"),
     ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"),
-    ("Jm",),
+    ("Jm", "Ja"),
     ("fs",),
     ("fv",),
     ("K",),
@@ -115,11 +125,13 @@ class Joint:
     alpha: float = 0.0
     d: float = 0.0
     theta: float = 0.0
-    gear_ratio: float = 1.0
-    """k_m: rotor turns per joint turn (rad per m for a prismatic joint)."""
+    gear_ratio: float | None = None
+    """k_m: rotor turns per joint turn (rad per m for a prismatic joint); None: unknown. The rotor is then known by its
+    reflected inertia Ja (kg·m² at the joint, k_m² Jm) only, and does not couple to the body that carries it."""
     motor_axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """z_m: unit vector of the rotor's axis in frame i-1."""
+    """z_m: unit vector of the rotor's axis in the frame of the parent."""
     transmission: Transmission = "elastic"
+    """``auto``: as the log shows it (`logs.robot_as_logged`); without a log elastic where K is known, else rigid."""
     parameters: Mapping[str, float] = field(default_factory=_empty)
     """Reference values by the names of `JOINT_PARAMETERS`; those not named are unknown, not zero."""
     limits: Limits = field(default_factory=Limits)
@@ -129,6 +141,8 @@ class Joint:
     """Fixed-axis roll, pitch, yaw of the joint in the parent frame, rad (convention ``urdf`` only)."""
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Unit axis in the joint's own frame (convention ``urdf`` only)."""
+    parent: str = ""
+    """The joint that carries this one: its name, `BASE`, or empty for the joint before."""
 
     @property
     def revolute(self) -> bool:
@@ -138,7 +152,20 @@ class Joint:
     @property
     def elastic(self) -> bool:
         """Whether motor and link positions differ."""
-        return self.transmission == "elastic"
+        return self.transmission == "elastic" or (self.transmission == "auto" and "K" in self.parameters)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Names of this joint's standard parameters, without its number."""
+        absent = ("Ja" if self.gear_ratio is not None else "Jm", "" if self.elastic else "K")
+        return tuple(kind for kind in JOINT_PARAMETERS if kind not in absent)
+
+    def geared(self, ratio: float) -> Joint:
+        """Return the joint with a gear ratio; a reflected inertia becomes the rotor's own."""
+        values = dict(self.parameters)
+        if "Ja" in values:
+            values.setdefault("Jm", values.pop("Ja") / ratio**2)
+        return replace(self, gear_ratio=ratio, parameters=values)
 
 
 @dataclass(frozen=True)
@@ -154,7 +181,7 @@ class EffectSpec:
 
 @dataclass(frozen=True)
 class Robot:
-    """A serial robot; `log` is the default mapping of its logs (same shape as a --map file)."""
+    """A robot; `log` is the default mapping of its logs (same shape as a --map file)."""
 
     name: str
     joints: tuple[Joint, ...]
@@ -165,6 +192,10 @@ class Robot:
     log: Mapping[str, Any] = field(default_factory=_empty)
     control: Mapping[str, Mapping[str, float]] = field(default_factory=_empty)
     """Gains of the drives' position loops at the joint, by joint: ``kp`` in N·m/rad, ``kd`` in N·m·s/rad."""
+    source: str = field(default="", compare=False)
+    """The URDF or MJCF file it was read from; empty for one described by elid's own YAML."""
+    notes: tuple[str, ...] = field(default=(), compare=False)
+    """What a reader of its results must know of how it was read: sentences."""
 
     @property
     def n(self) -> int:
@@ -174,8 +205,37 @@ class Robot:
     @property
     def structure(self) -> str:
         """Everything that the form of the equations depends on: all of the robot but the values of its parameters."""
-        joints = tuple(replace(joint, parameters={}, limits=Limits()) for joint in self.joints)
+        joints = tuple(
+            replace(joint, parameters={}, limits=Limits(), transmission="elastic" if joint.elastic else "rigid")
+            for joint in self.joints
+        )
         return repr((joints, self.gravity, self.dh))
+
+    @cached_property
+    def parents(self) -> tuple[int, ...]:
+        """The joint that carries each one, -1 for the base: always an earlier joint."""
+        found: list[int] = []
+        for k, joint in enumerate(self.joints):
+            if joint.parent == BASE:
+                found.append(-1)
+            else:
+                found.append(self.joint_names.index(joint.parent) if joint.parent else k - 1)
+            if found[-1] >= k:
+                raise ValueError(f"{joint.name} stands before its parent {joint.parent}")
+        return tuple(found)
+
+    @cached_property
+    def ancestors(self) -> tuple[tuple[int, ...], ...]:
+        """The joints that move each body, from the base to its own one."""
+        found: list[tuple[int, ...]] = []
+        for k, parent in enumerate(self.parents):
+            found.append((*(found[parent] if parent >= 0 else ()), k))
+        return tuple(found)
+
+    @property
+    def is_tree(self) -> bool:
+        """Whether any joint is carried by another one than the joint before it."""
+        return any(parent != k - 1 for k, parent in enumerate(self.parents))
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -189,8 +249,31 @@ class Robot:
 
     @property
     def gear_ratios(self) -> Array:
-        """Gear ratios k_m, shape (n,)."""
+        """Gear ratios k_m, shape (n,); NaN where unknown."""
         return np.array([joint.gear_ratio for joint in self.joints], dtype=float)
+
+    def known_ratios(self, what: str, joints: Iterable[str] | None = None) -> Array:
+        """Return `gear_ratios` where `what` needs those of some joints (None: of all).
+
+        Raises
+        ------
+        RobotError
+            One of them is unknown.
+        """
+        unknown = [j.name for j in self.joints if j.gear_ratio is None and (joints is None or j.name in joints)]
+        if unknown:
+            beside = f" in {Path(self.source).with_suffix('.elid.yaml')}" if self.source else ""
+            raise RobotError(
+                f"{what} needs the gear ratio of {' '.join(unknown)}",
+                detail=f"the description of {self.name!r} does not give it",
+                hint=f"joints: {{{unknown[0]}: {{gear_ratio: 100}}}}{beside}" if beside else "gear_ratio: 100",
+            )
+        return self.gear_ratios
+
+    @property
+    def rotor_names(self) -> tuple[str, ...]:
+        """Names of the rotors' inertias, one per joint: Jm, or Ja where the gear ratio is unknown."""
+        return tuple(f"{'Ja' if j.gear_ratio is None else 'Jm'}{i}" for i, j in enumerate(self.joints, start=1))
 
     def stiffened(self, joints: NDArray[np.bool_]) -> Robot:
         """Return the robot with rigid transmissions at some elastic joints (n,): all that a log without links shows.
@@ -212,12 +295,13 @@ class Robot:
 
     def parameter_names(self) -> tuple[str, ...]:
         """Return the standard parameters' names in standard order (eq. 14); a rigid joint has no K."""
+        kinds = [joint.kinds for joint in self.joints]
         return tuple(
             f"{kind}{i}"
             for group in PARAMETER_GROUPS
-            for i, joint in enumerate(self.joints, start=1)
+            for i, own in enumerate(kinds, 1)
             for kind in group
-            if kind != "K" or joint.elastic
+            if kind in own
         )
 
     def parameter_units(self) -> tuple[str, ...]:
@@ -242,6 +326,8 @@ class Robot:
             return "kg·m"
         if kind.startswith("I") or kind == "Jm":
             return "kg·m²"
+        if kind == "Ja":
+            return "kg·m²" if joint.revolute else "kg"
         if kind == "fs":
             return "N·m" if joint.revolute else "N"
         if kind == "fv":

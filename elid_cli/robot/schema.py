@@ -7,11 +7,12 @@ stand in place of ``a alpha d theta``.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, cast
 
 from elid_cli.errors import did_you_mean
-from elid_cli.robot.robot import JOINT_PARAMETERS, Convention, EffectSpec, Joint, Limits, Robot
+from elid_cli.robot.robot import BASE, JOINT_PARAMETERS, Convention, EffectSpec, Joint, Limits, Robot
 from elid_cli.robot.yaml import Value, parse_yaml
 
 MOST_JOINTS = 60
@@ -21,7 +22,10 @@ UNIT = 1e-6
 _TOP = ("name", "gravity", "dh", "joints")
 _TOP_OPTIONAL = ("description", "effects", "log", "control")
 _GEOMETRY = {"standard": ("a", "alpha", "d", "theta"), "urdf": ("xyz", "rpy", "axis")}
-_JOINT_OPTIONAL = ("type", "motor_axis", "transmission", "parameters", "limits")
+TRANSMISSIONS = ("elastic", "rigid", "auto")
+MOTOR_KEYS = ("gear_ratio", "motor_axis", "transmission", "parameters", "limits")
+"""What a joint may say of its motor, transmission, parameters and limits."""
+_JOINT_OPTIONAL = ("type", "parent", *MOTOR_KEYS)
 
 
 def robot_of_yaml(text: str, file: str) -> Robot:
@@ -53,34 +57,56 @@ def _joints(value: Value, convention: Convention) -> tuple[Joint, ...]:
         raise value.error(f"{len(items)} joints; 1 to {MOST_JOINTS} are read")
     joints: list[Joint] = []
     for number, item in enumerate(items, start=1):
-        joint = _joint(item, number, convention)
+        joint = _joint(item, number, convention, [other.name for other in joints])
         if joint.name in [other.name for other in joints]:
             raise item.within(joint.name).error("a second joint of this name", hint="every joint needs its own name")
         joints.append(joint)
     return tuple(joints)
 
 
-def _joint(value: Value, number: int, convention: Convention) -> Joint:
+def _joint(value: Value, number: int, convention: Convention, before: Sequence[str]) -> Joint:
     geometry = _GEOMETRY.get(convention, _GEOMETRY["standard"])
     value = value.within(_label(value, number))
-    keys = value.fields(("name", *geometry, "gear_ratio"), _JOINT_OPTIONAL)
-    gear_ratio = keys["gear_ratio"].number()
-    if gear_ratio == 0:
-        raise keys["gear_ratio"].error("0; the rotor turns per joint turn, 1 for a direct drive")
+    keys = value.fields(("name", *geometry), _JOINT_OPTIONAL)
+    parent = keys["parent"].text() if "parent" in keys else ""
+    if "parent" in keys and parent not in (BASE, *before):
+        what = f"{parent!r} is no joint above this one" if parent else "nothing where a joint is named"
+        hint = did_you_mean(parent, (BASE, *before)) or f"parents stand before what they carry; {BASE!r}: the base"
+        raise keys["parent"].error(what, hint=hint)
     placement: dict[str, Any] = {
         key: keys[key].number() if convention != "urdf" else read_vector(keys[key], unit=key == "axis")
         for key in geometry
     }
-    return Joint(
+    joint = Joint(
         name=keys["name"].name(),
         type=_choice(keys, "type", ("revolute", "prismatic")),
-        gear_ratio=gear_ratio,
-        motor_axis=read_vector(keys["motor_axis"], unit=True) if "motor_axis" in keys else (0.0, 0.0, 1.0),
-        transmission=_choice(keys, "transmission", ("elastic", "rigid")),
-        parameters=read_parameters(keys["parameters"]) if "parameters" in keys else {},
-        limits=read_limits(keys["limits"]) if "limits" in keys else Limits(),
+        parent="" if parent == (before[-1] if before else BASE) else parent,
         **placement,
     )
+    if joint.name == BASE:
+        raise keys["name"].error(f"{BASE!r} is what the base is called; a joint needs another name")
+    return with_motor(joint, keys)
+
+
+def with_motor(joint: Joint, keys: Mapping[str, Value]) -> Joint:
+    """Return the joint with what the keys say of its motor, transmission, parameters and limits, the rest as it is."""
+    if "parameters" in keys:
+        joint = replace(joint, parameters=dict(joint.parameters) | read_parameters(keys["parameters"]))
+    if "gear_ratio" in keys:
+        ratio = keys["gear_ratio"].number()
+        if ratio == 0:
+            raise keys["gear_ratio"].error("0; the rotor turns per joint turn, 1 for a direct drive")
+        joint = joint.geared(ratio)
+    if joint.gear_ratio is None and "Jm" in joint.parameters and "parameters" in keys:
+        raise keys["parameters"].error(
+            "Jm is the rotor's own inertia, and the gear ratio is not given",
+            hint="give gear_ratio, or the inertia at the joint: Ja",
+        )
+    if "motor_axis" in keys:
+        joint = replace(joint, motor_axis=read_vector(keys["motor_axis"], unit=True))
+    if "transmission" in keys:
+        joint = replace(joint, transmission=_choice(keys, "transmission", TRANSMISSIONS))
+    return replace(joint, limits=read_limits(keys["limits"])) if "limits" in keys else joint
 
 
 def _label(value: Value, number: int) -> str:
@@ -181,5 +207,5 @@ def read_vector(value: Value, *, unit: bool = False) -> tuple[float, float, floa
     return x / length, y / length, z / length
 
 
-def _choice(keys: dict[str, Value], name: str, options: tuple[str, str]) -> Any:
+def _choice(keys: Mapping[str, Value], name: str, options: Sequence[str]) -> Any:
     return keys[name].choice(options) if name in keys else options[0]

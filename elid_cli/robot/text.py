@@ -41,15 +41,17 @@ def text_of(robot: Robot, remarks: Sequence[str] = ()) -> str:
 
 def _joint(joint: Joint, urdf: bool) -> list[str]:
     lines = [f"name: {quoted(joint.name)}", f"type: {joint.type}"]
+    if joint.parent:
+        lines.append(f"parent: {quoted(joint.parent)}")
     if urdf:
         lines += [f"xyz: {_list(joint.xyz)}", f"rpy: {_list(joint.rpy)}", f"axis: {_list(joint.axis)}"]
     else:
         lines += [f"{key}: {_number(getattr(joint, key))}" for key in ("a", "alpha", "d", "theta")]
-    lines += [
-        f"gear_ratio: {_number(joint.gear_ratio)}",
-        f"motor_axis: {_list(joint.motor_axis)}",
-        f"transmission: {joint.transmission}",
-    ]
+    if joint.gear_ratio is not None:
+        lines.append(f"gear_ratio: {_number(joint.gear_ratio)}")
+    if joint.gear_ratio is not None or joint.motor_axis != (0.0, 0.0, 1.0):
+        lines.append(f"motor_axis: {_list(joint.motor_axis)}")
+    lines.append(f"transmission: {joint.transmission}")
     if joint.limits != Limits():
         lines.append(f"limits: {_limits(joint.limits)}")
     if joint.parameters:
@@ -105,7 +107,12 @@ def fingerprint(robot: Robot) -> str:
     model = {
         "gravity": _plus_zero(robot.gravity),
         "dh": robot.dh,
-        "joints": [{key: _plus_zero(getattr(joint, key)) for key in keys} for joint in robot.joints],
+        "joints": [
+            {key: _plus_zero(getattr(joint, key)) for key in keys}
+            | ({"parent": joint.parent} if joint.parent else {})
+            | ({"transmission": "elastic" if joint.elastic else "rigid"} if joint.transmission == "auto" else {})
+            for joint in robot.joints
+        ],
         "effects": [[effect.effect, effect.joint, dict(effect.parameters)] for effect in robot.effects],
     }
     return hashlib.sha256(json.dumps(model, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

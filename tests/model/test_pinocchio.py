@@ -18,6 +18,8 @@ ROBOTS = {
     "puma560": read_robot("puma560"),
     "seven joints": random_robot(41, 7, "standard"),
     "seven joints, modified": random_robot(42, 7, "modified"),
+    "tree": random_robot(45, 9, "urdf", kinds="rrp", parents=(-1, 0, 1, 0, 3, 4, -1, 6, 6), gearless=(2, 5)),
+    "tree, standard": random_robot(46, 6, "standard", parents=(-1, 0, 1, 0, 3, -1), rigid=(0, 4), gearless=(1, 4)),
     "sliding": random_robot(43, 5, "standard", kinds="rpr", rigid=(1, 3)),
 }
 ORDER = ("m", "cx", "cy", "cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -25,15 +27,16 @@ ORDER = ("m", "cx", "cy", "cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 def pinocchio_model(robot: Robot) -> object:
-    """Return the chain with a joint frame before each body's constant placement; its bodies weigh nothing."""
+    """Return the tree with a joint frame before each body's constant placement; its bodies weigh nothing."""
     model = pin.Model()
     model.gravity.linear = np.array(robot.gravity)
-    parent, offset = 0, pin.SE3.Identity()
-    for joint, (before, after) in zip(robot.joints, robot.placements(), strict=True):
+    made = [(0, pin.SE3.Identity())]
+    for joint, above, (before, after) in zip(robot.joints, robot.parents, robot.placements(), strict=True):
+        parent, offset = made[above + 1]
         kind = pin.JointModelRZ() if joint.revolute else pin.JointModelPZ()
         parent = model.addJoint(parent, kind, offset * pin.SE3(before[:3, :3], before[:3, 3]), joint.name)
         model.appendBodyToJoint(parent, pin.Inertia.Zero(), pin.SE3.Identity())
-        offset = pin.SE3(after[:3, :3], after[:3, 3])
+        made.append((parent, pin.SE3(after[:3, :3], after[:3, 3])))
     return model
 
 
@@ -66,9 +69,15 @@ def test_rigid_part_is_pinocchios(name: str) -> None:
     theirs = pinocchio_model(robot)
     data = theirs.createData()
     for k in range(motion.samples):
-        Y = pin.computeJointTorqueRegressor(theirs, data, motion.q[k], motion.dq[k], motion.ddq[k])
+        # Pinocchio numbers joints in the order in which it walks its tree
+        rows = [theirs.joints[theirs.getJointId(name)].idx_v for name in robot.joint_names]
+        state = [np.empty(robot.n) for _ in range(3)]
+        for their, our in zip(state, (motion.q[k], motion.dq[k], motion.ddq[k]), strict=True):
+            their[rows] = our
+        Y = pin.computeJointTorqueRegressor(theirs, data, *state)[rows]
         for i, (_, after) in enumerate(robot.placements()):
             ours = dense[:, k][:, [model.index[f"{kind}{i + 1}"] for kind in ORDER]]
-            expected = Y[:, 10 * i : 10 * i + 10] @ parameters_in_joint_frame(after)
+            body = theirs.getJointId(robot.joint_names[i]) - 1
+            expected = Y[:, 10 * body : 10 * body + 10] @ parameters_in_joint_frame(after)
             scale = max(np.abs(expected).max(), 1.0)
             np.testing.assert_allclose(ours, expected, rtol=1e-9, atol=1e-11 * scale)

@@ -73,7 +73,6 @@ def test_every_key_is_read():
     ("old", "new", "expected"),
     [
         ("gear_ratio: 1e2", "gear_ration: 1e2", ["arm.yaml:11:", "shoulder", "'gear_ration'", "mean 'gear_ratio'"]),
-        ("    gear_ratio: 1e2\n", "", ["arm.yaml:6:", "shoulder", "missing key 'gear_ratio'"]),
         ("dh: standard\n", "", ["arm.yaml:1:", "missing key 'dh'"]),
         ("name: arm\n", "", ["missing key 'name'"]),
         ("dh: standard", "dh: standrd", ["arm.yaml:4:", "did you mean 'standard'"]),
@@ -227,15 +226,17 @@ def robots(draw) -> Robot:
             if dh == "urdf"
             else {key: next(numbers) for key in ("a", "alpha", "d", "theta")}
         )
-        gear_ratio = next(numbers) or 1.0
-        parameters = draw(st.dictionaries(st.sampled_from(JOINT_PARAMETERS), finite))
+        gear_ratio = draw(st.sampled_from([next(numbers) or 1.0, None]))
+        other = "Jm" if gear_ratio is None else "Ja"
+        parameters = draw(st.dictionaries(st.sampled_from([k for k in JOINT_PARAMETERS if k != other]), finite))
         joints.append(
             Joint(
                 name=name,
+                parent=draw(st.sampled_from(["", *(["base"] if joints else []), *(j.name for j in joints[:-1])])),
                 type=draw(st.sampled_from(["revolute", "prismatic"])),
                 gear_ratio=gear_ratio,
                 motor_axis=draw(st.sampled_from([(0.0, 0.0, 1.0), (0.6, 0.0, -0.8), (0.0, -1.0, 0.0)])),
-                transmission=draw(st.sampled_from(["elastic", "rigid"])),
+                transmission=draw(st.sampled_from(["elastic", "rigid", "auto"])),
                 parameters=parameters,
                 limits=Limits(position=draw(st.none() | st.just((-1.5, 2.25))), torque=draw(st.none() | st.just(3.0))),
                 **geometry,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elid_cli.robot.files import read_robot
-from elid_cli.robot.robot import JOINT_PARAMETERS
+from elid_cli.robot.robot import LINK_PARAMETERS
 
 GEARS = (-62.6111, 107.815, -53.7063, 76.0364, 71.923, 76.686)
 
@@ -30,7 +30,7 @@ def test_planar2_holds_the_papers_real_values_of_table_1():
     robot = read_robot("planar2")
     assert robot.gravity == (0, -9.81, 0)
     assert not robot.effects
-    assert all(set(joint.parameters) == set(JOINT_PARAMETERS) for joint in robot.joints)
+    assert all(set(joint.parameters) == set(joint.kinds) for joint in robot.joints)
 
 
 def test_puma560_moves_corkes_centre_of_mass_values_to_the_frame_origins():
@@ -44,7 +44,7 @@ def test_puma560_moves_corkes_centre_of_mass_values_to_the_frame_origins():
     for i, (mass, centre, inertia, rotor) in bodies.items():
         r = np.array(centre, dtype=float)
         about_origin = np.diag(inertia) + mass * (r @ r * np.eye(3) - np.outer(r, r)) + np.diag([0, 0, rotor])
-        found = [value(f"{name}{i}") for name in JOINT_PARAMETERS[:10]]
+        found = [value(f"{name}{i}") for name in LINK_PARAMETERS]
         xx, yy, zz = np.diag(about_origin)
         xy, xz, yz = about_origin[0, 1], about_origin[0, 2], about_origin[1, 2]
         np.testing.assert_allclose(found, [mass, *(mass * r), xx, yy, zz, xy, xz, yz], rtol=1e-9, atol=1e-12)

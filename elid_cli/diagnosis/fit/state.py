@@ -27,7 +27,7 @@ from elid_cli.model.effects.effect import Effect, Scene
 from elid_cli.model.effects.shifts import NAMES, Shifts, corrected
 from elid_cli.model.effects.tilt import TILT, settled, tilted, untilted
 from elid_cli.model.regressor import EstimationRow, Regressor
-from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.robot.robot import POSITIVE, EffectSpec, Robot
 from elid_cli.signals.signals import Signals
 
 LONGEST_SHIFT = 0.05
@@ -182,7 +182,7 @@ class State:
         return frozenset(
             name
             for name, value in zip(names, self.standard, strict=True)
-            if value < 0 and name.startswith(("K", "Jm", "fs", "fv")) and self.log.base.classes[name] == "independent"
+            if value < 0 and name.startswith(POSITIVE) and self.log.base.classes[name] == "independent"
         )
 
     def rms(self, row: EstimationRow) -> float:

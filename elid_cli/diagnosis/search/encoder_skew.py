@@ -16,6 +16,7 @@ from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.estimation.regression.covariance import regression
 from elid_cli.model.regressor import EstimationRow
+from elid_cli.robot.robot import MOTOR_PARAMETERS
 
 SURE = 6.0
 """Standard deviations by which a skew must differ from zero."""
@@ -102,6 +103,6 @@ def link_load(state: State, joint: int, parameters: Array | None = None) -> Arra
     values = state.standard if parameters is None else parameters
     log = state.log
     total = log.observation.group(EstimationRow("sum", joint))
-    own = {log.model.index[f"{kind}{joint + 1}"] for kind in ("Jm", "fs", "fv")}
+    own = {log.model.index.get(f"{kind}{joint + 1}") for kind in MOTOR_PARAMETERS}
     load: Array = np.array([0.0 if int(k) in own else values[k] for k in total.index]) @ total.columns
     return load

@@ -95,7 +95,7 @@ def collocate(fit: DefaultFit) -> Accurate | Refusal:
 
 def _along_inertias(fit: DefaultFit) -> Array:
     """Return the part of the default estimate's covariance that lies along the elastic joints' rotor inertias."""
-    names = [f"Jm{k + 1}" for k in np.flatnonzero(fit.model.robot.elastic)]
+    names = [fit.model.robot.rotor_names[k] for k in np.flatnonzero(fit.model.robot.elastic)]
     basis = [int(column) for column in fit.solution.basis]
     places = [basis.index(fit.model.index[name]) for name in names if fit.model.index[name] in basis]
     along = fit.covariance[:, places]

@@ -15,6 +15,7 @@ from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect, Scene
 from elid_cli.model.regressor import EstimationRow, Regressor
+from elid_cli.robot.robot import MOTOR_PARAMETERS
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
@@ -114,7 +115,7 @@ def _torques(model: Regressor, motion: Motion, standard: Array) -> tuple[Array, 
             k = item.row.joint
             predicted[part, k] = known[item.columns] @ rows[item.row]
             for position, column in enumerate(item.columns):
-                if model.names[column] in (f"Jm{k + 1}", f"fs{k + 1}", f"fv{k + 1}"):
+                if model.names[column] in [f"{kind}{k + 1}" for kind in MOTOR_PARAMETERS]:
                     own[part, k] += known[column] * rows[item.row][position]
     return predicted, predicted - own
 

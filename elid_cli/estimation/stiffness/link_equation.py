@@ -21,6 +21,7 @@ from elid_cli.estimation.result import BaseEstimate, Identification, Verdict
 from elid_cli.estimation.stiffness.noise import pull
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow
+from elid_cli.robot.robot import POSITIVE
 from elid_cli.signals.signals import Signals
 
 EXPLAINED = 0.6
@@ -72,7 +73,7 @@ def link_stiffness(
     if EstimationRow("motor", joint) not in rows or EstimationRow("sum", joint) not in rows or signals.still[joint]:
         return None  # of a joint that is held the deflection is one more constant
     total = rows[EstimationRow("sum", joint)]
-    own = {f"{kind}{joint + 1}" for kind in ("Jm", "fs", "fv", "K")}
+    own = {f"{kind}{joint + 1}" for kind in POSITIVE}
     values = dict(zip(base.leaders.tolist(), base.values(reference), strict=True))
     load = np.zeros(observation.instants)
     for position, column in enumerate(total.index.tolist()):

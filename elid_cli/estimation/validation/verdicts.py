@@ -12,7 +12,7 @@ from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.result import Verdict
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import MOTOR_PARAMETERS, POSITIVE, Robot
 
 WEAK = 0.3
 """Relative standard deviation above which a parameter is only weakly excited."""
@@ -111,7 +111,7 @@ def why(members: Sequence[str], robot: Robot, facts: SignalFacts) -> str:
     still = [robot.joint_names[k] for k in np.flatnonzero(facts.still)]
     if kind == "K":
         return f"too little torque that varies passes through the transmission of {label}"
-    if kind in ("fs", "fv", "Jm"):
+    if kind in MOTOR_PARAMETERS:
         return f"the motor of {label} moves too little against the noise"
     if kind in ("m", "cx", "cy", "cz") and not any(robot.gravity):
         return "there is no gravity, which first moments and masses show in"
@@ -137,7 +137,7 @@ def missing_gravity(joint: int, robot: Robot, facts: SignalFacts) -> str:
 def gravity_in_body(joint: int, robot: Robot, q: Array) -> Array:
     """Return gravity in the frame of body `joint` at positions q (N, n), m/s², (N, 3)."""
     field = np.broadcast_to(np.array(robot.gravity), (len(q), 3))
-    for k in range(joint + 1):
+    for k in robot.ancestors[joint]:
         before, after = robot.placements()[k]
         field = field @ before[:3, :3]
         if robot.joints[k].revolute:
@@ -153,7 +153,7 @@ def suspicious(base: BaseParameters, estimate: Array, deviation: Array, known: N
     sentences = []
     for k, leader in enumerate(base.leaders):
         name = base.parameters[leader]
-        positive = name.startswith(("K", "Jm", "fs", "fv")) and base.classes[name] == "independent"
+        positive = name.startswith(POSITIVE) and base.classes[name] == "independent"
         if positive and known[k] and estimate[k] < -3 * deviation[k]:
             sentences.append(f"{name} = {estimate[k]:.3g} is negative: check signs and units, or an effect is missing")
     return tuple(sentences)

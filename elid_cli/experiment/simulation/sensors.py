@@ -128,5 +128,5 @@ def _steps(robot: Robot, name: str, options: SensorOptions) -> Array | None:
         raise UsageError(f"an encoder with {counts:g} counts per turn")
     turn = np.array([2 * math.pi if joint.revolute else 1.0 for joint in robot.joints])
     if name == "theta" and options.motor_side:
-        return 2 * math.pi / (counts * np.abs(robot.gear_ratios))
+        return 2 * math.pi / (counts * np.abs(robot.known_ratios("encoders on the motors' shafts")))
     return turn / counts

@@ -152,7 +152,7 @@ class _Pair:
         return _Pair(
             j,
             joint.name,
-            joint.gear_ratio,
+            joint.gear_ratio or math.nan,
             slope,
             float(np.mean(theta) - np.mean(q)),
             correlation,

@@ -69,7 +69,7 @@ class SignalMap:
         gain = np.broadcast_to(self.factor, robot.n) * np.broadcast_to(self.scale, robot.n)
         gain = gain * np.broadcast_to(self.sign, robot.n)
         if self.motor_side:
-            ratios = robot.gear_ratios
+            ratios = robot.known_ratios(f"{self.signal}: side: motor", self.joints)
             power = 1 if self.signal in TORQUES else 2 if self.signal in GAINS else -1
             gain = gain * ratios**power
         return np.asarray(gain, dtype=float)

@@ -77,7 +77,7 @@ def orders(scene: Scene, joint: int, highest: int, periods: float = 1.0) -> list
     else:
         found = [least * k for k in np.arange(1.0, 33.0 / periods, 0.5 / periods)]
     fastest = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.9))
-    gear = abs(description.gear_ratio)
+    gear = abs(description.gear_ratio or math.nan)  # nothing is slower than an unknown gear
     # the rotor's own orders, as long as they are slow enough to be sampled
     own = [gear * k for k in (1.0, 2.0, 4.0) if gear * k * fastest < 2 * math.pi / (8 * scene.dt)]
     found += [k for k in own if k >= least and all(abs(k - other) > 0.25 for other in found)]

@@ -1,4 +1,4 @@
-"""Inertial forces and gravity of the bodies: ten parameters each, in link rows 1…i (eqs. 8, 14-31).
+"""Inertial forces and gravity of the bodies: ten parameters, in the link rows of the joints below (eqs. 8, 14-31).
 
 The rows are the virtual power of a body's inertial wrench on the unit motion of each joint below it, which
 equals Lagrange's equations of eq. (1) without the rotor terms.
@@ -28,7 +28,7 @@ class RigidBody:
             a, omega, alpha = body.acceleration, body.omega, body.alpha
             field = acceleration_field(omega, alpha)
             moments = _moments(omega, alpha)
-            for j, (v, w) in enumerate(body.twists):
+            for j, (v, w) in body.twists:
                 yield Entry("link", j, f"m{i}", dot(v, a))
                 lever = cross(a, w)
                 for axis, column in enumerate("xyz"):

@@ -13,15 +13,24 @@ class Rotor:
     """Rotor inertia Jm_i about its own axis, motor side of the gear."""
 
     name = "rotor"
-    equation = "motor row: k² Jm θ'' + k Jm z·alpha_{i-1};  link row j<i: k Jm w_j·(θ'' z + θ' omega_{i-1}×z)"
+    equation = (
+        "motor row: k² Jm θ'' + k Jm z·alpha_{i-1};  link row j<i: k Jm w_j·(θ'' z + θ' omega_{i-1}×z);  "
+        "gear ratio unknown: motor row: Ja θ''"
+    )
 
     def entries(self, robot: Robot, motion: ChainMotion) -> Iterator[Entry]:
-        """Yield the coefficients of Jm_i in motor row i and, through the body it rides on, in link rows 1…i-1."""
+        """Yield the coefficients of Jm_i in motor row i and, through the body it rides on, in the rows that move it.
+
+        A rotor of unknown gear ratio has its inertia at the joint, Ja_i, in its own row only.
+        """
         for i, (joint, motor) in enumerate(zip(robot.joints, motion.motors, strict=True), start=1):
-            carrier = motion.bodies[i - 1]
+            if joint.gear_ratio is None:
+                yield Entry("motor", i - 1, f"Ja{i}", motor.ddtheta)
+                continue
+            carrier = motion.bodies[robot.parents[i - 1] + 1]
             ratio, axis = joint.gear_ratio, joint.motor_axis
             own = motor.ddtheta * (ratio * ratio)
             yield Entry("motor", i - 1, f"Jm{i}", own + dot(axis, carrier.alpha) * ratio)
             moment = add(scale(axis, motor.ddtheta), scale(cross(carrier.omega, axis), motor.dtheta))
-            for j, (_, w) in enumerate(carrier.twists):
+            for j, (_, w) in carrier.twists:
                 yield Entry("link", j, f"Jm{i}", dot(w, moment) * ratio)

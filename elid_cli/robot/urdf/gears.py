@@ -1,31 +1,31 @@
 """What URDF itself does not know of a robot: gears, stiffness, gravity, and the DH parameters it was written from.
 
-Sources, later ones win: ``<transmission>`` (ROS 1 and ros2_control spellings), elid's ``<elid …/>`` elements,
-the YAML file beside the URDF.
+Sources, later ones win: ``<transmission>`` (ROS 1 and ros2_control spellings), elid's ``<elid …/>`` elements, the YAML
+file beside the URDF (`robot/beside.py`). A mechanical reduction of 1 is taken as not given: files say it that had to
+say something. Who means a direct drive says so in the YAML file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import RobotError, did_you_mean
-from elid_cli.files import read_text
+from elid_cli.errors import did_you_mean
 from elid_cli.robot.inertia import inertial_parameters, inverse, moved, pseudo_inertia
 from elid_cli.robot.robot import LINK_PARAMETERS, Convention, Joint, Robot, Transmission
-from elid_cli.robot.schema import read_effects, read_limits, read_log, read_parameters, read_vector
+from elid_cli.robot.schema import TRANSMISSIONS
 from elid_cli.robot.urdf.xml import Element
-from elid_cli.robot.yaml import Value, parse_yaml
 
 Vector = tuple[float, float, float]
 
 DH = ("a", "alpha", "d", "theta")
 _PARAMETER_TAGS = {"stiffness": "K", "motorInertia": "Jm", "rotorInertia": "Jm"}
+OWN_PARAMETERS = (("stiffness", "K"), ("rotor_inertia", "Jm"), ("reflected_inertia", "Ja"))
+"""Attributes of elid's own element with the parameters that they hold."""
 _REDUCTION = ("mechanicalReduction", "mechanical_reduction")
 
 
@@ -33,9 +33,9 @@ _REDUCTION = ("mechanicalReduction", "mechanical_reduction")
 class Gears:
     """The gear of one joint; `motor_axis` None: along the joint's axis."""
 
-    gear_ratio: float = 1.0
+    gear_ratio: float | None = None
     motor_axis: Vector | None = None
-    transmission: Transmission = "elastic"
+    transmission: Transmission = "auto"
     parameters: dict[str, float] = field(default_factory=dict)
     acceleration: float | None = None
     dh: dict[str, float] | None = None
@@ -54,13 +54,14 @@ def gears_of(root: Element, moving: Sequence[str]) -> dict[str, Gears]:
     for transmission in _transmissions(root):
         joints = list(transmission.all("joint"))
         if len(joints) != 1:
-            raise transmission.error(f"couples {len(joints)} joints; one joint per motor is modelled")
+            transmission.fault(f"couples {len(joints)} joints, which is not modelled: their gear ratios are unknown")
+            continue
         name = joints[0].need("name")
         if name not in names:
-            raise joints[0].error("no such joint", hint=did_you_mean(name, names))
-        if name in found:
-            raise transmission.error(f"a second transmission of joint {name!r}")
-        if name in moving:
+            joints[0].fault(f"no such joint: not read ({did_you_mean(name, names) or 'check the name'})")
+        elif name in found:
+            transmission.fault(f"a second transmission of joint {name!r} is not read")
+        elif name in moving:
             found[name] = _gears(transmission, [transmission, joints[0], *transmission.all("actuator")])
     return found
 
@@ -80,22 +81,23 @@ def _gears(transmission: Element, holders: Sequence[Element]) -> Gears:
                 ratios.add(child.parsed(child.text, 1, child.tag)[0])
             elif child.tag in _PARAMETER_TAGS:
                 parameters[_PARAMETER_TAGS[child.tag]] = child.parsed(child.text, 1, child.tag)[0]
-    ratios = (ratios - {1.0}) or {1.0}
+    own = transmission.one("elid")
+    if own is None:  # 1 is what files say whose writers had to say something
+        ratios -= {1.0}
     if len(ratios) > 1 or 0.0 in ratios:
         listed = ", ".join(f"{ratio:g}" for ratio in sorted(ratios))
         raise transmission.error(f"mechanical reduction {listed}; one ratio other than 0 is needed")
-    gears = Gears(gear_ratio=ratios.pop(), parameters=parameters)
-    own = transmission.one("elid")
+    gears = Gears(gear_ratio=ratios.pop() if ratios else None, parameters=parameters)
     return gears if own is None else _own(own, gears)
 
 
 def _own(own: Element, gears: Gears) -> Gears:
     """Return the gear with what elid's own element says."""
-    kind = own.attributes.get("transmission", "elastic")
-    if kind not in ("elastic", "rigid"):
-        raise own.error(f"transmission {kind!r} is not one of elastic, rigid")
+    kind = own.attributes.get("transmission", "auto")
+    if kind not in TRANSMISSIONS:
+        raise own.error(f"transmission {kind!r} is not one of {', '.join(TRANSMISSIONS)}")
     parameters = dict(gears.parameters)
-    for attribute, name in (("stiffness", "K"), ("rotor_inertia", "Jm")):
+    for attribute, name in OWN_PARAMETERS:
         if attribute in own.attributes:
             parameters[name] = own.number(attribute, 0.0)
     axis = None
@@ -129,16 +131,17 @@ def written_as_dh(robot: Robot, own: Element | None, gears: dict[str, Gears]) ->
         for joint, hint in zip(robot.joints, cast(list[dict[str, Any]], hints), strict=True)
     )
     described = replace(robot, joints=joints, dh=cast(Convention, convention))
-    back = np.eye(4)  # coordinates of the URDF frame before the joint to those of the DH frame
+    backs = [np.eye(4)]  # coordinates of the URDF frame before a joint to those of the DH frame; first the base's
     in_dh: list[Joint] = []
-    for joint, (urdf_before, urdf_after), (before, after) in zip(
-        joints, robot.placements(), described.placements(), strict=True
+    for joint, parent, (urdf_before, urdf_after), (before, after) in zip(
+        joints, robot.parents, robot.placements(), described.placements(), strict=True
     ):
+        back = backs[parent + 1]
         if not np.allclose(urdf_after, np.eye(4), atol=1e-12) or not np.allclose(back @ urdf_before, before, atol=1e-9):
             return robot
         axis = back[:3, :3] @ joint.motor_axis + 0.0
-        back = inverse(after)
-        in_dh.append(replace(joint, motor_axis=_vector(axis), parameters=_moved(joint, back)))
+        backs.append(inverse(after))
+        in_dh.append(replace(joint, motor_axis=_vector(axis), parameters=_moved(joint, backs[-1])))
     return replace(described, joints=tuple(in_dh))
 
 
@@ -148,58 +151,6 @@ def _moved(joint: Joint, transform: Array) -> dict[str, float]:
         there = moved(pseudo_inertia(np.array([parameters[name] for name in LINK_PARAMETERS])), transform)
         parameters |= zip(LINK_PARAMETERS, map(float, inertial_parameters(there)), strict=True)
     return parameters
-
-
-def beside_file(path: Path) -> Path:
-    """Return where the YAML beside a URDF is: ``arm.elid.yaml`` for ``arm.urdf``."""
-    return path.with_suffix(".elid.yaml")
-
-
-def robot_with(robot: Robot, path: Path) -> Robot:
-    """Return the robot completed from the YAML beside its URDF, unchanged where there is none.
-
-    Raises
-    ------
-    RobotError
-        With file, line and key, as for a robot description.
-    """
-    if not path.exists():
-        return robot
-    top = parse_yaml(read_text(path, RobotError), str(path)).fields(
-        (), ("gravity", "description", "effects", "log", "joints")
-    )
-    joints = list(robot.joints)
-    if "joints" in top:
-        for key, value in top["joints"].entries():
-            if key.text() not in robot.joint_names:
-                raise key.error(f"no joint {key.text()!r}", hint=did_you_mean(key.text(), robot.joint_names))
-            index = robot.joint_names.index(key.text())
-            joints[index] = _completed(joints[index], value.within(key.text()))
-    robot = replace(robot, joints=tuple(joints))
-    if "gravity" in top:
-        robot = replace(robot, gravity=read_vector(top["gravity"]))
-    if "description" in top:
-        robot = replace(robot, description=top["description"].text())
-    if "effects" in top:
-        robot = replace(robot, effects=read_effects(top["effects"], joints))
-    return replace(robot, log=read_log(top["log"])) if "log" in top else robot
-
-
-def _completed(joint: Joint, value: Value) -> Joint:
-    keys = value.fields((), ("gear_ratio", "motor_axis", "transmission", "parameters", "limits"))
-    if "gear_ratio" in keys:
-        ratio = keys["gear_ratio"].number()
-        if ratio == 0:
-            raise keys["gear_ratio"].error("0; the rotor turns per joint turn, 1 for a direct drive")
-        joint = replace(joint, gear_ratio=ratio)
-    if "motor_axis" in keys:
-        joint = replace(joint, motor_axis=read_vector(keys["motor_axis"], unit=True))
-    if "transmission" in keys:
-        kind = cast(Transmission, keys["transmission"].choice(("elastic", "rigid")))
-        joint = replace(joint, transmission=kind)
-    if "parameters" in keys:
-        joint = replace(joint, parameters=dict(joint.parameters) | read_parameters(keys["parameters"]))
-    return replace(joint, limits=read_limits(keys["limits"])) if "limits" in keys else joint
 
 
 def _vector(values: Array) -> Vector:

@@ -1,22 +1,18 @@
-"""URDF robots: serial chains read as `Robot`, inertials as reference values, and written back (`urdf_write`).
+"""URDF robots read as `Robot`, inertials as reference values.
 
 Frame i is the frame of the link that joint i moves. Links behind fixed joints are merged into the body that carries
-them, those before the first moving joint into the base. ``continuous`` is a revolute joint without position limits.
+them, those before the first moving joint into the base; floating and planar joints are held fixed. ``continuous`` is a
+revolute joint without position limits. Joints stand in the order of the file's tree, each chain in one piece.
 
 URDF has no gears: ratios come from ``<transmission>`` (``<mechanicalReduction>``, ``<stiffness>``), from elid's own
-``<elid …/>`` element in it, or from ``arm.elid.yaml`` beside ``arm.urdf``, which wins::
-
-    gravity: [0, 0, -9.81]
-    joints:
-      shoulder: {gear_ratio: 100, motor_axis: [0, 0, 1], transmission: elastic, parameters: {K: 2000, Jm: 2e-4}}
-
-Without any of them a joint has gear ratio 1, an elastic transmission, and its motor along the joint's axis.
+``<elid …/>`` element in it, or from the YAML beside the file (`robot/beside.py`), which wins. Without any of them the
+gear ratio is unknown and the transmission is what the log shows.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,17 +21,16 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError, did_you_mean, nearest
 from elid_cli.robot.inertia import about_origin, inertial_parameters, moved, pseudo_inertia
-from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Limits, Robot, rotation_rpy, rpy_of, translation
-from elid_cli.robot.urdf.gears import Gears, beside_file, default_axis, gears_of, robot_with, written_as_dh
-from elid_cli.robot.urdf.write import UNLIMITED, urdf_text, write_urdf
+from elid_cli.robot.robot import BASE, LINK_PARAMETERS, Joint, Limits, Robot, rotation_rpy, rpy_of, translation
+from elid_cli.robot.urdf.gears import Gears, default_axis, gears_of, written_as_dh
+from elid_cli.robot.urdf.write import UNLIMITED
 from elid_cli.robot.urdf.xml import Element, parse_xml
-
-__all__ = ["read_urdf", "urdf_text", "write_urdf"]
 
 QUARTER = 1e-5
 """Roll, pitch and yaw this near (rad) to a quarter turn are taken as one: most files say 1.5708 or 3.1416."""
 
 _MOVING = ("revolute", "continuous", "prismatic")
+_HELD = ("floating", "planar")
 
 
 @dataclass(frozen=True)
@@ -45,7 +40,7 @@ class _Link:
     """4x4 pseudo-inertia in the link's frame; None where the file has none."""
 
 
-def read_urdf(text: str, file: str, beside: Path | None = None) -> Robot:
+def read_urdf(text: str, file: str) -> Robot:
     """Return the robot of a URDF text.
 
     Parameters
@@ -54,13 +49,11 @@ def read_urdf(text: str, file: str, beside: Path | None = None) -> Robot:
         The XML.
     file
         Its name for error messages.
-    beside
-        The file's path, where there is one: ``<stem>.elid.yaml`` beside it is read too.
 
     Raises
     ------
     RobotError
-        Not a serial chain (the branch, loop, mimic, planar or floating joint is named), or not a URDF.
+        Not a tree (the loop is named), a type of joint that is not modelled, or not a URDF.
     """
     root = parse_xml(text, file)
     if root.tag != "robot":
@@ -71,12 +64,9 @@ def read_urdf(text: str, file: str, beside: Path | None = None) -> Robot:
     links = {name: _Link(element, _inertia(element)) for name, element in _named(root, "link").items()}
     if not links:
         raise RobotError(f"{file}: no links")
-    moving, bodies = _chain(file, _named(root, "joint"), links)
-    gears = gears_of(root, [name for name, _, _ in moving])
-    joints = tuple(
-        _joint(name, element, origin, body, gears.get(name, Gears()))
-        for (name, element, origin), body in zip(moving, bodies, strict=True)
-    )
+    moving, held = _tree(file, _named(root, "joint"), links)
+    gears = gears_of(root, [item.name for item in moving])
+    joints = tuple(_joint(item, gears.get(item.name, Gears())) for item in moving)
     own = root.one("elid")
     gravity = (0.0, 0.0, -9.81)
     if own is not None:
@@ -86,7 +76,8 @@ def read_urdf(text: str, file: str, beside: Path | None = None) -> Robot:
     description = own.attributes.get("description", "") if own is not None else ""
     robot = Robot(name=name, joints=joints, gravity=gravity, dh="urdf", description=description)
     robot = written_as_dh(robot, own, gears)
-    return robot_with(robot, beside_file(beside)) if beside is not None else robot
+    notes = tuple(f"{joint} is held fixed: {kind} joints are not modelled" for joint, kind in held)
+    return replace(robot, notes=(*notes, *root.faults))
 
 
 def _named(root: Element, tag: str) -> dict[str, Element]:
@@ -99,52 +90,66 @@ def _named(root: Element, tag: str) -> dict[str, Element]:
     return found
 
 
-def _chain(
+@dataclass(frozen=True)
+class _Moving:
+    """A joint that moves: its 4x4 origin in the moving frame before, that frame's joint, the inertia it moves."""
+
+    name: str
+    element: Element
+    origin: Array
+    parent: str
+    body: Array | None
+
+
+def _tree(
     file: str, joints: dict[str, Element], links: dict[str, _Link]
-) -> tuple[list[tuple[str, Element, Array]], list[Array | None]]:
-    """Return the moving joints (name, element, 4x4 origin in the moving frame before) and each one's merged inertia."""
+) -> tuple[list[_Moving], list[tuple[str, str]]]:
+    """Return the moving joints, parents first, and the (name, type) of joints that are held fixed."""
     children: dict[str, list[str]] = {name: [] for name in links}
     parent_of: dict[str, Element] = {}
     for name, element in joints.items():
         parent, child = (_link_name(element, tag, links) for tag in ("parent", "child"))
         if child in parent_of:
-            raise element.error(f"moves link {child!r}, which {parent_of[child].attributes['name']!r} moves already")
+            other = parent_of[child].attributes["name"]
+            what = f"moves link {child!r}, which {other!r} moves already: closed loops are not modelled"
+            raise element.error(what, hint=f"remove one of the joints {other!r} and {name!r}")
         parent_of[child] = element
         children[parent].append(name)
     roots = [name for name in links if name not in parent_of]
     if len(roots) != 1:
         what = f"links without a parent: {', '.join(roots)}" if roots else "every link has a parent: a loop"
-        raise RobotError(f"{file}: not a chain ({what})", hint="exactly one link is the base")
-    moving: list[tuple[str, Element, Array]] = []
-    bodies: list[Array | None] = []
-    link, origin = roots[0], np.eye(4)
+        raise RobotError(f"{file}: not a tree ({what})", hint="exactly one link is the base")
+    moving: list[_Moving] = []
+    held: list[tuple[str, str]] = []
     visited = 0
-    while True:
-        body, exits, seen = _rigid_group(link, origin, joints, links, children)
+    following: list[tuple[str, Element | None, Array, str]] = [("", None, np.eye(4), "")]
+    while following:
+        name, joint, origin, parent = following.pop()
+        link = roots[0] if joint is None else _link_name(joint, "child", links)
+        body, exits, seen = _rigid_group(link, joints, links, children, held)
         visited += seen
-        bodies.append(body)
-        if not exits:
-            break
-        if len(exits) > 1:
-            names = ", ".join(repr(name) for name, _ in exits)
-            raise joints[exits[1][0]].error(f"a branch: joints {names} move off one body", hint="keep one chain")
-        name, origin = exits[0]
-        moving.append((name, joints[name], origin))
-        link, origin = _link_name(joints[name], "child", links), np.eye(4)
+        if joint is not None:
+            before = moving[-1].name if moving else BASE
+            moving.append(_Moving(name, joint, origin, "" if parent == before else parent, body))
+        following += [(exit, joints[exit], at, name or BASE) for exit, at in reversed(exits)]
     if visited != len(links):
-        raise RobotError(f"{file}: not a chain ({len(links) - visited} links form a loop apart from the base)")
+        raise RobotError(f"{file}: not a tree ({len(links) - visited} links form a loop apart from the base)")
     if not moving:
         raise RobotError(f"{file}: no joint moves", hint=f"moving types: {', '.join(_MOVING)}")
-    return moving, bodies[1:]
+    return moving, held
 
 
 def _rigid_group(
-    link: str, origin: Array, joints: dict[str, Element], links: dict[str, _Link], children: dict[str, list[str]]
+    link: str,
+    joints: dict[str, Element],
+    links: dict[str, _Link],
+    children: dict[str, list[str]],
+    held: list[tuple[str, str]],
 ) -> tuple[Array | None, list[tuple[str, Array]], int]:
     """Return a body's merged inertia, the (joint, 4x4 origin) that move off it, and how many links it has."""
     body: Array | None = None
     exits: list[tuple[str, Array]] = []
-    waiting = [(link, origin)]
+    waiting = [(link, np.eye(4))]
     seen = 0
     while waiting:
         link, pose = waiting.pop()
@@ -154,26 +159,27 @@ def _rigid_group(
             body = moved(inertia, pose) + (0 if body is None else body)
         for name in children[link]:
             at = pose @ _origin(joints[name])
-            if _type(joints[name]) == "fixed":
-                waiting.append((_link_name(joints[name], "child", links), at))
-            else:
+            kind = _type(joints[name])
+            if kind in _HELD:
+                held.append((name, kind))
+            if kind in _MOVING:
                 exits.append((name, at))
+            else:
+                waiting.append((_link_name(joints[name], "child", links), at))
     return body, exits, seen
 
 
 def _type(element: Element) -> str:
     kind = element.need("type")
-    if element.one("mimic") is not None:
-        raise element.error("mimic joints are not modelled", hint="make it fixed, or remove it")
-    if kind not in (*_MOVING, "fixed"):
+    if kind not in (*_MOVING, *_HELD, "fixed"):
         near = nearest(kind, (*_MOVING, "fixed"))
-        known = ("planar", "floating", "spherical")
-        hint = f"did you mean {near!r}?" if near and kind not in known else f"types read: {', '.join(_MOVING)}, fixed"
+        hint = f"did you mean {near!r}?" if near and kind != "spherical" else f"types read: {', '.join(_MOVING)}, fixed"
         raise element.error(f"type {kind!r} is not modelled", hint=hint)
     return kind
 
 
-def _joint(name: str, element: Element, origin: Array, body: Array | None, gears: Gears) -> Joint:
+def _joint(item: _Moving, gears: Gears) -> Joint:
+    element, origin, body = item.element, item.origin, item.body
     kind = _type(element)
     axis_element = element.one("axis")
     axis = np.array(axis_element.numbers("xyz", (1.0, 0.0, 0.0)) if axis_element else (1.0, 0.0, 0.0))
@@ -194,7 +200,8 @@ def _joint(name: str, element: Element, origin: Array, body: Array | None, gears
     straight = np.array_equal(origin, translation(*raw[0]) @ rotation_rpy(raw[1]))  # no fixed joint in between
     x, y, z = raw[0] if straight else map(float, origin[:3, 3])
     return Joint(
-        name=name,
+        name=item.name,
+        parent=item.parent,
         type="prismatic" if kind == "prismatic" else "revolute",
         gear_ratio=gears.gear_ratio,
         motor_axis=gears.motor_axis or default_axis(origin, axis),

@@ -20,6 +20,7 @@ from elid_cli.errors import RobotError
 from elid_cli.files import write_text
 from elid_cli.robot.inertia import about_centre, about_origin, inertial_parameters, moved, pseudo_inertia
 from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot, rpy_of
+from elid_cli.robot.urdf.gears import OWN_PARAMETERS
 
 UNLIMITED = 1e9
 """What stands for no limit: URDF asks for the numbers."""
@@ -62,7 +63,7 @@ def urdf_text(robot: Robot, parameters: Array | None = None) -> str:
     ]
     for i, (joint, origin) in enumerate(zip(robot.joints, origins(robot), strict=True)):
         lines += _link(joint, links[i + 1])
-        lines += _joint(joint, origin, links[i], links[i + 1])
+        lines += _joint(joint, origin, links[robot.parents[i] + 1], links[i + 1])
         lines += _transmission(joint, robot.dh != "urdf")
     return "\n".join([*lines, "</robot>"]) + "\n"
 
@@ -84,14 +85,14 @@ def with_parameters(robot: Robot, parameters: Array | None) -> Robot:
 
 
 def in_joint_frames(robot: Robot) -> Robot:
-    """Return the robot with inertial parameters and motor axes in joint frames (frame i-1 moved by joint i).
+    """Return the robot with inertial parameters and motor axes in joint frames (the frame that joint i moves).
 
     The geometry is left as it was described. In these frames proximal DH and URDF robots are unchanged. A body whose
     mass is unknown keeps no inertial parameters; other unknown ones count as 0.
     """
     joints: list[Joint] = []
-    before_after = np.eye(4)  # of the joint before: coordinates of its DH frame to those of its joint frame
-    for joint, (_, after) in zip(robot.joints, robot.placements(), strict=True):
+    afters = [np.eye(4)]  # coordinates of each DH frame to those of its joint frame; first the base's
+    for joint, parent, (_, after) in zip(robot.joints, robot.parents, robot.placements(), strict=True):
         if robot.dh == "urdf":
             after = np.eye(4)
         values = dict(joint.parameters)
@@ -103,9 +104,9 @@ def in_joint_frames(robot: Robot) -> Robot:
             values |= zip(LINK_PARAMETERS, map(float, there), strict=True)
         else:
             values = {name: value for name, value in values.items() if name not in LINK_PARAMETERS}
-        x, y, z = before_after[:3, :3] @ joint.motor_axis
+        x, y, z = afters[parent + 1][:3, :3] @ joint.motor_axis
         joints.append(replace(joint, parameters=values, motor_axis=(float(x), float(y), float(z))))
-        before_after = after
+        afters.append(after)
     return replace(robot, joints=tuple(joints))
 
 
@@ -114,12 +115,11 @@ def origins(robot: Robot) -> list[Array]:
     if robot.dh == "urdf":
         # `before` also turns z onto the axis, and `after` turns back: together they are the plain origin
         return [before @ after for before, after in robot.placements()]
-    found = []
-    behind = np.eye(4)
-    for before, after in robot.placements():
-        found.append(behind @ before)
-        behind = after
-    return found
+    placements = robot.placements()
+    return [
+        (placements[parent][1] if parent >= 0 else np.eye(4)) @ before
+        for parent, (before, _) in zip(robot.parents, placements, strict=True)
+    ]
 
 
 def link_names(robot: Robot) -> list[str]:
@@ -184,7 +184,7 @@ def _joint(joint: Joint, origin: Array, parent: str, child: str) -> Iterator[str
 
 def _transmission(joint: Joint, dh: bool) -> Iterator[str]:
     own = {"transmission": joint.transmission, "motor_axis": _spaced(joint.motor_axis)}
-    for attribute, name in (("stiffness", "K"), ("rotor_inertia", "Jm")):
+    for attribute, name in OWN_PARAMETERS:
         if name in joint.parameters:
             own[attribute] = _number(joint.parameters[name])
     if joint.limits.acceleration is not None:
@@ -197,7 +197,8 @@ def _transmission(joint: Joint, dh: bool) -> Iterator[str]:
     yield "      <hardwareInterface>hardware_interface/EffortJointInterface</hardwareInterface>"
     yield "    </joint>"
     yield f"    <actuator name={quoteattr(joint.name + '_motor')}>"
-    yield f"      <mechanicalReduction>{_number(joint.gear_ratio)}</mechanicalReduction>"
+    if joint.gear_ratio is not None:
+        yield f"      <mechanicalReduction>{_number(joint.gear_ratio)}</mechanicalReduction>"
     yield "    </actuator>"
     yield f"    <elid {_attributes(own)}/>"
     yield "  </transmission>"

@@ -23,6 +23,8 @@ class Element:
     line: int
     children: list[Element] = field(default_factory=list)
     text: str = ""
+    faults: list[str] = field(default_factory=list)
+    """Small faults of the whole document, which its elements share."""
     owner: str = ""
     """The nearest named element around this one, as errors call it: ``joint 'elbow'``."""
 
@@ -42,11 +44,17 @@ class Element:
         return (child for child in self.children if child.tag == tag)
 
     def one(self, tag: str) -> Element | None:
-        """Return the only child of a tag, None where there is none; a second one is an error."""
+        """Return the first child of a tag, None where there is none; of a second one `faults` tells."""
         found = list(self.all(tag))
-        if len(found) > 1:
-            raise found[1].error(f"a second {tag}")
+        for other in found[1:]:
+            self.fault(f"a second <{tag}> in line {other.line} is not read")
         return found[0] if found else None
+
+    def fault(self, what: str) -> None:
+        """Note a small fault that leaves the meaning plain."""
+        text = f"{self.file}:{self.line}: {self.label}: {what}"
+        if text not in self.faults:
+            self.faults.append(text)
 
     def need(self, key: str) -> str:
         """Return an attribute that must be there."""
@@ -92,9 +100,10 @@ def parse_xml(text: str, file: str) -> Element:
     open_elements: list[Element] = []
     roots: list[Element] = []
     count = [0]
+    faults: list[str] = []
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, attributes, file, parser.CurrentLineNumber)
+        element = Element(tag, attributes, file, parser.CurrentLineNumber, faults=faults)
         if open_elements:
             around = open_elements[-1]
             element.owner = around.label if "name" in around.attributes else around.owner

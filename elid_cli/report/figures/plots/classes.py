@@ -23,7 +23,7 @@ LOOK = {
     "not excited": ("#b5500a", "x", "white", "not excited by this log"),
 }
 """Class -> colour (lightness falls with what is known), letter, its colour, words."""
-STANDARD = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "Jm", "fs", "fv", "K")
+STANDARD = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "Jm", "Ja", "fs", "fv", "K")
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
@@ -39,11 +39,12 @@ def draw(figure: Figure, paper: Paper) -> Canvas:
     from matplotlib.patches import Patch, Rectangle
 
     classes, joints = figure.data["classes"], figure.data["joints"]
+    shown = [kind for kind in STANDARD if any(f"{kind}{row + 1}" in classes for row in range(len(joints)))]
     made = paper.canvas(0.3 * len(joints) + (1.6 if paper.narrow else 0.95))
     axes = made.subplots()
     seen = []
     for row in range(len(joints)):
-        for column, kind in enumerate(STANDARD):
+        for column, kind in enumerate(shown):
             found = classes.get(f"{kind}{row + 1}")
             if found is None:
                 continue
@@ -52,9 +53,9 @@ def draw(figure: Figure, paper: Paper) -> Canvas:
             axes.add_patch(Rectangle((column - 0.48, row - 0.46), 0.96, 0.92, facecolor=fill, edgecolor="#bbbbbb",
                                      linewidth=0.5))  # fmt: skip
             axes.text(column, row, letter, ha="center", va="center", color=ink, fontsize=8)
-    axes.set_xlim(-0.55, len(STANDARD) - 0.45)
+    axes.set_xlim(-0.55, len(shown) - 0.45)
     axes.set_ylim(len(joints) - 0.45, -0.55)
-    axes.set_xticks(range(len(STANDARD)), STANDARD, fontsize=7.5 if paper.narrow else None)
+    axes.set_xticks(range(len(shown)), shown, fontsize=7.5 if paper.narrow else None)
     axes.set_yticks(range(len(joints)), joints)
     axes.grid(visible=False)
     axes.tick_params(length=0)

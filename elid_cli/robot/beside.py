@@ -1,0 +1,57 @@
+"""The YAML beside a URDF or MJCF: ``arm.elid.yaml`` holds what those formats cannot.
+
+Its keys are ``joints: {NAME: {gear_ratio, transmission, motor_axis, limits, parameters}}``, ``gravity``,
+``description``, ``effects``, ``log`` and ``control``, read and checked as those of a robot description.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from elid_cli.errors import RobotError, did_you_mean
+from elid_cli.files import read_text
+from elid_cli.robot.robot import Robot
+from elid_cli.robot.schema import MOTOR_KEYS, read_control, read_effects, read_log, read_vector, with_motor
+from elid_cli.robot.yaml import parse_yaml
+
+SUFFIX = ".elid.yaml"
+
+
+def beside_file(path: Path) -> Path:
+    """Return where the YAML beside a robot's own file is: ``arm.elid.yaml`` for ``arm.urdf``."""
+    return path.with_suffix(SUFFIX)
+
+
+def robot_with(robot: Robot, path: Path) -> Robot:
+    """Return the robot completed from the YAML beside its own file, unchanged where there is none.
+
+    Raises
+    ------
+    RobotError
+        With file, line and key, as for a robot description.
+    """
+    if not path.exists():
+        other = path.with_name(path.name.replace(SUFFIX, ".yaml"))
+        if not other.exists():
+            return robot
+        return replace(robot, notes=(*robot.notes, f"{other} is not read: what completes this robot is {path.name}"))
+    keys = ("gravity", "description", "effects", "log", "joints", "control")
+    top = parse_yaml(read_text(path, RobotError), str(path)).fields((), keys)
+    joints = list(robot.joints)
+    if "joints" in top:
+        for key, value in top["joints"].entries():
+            if key.text() not in robot.joint_names:
+                raise key.error(f"no joint {key.text()!r}", hint=did_you_mean(key.text(), robot.joint_names))
+            index = robot.joint_names.index(key.text())
+            joints[index] = with_motor(joints[index], value.within(key.text()).fields((), MOTOR_KEYS))
+    robot = replace(robot, joints=tuple(joints))
+    if "gravity" in top:
+        robot = replace(robot, gravity=read_vector(top["gravity"]))
+    if "description" in top:
+        robot = replace(robot, description=top["description"].text())
+    if "effects" in top:
+        robot = replace(robot, effects=read_effects(top["effects"], joints))
+    if "control" in top:
+        robot = replace(robot, control=read_control(top["control"], robot.joint_names))
+    return replace(robot, log=read_log(top["log"])) if "log" in top else robot
