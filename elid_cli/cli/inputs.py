@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from elid_cli.cli.options import Conditioning, Output, Reading
+import click
+
+from elid_cli.cli.options import LOCK, TIP, Conditioning, Output, Reading
 from elid_cli.cli.output import note
 
 if TYPE_CHECKING:
@@ -18,11 +20,24 @@ if TYPE_CHECKING:
 
 
 def load_robot(source: str) -> Robot:
-    """Return the robot that ``--robot`` names, its declared effects known to the library."""
+    """Return the robot that ``--robot`` names, its declared effects known to the library.
+
+    What its description leaves open is decided by ``--tip``, ``--lock`` and the logs of the command, and told.
+    """
+    from elid_cli.logs import read_map_options, robot_as_logged
     from elid_cli.model.effects.declared import check_effects
     from elid_cli.robot.files import read_robot
+    from elid_cli.robot.locking import beside_chain
 
-    return check_effects(read_robot(source))
+    context = click.get_current_context()
+    given, meta = context.params, context.meta
+    robot = check_effects(read_robot(source))
+    tip = meta.get(TIP)
+    held = dict.fromkeys(beside_chain(robot, tip) if tip else (), 0.0) | dict(meta.get(LOCK) or ())
+    logs = [str(log) for log in (*(given.get("logs") or ()), given.get("after")) if log]
+    robot = robot_as_logged(robot, logs, read_map_options(given.get("maps") or ()) or None, held)
+    note(robot.notes, Output(json=bool(given.get("json")), quiet=bool(given.get("quiet"))))
+    return robot
 
 
 def mapping_of(reading: Reading) -> dict[str, Any] | None:

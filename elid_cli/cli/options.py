@@ -159,11 +159,45 @@ def logs(*, required: bool = True) -> Decorator:
     return click.argument("logs", nargs=-1, required=required, type=File(), metavar=metavar)
 
 
+class Held(click.ParamType):  # type: ignore[type-arg]
+    """A joint and the value it is locked at: ``NAME=VALUE``."""
+
+    name = "held"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, float]:
+        """Return the name and the number, which may be an expression such as ``pi/2``."""
+        from elid_cli.robot.expressions import evaluate
+
+        joint, sign, text = str(value).rpartition("=")
+        try:
+            return joint if sign else text, evaluate(text) if sign else 0.0
+        except ValueError as fault:
+            self.fail(f"{value!r}: {fault}; write NAME=VALUE, in rad or m", param, ctx)
+
+
+TIP, LOCK = "elid.tip", "elid.lock"
+"""Where the context keeps `--tip` and `--lock` for `load_robot`, whatever the command."""
+
+
 def _robot(*, required: bool) -> Decorator:
+    def keep(key: str) -> Callable[[click.Context, click.Parameter, Any], None]:
+        return lambda ctx, _, value: ctx.meta.__setitem__(key, value)
+
+    robot, tip, lock = _robot_option(required=required), option(
+        INPUT, "--tip", metavar="LINK", expose_value=False, callback=keep(TIP),
+        help="Keep the one chain that moves this link (or joint); lock all other joints.",
+    ), option(
+        INPUT, "--lock", metavar="NAME=VALUE", multiple=True, type=Held(), expose_value=False, callback=keep(LOCK),
+        help="Lock a joint at a value in rad or m. Repeatable.",
+    )  # fmt: skip
+    return lambda function: robot(tip(lock(function)))
+
+
+def _robot_option(*, required: bool) -> Decorator:
     return option(
         INPUT, "--robot", metavar="ROBOT", envvar="ELID_ROBOT", required=required, show_envvar=True,
         shell_complete=completing(robots, files=True),
-        help="Name of a robot that ships with elid (puma560), or a YAML or URDF file.",
+        help="Name of a robot that ships with elid (puma560), or a YAML, URDF or MJCF file.",
     )  # fmt: skip
 
 

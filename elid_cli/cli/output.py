@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 from elid_cli.cli.color import is_terminal, wants_color
-from elid_cli.cli.options import Output
+from elid_cli.cli.options import LOCK, TIP, Output
 from elid_cli.errors import ElidError, visible
 from elid_cli.files import check_suffix, check_writable
 from elid_cli.report import formats
@@ -90,6 +90,10 @@ def _carried(report: Report) -> Report:
     options = [word for place in given.get("maps") or () for word in ("--map", place)]
     if given.get("time") not in (None, "auto"):
         options += ["--time", given["time"]]
+    if context is not None and context.meta.get(TIP):
+        options += ["--tip", context.meta[TIP]]
+    for name, value in (context.meta.get(LOCK) or ()) if context is not None else ():
+        options += ["--lock", f"{name}={value:.12g}"]
     if not options:
         return report
 

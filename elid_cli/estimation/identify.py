@@ -157,6 +157,10 @@ def identify_logs(
         If the logs excite no parameter at all.
     """
     options = options or EstimateOptions()
+    if any(joint.transmission == "auto" for joint in request.robot.joints):
+        from elid_cli.logs import robot_as_logged
+
+        request = replace(request, robot=robot_as_logged(request.robot, request.logs, request.mapping))
     if _merges(request, options):
         from elid_cli.estimation.streaming.fleet import reduced_logs
         from elid_cli.estimation.streaming.merge import identify_reduced, joined_recording

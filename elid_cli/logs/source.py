@@ -8,7 +8,7 @@ import stat
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import IO
 
@@ -99,7 +99,7 @@ def open_source(path: str | Path, listener: Callable[[float], None] | None = Non
     if not name.strip():
         raise UsageError("an empty name is no log", hint="name the log, or the folder as .")
     if name == "-":
-        data = sys.stdin.buffer.read()
+        data = _standard_input()
         if not data.strip():
             raise LogError("standard input: empty", hint="pipe a CSV log into elid, or name a file")
         return Source("-", data=data, listener=listener)
@@ -117,6 +117,12 @@ def open_source(path: str | Path, listener: Callable[[float], None] | None = Non
         what = "empty" if source.size == 0 else "holds only zero bytes"
         raise LogError(f"{name}: {what}", hint="record the log again, or name another file")
     return source
+
+
+@cache
+def _standard_input() -> bytes:
+    """Return all of standard input, which can be read once but is asked for twice: what it holds, then the numbers."""
+    return sys.stdin.buffer.read()
 
 
 def _unreadable(name: str, error: OSError) -> LogError | UsageError:

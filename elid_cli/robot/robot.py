@@ -194,6 +194,8 @@ class Robot:
     """Gains of the drives' position loops at the joint, by joint: ``kp`` in N·m/rad, ``kd`` in N·m·s/rad."""
     source: str = field(default="", compare=False)
     """The URDF or MJCF file it was read from; empty for one described by elid's own YAML."""
+    links: Mapping[str, str] = field(default_factory=_empty, compare=False)
+    """Names of that file's links (bodies) with the joint that moves each, `BASE` where none does."""
     notes: tuple[str, ...] = field(default=(), compare=False)
     """What a reader of its results must know of how it was read: sentences."""
 
@@ -342,11 +344,11 @@ def _placement(joint: Joint, convention: Convention) -> tuple[Array, Array]:
     if convention == "modified":
         return rotation_x(joint.alpha) @ translation(joint.a, 0, 0) @ offset, np.eye(4)
     origin = translation(*joint.xyz) @ rotation_rpy(joint.rpy)
-    align = _z_to(joint.axis)
+    align = z_to(joint.axis)
     return origin @ align, align.T.copy()
 
 
-def _z_to(axis: tuple[float, float, float]) -> Array:
+def z_to(axis: tuple[float, float, float]) -> Array:
     """Return a 4x4 rotation whose third column is `axis` (identity when the axis is z)."""
     z = np.asarray(axis, dtype=float)
     z = z / np.linalg.norm(z)

@@ -12,6 +12,7 @@ from elid_cli.report.answers.inputs import (
     command,
     heading,
     log_payload,
+    note_items,
     recorded_items,
     robot_payload,
     used_items,
@@ -45,7 +46,7 @@ def classification_report(
     payload["base_parameters"] = [_entry(base, k, found) for k in range(base.count)]
     sections: list[Section] = [
         heading(robot, recording),
-        KeyValues("inputs", (*facts, *count_items(base))),
+        KeyValues("inputs", (*(facts or note_items(robot)), *count_items(base))),
         _base_table(base, found),
         grid("classes", "structural class", robot, base.classes, LEGEND),
     ]

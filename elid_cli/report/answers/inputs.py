@@ -18,7 +18,12 @@ SIGNALS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
 
 def robot_payload(robot: Robot) -> dict[str, Any]:
     """Return the keys of JSON that name the robot."""
-    return {"robot": robot.name, "robot_fingerprint": fingerprint(robot), "joints": list(robot.joint_names)}
+    return {
+        "robot": robot.name,
+        "robot_fingerprint": fingerprint(robot),
+        "robot_notes": list(robot.notes),
+        "joints": list(robot.joint_names),
+    }
 
 
 def log_payload(recording: Recording) -> dict[str, Any]:
@@ -54,7 +59,12 @@ def recorded_items(robot: Robot, recording: Recording) -> Items:
     items: list[tuple[str, Cell]] = [("recorded", line)]
     for label, sentences in (("repaired", recording.repairs), ("note", recording.notes)):
         items += [(label, sentence) for sentence in sentences]
-    return tuple(items)
+    return (*items, *note_items(robot))
+
+
+def note_items(robot: Robot) -> Items:
+    """Return how the robot's file was read, where anything had to be decided."""
+    return tuple(("note", sentence) for sentence in robot.notes)
 
 
 def used_items(settings: Mapping[str, object]) -> Items:

@@ -76,8 +76,12 @@ def read_urdf(text: str, file: str) -> Robot:
     description = own.attributes.get("description", "") if own is not None else ""
     robot = Robot(name=name, joints=joints, gravity=gravity, dh="urdf", description=description)
     robot = written_as_dh(robot, own, gears)
-    notes = tuple(f"{joint} is held fixed: {kind} joints are not modelled" for joint, kind in held)
-    return replace(robot, notes=(*notes, *root.faults))
+    notes = [f"{joint} is held fixed: {kind} joints are not modelled" for joint, kind in held]
+    notes += [
+        f"{item.name} mimics another joint in the file; here it is one of its own" for item in moving if item.mimic
+    ]
+    moved_by = dict.fromkeys(links, BASE) | {link: item.name for item in moving for link in item.links}
+    return replace(robot, links=moved_by, notes=(*notes, *root.faults))
 
 
 def _named(root: Element, tag: str) -> dict[str, Element]:
@@ -99,6 +103,12 @@ class _Moving:
     origin: Array
     parent: str
     body: Array | None
+    links: tuple[str, ...]
+
+    @property
+    def mimic(self) -> bool:
+        """Whether the file has it follow another joint."""
+        return self.element.one("mimic") is not None
 
 
 def _tree(
@@ -127,10 +137,10 @@ def _tree(
         name, joint, origin, parent = following.pop()
         link = roots[0] if joint is None else _link_name(joint, "child", links)
         body, exits, seen = _rigid_group(link, joints, links, children, held)
-        visited += seen
+        visited += len(seen)
         if joint is not None:
             before = moving[-1].name if moving else BASE
-            moving.append(_Moving(name, joint, origin, "" if parent == before else parent, body))
+            moving.append(_Moving(name, joint, origin, "" if parent == before else parent, body, seen))
         following += [(exit, joints[exit], at, name or BASE) for exit, at in reversed(exits)]
     if visited != len(links):
         raise RobotError(f"{file}: not a tree ({len(links) - visited} links form a loop apart from the base)")
@@ -145,15 +155,15 @@ def _rigid_group(
     links: dict[str, _Link],
     children: dict[str, list[str]],
     held: list[tuple[str, str]],
-) -> tuple[Array | None, list[tuple[str, Array]], int]:
-    """Return a body's merged inertia, the (joint, 4x4 origin) that move off it, and how many links it has."""
+) -> tuple[Array | None, list[tuple[str, Array]], tuple[str, ...]]:
+    """Return a body's merged inertia, the (joint, 4x4 origin) that move off it, and its links."""
     body: Array | None = None
     exits: list[tuple[str, Array]] = []
     waiting = [(link, np.eye(4))]
-    seen = 0
+    seen: list[str] = []
     while waiting:
         link, pose = waiting.pop()
-        seen += 1
+        seen.append(link)
         inertia = links[link].inertia
         if inertia is not None:
             body = moved(inertia, pose) + (0 if body is None else body)
@@ -166,7 +176,7 @@ def _rigid_group(
                 exits.append((name, at))
             else:
                 waiting.append((_link_name(joints[name], "child", links), at))
-    return body, exits, seen
+    return body, exits, tuple(seen)
 
 
 def _type(element: Element) -> str:

@@ -1,0 +1,130 @@
+"""What a URDF leaves open is answered by the log: which joints are there, and which of them are elastic."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.errors import RobotError, UsageError
+from elid_cli.experiment.simulation.closed_loop import simulate
+from elid_cli.logs import read_recording, robot_as_logged
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.model.regressor import Regressor
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.locking import beside_chain, locked
+from elid_cli.robot.robot import Robot
+from elid_cli.robot.urdf.write import urdf_text
+from tests.robot.random_robots import random_robot
+
+TREE = random_robot(45, 5, "urdf", kinds="rrp", parents=(-1, 0, 1, 0, 3), gearless=(0, 1, 2, 3, 4))
+
+
+def plain_urdf(robot: Robot) -> str:
+    """Return a URDF as others write it, without what only elid knows."""
+    text = re.sub(r"  <transmission.*?</transmission>\n", "", urdf_text(robot), flags=re.DOTALL)
+    return re.sub(r"  <elid.*?\n", "", text)
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.urdf"
+    path.write_text(plain_urdf(replace(TREE, gravity=(0.0, 0.0, -9.81))))
+    return path
+
+
+def csv(path: Path, columns: dict[str, np.ndarray]) -> Path:
+    t = np.arange(400) / 100
+    table = np.column_stack([t, *columns.values()])
+    np.savetxt(path, table, delimiter=",", header=",".join(["t", *columns]), comments="")
+    return path
+
+
+def waves(names: list[str]) -> dict[str, np.ndarray]:
+    t = np.arange(400) / 100
+    return {name: np.sin((1 + 0.3 * k) * t) for k, name in enumerate(names)}
+
+
+def test_a_log_with_q_alone_makes_the_joints_rigid(arm: Path, tmp_path: Path) -> None:
+    names = [f"{s}.axis_{i}" for s in ("q", "tau") for i in range(1, 6)]
+    log = csv(tmp_path / "log.csv", waves(names))
+    robot = robot_as_logged(read_robot(arm), [log])
+    assert [joint.transmission for joint in robot.joints] == ["rigid"] * 5
+    assert any("taken as rigid" in note for note in robot.notes)
+    recording = read_recording([log], robot)
+    np.testing.assert_array_equal(recording.q, recording.theta)
+
+
+def test_both_positions_make_a_joint_elastic_and_empty_columns_do_not(arm: Path, tmp_path: Path) -> None:
+    columns = waves([f"{s}.axis_{i}" for s in ("q", "theta", "tau") for i in range(1, 6)])
+    columns["theta.axis_2"] = np.zeros(400)  # what a driver fills in that has no motor encoder
+    log = csv(tmp_path / "log.csv", columns)
+    robot = robot_as_logged(read_robot(arm), [log])
+    assert robot.elastic.tolist() == [True, False, True, True, True]
+
+
+def test_joints_that_the_log_lacks_are_locked(arm: Path, tmp_path: Path) -> None:
+    log = csv(tmp_path / "log.csv", waves([f"{s}.axis_{i}" for s in ("q", "tau") for i in (1, 3, 4)]))
+    robot = robot_as_logged(read_robot(arm), [log], hold={"axis_2": 0.4})
+    assert robot.joint_names == ("axis_1", "axis_3", "axis_4")
+    assert robot.parents == (-1, 0, 0)
+    assert "1 joint locked at 0, as the log does not hold it: axis_5" in robot.notes
+
+
+@pytest.mark.parametrize("dh", ["urdf", "standard", "modified"])
+def test_a_locked_robot_moves_as_the_whole_one_with_these_joints_at_rest(dh: str) -> None:
+    whole = random_robot(7, 6, dh, kinds="rrp", parents=(-1, 0, 1, 0, 3, 4), gearless=range(6), rigid=range(6))
+    held = {"axis_2": 0.7, "axis_6": -0.2}
+    less = locked(whole, held)
+    moving = [k for k, name in enumerate(whole.joint_names) if name not in held]
+    rng = np.random.default_rng(0)
+    q, dq, ddq = rng.normal(size=(3, 6))
+    for k, name in enumerate(whole.joint_names):
+        if name in held:
+            q[k], dq[k], ddq[k] = held[name], 0.0, 0.0
+    full = Dynamics(whole).inverse(q, dq, ddq, q, dq, ddq)[1]
+    part = Dynamics(less).inverse(*(v[moving] for v in (q, dq, ddq, q, dq, ddq)))[1]
+    np.testing.assert_allclose(part, np.array(full)[moving], rtol=1e-9, atol=1e-9 * np.abs(full).max())
+
+
+def test_tip_keeps_one_chain(arm: Path) -> None:
+    robot = read_robot(arm)
+    assert beside_chain(robot, "axis_3_link") == ("axis_4", "axis_5")
+    with pytest.raises(UsageError, match="--tip axis_9_link: no such link"):
+        beside_chain(robot, "axis_9_link")
+    with pytest.raises(RobotError, match="no joint is left"):
+        locked(robot, dict.fromkeys(robot.joint_names, 0.0))
+
+
+def test_identify_with_a_plain_urdf_and_q_alone(arm: Path, tmp_path: Path) -> None:
+    """The whole way: no gear, no transmission, a log of q and tau, two joints missing."""
+    robot = locked(read_robot(arm), {"axis_4": 0.0, "axis_5": 0.0})
+    joints = [replace(j, transmission="rigid", parameters=dict(j.parameters) | {"Ja": 0.5}) for j in robot.joints]
+    truth = replace(robot, joints=tuple(joints))
+    recording = simulate(truth).recording
+    log = tmp_path / "log.csv"
+    columns = {f"q.{n}": recording.q[:, k] for k, n in enumerate(recording.joints)}
+    columns |= {f"tau.{n}": recording.tau[:, k] for k, n in enumerate(recording.joints)}
+    table = np.column_stack([recording.t, *columns.values()])
+    np.savetxt(log, table, delimiter=",", header=",".join(["t", *columns]), comments="")
+    done = subprocess.run(
+        [sys.executable, "-m", "elid_cli", "identify", str(log), "--robot", str(arm), "--json"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert answer["joints"] == list(truth.joint_names)
+    assert any("locked at 0" in note for note in answer["robot_notes"])
+    base = find_base(Regressor(truth))
+    expected = dict(zip(base.names, base.values(truth.reference()), strict=True))
+    found = [item for item in answer["base_parameters"] if item["verdict"] == "supported"]
+    assert len(found) > 10
+    for item in found:
+        assert abs(item["estimate"] - expected[item["name"]]) < 5 * item["std_error"] + 0.02 * abs(item["estimate"])
