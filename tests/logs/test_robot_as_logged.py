@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import RobotError, UsageError
-from elid_cli.experiment.simulation.closed_loop import simulate
+from elid_cli.experiment.simulation.run import simulate
 from elid_cli.logs import read_recording, robot_as_logged
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.dynamics import Dynamics
@@ -108,7 +108,7 @@ def test_identify_with_a_plain_urdf_and_q_alone(arm: Path, tmp_path: Path) -> No
     robot = locked(read_robot(arm), {"axis_4": 0.0, "axis_5": 0.0})
     joints = [replace(j, transmission="rigid", parameters=dict(j.parameters) | {"Ja": 0.5}) for j in robot.joints]
     truth = replace(robot, joints=tuple(joints))
-    recording = simulate(truth).recording
+    recording = simulate(truth)
     log = tmp_path / "log.csv"
     columns = {f"q.{n}": recording.q[:, k] for k, n in enumerate(recording.joints)}
     columns |= {f"tau.{n}": recording.tau[:, k] for k, n in enumerate(recording.joints)}
