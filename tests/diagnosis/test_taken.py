@@ -122,3 +122,29 @@ def test_many_columns_of_a_short_log_take_nothing_by_fitting_noise() -> None:
     shared, columns = generator.standard_normal(240), generator.standard_normal((40, 240))
     projected = two_joints(shared, generator.standard_normal(480))
     assert projected.taken({EstimationRow("sum", 0): columns}) < 0.01
+
+
+def test_gains_of_several_candidates_are_those_of_whole_least_squares(state: State) -> None:
+    """Columns in one joint's rows, of which the model spans part, scored together and dense, one by one."""
+    projected = state.projected
+    mixed = noise(state, 3, 3, 1)
+    for row, columns in mixed.items():
+        columns[0] = state.log.observation.group(row).columns[0]
+        columns[1] += columns[0]
+    candidates = [noise(state, 1, 3, 0), mixed, noise(state, 2, 3, 0), left(state, 1)]
+    for rows, gain in zip(candidates, projected.gains(candidates), strict=True):
+        white = np.zeros((projected.count, len(next(iter(rows.values())))))
+        for joint, (whitener, seen, place) in enumerate(
+            zip(projected.whiteners, projected.seen, projected.places, strict=True)
+        ):
+            if EstimationRow("sum", joint) in rows:
+                series = whitener.apply(np.array([rows[row] for row in whitener.rows]))
+                white[place] = np.concatenate([channel[:, seen].T for channel in series])
+        both = np.hstack([projected.basis, white / np.linalg.norm(white, axis=0)])
+        rest = projected.residual - both @ np.linalg.lstsq(both, projected.residual, rcond=1e-10)[0]
+        whole = sum(
+            0.5 * (c.stop - c.start) * np.log(np.sum(projected.residual[c] ** 2) / np.sum(rest[c] ** 2))
+            for c in projected.channels
+        )
+        assert gain is not None
+        assert gain.whole == pytest.approx(whole, rel=1e-6, abs=1e-6)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +19,25 @@ from elid_cli.model.regressor import EstimationRow
 
 LAGS = 50
 """Lags over which the remaining correlation of the scores is summed."""
+JUDGED = 16
+"""Candidates that are judged at once."""
+AT_ONCE = 200_000
+"""Values of columns that are whitened and projected at once."""
 LEAST_SHARE = 0.02
 """Least share of equations that count as independent."""
 
 
+class Judgement(NamedTuple):
+    """What of a gain only the better candidates are asked for."""
+
+    share: float
+    folds: Array
+    energy: Array
+
+
 @dataclass(frozen=True)
 class Gain:
-    """What adding columns would gain; what only the better candidates are asked for is computed when asked."""
+    """What adding columns would gain."""
 
     whole: float
     """Gain in log-likelihood with every instant counted: what candidates for one residual are compared by."""
@@ -34,22 +47,22 @@ class Gain:
     """Columns that were not already explained."""
     count: int
     """Whitened equations."""
-    judged: Callable[[], tuple[float, Array, Array]] = field(repr=False)
-    """Computes share, folds and energy."""
+    source: tuple[Projected, _Unit, Array] | None = field(repr=False)
+    """The problem, the columns and their coefficients there, from which the judgement is computed when asked …"""
+    known: Judgement | None = None
+    """… or the judgement, so that the columns need not be kept."""
 
     @cached_property
-    def _judgement(self) -> tuple[float, Array, Array]:
-        return self.judged()
-
-    def settled(self) -> Gain:
-        """Return the same with everything computed, so that the columns need not be kept."""
-        known = self._judgement
-        return replace(self, judged=lambda: known)
+    def _judgement(self) -> Judgement:
+        if self.known is None and self.source is not None:
+            return self.source[0].judged([self.source[1:]])[0]
+        assert self.known is not None
+        return self.known
 
     @property
     def share(self) -> float:
         """Share of the equations that counts as independent."""
-        return self._judgement[0]
+        return self._judgement.share
 
     @property
     def likelihood(self) -> float:
@@ -59,12 +72,12 @@ class Gain:
     @property
     def folds(self) -> Array:
         """Reduction of the squared whitened residual per fold, predicted from the other folds, (folds,)."""
-        return self._judgement[1]
+        return self._judgement.folds
 
     @property
     def energy(self) -> Array:
         """Share of the columns' squares per fold, (folds,): where the effect acts at all."""
-        return self._judgement[2]
+        return self._judgement.energy
 
     @property
     def acting(self) -> NDArray[np.bool_]:
@@ -86,17 +99,17 @@ class _Unit:
     """Columns of length one that the model does not span."""
 
     parts: Mapping[int, Array]
-    """What they are in the channels that they act on, (k, d) by number of the channel …"""
-    aside: list[int]
-    """… and the other channels, …"""
+    """What they are in the channels that they act on, (d, k) by number of the channel …"""
     shared: Array
-    """… where they are the basis times the negative of this, (r, d)."""
-    gram: Array
-    """Their Gram matrix, (d, d)."""
+    """… and in others the basis times the negative of this, (d, r)."""
     live: NDArray[np.bool_]
     """Which of all columns they are."""
     size: Array
     """Their sizes before they were scaled, (d,)."""
+    grams: Array
+    """Their Gram matrix in every channel, (channels, d, d) …"""
+    loads: Array
+    """… and their products with the residual, (channels, d)."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +121,7 @@ class Projected:
 
     whiteners: tuple[JointWhitener, ...]
     seen: tuple[NDArray[np.intp], ...]
-    """Per joint: which instants of its channels, one after the other, are kept."""
+    """Per joint: which instants of its channels are kept, fold by fold."""
     places: tuple[slice, ...]
     """Per joint: where they stand in the stack."""
     basis: Array
@@ -143,92 +156,124 @@ class Projected:
         return np.array([b.T @ b for b, _ in parts]), np.array([b.T @ r for b, r in parts])
 
     def _whitened(self, rows: Mapping[EstimationRow, Array]) -> dict[int, Array]:
-        """Return whitened columns (k, d) in the channels of the joints that they act on, by number of the channel."""
+        """Return whitened columns (d, k) in the channels of the joints that they act on, by number of the channel."""
         found: dict[int, Array] = {}
-        for whitener, seen, place in zip(self.whiteners, self.seen, self.places, strict=True):
+        number = 0
+        for whitener, seen in zip(self.whiteners, self.seen, strict=True):
             series = stack(rows, whitener, self.instants)
-            if series is None:
-                continue
-            columns = whitener.apply(series).transpose(0, 2, 1).reshape(-1, series.shape[1])[seen]
-            for number, channel in enumerate(self.channels):
-                if place.start <= channel.start < place.stop:
-                    found[number] = columns[channel.start - place.start : channel.stop - place.start]
+            if series is not None:
+                found |= {number + k: white[:, seen] for k, white in enumerate(whitener.apply(series))}
+            number += len(whitener.rows)
         return found
 
     def gain(self, rows: Mapping[EstimationRow, Array]) -> Gain | None:
         """Score columns given as row -> (d, M); None where the model explains them already."""
-        unit = self._unit(rows)
-        if unit is None:
-            return None
-        grams, loads = self._grams
-        gram, load = unit.gram, -unit.shared.T @ loads[unit.aside].sum(axis=0)
-        for number, part in unit.parts.items():
-            load += part.T @ self.residual[self.channels[number]]
-        solved, rank = _least_squares(gram, load)
+        return self.gains([rows])[0]
+
+    def gains(self, candidates: Sequence[Mapping[EstimationRow, Array]]) -> list[Gain | None]:
+        """Score several candidates' columns, those that act in the same rows together (see `gain`)."""
+        found: list[Gain | None] = [None] * len(candidates)
+        alike: dict[tuple[frozenset[EstimationRow], int], list[int]] = {}
+        for number, rows in enumerate(candidates):
+            if rows:
+                alike.setdefault((frozenset(rows), len(next(iter(rows.values())))), []).append(number)
+        for (_, width), numbers in alike.items():
+            each = max(1, AT_ONCE // (width * self.instants))
+            for first in range(0, len(numbers), each):
+                batch = numbers[first : first + each]
+                for number, unit in zip(batch, self._units([candidates[k] for k in batch]), strict=True):
+                    found[number] = None if unit is None else self._gain(unit)
+        return found
+
+    def _gain(self, unit: _Unit) -> Gain:
+        solved, rank = _least_squares(unit.grams.sum(axis=0), unit.loads.sum(axis=0))
         coefficients = np.zeros(len(unit.live))
         coefficients[unit.live] = solved / unit.size
-        back = unit.shared @ solved
         whole = 0.0
         for number, channel in enumerate(self.channels):
-            old = self.residual[channel]
-            power = float(old @ old)
-            if number in unit.parts:
-                new = old - unit.parts[number] @ solved
-                left = float(new @ new)
-            else:
-                left = power + float(back @ (2.0 * loads[number] + grams[number] @ back))
+            power = self._powers[number]
+            left = power + float(solved @ (unit.grams[number] @ solved - 2.0 * unit.loads[number]))
             if power > 0 and left > 0:
-                whole += 0.5 * len(old) * float(np.log(power / left))
+                whole += 0.5 * (channel.stop - channel.start) * float(np.log(power / left))
+        return Gain(whole, coefficients, rank, self.count, (self, unit, solved))
 
-        def judged() -> tuple[float, Array, Array]:
-            full = self._full(unit)
+    def judged(self, units: Sequence[tuple[_Unit, Array]]) -> list[Judgement]:
+        """Return the judgement on each of some columns with their fitted coefficients (d,)."""
+        found = []
+        # the basis is far larger than the columns: it is read once for all of them
+        everywhere = self._full([unit for unit, _ in units])
+        for full, (_, solved) in zip(everywhere, units, strict=True):
             share = self._independent_share(full, self.residual - full @ solved)
-            return share, *self._cross_validated(full, self.stretches)
+            found.append(Judgement(share, *self._cross_validated(full, self.stretches)))
+        return found
 
-        return Gain(whole, coefficients, rank, self.count, judged)
+    @cached_property
+    def _powers(self) -> list[float]:
+        """Square of the residual in each channel."""
+        return [float(self.residual[channel] @ self.residual[channel]) for channel in self.channels]
 
     def taken(self, rows: Mapping[EstimationRow, Array]) -> float:
         """Return the part of the squared residual that columns take, fold by fold predicted from the other folds.
 
         Counted are the joints that the rows belong to.
         """
-        unit = self._unit(rows)
+        unit = self._units([rows])[0] if rows else None
         if unit is None:
             return 0.0
         places = self.touched(rows)
         own = [s for s in self.stretches if any(p.start <= s.slice.start < p.stop for p in places)]
         squares = sum(float(self.residual[s.slice] @ self.residual[s.slice]) for s in own)
-        gains, _ = self._cross_validated(self._full(unit), own)
+        gains, _ = self._cross_validated(self._full([unit])[0], own)
         return max(float(gains.sum()), 0.0) / max(squares, 1e-300)
 
-    def _unit(self, rows: Mapping[EstimationRow, Array]) -> _Unit | None:
-        """Return columns of length one that the model does not span; None where it spans them all."""
-        columns = self._whitened(rows)
-        if not columns:
-            return None
-        aside = [k for k in range(len(self.channels)) if k not in columns]
-        before = np.sum([np.sum(part**2, axis=0) for part in columns.values()], axis=0)
-        if not np.isfinite(before).all() or not np.any(before):
-            return None
-        shared = np.sum([self.basis[self.channels[k]].T @ part for k, part in columns.items()], axis=0)
-        gram = shared.T @ self._grams[0][aside].sum(axis=0) @ shared
-        for number, part in columns.items():
-            part -= self.basis[self.channels[number]] @ shared
-            gram += part.T @ part
-        size = np.sqrt(np.maximum(np.diag(gram), 0.0))
-        live = size > 1e-4 * np.sqrt(before)
-        if not live.any():
-            return None
-        size = size[live]
-        parts = {number: part[:, live] / size for number, part in columns.items()}
-        return _Unit(parts, aside, shared[:, live] / size, gram[np.ix_(live, live)] / np.outer(size, size), live, size)
+    def _units(self, candidates: Sequence[Mapping[EstimationRow, Array]]) -> list[_Unit | None]:
+        """Return each candidate's columns of length one that the model does not span; None where it spans them all.
 
-    def _full(self, unit: _Unit) -> Array:
-        """Return unit columns in all equations, (K, d)."""
-        full: Array = -self.basis @ unit.shared
-        for number, part in unit.parts.items():
-            full[self.channels[number]] = part
-        return full
+        All candidates act in the same rows with the same number of columns d.
+        """
+        parts = self._whitened({row: np.concatenate([c[row] for c in candidates]) for row in candidates[0]})
+        if not parts:
+            return [None] * len(candidates)
+        count, width = len(candidates), len(next(iter(candidates[0].values())))
+
+        def apart(columns: Array) -> Array:
+            return columns.reshape(count, width, -1)
+
+        before = apart(np.sum([np.sum(part**2, axis=1) for part in parts.values()], axis=0))[:, :, 0]
+        shared: Array = np.sum([part @ self.basis[self.channels[k]] for k, part in parts.items()], axis=0)
+        grams = np.empty((count, len(self.channels), width, width))
+        loads = np.empty((count, len(self.channels), width))
+        for k, channel in enumerate(self.channels):
+            if k in parts:
+                parts[k] -= shared @ self.basis[channel].T
+                one, other, load = apart(parts[k]), apart(parts[k]), apart(parts[k]) @ self.residual[channel]
+            else:
+                one, other, load = apart(shared @ self._grams[0][k]), apart(shared), -apart(shared) @ self._grams[1][k]
+            grams[:, k], loads[:, k] = one @ other.transpose(0, 2, 1), load
+        found: list[_Unit | None] = []
+        for k in range(count):
+            size = np.sqrt(np.maximum(np.diag(grams[k].sum(axis=0)), 0.0))
+            live = size > 1e-4 * np.sqrt(before[k])
+            if not np.isfinite(before[k]).all() or not live.any():
+                found.append(None)
+                continue
+            here, size = k * width + np.flatnonzero(live), size[live]
+            own = {number: part[here] / size[:, None] for number, part in parts.items()}
+            gram = grams[k][:, live][:, :, live] / np.outer(size, size)
+            found.append(_Unit(own, shared[here] / size[:, None], live, size, gram, loads[k][:, live] / size))
+        return found
+
+    def _full(self, units: Sequence[_Unit]) -> list[Array]:
+        """Return unit columns in all equations, (K, d) each."""
+        shared = -self.basis @ np.concatenate([unit.shared for unit in units]).T
+        edges = np.cumsum([0, *(len(unit.shared) for unit in units)])
+        found = []
+        for unit, first, last in zip(units, edges[:-1], edges[1:], strict=True):
+            full = np.ascontiguousarray(shared[:, first:last])
+            for number, part in unit.parts.items():
+                full[self.channels[number]] = part.T
+            found.append(full)
+        return found
 
     def touched(self, rows: Mapping[EstimationRow, Array]) -> list[slice]:
         """Return the places of the joints that some rows belong to."""
@@ -269,6 +314,18 @@ class Projected:
             gains[f] = 2 * left @ own_load[f] - left @ own_gram[f] @ left
         power = np.trace(gram, axis1=1, axis2=2)
         return gains, power / max(float(power.sum()), 1e-300)
+
+
+def settled(gains: Sequence[Gain]) -> list[Gain]:
+    """Return gains with everything computed, so that their columns need not be kept."""
+    found = list(gains)
+    for first in range(0, len(gains), JUDGED):
+        todo = [(k, g.source) for k, g in enumerate(gains[first : first + JUDGED], first) if g.source is not None]
+        if todo:
+            judgements = todo[0][1][0].judged([source[1:] for _, source in todo])
+            for (k, _), judgement in zip(todo, judgements, strict=True):
+                found[k] = replace(gains[k], source=None, known=judgement)
+    return found
 
 
 def _least_squares(gram: Array, load: Array) -> tuple[Array, int]:
@@ -316,19 +373,18 @@ def project(
         adapted.append(whitener)
         instant = np.flatnonzero(seen)
         instant = instant[np.argsort(fold[instant], kind="stable")]
-        index = np.concatenate([instant + k * instants for k in range(r)])
-        white = whitener.apply(series).transpose(0, 2, 1).reshape(r * instants, -1)[index]
+        white = whitener.apply(series)[:, :, instant].transpose(0, 2, 1).reshape(r * len(instant), -1)
         parts.append(white[:, :-1])
         targets.append(white[:, -1])
-        kept.append(index)
-        places.append(slice(first, first + len(index)))
+        kept.append(instant)
+        places.append(slice(first, first + len(white)))
         edges = np.searchsorted(fold[instant], np.arange(folds + 1))
         for k in range(r):
             start = first + k * len(instant)
             stretches += [
                 Stretch(channels + k, f, slice(start + int(edges[f]), start + int(edges[f + 1]))) for f in range(folds)
             ]
-        first += len(index)
+        first += len(white)
         channels += r
     columns, target = np.concatenate(parts), np.concatenate(targets)
     norms = np.linalg.norm(columns, axis=0)

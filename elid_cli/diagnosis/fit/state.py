@@ -15,6 +15,7 @@ from elid_cli.diagnosis.fit.whitening import whiteners
 from elid_cli.estimation.data import SampledData, sum_row
 from elid_cli.estimation.default_fit import solve_with
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of
+from elid_cli.estimation.regression.known_columns import KnownColumns
 from elid_cli.estimation.regression.least_squares import Solution, reweighted, solve
 from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.observation import Observation, observe
@@ -83,6 +84,11 @@ class Log:
     def data(self) -> SampledData:
         """The training stretches as the one fit takes them."""
         return SampledData(self.model, self.signals, self.training, self.fold)
+
+    @cached_property
+    def columns(self) -> KnownColumns:
+        """Columns of effects in this log, as far as they are known."""
+        return KnownColumns(self.signals)
 
     @cached_property
     def noise(self) -> PropagatedNoise:

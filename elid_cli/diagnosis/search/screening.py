@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elid_cli._types import Array, Progress
-from elid_cli.diagnosis.fit.projection import Gain
+from elid_cli.diagnosis.fit.projection import JUDGED, Gain, settled
 from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.regression.triangles import ExtraColumns
@@ -68,10 +68,6 @@ class Candidate:
         """Gain in log-likelihood minus the price of its parameters and of the search."""
         return self.gain.likelihood - self.price
 
-    def settled(self) -> Candidate:
-        """Return the same with everything computed that its columns are needed for."""
-        return replace(self, gain=self.gain.settled())
-
     def merit(self, share: float) -> float:
         """Net gain with `share` of the instants counted: candidates for one residual are compared at the same share.
 
@@ -123,13 +119,12 @@ def screen(
         What is being done, for the progress.
     """
     groups = list(_groups(state, library))
-    found = []
-    for number, (kind, joint) in enumerate(groups):
+    found: list[Candidate] = []
+    for first in range(0, len(groups), JUDGED):
         if progress is not None:
-            progress(label, number / len(groups))
-        candidate = _best_shape(state, kind, joint, len(groups))
-        if candidate is not None:
-            found.append(candidate)
+            progress(label, first / len(groups))
+        part = [_best_shape(state, kind, joint, len(groups)) for kind, joint in groups[first : first + JUDGED]]
+        found += _settled([candidate for candidate in part if candidate is not None])
     found.sort(key=lambda c: -c.net)
     found[:REFINED] = [refine(state, c, len(groups)) if c.effect.shape else c for c in found[:REFINED]]
     found.sort(key=lambda c: -c.net)
@@ -162,6 +157,12 @@ def _groups(state: State, library: Mapping[str, type[Effect]]) -> Iterator[tuple
                 yield kind, joint
 
 
+def _settled(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return candidates with everything computed that their columns are needed for."""
+    gains = settled([candidate.gain for candidate in candidates])
+    return [replace(candidate, gain=gain) for candidate, gain in zip(candidates, gains, strict=True)]
+
+
 def _periodic(kind: type[Effect]) -> bool:
     return kind.shapes[0].name in ("order", "frequency")
 
@@ -169,20 +170,16 @@ def _periodic(kind: type[Effect]) -> bool:
 def _best_shape(state: State, kind: type[Effect], joint: int, groups: int) -> Candidate | None:
     shapes, looks = kind.grid(state.scene, joint), kind.looks(state.scene, joint)
     present = [e.shape for e in state.effects if (e.name, e.joint) == (kind.name, joint)]
+    effects = [kind(joint, shape) for shape in shapes if kind.distinct(state.scene, joint, shape, present)]
     best: dict[tuple[float, ...], Candidate] = {}
-    for shape in shapes:
-        if not kind.distinct(state.scene, joint, shape, present):
-            continue
-        candidate = score(state, kind(joint, shape), looks, groups)
-        if candidate is None:
-            continue
-        form = tuple(value for k, value in enumerate(shape) if _whole(kind, k))
+    for candidate in _scored(state, effects, looks, groups):
+        form = tuple(value for k, value in enumerate(candidate.effect.shape) if _whole(kind, k))
         if form not in best or candidate.rank > best[form].rank:
             best[form] = candidate
     if not best:
         return None
     order = sorted(best.values(), key=lambda c: c.rank, reverse=True)
-    return replace(order[0].settled(), forms=tuple(c.effect.shape for c in order[:FORMS]))
+    return replace(order[0], forms=tuple(c.effect.shape for c in order[:FORMS]))
 
 
 def score(state: State, effect: Effect, shapes: int, groups: int) -> Candidate | None:
@@ -192,8 +189,19 @@ def score(state: State, effect: Effect, shapes: int, groups: int) -> Candidate |
     """
     columns = extra_of(effect, state.scene, state.log.signals)
     gain = state.projected.gain(columns.rows)
-    if gain is None:
-        return None
+    return None if gain is None else _candidate(state, effect, columns, gain, shapes, groups)
+
+
+def _scored(state: State, effects: Sequence[Effect], shapes: int, groups: int) -> Iterator[Candidate]:
+    """Yield what shapes of one effect at one joint gain (`score`), all of them whitened and projected together."""
+    columns = [state.log.columns.of(effect, state.scene) for effect in effects]
+    gains = state.projected.gains([extra.rows for extra in columns])
+    for effect, extra, gain in zip(effects, columns, gains, strict=True):
+        if gain is not None:
+            yield _candidate(state, effect, extra, gain, shapes, groups)
+
+
+def _candidate(state: State, effect: Effect, columns: ExtraColumns, gain: Gain, shapes: int, groups: int) -> Candidate:
     places = state.log.model.robot.n if any(e.name == effect.name for e in state.effects) else groups
     choice = float(np.log(max(shapes, 1)) + np.log(min(places, groups)))
     values = effect.named(state.scene, gain.coefficients)
@@ -206,7 +214,7 @@ def refine(state: State, candidate: Candidate, groups: int) -> Candidate:
     starts = [score(state, kind(joint, shape), candidate.shapes, groups) for shape in candidate.forms[1:]]
     found = [_refined(state, c, groups) for c in (candidate, *starts) if c is not None]
     best = max(found, key=lambda c: c.rank)
-    return replace(best, plausible=best.plausible and not _beyond(state, best, groups)).settled()
+    return _settled([replace(best, plausible=best.plausible and not _beyond(state, best, groups))])[0]
 
 
 def _beyond(state: State, candidate: Candidate, groups: int) -> bool:

@@ -16,6 +16,8 @@ SPACING = 1.12
 """Ratio of neighbouring frequencies: a search from the nearest one still climbs the right peak."""
 LOWEST = 2.5
 """Hz; below it a mode lies among the frequencies of the motion, where it imitates anything."""
+_BLOCK = 64
+"""Samples of an oscillator's history that are computed by one product."""
 STANDING = 0.02
 """Share of the top speed below which a joint counts as standing at a segment's start."""
 
@@ -81,8 +83,6 @@ class FlexibleMode(OscillatorEffect):
 
     def history(self, scene: Scene) -> Array:
         """Return (z, z') at every instant, shape (2, N), exact for an acceleration that is linear between samples."""
-        from scipy.signal import lfilter
-
         pole, dt = self.pole, scene.dt
         step = np.exp(pole * dt)
         whole = (step - 1) / pole  # what a constant input adds in a step
@@ -97,11 +97,33 @@ class FlexibleMode(OscillatorEffect):
             speed = scene.motion.dq[start:stop, self.joint]
             standing = abs(speed[0]) <= STANDING * float(np.max(np.abs(speed)))
             rest = 0.0 if standing else -push[0] / pole  # y of y' = pole y + push that a constant push leaves alone
-            y, _ = lfilter([ramp, whole - ramp], [1, -step], push.astype(complex), zi=[rest - ramp * push[0]])
+            driven = ramp * push
+            driven[1:] += (whole - ramp) * push[:-1]
+            driven[0] = rest
+            y = decaying(complex(step), driven)
             # impulse response of z: -exp(-ζωt) sin(ω_d t)/ω_d
             states[0, start:stop] = -y.imag / pole.imag
             states[1, start:stop] = -(pole * y + push).imag / pole.imag
         return states
+
+
+def decaying(factor: complex, driven: Array) -> Array:
+    """Return y of y[k] = factor y[k - 1] + driven[k] from rest, (N,): |factor| is at most about 1.
+
+    Blocks of samples by one product, what one hands on to the next by a loop over blocks.
+    """
+    powers = factor ** np.arange(_BLOCK + 1)
+    count = -(-len(driven) // _BLOCK)
+    blocks = np.zeros((count, _BLOCK), dtype=complex)
+    blocks.reshape(-1)[: len(driven)] = driven
+    lag = np.arange(_BLOCK)[None, :] - np.arange(_BLOCK)[:, None]
+    blocks = blocks @ np.where(lag >= 0, powers[np.maximum(lag, 0)], 0.0)
+    handed, state = np.empty(count, dtype=complex), 0j
+    for k, end in enumerate(blocks[:, -1].tolist()):
+        handed[k] = state
+        state = end + complex(powers[_BLOCK]) * state
+    blocks += handed[:, None] * powers[1:]
+    return blocks.reshape(-1)[: len(driven)]
 
 
 def lines(scene: Scene, joint: int, low: float, high: float, most: int = 3) -> list[float]:
