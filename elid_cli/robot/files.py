@@ -1,4 +1,4 @@
-"""Robot descriptions: from a YAML or URDF file, or by the bare name of a robot that ships with elid, and back.
+"""Robot descriptions: from a YAML, URDF or MJCF file, or by the bare name of a robot that ships with elid, and back.
 
 `read_robot` is the only door: whatever ``--robot`` was given goes through it.
 """
@@ -18,7 +18,7 @@ from elid_cli.robot.text import fingerprint, text_of
 
 __all__ = ["fingerprint", "read_robot", "robot_from_text", "shipped_robots", "write_robot"]
 
-SUFFIXES = (".yaml", ".yml", ".urdf", ".xml")
+SUFFIXES = (".yaml", ".yml", ".urdf", ".xml", ".mjcf")
 
 
 def shipped_robots() -> dict[str, Path]:
@@ -39,7 +39,7 @@ def read_robot(source: str | Path) -> Robot:
     Parameters
     ----------
     source
-        The bare name of a shipped robot (``puma560``), or a path to a YAML or URDF file.
+        The bare name of a shipped robot (``puma560``), or a path to a YAML, URDF or MJCF file.
 
     Raises
     ------
@@ -55,27 +55,24 @@ def read_robot(source: str | Path) -> Robot:
             raise RobotError(
                 f"no robot named {str(source)!r}",
                 detail=f"'{source}' is a folder here" if path.is_dir() else "",
-                hint=did_you_mean(str(source), shipped) or "give the path of a YAML or URDF file",
+                hint=did_you_mean(str(source), shipped) or "give the path of a YAML, URDF or MJCF file",
             )
     if path.stem in shipped_robots() and path.parent == Path() and not path.exists():
         raise RobotError(f"{path}: no such file", hint=f"did you mean '{path.stem}', the robot that ships with elid?")
-    xml = path.suffix.lower() in (".urdf", ".xml")
+    xml = path.suffix.lower() in (".urdf", ".xml", ".mjcf")
     text = read_text(path, RobotError, suffixes=SUFFIXES, most=LARGEST * 20 if xml else LARGEST)
     if _is_xml(text) or xml:
         from elid_cli.robot.beside import beside_file, robot_with
-        from elid_cli.robot.urdf.read import read_urdf
 
-        robot = replace(read_urdf(text, str(path)), source=str(path))
+        robot = replace(_of_xml(text, str(path)), source=str(path))
         return robot_with(robot, beside_file(path))
     return robot_of_yaml(text, str(path))
 
 
 def robot_from_text(text: str, name: str) -> Robot:
-    """Return the robot that a text describes, YAML or URDF; `name` stands for the file in errors."""
+    """Return the robot that a text describes, YAML, URDF or MJCF; `name` stands for the file in errors."""
     if _is_xml(text):
-        from elid_cli.robot.urdf.read import read_urdf
-
-        return read_urdf(text, name)
+        return _of_xml(text, name)
     return robot_of_yaml(text, name)
 
 
@@ -98,6 +95,17 @@ def _bare(source: str | Path) -> bool:
         return False
     separators = {os.sep, os.altsep or os.sep}
     return bool(source) and not any(mark in source for mark in separators) and Path(source).suffix not in SUFFIXES
+
+
+def _of_xml(text: str, name: str) -> Robot:
+    """Return the robot of an XML text, whichever of the two formats it is."""
+    if "<mujoco" in text:
+        from elid_cli.robot.mjcf.read import read_mjcf
+
+        return read_mjcf(text, name)
+    from elid_cli.robot.urdf.read import read_urdf
+
+    return read_urdf(text, name)
 
 
 def _is_xml(text: str) -> bool:

@@ -265,11 +265,12 @@ def _placement(element: Element) -> tuple[tuple[float, float, float], tuple[floa
     if origin is None:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     x, y, z = origin.numbers("xyz", (0.0, 0.0, 0.0))
-    roll, pitch, yaw = (_quarter(angle) for angle in origin.numbers("rpy", (0.0, 0.0, 0.0)))
+    roll, pitch, yaw = (quarter(angle) for angle in origin.numbers("rpy", (0.0, 0.0, 0.0)))
     return (x, y, z), (roll, pitch, yaw)
 
 
-def _quarter(angle: float) -> float:
+def quarter(angle: float) -> float:
+    """Return an angle in rad, the quarter turn that it is meant to be where it is near one."""
     turns = round(angle / (math.pi / 2))
     exact = turns * math.pi / 2
     return exact if abs(angle - exact) < QUARTER else angle
