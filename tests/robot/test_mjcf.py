@@ -135,7 +135,7 @@ def test_a_measured_quadrupeds_model() -> None:
 def test_includes_are_read_and_their_faults_have_their_file(tmp_path: Path) -> None:
     (tmp_path / "parts.xml").write_text(
         "<mujocoinclude>" + MODEL[MODEL.index("<worldbody>") : MODEL.index("<actuator>")] + "</mujocoinclude>"
-    )  # noqa: E501
+    )
     main = MODEL[: MODEL.index("<worldbody>")] + '<include file="parts.xml"/></mujoco>'
     (tmp_path / "arm.xml").write_text(main)
     robot = read_robot(tmp_path / "arm.xml")
@@ -146,7 +146,7 @@ def test_includes_are_read_and_their_faults_have_their_file(tmp_path: Path) -> N
     assert (lift.gear_ratio, lift.elastic, lift.parameters["Jm"]) == (10, True, pytest.approx(2e-4))
     (tmp_path / "parts.xml").write_text(
         "<mujocoinclude><worldbody><body><joint axis='0 0 0'/></body></worldbody></mujocoinclude>"
-    )  # noqa: E501
+    )
     with pytest.raises(RobotError, match=r"parts.xml:1: .*axis 0 0 0"):
         read_robot(tmp_path / "arm.xml")
 
@@ -174,11 +174,12 @@ def test_what_is_not_modelled_is_refused_by_name(old: str, new: str, said: str) 
 def test_meshes_are_weighed_by_mujoco(tmp_path: Path) -> None:
     corners = "".join(f"v {x} {y} {z}\n" for x in (0, 0.2) for y in (0, 0.3) for z in (0, 0.4))
     faces = (
-        "f 1 2 4\nf 1 4 3\nf 5 7 8\nf 5 8 6\nf 1 5 6\nf 1 6 2\nf 3 4 8\nf 3 8 7\nf 1 3 7\nf 1 7 5\nf 2 6 8\nf 2 8 4\n"  # noqa: E501
+        "f 1 2 4\nf 1 4 3\nf 5 7 8\nf 5 8 6\nf 1 5 6\nf 1 6 2\nf 3 4 8\nf 3 8 7\nf 1 3 7\nf 1 7 5\nf 2 6 8\nf 2 8 4\n"
     )
     (tmp_path / "block.obj").write_text(corners + faces)
     text = """<mujoco><asset><mesh file="block.obj"/></asset><worldbody><body>
-      <joint name="a" pos="0.1 0 0" axis="0 1 0"/><geom type="mesh" mesh="block"/><body pos="0 0 1"><geom type="sphere" size="0.1"/>
+      <joint name="a" pos="0.1 0 0" axis="0 1 0"/><geom type="mesh" mesh="block"/>
+      <body pos="0 0 1"><geom type="sphere" size="0.1"/>
       <body><joint name="b"/><geom type="box" size="0.1 0.1 0.2"/></body></body></body></worldbody></mujoco>"""
     (tmp_path / "arm.xml").write_text(text)
     compared(rigid(read_robot(tmp_path / "arm.xml")), mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml")))
