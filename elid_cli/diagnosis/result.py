@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +13,14 @@ from numpy.typing import NDArray
 from elid_cli.diagnosis.evidence.quarters import Survival
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.residuals import Organised, RowState
-from elid_cli.estimation.identify import JointError, Nuisance
+from elid_cli.estimation.result import Identification, JointError, Nuisance
 from elid_cli.estimation.validation.prediction import Validation
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.tables import Shown
+
+if TYPE_CHECKING:
+    from elid_cli.diagnosis.refit import Contribution
 
 
 @dataclass(frozen=True)
@@ -84,8 +91,8 @@ class Moved:
     """Shift in standard deviations of the estimate after."""
 
 
-@dataclass(frozen=True)
-class Diagnosis:
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
     """Everything `elid diagnose` says."""
 
     robot: Robot
@@ -117,3 +124,31 @@ class Diagnosis:
     """Smooth curves added by request where no named effect explains the structure."""
     refuted: tuple[Survival, ...] = ()
     """Effects that the search found and that make some quarter of the log, predicted from the others, worse."""
+
+    @property
+    def recording(self) -> Recording:
+        """The log that it was found in."""
+        recording = self.state_after.log.raw.recording
+        assert recording is not None  # `prepare` keeps it
+        return recording
+
+    @cached_property
+    def identified_before(self) -> Identification:
+        """Base parameters by the model as given, from the stretches that the search saw."""
+        from elid_cli.diagnosis.refit import identified
+
+        return identified(self.state_before, self.before, len(self.state_before.effects))
+
+    @cached_property
+    def identified_after(self) -> Identification:
+        """Base parameters by the model with what was found, from the stretches that the search saw."""
+        from elid_cli.diagnosis.refit import identified
+
+        return identified(self.state_after, self.after, len(self.state_before.effects))
+
+    @cached_property
+    def contributions(self) -> tuple[Contribution, ...]:
+        """Of every effect and curve: the held-out error without it and with it."""
+        from elid_cli.diagnosis.refit import contributions
+
+        return contributions(self)

@@ -15,6 +15,7 @@ from typing import Any
 
 from elid_cli.errors import UsageError
 from elid_cli.files import read_text
+from elid_cli.tables import Shown
 
 LARGEST = 50_000_000
 """Bytes of the largest result that is read."""
@@ -60,8 +61,8 @@ class Change:
         return (b - a) / spread
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown):
     """A result compared with the first one."""
 
     first: SavedResult

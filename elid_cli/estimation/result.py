@@ -14,6 +14,7 @@ from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
+from elid_cli.tables import Shown
 
 Verdict = Literal["supported", "weak", "refused"]
 
@@ -117,8 +118,8 @@ class BaseEstimate:
         return abs(self.estimate - self.reference) / abs(self.reference)
 
 
-@dataclass(frozen=True)
-class Identification:
+@dataclass(frozen=True, repr=False)
+class Identification(Shown):
     """What a log says about a robot's parameters, in SI units at the joint."""
 
     robot: Robot

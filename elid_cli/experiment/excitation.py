@@ -32,6 +32,7 @@ from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import consistency, prior
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
+from elid_cli.tables import Shown
 
 INSTANTS = 15.0
 """Instants per second at which the motion is judged while it is optimised."""
@@ -84,8 +85,8 @@ class ExciteOptions:
     seed: int = 0
 
 
-@dataclass(frozen=True)
-class Excitation:
+@dataclass(frozen=True, repr=False)
+class Excitation(Shown):
     """An exciting trajectory, what a log of it will show, and what random motion of equal length would."""
 
     robot: Robot

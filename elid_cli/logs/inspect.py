@@ -19,6 +19,7 @@ from elid_cli.logs.repair.timeline import build
 from elid_cli.logs.source import open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.robot.robot import Joint, Robot
+from elid_cli.tables import Shown
 
 NEEDED = ("q", "theta", "tau")
 
@@ -42,8 +43,8 @@ class ChannelInfo:
     """Signals that elid would take from it."""
 
 
-@dataclass(frozen=True)
-class LogInfo:
+@dataclass(frozen=True, repr=False)
+class LogInfo(Shown):
     """What `elid info` says about one log."""
 
     file: str

@@ -21,6 +21,7 @@ from elid_cli.errors import RobotError
 from elid_cli.memory import Recent
 from elid_cli.model.regressor import BASE_TERMS, Regressor
 from elid_cli.signals.motion import random_motion
+from elid_cli.tables import Shown
 
 Class = Literal["independent", "combined", "unidentifiable"]
 
@@ -34,8 +35,8 @@ _STATES = 60
 """Random states per structural question beyond one per parameter."""
 
 
-@dataclass(frozen=True)
-class BaseParameters:
+@dataclass(frozen=True, repr=False)
+class BaseParameters(Shown):
     """Base parameters of a robot: which combinations of standard parameters the equations determine."""
 
     parameters: tuple[str, ...]

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from elid_cli._types import Array
+from elid_cli.tables import Shown
 
 
 @dataclass(frozen=True)
@@ -20,8 +21,8 @@ class Segment:
         return self.stop - self.start
 
 
-@dataclass(frozen=True)
-class Recording:
+@dataclass(frozen=True, repr=False)
+class Recording(Shown):
     """Raw signals (SI, joint side), columns in the robot's joint order.
 
     Within a segment samples are `dt` apart; between segments nothing is known. `q` and `theta` are equal

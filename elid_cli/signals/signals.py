@@ -22,6 +22,7 @@ from elid_cli.signals.options import RATE_PER_CUTOFF
 from elid_cli.signals.options import SignalOptions as SignalOptions
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.torque_sensors import sensors_of
+from elid_cli.tables import Brief
 
 DEFAULT_CUTOFF = 10.0
 """Cut-off of the parallel filter, Hz, unless the data or the user choose another."""
@@ -45,8 +46,8 @@ class Noise:
     """Empty where the log has no joint torque sensor that is used."""
 
 
-@dataclass(frozen=True)
-class Signals:
+@dataclass(frozen=True, repr=False)
+class Signals(Brief):
     """Smooth motion at the log's rate, raw torque, and the plan of filtering and decimation.
 
     All arrays are (N, n), joint side, SI.

@@ -78,7 +78,6 @@ def diagnose(
     with progress(output, "reading") as advance:
         from elid_cli.diagnosis import DiagnoseOptions
         from elid_cli.diagnosis import diagnose as search
-        from elid_cli.diagnosis.refit import contributions, identified
         from elid_cli.estimation.refined_robot import remarks
         from elid_cli.estimation.validation.prediction import validate
         from elid_cli.report.answers.diagnosis import diagnosis_report
@@ -99,12 +98,11 @@ def diagnose(
             judged.append(Check(other, before, after))
         if advance is not None:
             advance("judging", 0.5)
-        declared = len(found.state_before.effects)
         told = DiagnosisInput(
             found,
-            identified(found.state_before, found.before, declared),
-            identified(found.state_after, found.after, declared),
-            contributions(found),
+            found.identified_before,
+            found.identified_after,
+            found.contributions,
             recording,
             robot,
             judged,

@@ -24,6 +24,7 @@ from elid_cli.model.consistency import Consistency, consistency, prior
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.urdf.write import with_parameters
+from elid_cli.tables import Shown
 
 Origin = Literal["data", "split", "reference", "assumed"]
 
@@ -57,8 +58,8 @@ class Impossible:
     """What it became."""
 
 
-@dataclass(frozen=True)
-class PhysicalParameters:
+@dataclass(frozen=True, repr=False)
+class PhysicalParameters(Shown):
     """Standard parameters of a robot that could be built, and what they cost."""
 
     robot: Robot

@@ -20,10 +20,11 @@ from elid_cli.model.effects.tilt import TILT, declared_tilt, levelled
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
+from elid_cli.tables import Shown
 
 
-@dataclass(frozen=True)
-class Validation:
+@dataclass(frozen=True, repr=False)
+class Validation(Shown):
     """Prediction error of a robot description on a log, without fitting."""
 
     robot: Robot

@@ -42,8 +42,7 @@ def classification_report(
     if found is not None and recording is not None:
         payload["log"] = log_payload(recording)
         facts = (*recorded_items(robot, recording), *used_items(found.settings))
-    payload |= class_payload(base, found)
-    payload["base_parameters"] = [_entry(base, k, found) for k in range(base.count)]
+    payload |= base_payload(base, found)
     sections: list[Section] = [
         heading(robot, recording),
         KeyValues("inputs", (*(facts or note_items(robot)), *count_items(base))),
@@ -57,6 +56,16 @@ def classification_report(
     else:
         sections.append(Text("next", command("identify", None, robot_argument), "next"))
     return Report("classify", payload, tuple(sections))
+
+
+def base_sections(base: BaseParameters) -> list[Section]:
+    """Return the base parameters by themselves."""
+    return [KeyValues("inputs", count_items(base)), _base_table(base, None)]
+
+
+def base_payload(base: BaseParameters, found: Identification | None = None) -> dict[str, Any]:
+    """Return the keys of JSON on counts, classes and base parameters."""
+    return {**class_payload(base, found), "base_parameters": [_entry(base, k, found) for k in range(base.count)]}
 
 
 def class_payload(base: BaseParameters, found: Identification | None) -> dict[str, Any]:

@@ -45,12 +45,7 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
     sections: list[Section] = [
         heading(found.robot, recording),
         KeyValues("inputs", facts),
-        residual_table(found),
-        *([Text("triage", "\n".join(found.triage))] if found.triage else []),
-        *effect_sections(told),
-        before_after_table("before_after", found.robot, found.before, found.after, "error on the held-out stretches"),
-        *refuted_section(found),
-        *unexplained_section(found),
+        *result_sections(told),
         *(
             before_after_table(
                 f"check{k}", found.robot, check.before, check.after, f"error on {_files(check.recording)}"
@@ -62,6 +57,19 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
         *_meaning(told),
     ]
     return Report("diagnose", diagnosis_payload(told), tuple(sections))
+
+
+def result_sections(told: DiagnosisInput) -> list[Section]:
+    """Return what was found: residuals, effects, the error before and after, what stays."""
+    found = told.found
+    return [
+        residual_table(found),
+        *([Text("triage", "\n".join(found.triage))] if found.triage else []),
+        *effect_sections(told),
+        before_after_table("before_after", found.robot, found.before, found.after, "error on the held-out stretches"),
+        *refuted_section(found),
+        *unexplained_section(found),
+    ]
 
 
 def _tried(found: Diagnosis) -> Items:

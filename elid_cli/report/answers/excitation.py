@@ -38,12 +38,12 @@ def excitation_report(found: Excitation, robot_argument: str, file: str, rate: f
     sections: list[Section] = [
         heading(found.robot),
         KeyValues("facts", facts),
-        _limits(found),
-        _errors(found),
+        limits_table(found),
+        expected_table(found),
         Text("next", shlex.join(["elid", "simulate", "--robot", robot_argument, "--reference", file, "-o", "try.mcap"]),
              "next"),
     ]  # fmt: skip
-    return Report("excite", _payload(found, file, rate), tuple(sections))
+    return Report("excite", excitation_payload(found, file=file, rate=rate), tuple(sections))
 
 
 def _assumed(found: Excitation) -> str:
@@ -62,7 +62,8 @@ def _guessed(found: Excitation) -> tuple[tuple[str, Cell], ...]:
                         "arm are taken, so torques and errors below are rough"),)  # fmt: skip
 
 
-def _limits(found: Excitation) -> Table:
+def limits_table(found: Excitation) -> Table:
+    """Return how much of every limit the trajectory uses."""
     columns = [Column("joint", "joint")]
     columns += [Column(kind, kind, "% of limit", "right") for kind in found.used]
     rows: list[tuple[Cell, ...]] = []
@@ -72,7 +73,8 @@ def _limits(found: Excitation) -> Table:
     return Table("limits", tuple(columns), tuple(rows), title="use of the limits", note=note)
 
 
-def _errors(found: Excitation) -> Table:
+def expected_table(found: Excitation) -> Table:
+    """Return the standard errors to expect, those aimed at where there are aims."""
     columns = (
         Column("name", "base parameter"),
         Column("std_error", "expected ± sd", align="right"),
@@ -93,11 +95,12 @@ def _errors(found: Excitation) -> Table:
     return Table("std_error", columns, tuple(rows), title="what a log of it will show", shown=SHOWN)
 
 
-def _payload(found: Excitation, file: str, rate: float) -> dict[str, Any]:
+def excitation_payload(found: Excitation, **written: str | float) -> dict[str, Any]:
+    """Return the JSON object of a trajectory; `written` is its file and rate, where there is one."""
     relative = found.relative
     return {
         **robot_payload(found.robot),
-        "trajectory": {"file": file, "duration": found.trajectory.duration, "rate": rate},
+        "trajectory": {**written, "duration": found.trajectory.duration},
         "aims": list(found.options.aims),
         "residual": found.options.residual,
         "condition": found.evaluation.condition,

@@ -87,11 +87,11 @@ def identification_report(
     return Report("identify", payload, tuple(sections))
 
 
-def identification_payload(found: Identification, recording: Recording) -> dict[str, Any]:
-    """Return the JSON object of an identification (docs/reference/json.md)."""
+def identification_payload(found: Identification, recording: Recording | None = None) -> dict[str, Any]:
+    """Return the JSON object of an identification (docs/reference/json.md), without a log where that is not at hand."""
     return {
         **robot_payload(found.robot),
-        "log": log_payload(recording),
+        **({} if recording is None else {"log": log_payload(recording)}),
         "estimator": found.estimator,
         "settings": dict(found.settings),
         **class_payload(found.base, found),

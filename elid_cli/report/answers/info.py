@@ -27,16 +27,17 @@ def info_report(
         "robot_fingerprint": fingerprint(robot) if robot is not None else None,
         "joints": list(infos[0].joints),
         "log": _log(infos),
-        "logs": [_payload(info) for info in infos],
+        "logs": [inspected_payload(info) for info in infos],
     }
     sections: list[Section] = []
     for number, info in enumerate(infos):
-        sections += _sections(info, number)
+        sections += log_sections(info, number)
     sections.append(Text("next", _next(infos, robot_argument, maps), "next"))
     return Report("info", payload, tuple(sections))
 
 
-def _sections(info: LogInfo, number: int) -> list[Section]:
+def log_sections(info: LogInfo, number: int = 0) -> list[Section]:
+    """Return what is in one log."""
     suffix = str(number) if number else ""
     joints = ", ".join(info.joints) or "none named"
     facts: list[tuple[str, Cell]] = [("format", info.format + (f", {info.parts} parts" if info.parts > 1 else ""))]
@@ -104,7 +105,8 @@ def _log(infos: Sequence[LogInfo]) -> dict[str, Any]:
     }
 
 
-def _payload(info: LogInfo) -> dict[str, Any]:
+def inspected_payload(info: LogInfo) -> dict[str, Any]:
+    """Return the JSON object of one log."""
     return {
         "file": info.file,
         "sha256": info.sha256,

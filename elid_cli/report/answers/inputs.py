@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from elid_cli.model.effects import effect_classes
-from elid_cli.report.tree import Cell, Text, number_text
+from elid_cli.report.tree import Cell, KeyValues, Section, Text, number_text
 from elid_cli.robot.files import fingerprint
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
@@ -65,6 +65,12 @@ def recorded_items(robot: Robot, recording: Recording) -> Items:
 def note_items(robot: Robot) -> Items:
     """Return how the robot's file was read, where anything had to be decided."""
     return tuple(("note", sentence) for sentence in robot.notes)
+
+
+def recording_sections(robot: Robot, recording: Recording) -> list[Section]:
+    """Return a recording by itself."""
+    facts = (*recorded_items(robot, recording), *(("warning", line) for line in recording.warnings))
+    return [Text("title", ", ".join(recording.files) or "recording", "heading"), KeyValues("inputs", facts)]
 
 
 def used_items(settings: Mapping[str, object]) -> Items:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from elid_cli.estimation.validation.prediction import Validation
 from elid_cli.model.effects.declared import lost_effects
@@ -34,13 +35,7 @@ def validation_report(
         ("predicted with", f"the robot file's own values{f' and {effects}' if effects else ''}; nothing was fitted"),
         *((("judged on", f"what diagnose holds out: {span_words(held_out)}"),) if held_out else ()),
     )
-    payload = {
-        **robot_payload(found.robot),
-        "log": log_payload(recording),
-        "settings": dict(found.settings),
-        "held_out": [list(span) for span in held_out],
-        "error": error_payload(found.error),
-    }
+    payload = {**validation_payload(found), "log": log_payload(recording), "held_out": [list(s) for s in held_out]}
     sections: tuple[Section, ...] = (
         heading(found.robot, recording),
         KeyValues("inputs", facts),
@@ -50,3 +45,8 @@ def validation_report(
         Text("next", command("diagnose", recording, robot_argument), "next"),
     )
     return Report("validate", payload, sections)
+
+
+def validation_payload(found: Validation) -> dict[str, Any]:
+    """Return the JSON object of a validation, without the log and the stretches that it was judged on."""
+    return {**robot_payload(found.robot), "settings": dict(found.settings), "error": error_payload(found.error)}

@@ -32,6 +32,8 @@ class Style:
     """Whether long tables are shown whole."""
     whole_rows: bool = False
     """Whether a row of a table is one line, however long."""
+    rest: str = "--all"
+    """What shows the rows that a long table leaves out."""
 
 
 class Format(Protocol):

@@ -61,6 +61,11 @@ def render(report: Report, style: Style) -> str:
     )
 
 
+def fragment(sections: Sequence[Section]) -> str:
+    """Return sections as part of somebody else's page, such as a notebook: plain elements in their order."""
+    return "\n".join(_section(section) for section in sections)
+
+
 def _ordered(sections: Sequence[Section]) -> tuple[list[Section], list[Section]]:
     """Return (summary, rest): warnings, results and the next command; then facts, tables, figures and long tables.
 

@@ -173,7 +173,7 @@ class _Writer:
                     cells[0] = ""
                 self._rows([cells], [[_style(cell) for cell in row]], widths, right)
         if len(rows) < len(table.rows):
-            self._line((" " * INDENT + self._said(f"… ({len(table.rows) - len(rows)} more: --all)"), "dim"))
+            self._line((" " * INDENT + self._said(f"… ({len(table.rows) - len(rows)} more: {self.style.rest})"), "dim"))
         for line in self._fold(table.note, self.style.width - INDENT) if table.note else []:
             self._line((" " * INDENT + line, "dim"))
 
