@@ -93,7 +93,7 @@ def diagnose(
         Called with a label and the finished part, 0 to 1.
     """
     options = options or DiagnoseOptions()
-    robot = as_observed(robot, signals.missing_link)
+    robot = as_observed(robot, signals)
     _check_only(robot, options.only)
     log = divided(robot, signals)
     model = log.model

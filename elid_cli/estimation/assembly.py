@@ -20,11 +20,18 @@ from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.estimation.validation.verdicts import judge, shortfall, suspicious, torque_scale
 from elid_cli.robot.robot import Robot
 
+MOTOR = ("Jm", "Ja", "fs", "fv")
+NO_MOTOR_TORQUE = "no motor torque in this log"
+
 
 def judged(fit: DefaultFit, options: EstimateOptions) -> tuple[DefaultFit, dict[str, str], Identification]:
     """Return a fit whose standard errors know of the encoders' noise, what that noise refuses, and what it all says."""
     noise = fit.data.facts.deflection_noise
     refused = stiffness_in_noise(fit.model, fit.triangles, fit.solution.basis, noise)
+    robot = fit.model.robot
+    for k, joint in enumerate(robot.joints):
+        if joint.torque_at == "link":
+            refused = {**refused, **dict.fromkeys(motor_parameters(robot, k), f"{joint.name} has {NO_MOTOR_TORQUE}")}
     fit = replace(fit, covariance=with_pull(fit.model, fit.triangles, fit.solution, fit.covariance, noise))
     return fit, refused, assemble(fit, options, refused)
 
@@ -135,16 +142,24 @@ def _settings(data: FitData, options: EstimateOptions) -> dict[str, object]:
     }
 
 
-def missing_link_named(found: Identification, robot: Robot) -> Identification:
-    """Return the identification with the stiffnesses named that a log without link positions cannot show."""
-    lost = [
-        (f"K{k}", before.name)
-        for k, (before, now) in enumerate(zip(robot.joints, found.robot.joints, strict=True), start=1)
-        if before.elastic and not now.elastic
-    ]
-    if not lost:
-        return found
-    why = "has no link position in this log: its transmission counts as rigid"
-    reasons = {name: f"{joint} {why}" for name, joint in lost}
-    notes = (f"{name} cannot be identified: {reason}" for name, reason in reasons.items())
-    return replace(found, hidden={**found.hidden, **reasons}, notes=(*found.notes, *notes))
+def with_unseen(found: Identification, robot: Robot) -> Identification:
+    """Return the identification with the parameters named that a log cannot show for want of a signal."""
+    reasons: dict[str, str] = {}
+    notes: list[str] = []
+    for k, (before, now) in enumerate(zip(robot.joints, found.robot.joints, strict=True), start=1):
+        if before.elastic and not now.elastic:
+            side = "link" if now.torque_at == "motor" else "motor"
+            why = f"{now.name} has no {side} position in this log: its transmission counts as rigid"
+            reasons[f"K{k}"] = why
+            notes.append(f"K{k} cannot be identified: {why}")
+        if now.torque_at == "link":
+            reasons |= dict.fromkeys(motor_parameters(found.robot, k - 1), f"{now.name} has {NO_MOTOR_TORQUE}")
+    if any(joint.torque_at == "link" for joint in found.robot.joints):
+        who = " ".join(joint.name for joint in found.robot.joints if joint.torque_at == "link")
+        notes.append(f"{who}: no motor torque: the link side is identified from the joint torque sensors (tau_link)")
+    return replace(found, hidden={**found.hidden, **reasons}, notes=(*found.notes, *notes)) if reasons else found
+
+
+def motor_parameters(robot: Robot, joint: int) -> list[str]:
+    """Return the names of a joint's parameters that only its motor's torque shows."""
+    return [f"{kind}{joint + 1}" for kind in MOTOR if f"{kind}{joint + 1}" in robot.parameter_names()]

@@ -37,6 +37,8 @@ class SignalFacts:
     """Joints with a torque."""
     unlinked: NDArray[np.bool_]
     """Joints without a link position: their transmission counts as rigid (`Signals.missing_link`)."""
+    link_torque: NDArray[np.bool_]
+    """Joints whose torque is read behind the motor (`Signals.link_torque`)."""
     velocity_used: bool
     known: NDArray[np.intp]
     """Instants at which a joint's torque is known."""
@@ -68,6 +70,7 @@ def facts_of(signals: Signals, known: NDArray[np.bool_] | NDArray[np.intp]) -> S
         still=signals.still,
         torque=known > 0,
         unlinked=signals.missing_link,
+        link_torque=signals.link_torque,
         velocity_used=bool(signals.velocity_used.any()),
         known=known,
         poses=np.nan_to_num(np.array([signals.motion.positions(slice(k, k + 1))[0, :, 0] for k in outputs.tolist()])),

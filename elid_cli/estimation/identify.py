@@ -16,7 +16,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
-from elid_cli.estimation.assembly import assemble, judged, missing_link_named
+from elid_cli.estimation.assembly import assemble, judged, with_unseen
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
@@ -110,10 +110,10 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
             from elid_cli.estimation.streaming.reduce import reduce_each
 
             return identify_reduced(robot, reduce_each(robot, signals, {}), options)[0]
-    whole, robot = robot, as_observed(robot, signals.missing_link)
+    whole, robot = robot, as_observed(robot, signals)
     fit, tilt = _levelled_fit(robot, signals, options)
     fit, refused, answer = judged(fit, options)
-    found = missing_link_named(_as_described(answer, robot, tilt), whole)
+    found = with_unseen(_as_described(answer, robot, tilt), whole)
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
     if options.accurate:

@@ -91,9 +91,14 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     plan = resolve(raw.channels, layers_of(raw, chosen, mapping), chosen)
     taken = {signal: placement.places for signal, placement in plan.placements.items()}
     missing = tuple(signal for signal in NEEDED if signal not in taken)
-    rigid = chosen.n > 0 and not chosen.elastic.any()
+    # the joints of a robot that is only guessed from the log may be rigid
+    rigid = chosen.n > 0 and (robot is None or not chosen.elastic.any())
     if rigid and {"q", "theta"} & set(taken):
         missing = tuple(signal for signal in missing if signal == "tau")
+    if {"tau_link", "q_des"} & set(taken):
+        missing = tuple(signal for signal in missing if signal != "tau")
+    if "tau_link" in taken and "theta" not in taken:
+        missing = tuple(signal for signal in missing if signal != "theta")
     notes: list[str] = [*raw.notes, *plan.notes]
     infos = _measured(raw, plan, notes)
     reasons = dict(plan.reasons)

@@ -253,6 +253,8 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
     places = {signal: p.places for signal, p in parts[0].plan.placements.items() if p.spec.value is None}
     if parts[0].checked.computed:
         places["tau"] = parts[0].checked.computed
+    elif "tau" not in places and "tau_link" in places and "tau_link" not in optional:  # an effort of joint states
+        places["tau"] = places.pop("tau_link")
     files, sha256 = tuple(source.name for source in sources), tuple(source.sha256 for source in sources)
     return Recording(
         joints=robot.joint_names,

@@ -189,9 +189,12 @@ class Regressor:
             values |= {EstimationRow(kind, k): {} for kind in SENSOR_KINDS if k in sensors}
         for term in self.terms:
             for side, number, name, value in term.entries(self.robot, motion):
+                spring = name == f"K{number + 1}"
+                if side == "motor" and not spring and self.robot.joints[number].torque_at == "link":
+                    continue
                 for row in self._targets(side, number, paper=paper):
                     values[row][name] = values[row].get(name, 0.0) + value
-                read = _read(side, number, spring=name == f"K{number + 1}") if number in sensors else None
+                read = _read(side, number, spring=spring) if number in sensors else None
                 if read is not None:
                     values[read][name] = values[read].get(name, 0.0) + value
         return values

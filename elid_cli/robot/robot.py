@@ -132,6 +132,8 @@ class Joint:
     """z_m: unit vector of the rotor's axis in the frame of the parent."""
     transmission: Transmission = "elastic"
     """``auto``: as the log shows it (`logs.robot_as_logged`); without a log elastic where K is known, else rigid."""
+    torque_at: Literal["motor", "link"] = "motor"
+    """Where the torque of its equation is read; ``link``: behind the motor, whose inertia and friction it lacks."""
     parameters: Mapping[str, float] = field(default_factory=_empty)
     """Reference values by the names of `JOINT_PARAMETERS`; those not named are unknown, not zero."""
     limits: Limits = field(default_factory=Limits)
@@ -290,6 +292,13 @@ class Robot:
             for j, r in zip(self.joints, made_rigid, strict=True)
         )
         return replace(self, joints=changed)
+
+    def read_behind(self, joints: NDArray[np.bool_]) -> Robot:
+        """Return the robot with the torque of some joints (n,) read in their transmissions: without their motors."""
+        if not joints.any():
+            return self
+        seen = zip(self.joints, joints, strict=True)
+        return replace(self, joints=tuple(replace(j, torque_at="link") if here else j for j, here in seen))
 
     def placements(self) -> tuple[tuple[Array, Array], ...]:
         """Return (before, after) of every joint: constant 4x4 transforms around its motion about or along z."""

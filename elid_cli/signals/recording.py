@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from elid_cli._types import Array
 from elid_cli.tables import Shown
 
@@ -69,6 +72,24 @@ class Recording(Shown):
         return values
 
     @property
+    def link_torque(self) -> NDArray[np.bool_]:
+        """Joints of which only a torque sensor in the transmission was logged, (n,)."""
+        if self.tau_link is None:
+            return np.zeros(self.n, dtype=bool)
+        return np.array([_empty(self.tau[:, k]) and not _empty(self.tau_link[:, k]) for k in range(self.n)])
+
+    @property
+    def missing_link(self) -> NDArray[np.bool_]:
+        """Joints of which one side of the transmission was not logged, (n,): it counts as rigid."""
+        both = self.link_torque
+        return np.array(
+            [
+                _empty(q) or bool(both[k] and q[0] == self.theta[0, k] and np.array_equal(q, self.theta[:, k]))
+                for k, q in enumerate(self.q.T)
+            ]
+        )
+
+    @property
     def samples(self) -> int:
         """Number of samples."""
         return int(self.t.shape[0])
@@ -87,6 +108,11 @@ class Recording(Shown):
     def duration(self) -> float:
         """Recorded time without the gaps between segments, s."""
         return float(sum((len(s) - 1) * self.dt for s in self.segments))
+
+
+def _empty(column: Array) -> bool:
+    """Whether a column holds no number at all; its first one decides for most."""
+    return bool(np.isnan(column[:1]).all() and np.isnan(column).all())
 
 
 NAMED = 6

@@ -76,7 +76,9 @@ class Signals(Brief):
     of its noise, links then motors (2n,); 0: not used."""
     notes: tuple[str, ...] = ()
     sensed: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    """Joints whose torque sensor is used, (n,); empty: none."""
+    """Joints whose torque sensor is used beside the motor's torque, (n,); empty: none."""
+    link_torque: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Joints whose `tau` is what the torque sensor in the transmission reads, for want of the motor's, (n,)."""
     doubts: tuple[str, ...] = ()
     """Why the torque sensors of other joints are not used, a sentence each."""
     recording: Recording | None = None
@@ -92,7 +94,7 @@ class Signals(Brief):
     @property
     def missing_link(self) -> NDArray[np.bool_]:
         """Joints of which the log holds no link position, (n,): their transmission counts as rigid."""
-        return np.zeros(self.n, dtype=bool) if self.recording is None else missing_link(self.recording)
+        return np.zeros(self.n, dtype=bool) if self.recording is None else self.recording.missing_link
 
     @property
     def rate(self) -> float:
@@ -118,12 +120,6 @@ class Signals(Brief):
     def refiltered(self, cutoff: float, rate: float | None = None) -> Signals:
         """Return the same signals with another parallel filter."""
         return replace(self, filter=_plan(cutoff, rate, self.dt))
-
-
-def missing_link(recording: Recording) -> NDArray[np.bool_]:
-    """Return the joints of which a recording holds no link position, (n,)."""
-    q = recording.q
-    return np.array([bool(np.isnan(q[:1, k]).all() and np.isnan(q[:, k]).all()) for k in range(q.shape[1])])
 
 
 def _plan(cutoff: float, rate: float | None, dt: float) -> LowPass:
@@ -187,6 +183,10 @@ def prepare(
         still = stationary(low, high, smooth.noise)
     still |= constant(link, segments) | constant(motor, segments) | held(link, motor, robot, segments)
     sensed, doubts = sensors_of(recording, excerpts(segments, dt))
+    behind = sensed & recording.link_torque
+    tau, sensed = recording.tau, sensed & ~behind
+    if behind.any() and recording.tau_link is not None:
+        tau = np.where(behind, recording.tau_link, tau)
     read = _torque_noise(recording.tau_link, segments, dt) if sensed.any() and recording.tau_link is not None else None
     motion = at_rest(smooth.motion, still, mean)
     if still.all():
@@ -209,14 +209,14 @@ def prepare(
         joints=robot.joint_names,
         dt=dt,
         motion=motion,
-        tau=recording.tau,
+        tau=tau,
         tau_link=recording.tau_link,
         temperature=recording.temperature,
         segments=segments,
         noise=Noise(
             smooth.noise[0],
             smooth.noise[1],
-            _torque_noise(recording.tau, segments, dt),
+            _torque_noise(tau, segments, dt),
             np.zeros(0) if read is None else read,
         ),
         knots=knots,
@@ -230,6 +230,7 @@ def prepare(
         rates=smooth.rates,
         notes=smooth.notes,
         sensed=sensed,
+        link_torque=behind,
         doubts=doubts,
         recording=recording,
         cutoff_free=options.cutoff is None,

@@ -83,7 +83,7 @@ def _facts(log: ReducedLog, n: int) -> None:
         shape = (3, n) if name == "noise" else (n,)
         _need(values.shape == shape and values.dtype.kind == "f", f"{name} has the shape {values.shape}, not {shape}")
         _need(not (values < 0).any() and not np.isinf(values).any(), f"{name} is negative or infinite")
-    for name in ("still", "torque", "unlinked"):
+    for name in ("still", "torque", "unlinked", "link_torque"):
         values = getattr(facts, name)
         _need(values.shape == (n,) and values.dtype == bool, f"{name} is not a mark for every joint")
     _need(isinstance(facts.velocity_used, bool), "velocity_used is not a mark")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
-from elid_cli.estimation.assembly import judged, missing_link_named
+from elid_cli.estimation.assembly import judged, with_unseen
 from elid_cli.estimation.default_fit import DefaultFit, fit_data
 from elid_cli.estimation.facts import joined_facts
 from elid_cli.estimation.regression.least_squares import Solution
@@ -47,15 +47,15 @@ def identify_reduced(
     """
     options = options or EstimateOptions()
     check_alike(robot, logs)
-    whole, robot = robot, robot.stiffened(logs[0].facts.unlinked)
+    whole, robot = robot, robot.stiffened(logs[0].facts.unlinked).read_behind(logs[0].facts.link_torque)
     model = Regressor(robot)
     check_columns(model, logs)
     base = find_base(model)
     data = merged_data(model, logs)
     fit = fit_data(base, data, options)
     fit, _, found = judged(fit, options)
-    found = missing_link_named(found, whole)
-    if any("tau_link" in log.recording.sources for log in logs):
+    found = with_unseen(found, whole)
+    if any("tau_link" in log.recording.sources and not log.facts.link_torque.all() for log in logs):
         found = replace(found, notes=(*found.notes, UNREAD))
     found = replace(found, notes=(*found.notes, *_disagreement(data, logs, fit)))
     return found, _by_log(model, logs, fit)
@@ -104,6 +104,13 @@ def check_alike(robot: Robot, logs: Sequence[ReducedLog]) -> None:
                 hint=f"elid reduce LOG --robot {robot.name} -o FILE.npz",
             )
     refuse_mixed([log.name for log in logs], np.array([log.facts.unlinked for log in logs]), robot.joint_names)
+    behind = np.array([log.facts.link_torque for log in logs])
+    for joint in np.flatnonzero(behind.any(axis=0) & ~behind.all(axis=0))[:1]:
+        less = logs[int(np.argmax(behind[:, joint]))].name
+        raise UsageError(
+            f"{less}: only the joint torque sensor of {robot.joint_names[joint]}, where other logs hold motor torque",
+            hint="identify logs with motor torques, and those without, apart",
+        )
     first = logs[0]
     for log in logs[1:]:
         keys = dict.fromkeys([*first.options, *log.options])

@@ -82,7 +82,7 @@ def reduce_log(
     progress
         Told the share of the log that is done.
     """
-    model = Regressor(robot.stiffened(signals.missing_link))
+    model = Regressor(robot.stiffened(signals.missing_link).read_behind(signals.link_torque))
     base = find_base(model)
     signals = at_best_cutoff(model, base, signals, EstimateOptions())
     plan = model.estimation

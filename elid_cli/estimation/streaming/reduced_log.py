@@ -93,13 +93,14 @@ def hollow(recording: Recording) -> Recording:
 
 
 def without_positions(recording: Recording) -> Recording:
-    """Return a recording without its positions and velocities, but for whether a joint has them (0 there, else NaN).
+    """Return a recording without its positions and velocities, but for whether a joint has them (a number, else NaN).
 
     Once splines stand for them, they only take memory.
     """
 
-    def told(values: Array) -> Array:
+    def told(values: Array, number: Array | float = 0.0) -> Array:
         known = [not np.isnan(column[:1]).all() or not np.isnan(column).all() for column in values.T]
-        return np.broadcast_to(np.where(known, 0.0, np.nan), values.shape)
+        return np.broadcast_to(np.where(known, number, np.nan), values.shape)
 
-    return replace(recording, q=told(recording.q), theta=told(recording.theta), dq=None, dtheta=None)
+    apart = np.where(recording.missing_link, 0.0, 1.0)  # the same number on both sides of what has one side only
+    return replace(recording, q=told(recording.q), theta=told(recording.theta, apart), dq=None, dtheta=None)

@@ -57,7 +57,7 @@ def validate(
         If the description holds no parameter values, or an effect lacks some.
     """
     turned = bool(np.any(declared_tilt(robot)))
-    described, robot = robot, levelled(as_observed(robot, signals.missing_link))
+    described, robot = robot, levelled(as_observed(robot, signals))
     model = Regressor(robot)
     standard = complete(robot, find_base(model))
     shifts = declared_shifts(robot)

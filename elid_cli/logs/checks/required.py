@@ -60,19 +60,24 @@ def check(
     warnings = _drop_zeros(filled, robot.joint_names)
     warnings += _drop_stuck(filled, robot)
     notes: list[str] = []
+    _name_efforts(filled, robot, plan, notes)
     computed = _compute_torque(filled, robot, plan, segments, dt, notes) if samples else ""
     has: dict[str, NDArray[np.bool_]] = {
         s: np.isfinite(values[0]) if samples else np.zeros(robot.n, bool) for s, values in filled.items()
     }
+    read = has["tau_link"] & ~has["tau"] if "tau_link" in has else np.zeros(robot.n, bool)
     fault = _Fault(robot, plan, raw, name, tuple(warnings))
     for j, joint in enumerate(robot.joints):
         if not has["q"][j] and not has["theta"][j]:
             fault.refuse("theta", joint.name, "no position")
         if not joint.elastic:
             _complete(filled, has, j)
+        elif not has["theta"][j] and read[j]:
+            filled["theta"] = writable(filled["theta"])
+            filled["theta"][:, j] = filled["q"][:, j]
         elif not has["theta"][j]:
             fault.refuse("theta", joint.name, "no motor position")
-    if not has["tau"].any():
+    if not has["tau"].any() and not read.any():
         fault.refuse_torque(filled)
     lacking = [j.name for k, j in enumerate(robot.joints) if not has["q"][k]]
     if lacking:
@@ -80,7 +85,7 @@ def check(
             fault.refuse("q", lacking[0], "no link position")
         stiffness = "its stiffness" if len(lacking) == 1 else "their stiffness"
         warnings.append(f"{' '.join(lacking)}: no link position q: {stiffness} cannot be identified")
-    untorqued = [name for k, name in enumerate(robot.joint_names) if not has["tau"][k]]
+    untorqued = [name for k, name in enumerate(robot.joint_names) if not has["tau"][k] and not read[k]]
     if untorqued:
         if strict:
             fault.refuse("tau", untorqued[0], "no torque")
@@ -115,6 +120,21 @@ def _compute_torque(
         *more,
     ]
     return f"command{who}"
+
+
+def _name_efforts(filled: dict[str, Array], robot: Robot, plan: ReadPlan, notes: list[str]) -> None:
+    """Take the effort of joint states as the motor's torque where nothing else is logged of a joint's motor side."""
+    placement = plan.placements.get("tau_link")
+    if placement is None or not placement.either or "tau_link" not in filled:
+        return
+    absent = [np.isnan(filled[signal]).all(axis=0) for signal in ("tau", "theta")]
+    rigid = np.array([joint.transmission != "elastic" for joint in robot.joints])
+    mine = absent[0] & absent[1] & rigid & ~np.isnan(filled["tau_link"]).all(axis=0)
+    if mine.any():
+        filled["tau"] = np.where(mine, filled["tau_link"], filled["tau"])
+        filled["tau_link"] = np.where(mine, np.nan, filled["tau_link"])
+        who = "" if mine.all() else f" of {' '.join(np.array(robot.joint_names)[mine])}"
+        notes.append(f"tau{who} is the effort of {placement.places}, as the log holds no motor side")
 
 
 def _complete(filled: dict[str, Array], has: dict[str, NDArray[np.bool_]], j: int) -> None:

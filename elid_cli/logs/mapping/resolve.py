@@ -43,6 +43,8 @@ class Placement:
     """Joint indices (from 0) of the columns of each pick."""
     places: str
     """Where it comes from, as a user would write it."""
+    either: bool = False
+    """Of a `tau_link`: whether it is the effort of joint states, the motor's where no motor side is logged."""
     unnamed: bool = False
     """Whether values without names were taken in the robot's joint order."""
 
@@ -83,6 +85,7 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
     placements: dict[str, Placement] = {}
     reasons: dict[str, str] = {}
     unusable: set[str] = set()
+    either = False
     failed: dict[str, tuple[str, str]] = {}
     for signal in SIGNALS:
         for layer in layers:
@@ -92,6 +95,7 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
             found = place(spec, by_source, robot, time, near=signal not in reasons)
             if isinstance(found, Placement):
                 placements[signal] = found
+                either |= signal == "tau_link" and layer.canonical and "joint_states" in found.places
                 break
             reasons.setdefault(signal, found if layer.canonical else f"{layer.where}: {found}")
             if layer.asked or not found.startswith(ABSENT):
@@ -99,6 +103,10 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
             if not layer.canonical and signal not in failed:
                 failed[signal] = (layer.where, found)
     unfit += _unfit(failed, placements)
+    if "tau" in placements and either and _same_place(placements["tau"], placements["tau_link"]):
+        del placements["tau_link"]  # what is mapped as the motor's torque is no sensor's
+    elif either:
+        placements["tau_link"] = replace(placements["tau_link"], either=True)
     for signal, placement in placements.items():
         reasons.pop(signal, None)
         if placement.unnamed:
@@ -107,6 +115,10 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
         placements, time, tuple(unfit), tuple(notes), reasons, frozenset(unusable - set(placements)),
         frozenset(signal for layer in layers if layer.asked for signal in layer.signals),
     )  # fmt: skip
+
+
+def _same_place(one: Placement, other: Placement) -> bool:
+    return {(p.source, p.field) for p in one.picks} == {(p.source, p.field) for p in other.picks}
 
 
 def fits(channels: Sequence[Channel], robot: Robot, line: str) -> bool:

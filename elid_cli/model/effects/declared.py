@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError, did_you_mean
@@ -14,7 +13,7 @@ from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect, Scene
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.recording import Recording
-from elid_cli.signals.signals import missing_link
+from elid_cli.signals.signals import Signals
 
 
 def resolve(robot: Robot, spec: EffectSpec) -> tuple[type[Effect], int]:
@@ -76,24 +75,26 @@ def _where(robot: Robot, spec: EffectSpec) -> str:
     return f"{spec.where}: {spec.effect}{of}" if spec.where else f"{robot.name}: effect {spec.effect}"
 
 
-def as_observed(robot: Robot, without_links: NDArray[np.bool_]) -> Robot:
-    """Return the robot as a log shows it that holds no link positions of some joints (n,): rigid there.
+def as_observed(robot: Robot, log: Signals | Recording) -> Robot:
+    """Return the robot as a log shows it: rigid where it holds no link positions, without motors where no motor torque.
 
-    Declared effects that need the transmission are left out with it (`lost_effects`).
+    Declared effects that such a robot cannot have are left out (`lost_effects`).
     """
-    stiff = robot.stiffened(without_links)
-    lost = lost_effects(robot, without_links)
-    return replace(stiff, effects=tuple(spec for spec in robot.effects if spec not in lost)) if lost else stiff
+    seen = robot.stiffened(log.missing_link).read_behind(log.link_torque)
+    lost = [spec for spec, _ in lost_effects(robot, seen)]
+    return replace(seen, effects=tuple(spec for spec in robot.effects if spec not in lost)) if lost else seen
 
 
-def lost_effects(robot: Robot, without_links: NDArray[np.bool_]) -> tuple[EffectSpec, ...]:
-    """Return the declared effects at elastic joints that a log without link positions there, (n,), cannot show."""
-    blind = {
-        joint.name for joint, without in zip(robot.joints, without_links, strict=True) if without and joint.elastic
-    }
-    sprung = {name for name, kind in effect_classes().items() if kind.elastic_only}
-    here = robot.joint_names[0]  # of a robot of one joint, whose effects need not name it
-    return tuple(spec for spec in robot.effects if spec.effect in sprung and (spec.joint or here) in blind)
+def lost_effects(robot: Robot, seen: Robot) -> list[tuple[EffectSpec, str]]:
+    """Return the declared effects that the robot as its log shows it cannot have, with the reason."""
+    library, here = effect_classes(), robot.joint_names[0]  # of one joint, whose effects need not name it
+    found = []
+    for spec in robot.effects if seen is not robot else ():
+        joint = robot.joint_names.index(spec.joint or here) if (spec.joint or here) in robot.joint_names else 0
+        reason = library[spec.effect].unfit(seen, joint)
+        if reason and not library[spec.effect].unfit(robot, joint):
+            found.append((spec, reason))
+    return found
 
 
 def with_lost_effects(recording: Recording, robot: Robot) -> Recording:
@@ -101,8 +102,8 @@ def with_lost_effects(recording: Recording, robot: Robot) -> Recording:
     if not robot.effects:
         return recording
     lost = [
-        f"{spec.joint or robot.joint_names[0]}: the declared {spec.effect} needs the link position q: left out"
-        for spec in lost_effects(robot, missing_link(recording))
+        f"{spec.joint or robot.joint_names[0]}: the declared {spec.effect} is left out: {reason} in this log"
+        for spec, reason in lost_effects(robot, as_observed(robot, recording))
     ]
     return replace(recording, warnings=(*recording.warnings, *lost)) if lost else recording
 

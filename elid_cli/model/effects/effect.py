@@ -166,6 +166,8 @@ class Effect(ABC):
     twins: ClassVar[tuple[str, ...]] = ()
     """Effects that no data, or only special data, can tell apart from this one."""
     elastic_only: ClassVar[bool] = False
+    of_channel: ClassVar[bool] = False
+    """Whether it is in the torque channel, wherever that is read, although it stands in the motor row."""
     """Whether the effect needs an elastic transmission."""
     whole_robot: ClassVar[bool] = False
     """Whether the effect belongs to no single joint."""
@@ -231,6 +233,8 @@ class Effect(ABC):
             return "it belongs to the whole robot, not to one joint"
         if cls.elastic_only and not robot.joints[joint].elastic:
             return f"it needs an elastic transmission, and that of {robot.joints[joint].name} is rigid"
+        if cls.place == "motor" and not cls.of_channel and robot.joints[joint].torque_at == "link":
+            return f"it needs the torque of the motor, and that of {robot.joints[joint].name} is read behind it"
         return ""
 
     @abstractmethod

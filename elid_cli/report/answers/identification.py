@@ -110,6 +110,16 @@ def identification_payload(found: Identification, recording: Recording | None = 
 def base_payload(found: Identification) -> list[dict[str, Any]]:
     """Return the list ``base_parameters`` of JSON; the estimate of a refused one is null."""
     relative = found.relative_error()
+    units = dict(zip(found.robot.parameter_names(), found.robot.parameter_units(), strict=True))
+    leaders = {found.base.parameters[leader] for leader in found.base.leaders}
+    unseen = [
+        {
+            "name": name, "terms": {name: 1}, "unit": units.get(name, ""), "class": "unidentifiable", "estimate": None,
+            "std_error": None, "reference": None, "relative_error": None, "verdict": "refused",
+        }
+        for name in found.hidden
+        if name not in leaders
+    ]  # fmt: skip
     return [
         {
             "name": found.base.names[k],
@@ -123,7 +133,7 @@ def base_payload(found: Identification) -> list[dict[str, Any]]:
             "verdict": found.verdict[k],
         }
         for k in range(found.base.count)
-    ]
+    ] + unseen
 
 
 def error_payload(error: Mapping[str, JointError]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from elid_cli.estimation.validation.prediction import Validation
-from elid_cli.model.effects.declared import lost_effects
+from elid_cli.model.effects.declared import as_observed
 from elid_cli.report.answers.identification import error_payload, error_table, sensor_table
 from elid_cli.report.answers.inputs import (
     command,
@@ -19,15 +19,13 @@ from elid_cli.report.answers.inputs import (
 )
 from elid_cli.report.tree import KeyValues, Report, Section, Text
 from elid_cli.signals.recording import Recording
-from elid_cli.signals.signals import missing_link
 
 
 def validation_report(
     found: Validation, recording: Recording, robot_argument: str, held_out: Sequence[tuple[float, float]] = ()
 ) -> Report:
     """Return the report of one validation, judged on some stretches (first and last time, s) or on the whole log."""
-    lost = lost_effects(found.robot, missing_link(recording))
-    acting = [spec for spec in found.robot.effects if spec not in lost]
+    acting = as_observed(found.robot, recording).effects
     effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in acting)
     facts = (
         *recorded_items(found.robot, recording),
