@@ -1,4 +1,4 @@
-"""One /joint_states with effort, the commonest log of all: its effort is the motor's torque of joints that are rigid."""
+"""One /joint_states with effort, the commonest log of all: its effort is the torque of the joints that are rigid."""
 
 from __future__ import annotations
 
