@@ -118,7 +118,7 @@ def check_effects(names: Sequence[str]) -> None:
     from elid_cli.model.effects import effect_classes
 
     for name in names:
-        if name == "lookup":
-            raise UsageError("lookup is a curve, not an effect to search for", hint="use --lookup")
         if name not in effect_classes():
             raise UsageError(f"--only: no effect {name!r}", hint=did_you_mean(name, effect_classes()))
+        if not effect_classes()[name].searched:
+            raise UsageError(f"{name} is a curve, not an effect to search for", hint=f"use --{name}")

@@ -33,8 +33,6 @@ from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
-_NEVER_SEARCHED = ("lookup",)
-
 
 @dataclass(frozen=True)
 class DiagnoseOptions:
@@ -100,7 +98,7 @@ def diagnose(
     library = {
         name: kind
         for name, kind in effect_classes().items()
-        if name not in _NEVER_SEARCHED and (not options.only or name in options.only)
+        if kind.searched and (not options.only or name in options.only)
     }
     plain = reweighted(to_triangles(log.training, (), log.fold), log.base.count).values[: model.parameters]
     declared = [d.effect for d in declared_effects(model.robot, scene_of(model, signals, plain))]

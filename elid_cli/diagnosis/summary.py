@@ -19,13 +19,11 @@ from elid_cli.estimation.identify import JointError, Nuisance
 from elid_cli.estimation.refined_robot import refined_robot, representative
 from elid_cli.estimation.stretches import spans
 from elid_cli.estimation.validation.prediction import validate
-from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.shifts import SKEW
+from elid_cli.model.effects import effect_classes, effect_that
+from elid_cli.model.effects.effect import Channel, Effect
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import EffectSpec, Robot
 
-GAIN = "torque_gain"
 _SIDES = {"load": "link", "drive": "motor"}
 """What lies in a row of a joint with a torque sensor."""
 
@@ -41,7 +39,7 @@ def result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence
     effects = tuple(_found(after, declared + k, step, found.terms) for k, step in enumerate(found.steps))
     known = declared + len(found.steps)
     terms = tuple(_term(after, k, term) for k, term in sorted(found.terms.items()) if k >= known)
-    fitted = {e.joint for e in after.effects if e.name == SKEW}
+    fitted = {e.joint for e in after.effects if e.corrects == "link"}
     seen = tuple(_seen(robot, after, skew) for skew in found.skews if skew.joint not in fitted)
     extra = tuple(_curve(after, len(after.effects) - len(curves) + k) for k in range(len(curves)))
     last_error = _floored(validations[1].error, after)
@@ -84,14 +82,20 @@ def described(robot: Robot, state: State) -> Robot:
         EffectSpec(e.name, None if e.whole_robot else names[e.joint], state.named(k))
         for k, e in enumerate(state.effects)
     ]
-    specs += [EffectSpec("torque_delay", names[j], {"delay": d}) for j, d in state.delays.items()]
-    moved_joints = {e.joint for e in state.effects if e.name == SKEW}
+    specs += [late_by("torque", names[j], delay) for j, delay in state.delays.items()]
+    moved_joints = {e.joint for e in state.effects if e.corrects == "link"}
     specs += [
-        EffectSpec(SKEW, names[j], {"skew": float(state.log.shifts.link[j])})
+        late_by("link", names[j], float(state.log.shifts.link[j]))
         for j in np.flatnonzero(state.log.shifts.link)
         if j not in moved_joints
     ]
     return refined_robot(robot, standard, specs)
+
+
+def late_by(channel: Channel, joint: str, seconds: float) -> EffectSpec:
+    """Return the effect of a channel that is late."""
+    kind = effect_that(corrects=channel)
+    return EffectSpec(kind.name, joint, {kind.amplitudes[0].name: seconds})
 
 
 def _found(state: State, number: int, step: Step, terms: Mapping[int, Term]) -> FoundEffect:
@@ -130,16 +134,17 @@ def _term(state: State, number: int, term: Term) -> FoundEffect:
 
 def _seen(robot: Robot, state: State, skew: Skew) -> FoundEffect:
     """Return a skew that only the positions show; its gain is in the variance of the deflection."""
+    spec = late_by("link", robot.joint_names[skew.joint], float(state.log.shifts.link[skew.joint]))
     return FoundEffect(
-        effect=SKEW,
-        joint=robot.joint_names[skew.joint],
-        parameters={"skew": float(state.log.shifts.link[skew.joint])},
-        std_error={"skew": skew.deviation},
+        effect=spec.effect,
+        joint=spec.joint,
+        parameters=spec.parameters,
+        std_error=dict.fromkeys(spec.parameters, skew.deviation),
         gain=skew.share,
         net=0.0,
         folds=(),
         local=False,
-        summary="link encoder sampled at another instant than the motor encoder; seen in the positions alone",
+        summary=f"{effect_classes()[spec.effect].summary}; seen in the positions alone",
         deflection=(skew.without, skew.with_it),
         quarters=skew.quarters,
     )
@@ -196,21 +201,23 @@ def _rivals(state: State, declared: int, steps: Sequence[Step], effects: Sequenc
                 candidate.values,
                 candidate.effect.record,
             )
-    for rival in _gains_up_to_a_factor(robot, effects):
+    for rival in _together(robot, effects):
         rivals.setdefault((rival.effect, rival.joint), rival)
     return tuple(rivals.values())
 
 
-def _gains_up_to_a_factor(robot: Robot, effects: Sequence[FoundEffect]) -> tuple[Rival, ...]:
-    """Return the gain of the one joint without, where all others have one: a common factor moves it to any of them."""
-    gains = {e.joint: e for e in effects if e.effect == GAIN}
-    without_ = [name for name in robot.joint_names if name not in gains]
-    if len(gains) < 2 or len(without_) != 1:
-        return ()
-    record = effect_classes()[GAIN].record
-    first = next(iter(gains.values()))
-    values = {"gain": 1.0 / (1.0 + first.parameters["gain"]) - 1.0}
-    return (Rival(GAIN, without_[0], GAIN, first.gain, values, record),)
+def _together(robot: Robot, effects: Sequence[FoundEffect]) -> list[Rival]:
+    """Return what effects of one kind at several joints are together the same as."""
+    rivals = []
+    for name in dict.fromkeys(effect.effect for effect in effects):
+        kind = effect_classes()[name]
+        alike = [e for e in effects if e.effect == name and e.joint is not None]
+        places = {robot.joint_names.index(e.joint or ""): e.parameters for e in alike}
+        rivals += [
+            Rival(twin.effect, robot.joint_names[twin.joint], name, alike[0].gain, dict(twin.values), kind.record)
+            for twin in kind.same_together(robot, places)
+        ]
+    return rivals
 
 
 def _nuisances(state: State) -> tuple[Nuisance, ...]:
@@ -222,7 +229,8 @@ def _nuisances(state: State) -> tuple[Nuisance, ...]:
         deviation = float(np.sqrt(state.covariance[where[0], where[0]])) if len(where) else float("nan")
         joint = names[next(iter(extra.rows)).joint]
         value = float(state.solution.values[first + k])
-        found.append(Nuisance(extra.name, joint, {"delay": value}, {"delay": deviation}))
+        name = effect_classes()[extra.name].amplitudes[0].name
+        found.append(Nuisance(extra.name, joint, {name: value}, {name: deviation}))
     return tuple(found)
 
 

@@ -18,6 +18,7 @@ from elid_cli.estimation.stiffness.link_equation import with_both_regressions, w
 from elid_cli.estimation.stiffness.noise import stiffness_in_noise, with_pull
 from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.estimation.validation.verdicts import judge, shortfall, suspicious, torque_scale
+from elid_cli.model.effects import effect_classes
 from elid_cli.robot.robot import Robot
 
 MOTOR = ("Jm", "Ja", "fs", "fv")
@@ -104,7 +105,7 @@ def _nuisances(fit: DefaultFit) -> tuple[tuple[Nuisance, ...], Array]:
     for k, extra in enumerate(fit.nuisances):
         joint = sum_row(extra).joint
         value = float(fit.solution.values[p + k])
-        kind = extra.name.split("_")[-1]  # delay, offset, gain
+        kind = effect_classes()[extra.name].amplitudes[0].name
         if extra.name == DELAY:
             delays[joint] = value
         found.append(Nuisance(extra.name, robot.joints[joint].name, {kind: value}, {kind: _deviation(fit, p + k)}))

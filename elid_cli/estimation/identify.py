@@ -26,7 +26,7 @@ from elid_cli.estimation.sanity import physics_warnings
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects.declared import as_observed, with_lost_effects
-from elid_cli.model.effects.tilt import TILT, declared_tilt, levelled, settled, tilted, untilted
+from elid_cli.model.effects.tilt import declared_tilt, is_tilt, levelled, settled, tilted, untilted
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
@@ -240,7 +240,7 @@ def _levelled_fit(robot: Robot, signals: Signals, options: EstimateOptions) -> t
 
     def left(fit: DefaultFit) -> Array:
         declared = zip(fit.effects.effects if fit.effects else (), fit.amplitudes(), strict=True)
-        return next((values for item, values in declared if item.spec.effect == TILT), np.zeros(2))
+        return next((values for item, values in declared if item.effect.turns_gravity), np.zeros(2))
 
     def again(fit: DefaultFit, tilt: Array) -> DefaultFit:
         turned = Regressor(replace(level, gravity=tilted(robot, tilt).gravity))
@@ -253,7 +253,7 @@ def _as_described(found: Identification, robot: Robot, tilt: Array) -> Identific
     """Return the identification as one of the level robot with its whole tilt as an effect."""
     if not np.any(tilt):
         return found
-    effects = tuple(replace(e, parameters=untilted({}, tilt)) if e.effect == TILT else e for e in found.effects)
+    effects = tuple(replace(e, parameters=untilted({}, tilt)) if is_tilt(e.effect) else e for e in found.effects)
     return replace(found, robot=robot, effects=effects)
 
 

@@ -27,7 +27,8 @@ from elid_cli.estimation.regression.covariance import long_run, residuals
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.triangles import to_triangles
 from elid_cli.estimation.stretches import QUARTERS, quarter_of
-from elid_cli.model.effects.shifts import SKEW
+from elid_cli.model.effects import effect_classes, effect_that
+from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import EstimationRow
 
 SPEAKS = 0.01
@@ -95,9 +96,6 @@ class _Compared:
         return self.speaks and self.after > self.before
 
 
-_CONSTANT = "encoder_offset"
-"""No two encoders have the same zero: where a quarter speaks against the offset it is not named, but its constant is
-still fitted, or stiffness and friction would have to stand in for it."""
 _SILENT = _Compared(0.0, 0.0, 0.0, 0.0, known=False)
 
 
@@ -117,7 +115,8 @@ def judged(found: Found, declared: int) -> tuple[Found, Survival | None]:
     """
     state = found.after
     fits = left_out(state) if found.steps or found.skews else []
-    skews = [_in_positions(state, SKEW, skew.joint, fits) for skew in found.skews]
+    late = effect_that(corrects="link")
+    skews = [_in_positions(state, late, skew.joint, fits) for skew in found.skews]
     steps = [survival(state, declared + k, fits) for k in range(len(found.steps))]
     failing = [s for s in (*skews, *steps) if not s.survives]
     if not failing:
@@ -128,7 +127,8 @@ def judged(found: Found, declared: int) -> tuple[Found, Survival | None]:
     for k, item in enumerate(steps):
         if item is worst:
             rest = replace(found, steps=(*found.steps[:k], *found.steps[k + 1 :]))
-            if worst.effect == _CONSTANT and worst.whole > 0:
+            if effect_classes()[worst.effect].always_fitted and worst.whole > 0:
+                # not named, but left out stiffness and friction would have to stand in for it
                 effects = list(state.effects)
                 effects.insert(declared, effects.pop(declared + k))
                 state = refreshed(fit(state.log, effects, state.scene))
@@ -136,7 +136,7 @@ def judged(found: Found, declared: int) -> tuple[Found, Survival | None]:
             return replace(rest, after=refreshed(without(state, declared + k))), worst
     k = next(k for k, item in enumerate(skews) if item is worst)
     gone, shifts = found.skews[k], state.log.shifts
-    log = state.log.shifted(shifts.moved(SKEW, gone.joint, shifts.of(SKEW, gone.joint) - gone.skew))
+    log = state.log.shifted(shifts.moved("link", gone.joint, shifts.of("link", gone.joint) - gone.skew))
     state = refreshed(fit(log, state.effects, state.scene))
     return replace(found, after=state, skews=(*found.skews[:k], *found.skews[k + 1 :])), worst
 
@@ -144,8 +144,8 @@ def judged(found: Found, declared: int) -> tuple[Found, Survival | None]:
 def survival(state: State, number: int, fits: Sequence[Solution | None]) -> Survival:
     """Return what effect `number` of a state is worth; `fits`: the state's model without each quarter."""
     effect = state.effects[number]
-    if effect.place == "encoder":
-        return _in_positions(state, effect.name, effect.joint, fits)
+    if effect.in_deflection:
+        return _in_positions(state, type(effect), effect.joint, fits)
     lacking = without(state, number)
     rows = touched(lacking, state, state.columns[number].rows)
     fold = quarter_of(state.log.observation.instants)
@@ -246,7 +246,7 @@ def _known(
     return spread < size
 
 
-def _in_positions(state: State, effect: str, joint: int, fits: Sequence[Solution | None]) -> Survival:
+def _in_positions(state: State, kind: type[Effect], joint: int, fits: Sequence[Solution | None]) -> Survival:
     """Return what a fault between a joint's two encoders takes from the deflection that the load leaves.
 
     A row that predicts torque from the deflection is no judge of such a fault: without it the spring seems several
@@ -254,7 +254,7 @@ def _in_positions(state: State, effect: str, joint: int, fits: Sequence[Solution
     hardly varies. The deflection itself, theta - q = load / K + offset + skew q', is fitted without each quarter.
     """
     log = state.log
-    signals = log.raw if effect == SKEW else log.signals
+    signals = log.raw if kind.corrects == "link" else log.signals
     channels = (signals.motion.theta[:, joint] - signals.motion.q[:, joint], signals.motion.dq[:, joint])
     deflection, speed = signals.decimate(np.array(channels))
     one = np.ones(len(deflection))
@@ -265,7 +265,7 @@ def _in_positions(state: State, effect: str, joint: int, fits: Sequence[Solution
             compared.append(_SILENT)
             continue
         load = link_load(state, joint, fitted.values)
-        columns = np.array([speed, load, one] if effect == SKEW else [one, load])
+        columns = np.array([speed, load, one] if kind.in_deflection == "velocity" else [one, load])
         known = moving & np.isfinite(deflection) & np.isfinite(columns).all(axis=0)
         train, test = known & (fold != quarter), known & (fold == quarter)
         if not train.any() or not test.any():
@@ -278,4 +278,4 @@ def _in_positions(state: State, effect: str, joint: int, fits: Sequence[Solution
             values = np.linalg.lstsq(unit[:, train].T, deflection[train], rcond=None)[0]
             errors.append((deflection - values @ unit)[test])
         compared.append(_compared([(errors[0], errors[1])], log.observation.stretch[test], known=True))
-    return _survival(effect, log.model.robot.joint_names[joint], compared)
+    return _survival(kind.name, log.model.robot.joint_names[joint], compared)

@@ -24,9 +24,9 @@ from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.noise_floor import Floor, PropagatedNoise, propagated
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import Declared
-from elid_cli.model.effects.effect import Effect, Scene
-from elid_cli.model.effects.shifts import NAMES, Shifts, corrected
-from elid_cli.model.effects.tilt import TILT, settled, tilted, untilted
+from elid_cli.model.effects.effect import CurveEffect, Effect, Scene
+from elid_cli.model.effects.shifts import Shifts, corrected
+from elid_cli.model.effects.tilt import settled, tilted, untilted
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import POSITIVE, EffectSpec, Robot
 from elid_cli.signals.signals import Signals
@@ -138,9 +138,9 @@ class State:
         """Return an effect's parameters for other coefficients; shifts in time add to those already corrected."""
         effect = self.effects[number]
         values = effect.named(self.scene, coefficients)
-        if effect.name in NAMES:
-            values[NAMES[effect.name]] += self.log.shifts.of(effect.name, effect.joint)
-        return untilted(values, self.log.tilt) if effect.name == TILT else values
+        if effect.corrects is not None:
+            values[effect.amplitudes[0].name] += self.log.shifts.of(effect.corrects, effect.joint)
+        return untilted(values, self.log.tilt) if effect.turns_gravity else values
 
     @property
     def delays(self) -> dict[int, float]:
@@ -218,7 +218,7 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None) -> Stat
         plain = reweighted(data.triangles(()), log.base.count).values
         scene = scene_of(log.model, log.signals, plain[: log.model.parameters])
     columns = tuple(extra_of(effect, scene, log.signals) for effect in effects)
-    late = {e.joint for e in effects if e.name == DELAY}
+    late = {e.joint for e in effects if e.corrects == "torque"}
     delays = [extra for extra in data.delays() if sum_row(extra).joint not in late]
     held = _held(log, effects, columns)
     found = solve_with(log.base, data, delays, FittedEffects(held, columns, scene))
@@ -234,7 +234,7 @@ def _held(log: Log, effects: Sequence[Effect], columns: Sequence[ExtraColumns]) 
     held = []
     for effect, extra in zip(effects, columns, strict=True):
         spec = EffectSpec(effect.name, None if effect.whole_robot else names[effect.joint])
-        if effect.name != "lookup":
+        if not isinstance(effect, CurveEffect):
             held.append(Declared(spec, effect))
             continue
         rows = [group for group in log.training.groups if group.row in extra.rows]
@@ -260,7 +260,7 @@ def refreshed(state: State) -> State:
 
 def _levelled(state: State) -> State:
     """Return the state with gravity turned until nothing is left for the tilt's column to say."""
-    place = [k for k, effect in enumerate(state.effects) if effect.name == TILT]
+    place = [k for k, effect in enumerate(state.effects) if effect.turns_gravity]
     if not place:
         return state
 
@@ -301,9 +301,9 @@ def without(state: State, number: int) -> State:
     """Return the model without effect `number`, fitted; a channel that it had moved goes back to where it was."""
     effect = state.effects[number]
     log = state.log
-    if effect.name in NAMES and log.shifts.of(effect.name, effect.joint):
-        log = log.shifted(log.shifts.moved(effect.name, effect.joint, 0.0))
-    if effect.name == TILT and np.any(log.tilt):
+    if effect.corrects is not None and log.shifts.of(effect.corrects, effect.joint):
+        log = log.shifted(log.shifts.moved(effect.corrects, effect.joint, 0.0))
+    if effect.turns_gravity and np.any(log.tilt):
         log = log.tilted(np.zeros(2))
     return fit(log, [e for i, e in enumerate(state.effects) if i != number], state.scene)
 
@@ -312,12 +312,12 @@ def _shifts(state: State) -> tuple[Shifts, float]:
     """Return the shifts that a state amounts to, and the largest change from those already corrected, s."""
     shifts, change = state.log.shifts, 0.0
     for k, effect in enumerate(state.effects):
-        if effect.name not in NAMES:
+        if effect.corrects is None:
             continue
-        present = state.log.shifts.of(effect.name, effect.joint)
-        value = state.named(k)[NAMES[effect.name]]
+        present = state.log.shifts.of(effect.corrects, effect.joint)
+        value = state.named(k)[effect.amplitudes[0].name]
         if not np.isfinite(value) or abs(value) > LONGEST_SHIFT:
             value = present
-        shifts = shifts.moved(effect.name, effect.joint, value)
+        shifts = shifts.moved(effect.corrects, effect.joint, value)
         change = max(change, abs(value - present))
     return shifts, change

@@ -14,9 +14,9 @@ from elid_cli.diagnosis.search.encoder_skew import Skew, looked_again, visible_s
 from elid_cli.diagnosis.search.screening import Candidate, score, screen, sensible
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.triangles import ExtraColumns
+from elid_cli.model.effects import effect_classes, effect_that, twins_of
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.shifts import SKEW
 from elid_cli.robot.robot import EffectSpec
 
 NET = 12.0
@@ -41,8 +41,6 @@ EVEN = 0.5
 """Difference in log-likelihood that says nothing."""
 POSSIBLE = 6
 """Supported candidates that are fitted where the present model has impossible parameters."""
-PAIR = ("encoder_skew", "encoder_offset")
-"""Faults of the position channels that are tried together, before any physics."""
 LOOKS, SETTLED = 4, 0.02
 """Times that a skew seen in the positions is looked at, and part of a sample within which it counts as settled."""
 PAIR_GAIN = 0.1
@@ -188,7 +186,7 @@ def _possible(state: State, step: Step, candidates: Sequence[Candidate]) -> Step
 def _twins(one: Candidate, other: Candidate) -> bool:
     """Whether two candidates are declared to imitate each other at this place."""
     kinds = type(one.effect), type(other.effect)
-    named = kinds[1].name in kinds[0].twins or kinds[0].name in kinds[1].twins
+    named = kinds[1].name in twins_of(kinds[0])
     return named and (one.effect.joint == other.effect.joint or any(kind.whole_robot for kind in kinds))
 
 
@@ -205,8 +203,8 @@ def _measurement_first(state: State, library: Mapping[str, type[Effect]]) -> tup
     of them alone falsifies the stiffness, so neither alone would improve the fit.
     """
     steps: list[Step] = []
-    kinds = [library[name] for name in PAIR if name in library]
-    if len(kinds) < len(PAIR):
+    kinds = _between_encoders()
+    if any(kind.name not in library for kind in kinds):
         return state, steps
     for joint in range(state.log.model.robot.n):
         if not all(kind.applies(state.log.model.robot, joint) for kind in kinds):
@@ -215,19 +213,25 @@ def _measurement_first(state: State, library: Mapping[str, type[Effect]]) -> tup
         if any((kind.name, joint) in present for kind in kinds):
             continue
         # where the positions have shown the skew, what hides behind it can still be the offset
-        moved = state.log.shifts.of(SKEW, joint) != 0.0
-        trial = _pair(state, joint, [kind for kind in kinds if not (moved and kind.name == SKEW)])
+        moved = state.log.shifts.of("link", joint) != 0.0
+        trial = _pair(state, joint, [kind for kind in kinds if not (moved and kind.corrects == "link")])
         if trial is not None:
             state, found = trial
             steps += found
     return state, steps
 
 
+def _between_encoders() -> list[type[Effect]]:
+    """Return the faults between a joint's two encoders, those that move a channel first."""
+    found = [kind for kind in effect_classes().values() if kind.in_deflection]
+    return sorted(found, key=lambda kind: kind.corrects is None)
+
+
 def _seen_in_positions(state: State, library: Mapping[str, type[Effect]]) -> tuple[State, tuple[Skew, ...]]:
     """Move the link channels of joints whose skew only the positions show."""
-    if SKEW not in library:
+    if effect_that(corrects="link").name not in library:
         return state, ()
-    present = {e.joint for e in state.effects if e.name == SKEW}
+    present = {e.joint for e in state.effects if e.corrects == "link"}
     seen = [visible_skew(state, k) for k in range(state.log.model.robot.n) if k not in present]
     skews = tuple(s for s in seen if s is not None)
     if not skews:
@@ -236,7 +240,7 @@ def _seen_in_positions(state: State, library: Mapping[str, type[Effect]]) -> tup
     for _ in range(LOOKS):
         shifts = before
         for item in skews:
-            shifts = shifts.moved(SKEW, item.joint, before.of(SKEW, item.joint) + item.skew)
+            shifts = shifts.moved("link", item.joint, before.of("link", item.joint) + item.skew)
         state = refreshed(fit(state.log.shifted(shifts), state.effects, state.scene))
         again = tuple(looked_again(state, item) for item in skews)
         change = max(abs(now.skew - then.skew) for now, then in zip(again, skews, strict=True))
@@ -247,7 +251,7 @@ def _seen_in_positions(state: State, library: Mapping[str, type[Effect]]) -> tup
 
 
 def _pair(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[State, list[Step]] | None:
-    candidates = [score(state, kind(joint), 1, len(PAIR)) for kind in kinds]
+    candidates = [score(state, kind(joint), 1, len(_between_encoders())) for kind in kinds]
     scored = [c for c in candidates if c is not None]
     if len(scored) < len(kinds):
         return None

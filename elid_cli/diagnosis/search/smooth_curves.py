@@ -6,8 +6,8 @@ from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.diagnosis.residuals import HIGH
 from elid_cli.diagnosis.search.acceptance import predicted_better
 from elid_cli.diagnosis.search.screening import Candidate, score
-from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.library.lookup import VARIABLES, Lookup, Rows
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.effect import CurveEffect, CurveRows, Effect
 from elid_cli.model.regressor import EstimationRow, Kind
 
 MOST = 3
@@ -19,20 +19,21 @@ FITTED = 3
 
 
 def best_curve(state: State) -> Effect | None:
-    """Return the `lookup` effect that explains most of what is left above the floor, or None where none is supported.
+    """Return the curve that explains most of what is left above the floor, or None where none is supported.
 
     Every joint with a row above its floor is tried with every variable, in the rows where its residual sits; the best
     ones are fitted, and must predict the folds from one another.
     """
-    groups = len(VARIABLES) * state.log.model.robot.n
+    robot = state.log.model.robot
+    kinds = [kind for kind in effect_classes().values() if issubclass(kind, CurveEffect)]
+    choices = [(kind, variable) for kind in kinds for variable in kind.variables]
     found: list[Candidate] = []
-    for joint in range(state.log.model.robot.n):
+    for joint in range(robot.n):
         rows = residual_rows(state, joint)
-        for variable in VARIABLES if rows is not None else ():
+        for kind, variable in choices if rows is not None else ():
             assert rows is not None
-            curve = Lookup.over(state.scene, joint, variable, rows)
-            low, high = curve.shape[2:]
-            candidate = score(state, curve, 1, groups) if low < high else None
+            curve = kind.over(state.scene, joint, variable, rows)
+            candidate = None if curve is None else score(state, curve, 1, len(choices) * robot.n)
             if candidate is not None and candidate.net > NET:
                 found.append(candidate)
     for candidate in sorted(found, key=lambda c: -c.net)[:FITTED]:
@@ -42,11 +43,11 @@ def best_curve(state: State) -> Effect | None:
     return None
 
 
-def residual_rows(state: State, joint: int) -> Rows | None:
+def residual_rows(state: State, joint: int) -> CurveRows | None:
     """Return where the residual of a joint sits, or None where all its rows are at their floors."""
     ratios = state.ratios()
     if EstimationRow("spring", joint) in ratios:
-        sides: tuple[tuple[Kind, Rows], ...] = (("drive", "motor"), ("spring", "transmission"), ("load", "link"))
+        sides: tuple[tuple[Kind, CurveRows], ...] = (("drive", "motor"), ("spring", "transmission"), ("load", "link"))
         level, where = max((ratios.get(EstimationRow(kind, joint), 0.0), name) for kind, name in sides)
         return where if level > HIGH else None
     total, motor = ratios.get(EstimationRow("sum", joint), 0.0), ratios.get(EstimationRow("motor", joint))

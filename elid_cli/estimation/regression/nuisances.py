@@ -18,16 +18,17 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.triangles import ExtraColumns
+from elid_cli.model.effects import effect_that
 from elid_cli.model.regressor import EstimationRow
 
 SIGNIFICANT = 4.0
 """Standard deviations a nuisance must differ from zero to be corrected."""
 LIKELY = 2.0
 """The same for a delay that agrees, within as many, with one beyond doubt: the channels of a log are sampled alike."""
-DELAY = "torque_delay"
-OFFSET = "torque_offset"
-READING_GAIN = "sensor_gain"
-READING_OFFSET = "sensor_offset"
+DELAY = effect_that(nuisance="delay").name
+OFFSET = effect_that(nuisance="offset").name
+READING_GAIN = effect_that(nuisance="reading gain").name
+READING_OFFSET = effect_that(nuisance="reading offset").name
 
 
 def delay_columns(observation: Observation) -> list[ExtraColumns]:

@@ -16,7 +16,7 @@ from elid_cli.estimation.result import JointError, SensorError
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import as_observed, resolve
 from elid_cli.model.effects.shifts import corrected, declared_shifts, unshifted_robot
-from elid_cli.model.effects.tilt import TILT, declared_tilt, levelled
+from elid_cli.model.effects.tilt import declared_tilt, levelled
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -68,7 +68,7 @@ def validate(
         scene = scene_of(model, signals, standard)
         for spec in unshifted_robot(robot).effects:
             kind, joint = resolve(robot, spec)
-            if spec.effect == TILT:
+            if kind.turns_gravity:
                 continue
             try:
                 linear, shape = kind.coefficients(scene, joint, spec.parameters)

@@ -1,4 +1,7 @@
-"""Effects that a model may lack: what an effect knows (`effect`), and the library, one file each."""
+"""Effects that a model may lack: what an effect knows (`effect`), and the library, one file each.
+
+No other file knows the name of an effect: `effect_that` finds one by what it says of itself.
+"""
 
 from __future__ import annotations
 
@@ -21,3 +24,14 @@ def effect_classes() -> dict[str, type[Effect]]:
             if issubclass(item, Effect) and not inspect.isabstract(item) and item.__module__ == contents.__name__:
                 found[item.name] = item
     return dict(sorted(found.items()))
+
+
+def effect_that(**says: object) -> type[Effect]:
+    """Return the effect whose attributes are these: ``effect_that(nuisance="delay")``."""
+    return next(kind for kind in effect_classes().values() if all(getattr(kind, k) == v for k, v in says.items()))
+
+
+def twins_of(kind: type[Effect]) -> tuple[str, ...]:
+    """Return the twins that an effect names, and those that name it."""
+    others = (name for name, other in effect_classes().items() if kind.name in other.twins)
+    return tuple(dict.fromkeys((*kind.twins, *others)))

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -53,6 +54,24 @@ def with_gravity(robot: Robot, gravity: Sequence[float]) -> Robot:
     """Return the robot in another field of gravity, m/s² in the base frame."""
     x, y, z = (float(g) for g in gravity)
     return replace(robot, gravity=(x, y, z))
+
+
+def horizontal_axes(robot: Robot) -> tuple[Array, Array]:
+    """Return the two base axes that gravity points along least, in the order x, y, z."""
+    vertical = int(np.argmax(np.abs(robot.gravity)))
+    first, second = (np.eye(3)[k] for k in range(3) if k != vertical)
+    return first, second
+
+
+def turned(vector: Array, rotation: Array) -> Array:
+    """Return a vector turned by a rotation vector, rad (Rodrigues)."""
+    angle = float(np.linalg.norm(rotation))
+    if angle == 0:
+        return vector
+    axis = rotation / angle
+    along = axis * float(axis @ vector)
+    turned: Array = along + math.cos(angle) * (vector - along) + math.sin(angle) * np.cross(axis, vector)
+    return turned
 
 
 def _moving(robot: Robot, motion: Motion) -> ChainMotion:

@@ -1,6 +1,7 @@
 """What an effect knows: a term that the 14-parameters-per-joint model lacks.
 
-An effect is one file in this folder holding one subclass of `Effect`. Its formula stands once, in `columns`:
+An effect is one file in `library` holding one subclass of `Effect`, and no other file knows its name: whatever a fit,
+a search or a report must know of it, it says of itself here. Its formula stands once, in `columns`:
 identification, diagnosis and prediction evaluate it on a whole log, the simulator on one instant at a time.
 All columns are on the model's side of the equation (model = torque), so a positive friction has a positive
 coefficient in the motor row. A spring-path effect enters the link row with + and the motor row with -.
@@ -25,9 +26,16 @@ Shapes = tuple[tuple[float, ...], ...]
 Simulated = Literal["torque", "robot", "motor", "log"]
 """How an effect enters a simulation: ``torque`` through its columns (or its state), ``robot`` by `Effect.altered`,
 ``motor`` by `Effect.delivered`, ``log`` by `Effect.logged`."""
+CurveRows = Literal["motor", "link", "transmission"]
+"""Where a curve acts."""
 Place = Literal["motor", "link", "spring", "chain", "torque", "encoder", "sensor"]
 """Where an effect acts: a motor row, a link row, both rows of the spring with opposite signs, the link rows of
 the whole chain, the torque channel, the position channels, or the reading of the joint torque sensor."""
+
+Channel = Literal["link", "torque"]
+"""Channels that may be late: positions and velocities of the link, torque of the motor."""
+Nuisance = Literal["delay", "offset", "reading gain", "reading offset"]
+"""Faults of a motor's torque channel, and of a joint torque sensor, that every fit estimates along."""
 
 DIRECTION_WIDTH = 5e-3
 """Joint-side speed, rad/s, over which sign(v) is rounded as tanh(v / width), in effects and simulations only."""
@@ -163,8 +171,10 @@ class Effect(ABC):
     """Linear parameters."""
     shapes: ClassVar[tuple[Parameter, ...]] = ()
     """Nonlinear parameters."""
+    example: ClassVar[Mapping[str, float]]
+    """A value of every parameter that a file must give, such as a robot of some kg and some 100 N·m may have."""
     twins: ClassVar[tuple[str, ...]] = ()
-    """Effects that no data, or only special data, can tell apart from this one."""
+    """Effects that no data, or only special data, can tell apart from this one; see `twins_of`."""
     elastic_only: ClassVar[bool] = False
     of_channel: ClassVar[bool] = False
     """Whether it is in the torque channel, wherever that is read, although it stands in the motor row."""
@@ -180,6 +190,22 @@ class Effect(ABC):
     """Whether the columns come from the present model's torques, so that a fit has to be repeated until both agree."""
     memory: ClassVar[bool] = False
     """Whether the effect has an internal state (see `MemoryEffect`)."""
+    searched: ClassVar[bool] = True
+    """Whether a diagnosis tries the effect by itself."""
+    corrects: ClassVar[Channel | None] = None
+    """The channel that is late by the first parameter, s: once known it is moved in time, so that nothing of higher
+    order is left for another effect to explain. One effect per channel."""
+    turns_gravity: ClassVar[bool] = False
+    """Whether the amplitudes are angles by which gravity is turned in the model itself, once known. One effect."""
+    nuisance: ClassVar[Nuisance | None] = None
+    """The nuisance that the effect is where every fit estimates it along. One effect per nuisance."""
+    in_deflection: ClassVar[Literal["velocity", "constant", ""]] = ""
+    """What the effect adds to the deflection as two encoders show it: a multiple of the link's velocity, a constant.
+
+    Such faults hide behind one another and imitate physics: they are tried together before it, and judged in the
+    positions."""
+    always_fitted: ClassVar[str] = ""
+    """Why the effect stays in the model where part of the log speaks against naming it; empty: it does not stay."""
     simulated: ClassVar[Simulated] = "torque"
     """Which of the simulator's hooks brings the effect into a simulated log."""
 
@@ -200,6 +226,11 @@ class Effect(ABC):
     @classmethod
     def same_here(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Same, ...]:
         """Return the twins that this log shows no difference from at all, whatever their size."""
+        return ()
+
+    @classmethod
+    def same_together(cls, robot: Robot, found: Mapping[int, Mapping[str, float]]) -> tuple[Same, ...]:
+        """Return what effects of this kind, by joint with their parameters, are together the same as."""
         return ()
 
     @classmethod
@@ -343,6 +374,27 @@ class MemoryEffect(Effect):
             state = 0.0 if k in starts else self.advance(state, drive[k - 1], drive[k])
             states[k] = state
         return states
+
+
+class CurveEffect(Effect):
+    """A smooth curve that describes what is left and explains nothing: asked for (``--lookup``), never searched.
+
+    Its shapes include ``low`` and ``high``; the heights of its parts are held near 0.
+    """
+
+    searched: ClassVar[bool] = False
+    variables: ClassVar[tuple[str, ...]]
+    """What a curve may run over."""
+
+    @classmethod
+    @abstractmethod
+    def over(cls, scene: Scene, joint: int, variable: str, rows: CurveRows) -> Effect | None:
+        """Return the curve over the range that a variable covers in this log, or None where it covers none."""
+
+    @classmethod
+    @abstractmethod
+    def words(cls, values: Mapping[str, float]) -> str:
+        """Return what a curve runs over and where it acts: ``velocity in the motor row``."""
 
 
 class OscillatorEffect(Effect):

@@ -6,21 +6,18 @@ interpolation, so that no higher-order remainder is left for another effect to e
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
-from elid_cli.robot.robot import Robot
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.effect import Channel
+from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.time_shift import shifted
-
-SKEW, DELAY = "encoder_skew", "torque_delay"
-NAMES: Mapping[str, str] = {SKEW: "skew", DELAY: "delay"}
-"""Effects that are a shift in time, and the parameter that says by how much."""
 
 
 @dataclass(frozen=True)
@@ -37,15 +34,15 @@ class Shifts:
         """Return no shift for n joints."""
         return cls(np.zeros(n), np.zeros(n))
 
-    def of(self, effect: str, joint: int) -> float:
-        """Return the shift that an effect of `NAMES` stands for, s."""
-        return float(self.link[joint] if effect == SKEW else self.torque[joint])
+    def of(self, channel: Channel, joint: int) -> float:
+        """Return how late a channel is, s."""
+        return float((self.link if channel == "link" else self.torque)[joint])
 
-    def moved(self, effect: str, joint: int, value: float) -> Shifts:
+    def moved(self, channel: Channel, joint: int, value: float) -> Shifts:
         """Return the shifts with one of them set to `value` (s)."""
-        channel = (self.link if effect == SKEW else self.torque).copy()
-        channel[joint] = value
-        return replace(self, link=channel) if effect == SKEW else replace(self, torque=channel)
+        late = (self.link if channel == "link" else self.torque).copy()
+        late[joint] = value
+        return replace(self, link=late) if channel == "link" else replace(self, torque=late)
 
     def __bool__(self) -> bool:
         return bool(np.any(self.link) or np.any(self.torque))
@@ -61,18 +58,25 @@ def declared_shifts(robot: Robot) -> Shifts:
     """
     shifts = Shifts.none(robot.n)
     for spec in robot.effects:
-        if spec.effect not in NAMES:
+        if (channel := _moved_by(spec)) is None:
             continue
         if spec.joint not in robot.joint_names:
             raise RobotError(f"{robot.name}: effect {spec.effect} needs a joint of the robot, not {spec.joint!r}")
         joint = robot.joint_names.index(spec.joint)
-        shifts = shifts.moved(spec.effect, joint, float(spec.parameters.get(NAMES[spec.effect], 0.0)))
+        late = effect_classes()[spec.effect].amplitudes[0].name
+        shifts = shifts.moved(channel, joint, float(spec.parameters.get(late, 0.0)))
     return shifts
 
 
 def unshifted_robot(robot: Robot) -> Robot:
     """Return the robot without the effects that are shifts in time."""
-    return replace(robot, effects=tuple(spec for spec in robot.effects if spec.effect not in NAMES))
+    return replace(robot, effects=tuple(spec for spec in robot.effects if _moved_by(spec) is None))
+
+
+def _moved_by(spec: EffectSpec) -> Channel | None:
+    """Return the channel that a declared effect moves; None of one that is not known."""
+    kind = effect_classes().get(spec.effect)
+    return None if kind is None else kind.corrects
 
 
 def corrected(signals: Signals, shifts: Shifts) -> Signals:

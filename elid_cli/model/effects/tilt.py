@@ -14,13 +14,12 @@ from typing import TypeVar
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.library.gravity_direction import horizontal_axes, turned
+from elid_cli.model.effects import effect_classes, effect_that
+from elid_cli.model.effects.bodies import horizontal_axes, turned
 from elid_cli.robot.robot import EffectSpec, Robot
 
 Fit = TypeVar("Fit")
 
-TILT = "gravity_direction"
-ANGLES = ("roll", "pitch")
 LEVEL = 1e-6
 """rad; tilt below which nothing more is turned."""
 STEEPEST = 0.5
@@ -29,12 +28,23 @@ _LEVELLING = 12
 """Most fits until gravity is turned as far as the tilt's column says."""
 
 
+def is_tilt(name: str) -> bool:
+    """Whether an effect of that name turns gravity."""
+    kind = effect_classes().get(name)
+    return kind is not None and kind.turns_gravity
+
+
+def angles_of(values: Mapping[str, float]) -> list[float]:
+    """Return roll and pitch (rad) of a tilt's named parameters, 0 where they give none."""
+    return [float(values.get(p.name, 0.0)) for p in effect_that(turns_gravity=True).amplitudes]
+
+
 def declared_tilt(robot: Robot) -> Array:
     """Return roll and pitch (rad) that a robot file declares, 0 where it gives none, (2,)."""
     angles = np.zeros(2)
     for spec in robot.effects:
-        if spec.effect == TILT:
-            angles += [float(spec.parameters.get(name, 0.0)) for name in ANGLES]
+        if is_tilt(spec.effect):
+            angles += angles_of(spec.parameters)
     return angles
 
 
@@ -52,13 +62,14 @@ def levelled(robot: Robot) -> Robot:
     angles = declared_tilt(robot)
     if not np.any(angles):
         return robot
-    rest = tuple(EffectSpec(s.effect, s.joint, {}) if s.effect == TILT else s for s in robot.effects)
+    rest = tuple(EffectSpec(s.effect, s.joint, {}) if is_tilt(s.effect) else s for s in robot.effects)
     return replace(tilted(robot, angles), effects=rest)
 
 
 def untilted(values: Mapping[str, float], angles: Array) -> dict[str, float]:
     """Return roll and pitch of the whole tilt, from what is left beyond `angles`."""
-    return {name: values.get(name, 0.0) + float(a) for name, a in zip(ANGLES, angles, strict=True)}
+    names = [p.name for p in effect_that(turns_gravity=True).amplitudes]
+    return {name: left + float(a) for name, left, a in zip(names, angles_of(values), angles, strict=True)}
 
 
 def settled(

@@ -88,7 +88,8 @@ def _effect_payload(contribution: Contribution) -> dict[str, Any]:
             "after": contribution.with_it,
         },
     }
-    return {**payload, "curve": curve_words(effect.parameters)} if effect.effect == "lookup" else payload
+    curve = curve_words(effect)
+    return {**payload, "curve": curve} if curve else payload
 
 
 def _quarters(gains: Sequence[float]) -> list[float | None]:

@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from math import isnan
 
 from elid_cli.diagnosis import Diagnosis, FoundEffect, Unexplained
+from elid_cli.diagnosis.evidence.quarters import Survival
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import Organised
 from elid_cli.diagnosis.unexplained import HELD_OUT
 from elid_cli.estimation.result import JointError
-from elid_cli.model.effects.library.lookup import ROWS, VARIABLES
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.effect import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.identification import AT_FLOOR, torque_unit
 from elid_cli.report.answers.inputs import effect_text
@@ -27,7 +29,7 @@ from elid_cli.report.tree import (
     number_text,
     percent,
 )
-from elid_cli.robot.robot import LINK_PARAMETERS, Robot
+from elid_cli.robot.robot import Robot
 
 _VARIABLES = {
     "reversals": "reversals of its motor (sticking)",
@@ -50,10 +52,10 @@ def variable_words(variable: str) -> str:
     return _VARIABLES.get(variable, variable)
 
 
-def curve_words(parameters: Mapping[str, float]) -> str:
-    """Return what a `lookup` effect runs over and where it acts: ``velocity in the motor row``."""
-    variable, rows = VARIABLES[int(parameters["variable"]) - 1], ROWS[int(parameters["rows"]) - 1]
-    return f"{variable} in the {rows}{'' if rows == 'transmission' else ' row'}"
+def curve_words(effect: FoundEffect) -> str:
+    """Return what a curve runs over and where it acts: ``velocity in the motor row``; empty of any other effect."""
+    kind = effect_classes()[effect.effect]
+    return kind.words(effect.parameters) if issubclass(kind, CurveEffect) else ""
 
 
 def whose(effect: str, joint: str | None) -> str:
@@ -72,7 +74,6 @@ NEAR = 0.005
 """Share of the residual that an effect must take away to be called near."""
 STICKING = "reversals"
 """What the residual of a motor that sticks or creeps follows."""
-_KEPT = "; fitted along all the same, as no two encoders have the same zero"
 CURVES = (
     "gain of a friction curve of several terms: of what the held-out stretches show beyond noise when the trajectory is"
     " held to the equations of motion, what all terms take together"
@@ -169,10 +170,10 @@ def _unit(robot: Robot, contribution: Contribution) -> str:
 
 
 def _meaning_of(robot: Robot, effect: FoundEffect) -> str:
-    if effect.effect == "lookup":
-        return f"a smooth curve over {curve_words(effect.parameters)}; it describes what is left and explains nothing"
+    if curve := curve_words(effect):
+        return f"a smooth curve over {curve}; it describes what is left and explains nothing"
     text = effect_text(robot, effect.effect, effect.joint, effect.parameters, effect.std_error)
-    absent = [name for name in LINK_PARAMETERS if name not in effect.parameters] if effect.effect == "payload" else []
+    absent = [p.name for p in effect_classes()[effect.effect].amplitudes if p.name not in effect.parameters]
     if absent:
         text += f"; taken as 0: {', '.join(absent)}, which this motion shows in sums with the others only"
     return f"{effect.summary}: {text}"
@@ -232,7 +233,7 @@ def refuted_section(found: Diagnosis) -> list[Section]:
     if not found.refuted:
         return []
     items: tuple[tuple[str, Cell], ...] = tuple(
-        (f"{s.effect} {s.joint or ''}".strip(), f"takes from each quarter's error: {s.words}{_KEPT if s.kept else ''}")
+        (f"{s.effect} {s.joint or ''}".strip(), f"takes from each quarter's error: {s.words}{_kept(s)}")
         for s in found.refuted
     )
     title = "not named: makes a quarter of the log worse that the others predict"
@@ -275,3 +276,8 @@ def _left(robot: Robot, item: Unexplained, *, noisy: bool = False) -> str:
 def share_words(fraction: float) -> str:
     """Return a share in percent."""
     return f"{number_text(100 * fraction, 2)} %"
+
+
+def _kept(refuted: Survival) -> str:
+    why = effect_classes()[refuted.effect].always_fitted
+    return f"; fitted along all the same, as {why}" if refuted.kept else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from elid_cli.model.effects import twins_of
 from elid_cli.model.effects.effect import Effect, Parameter
 from elid_cli.report.tree import Column, KeyValues, Report, Table, Text
 
@@ -18,7 +19,7 @@ WHERE = {
 def effects_report(library: Mapping[str, type[Effect]]) -> Report:
     """Return the list of effects."""
     columns = (Column("effect", "effect"), Column("summary", "what it is"), Column("twins", "easily confused with"))
-    rows = tuple((name, kind.summary, ", ".join(kind.twins)) for name, kind in library.items())
+    rows = tuple((name, kind.summary, ", ".join(twins_of(kind))) for name, kind in library.items())
     return Report(
         command="effects",
         payload={"effects": [_payload(kind) for kind in library.values()]},
@@ -38,7 +39,7 @@ def effect_report(kind: type[Effect]) -> Report:
         ("physics", kind.physics),
         ("typical", kind.typical),
         ("fingerprint", kind.fingerprint),
-        ("twins", ", ".join(kind.twins) or "none"),
+        ("twins", ", ".join(twins_of(kind)) or "none"),
         ("record", kind.record),
     )
     columns = (Column("parameter", "parameter"), Column("unit", "unit"), Column("meaning", "meaning"))
@@ -67,7 +68,7 @@ def _payload(kind: type[Effect]) -> dict[str, Any]:
         "typical": kind.typical,
         "fingerprint": kind.fingerprint,
         "record": kind.record,
-        "twins": list(kind.twins),
+        "twins": list(twins_of(kind)),
         "parameters": [
             {**_parameter(p), "kind": "amplitude" if p in kind.amplitudes else "shape"}
             for p in (*kind.amplitudes, *kind.shapes)

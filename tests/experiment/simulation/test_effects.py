@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -53,8 +54,14 @@ CASES: dict[str, tuple[str | None, dict[str, float], float]] = {
 ELSEWHERE = {"lookup": "no physics of its own", "sensor_gain": "acts on tau_link", "sensor_offset": "acts on tau_link"}
 
 
+def case(name: str) -> tuple[str | None, Mapping[str, float], float]:
+    """Return an effect's joint, parameters and tolerance: its own example at the first joint where none is chosen."""
+    kind = effect_classes()[name]
+    return CASES.get(name, (None if kind.whole_robot else "joint1", kind.example, 1e-6))
+
+
 def simulated(name: str) -> Simulation:
-    joint, parameters, _ = CASES[name]
+    joint, parameters, _ = case(name)
     robot = replace(ROBOT, effects=(EffectSpec(name, joint, parameters),))
     return run(
         robot, SimulationOptions(duration=DURATION, seed=4, control=ControlOptions(continuous=True), accuracy=0.5)
@@ -90,13 +97,9 @@ def scene_of(result: Simulation, motion: Motion) -> Scene:
     )
 
 
-def test_every_effect_has_a_case() -> None:
-    assert set(effect_classes()) == set(CASES) | set(ELSEWHERE)
-
-
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [name for name in effect_classes() if name not in ELSEWHERE])
 def test_columns_explain_what_the_effect_did(name: str) -> None:
-    joint, parameters, tolerance = CASES[name]
+    joint, parameters, tolerance = case(name)
     number = 0 if joint is None else ROBOT.joint_names.index(joint)
     result = simulated(name)
     motion = logged_motion(result)

@@ -1,4 +1,4 @@
-"""Scenes of smooth random motion, and a set of parameters for every effect."""
+"""Scenes of smooth random motion."""
 
 from __future__ import annotations
 
@@ -14,39 +14,6 @@ from elid_cli.signals.motion import Motion
 
 DT = 1e-3
 N = 3000
-
-SPECS: dict[str, dict[str, float]] = {
-    "asymmetric_coulomb": {"difference": -0.4},
-    "backlash": {"stiffness": 3000.0, "gap": 1.5e-3},
-    "contact": {"torque": 12.0, "time": 0.8, "width": 0.3},
-    "cubic_stiffness": {"cubic": 4e6},
-    "encoder_offset": {"offset": 1e-3},
-    "encoder_skew": {"skew": 2e-3},
-    "flexible_mode": {"inertia": 0.3, "frequency": 9.0, "damping": 0.02},
-    "friction_drift": {"coulomb": -0.3, "viscous": 0.15},
-    "gravity_direction": {"roll": 0.01, "pitch": -0.02},
-    "hysteresis": {"torque": 6.0, "distance": 1e-3},
-    "kinematic_error": {"amplitude": 4e-4, "phase": 0.7, "order": 20.0},
-    "link_coulomb": {"friction": 1.5},
-    "link_spring": {"stiffness": 30.0, "preload": -12.0},
-    "link_viscous": {"friction": 0.8},
-    "load_friction": {"coefficient": 0.1},
-    "lookup": {f"c{k}": 0.3 * k - 0.02 * k**2 for k in range(1, 17)}
-    | {"variable": 1.0, "rows": 1.0, "low": -2.0, "high": 2.0},
-    "payload": {"m": 2.0, "cx": 0.3, "cy": 0.1, "start": 0.7},
-    "position_friction": {"amplitude": 0.5, "phase": -2.0, "order": 3.0},
-    "quadratic_viscous": {"amplitude": 0.6, "power": 2.0},
-    "saturation": {"cut": 1.0, "limit": 60.0},
-    "sensor_gain": {"gain": 0.04},
-    "sensor_offset": {"offset": 1.5},
-    "stribeck": {"amplitude": -0.25, "velocity": 0.1, "exponent": 1.0},
-    "torque_delay": {"delay": 3e-3},
-    "torque_gain": {"gain": 0.05},
-    "torque_offset": {"offset": 0.9},
-    "torque_ripple": {"amplitude": 0.8, "phase": 2.5, "order": 12.0},
-    "transmission_damping": {"damping": 8.0},
-    "velocity_coupling": {"viscous": 0.4, "coulomb": 0.6, "other": 2.0},
-}
 
 
 def planar() -> Robot:

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import RobotError
-from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects import effect_classes, effect_that, twins_of
 from elid_cli.model.effects.declared import as_observed, lost_effects, resolve
 from elid_cli.model.effects.effect import Effect, EquationRow, MemoryEffect, Parameter, Scene
 from elid_cli.robot.robot import EffectSpec
-from tests.model.effects.effect_scenes import DT, SPECS, instant, planar, scene_of, spatial
+from tests.model.effects.effect_scenes import DT, instant, planar, scene_of, spatial
 
 LIBRARY = effect_classes()
 BOTH = ("planar_scene", "spatial_scene")
 CASES = [(name, which) for name in LIBRARY for which in BOTH]
-NEIGHBOURS = {"torque_delay", "encoder_skew"}
-"""Effects whose columns are derivatives over neighbouring samples; simulated in the log, not at an instant."""
+AT_ONCE = [(name, which) for name, which in CASES if not LIBRARY[name].corrects and not LIBRARY[name].memory]
+"""Without effects whose columns are derivatives over neighbouring samples; simulated in the log, not at an instant."""
 
 
 def joints_of(kind: type[Effect], scene: Scene) -> list[int]:
@@ -28,7 +28,7 @@ def joints_of(kind: type[Effect], scene: Scene) -> list[int]:
 
 
 def build(name: str, scene: Scene, joint: int) -> tuple[Effect, np.ndarray]:
-    values = dict(SPECS[name])
+    values = dict(LIBRARY[name].example)
     if name == "backlash":
         values["stiffness"] = float(scene.stiffness[joint])
     if name == "saturation":
@@ -39,8 +39,13 @@ def build(name: str, scene: Scene, joint: int) -> tuple[Effect, np.ndarray]:
     return LIBRARY[name](joint, shape), linear
 
 
-def test_the_library_is_the_one_that_robot_files_may_name() -> None:
-    assert set(LIBRARY) == set(SPECS)
+@pytest.mark.parametrize("name", LIBRARY)
+def test_an_example_names_parameters_and_is_within_their_bounds(name: str) -> None:
+    kind = LIBRARY[name]
+    specs = {p.name: p for p in (*kind.amplitudes, *kind.shapes)}
+    assert kind.example
+    for key, value in kind.example.items():
+        assert specs[key].low <= value <= specs[key].high
 
 
 @pytest.mark.parametrize("name", LIBRARY)
@@ -67,8 +72,17 @@ def test_metadata_is_complete(name: str) -> None:
 
 
 def test_twins_know_each_other() -> None:
-    one_way = {(a, b) for a, kind in LIBRARY.items() for b in kind.twins if a not in LIBRARY[b].twins}
-    assert not one_way
+    pairs = {(a, b) for a, kind in LIBRARY.items() for b in twins_of(kind)}
+    assert pairs == {(b, a) for a, b in pairs}
+    assert ("backlash", "encoder_offset") in pairs
+
+
+@pytest.mark.parametrize("role", ["corrects", "nuisance", "turns_gravity"])
+def test_a_role_that_one_effect_has_is_played_by_one(role: str) -> None:
+    roles = [getattr(kind, role) for kind in LIBRARY.values() if getattr(kind, role)]
+    assert len(roles) == len(set(roles)) >= 1
+    for value in roles:
+        assert getattr(effect_that(**{role: value}), role) == value
 
 
 @pytest.mark.parametrize(("name", "which"), CASES)
@@ -114,9 +128,9 @@ def test_named_parameters_and_coefficients_invert_each_other(
         back, shape = LIBRARY[name].coefficients(scene, joint, values)
         np.testing.assert_allclose(back, linear, rtol=1e-12, atol=1e-15)
         assert shape == effect.shape
-        assert values.items() >= {k: pytest.approx(v) for k, v in SPECS[name].items() if k in values}.items() or (
-            name in ("backlash", "saturation", "velocity_coupling")
-        )
+        assert values.items() >= {
+            k: pytest.approx(v) for k, v in LIBRARY[name].example.items() if k in values
+        }.items() or (name in ("backlash", "saturation", "velocity_coupling"))
 
 
 @pytest.mark.parametrize(("name", "which"), CASES)
@@ -140,7 +154,7 @@ def test_least_squares_on_its_own_column_gives_the_parameters_back(
             assert fitted[key] == pytest.approx(value, rel=1e-6, abs=1e-7), key
 
 
-@pytest.mark.parametrize(("name", "which"), [(n, w) for n, w in CASES if n not in NEIGHBOURS and not LIBRARY[n].memory])
+@pytest.mark.parametrize(("name", "which"), AT_ONCE)
 def test_one_instant_gives_what_the_log_gives(name: str, which: str, request: pytest.FixtureRequest) -> None:
     scene = request.getfixturevalue(which)
     for joint in joints_of(LIBRARY[name], scene):

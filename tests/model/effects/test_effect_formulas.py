@@ -20,14 +20,14 @@ from elid_cli.model.effects.library.payload import independent
 from elid_cli.model.effects.rows import derivative
 from elid_cli.robot.robot import LINK_PARAMETERS
 from elid_cli.signals.motion import Motion
-from tests.model.effects.effect_scenes import DT, SPECS, motion_of, planar, scene_of, spatial, torque_of
+from tests.model.effects.effect_scenes import DT, motion_of, planar, scene_of, spatial, torque_of
 
 LIBRARY = effect_classes()
 
 
 def total(name: str, scene: Scene, joint: int = 0, **changes: float) -> dict[EquationRow, np.ndarray]:
     """Return the torque of an effect at its usual size, (N,) per row."""
-    linear, shape = LIBRARY[name].coefficients(scene, joint, SPECS[name] | changes)
+    linear, shape = LIBRARY[name].coefficients(scene, joint, {**LIBRARY[name].example, **changes})
     columns = LIBRARY[name](joint, shape).columns(scene)
     return {row: linear @ values for row, values in columns.items()}
 
@@ -225,7 +225,7 @@ def test_a_turned_gravity_keeps_its_size(spatial_scene: Scene) -> None:
 def test_payload_columns_are_the_difference_of_the_models_with_and_without(spatial_scene: Scene) -> None:
     s = spatial_scene
     kind = LIBRARY["payload"]
-    linear, shape = kind.coefficients(s, 0, SPECS["payload"])
+    linear, shape = kind.coefficients(s, 0, LIBRARY["payload"].example)
     effect = kind(0, shape)
     linear = linear * independent(s.robot)
     changed = effect.altered(s.robot, s.parameters, linear)
@@ -373,6 +373,7 @@ def test_a_lookup_is_a_cubic_spline(planar_scene: Scene) -> None:
         ("time", "motor", planar_scene.motion.t, {"motor"}),
     ):
         curve = Lookup.over(planar_scene, 1, variable, rows)
+        assert curve is not None
         columns = curve.columns(planar_scene)
         assert {row.side for row in columns} == sides
         target = np.sin(values / np.abs(values).max())

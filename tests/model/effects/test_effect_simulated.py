@@ -15,7 +15,7 @@ from elid_cli.experiment.simulation.run import Simulation, run
 from elid_cli.model.effects import effect_classes
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
-from tests.model.effects.effect_scenes import DT, SPECS, planar, scene_of, torque_of
+from tests.model.effects.effect_scenes import DT, planar, scene_of, torque_of
 
 LIBRARY = effect_classes()
 LENGTH = 1.2
@@ -27,11 +27,10 @@ CHANGES = {
 }
 LEFT = {"hysteresis": 2e-2, "flexible_mode": 1e-3, "gravity_direction": 0.2}
 """Share of the effect that may remain: states between samples, the second order of a tilt of a level arm."""
-SHIFTED = ("encoder_skew", "torque_delay")
 
 
 def values_of(name: str, robot: Robot) -> dict[str, float]:
-    return SPECS[name] | CHANGES.get(name, {}) | ({"stiffness": 3000.0} if name == "backlash" else {})
+    return {**LIBRARY[name].example, **CHANGES.get(name, {})}
 
 
 def logged_motion(result: Simulation, values: Mapping[str, float]) -> Motion:
@@ -65,7 +64,7 @@ def test_the_equations_hold_with_the_effect_and_fail_without(name: str) -> None:
     inner = slice(25, -25)  # shifted channels are held at the ends
     rest, size = np.abs(without + effect)[:, inner], np.abs(effect)[:, inner]
     assert size.max() > 0.01
-    if name in SHIFTED:  # a kink of the motion at a reversal has no derivative to shift it by
+    if LIBRARY[name].corrects:  # a kink of the motion at a reversal has no derivative to shift it by
         acting = size > 0.1 * size.max(axis=(0, 1))
         assert np.median(rest[acting] / size[acting]) < 0.05
     else:
@@ -79,10 +78,10 @@ def test_torque_sensors_read_what_their_effect_says(name: str) -> None:
     from elid_cli.experiment.simulation.sensors import SensorOptions
 
     plain = planar()
-    robot = replace(plain, effects=(EffectSpec(name, "joint1", SPECS[name]),))
+    robot = replace(plain, effects=(EffectSpec(name, "joint1", LIBRARY[name].example),))
     result = run(robot, SimulationOptions(duration=0.3, rate=1 / DT, sensors=SensorOptions(tau_link=True)))
     scene = scene_of(plain, motion=result.motion)
-    linear, shape = LIBRARY[name].coefficients(scene, 0, SPECS[name])
+    linear, shape = LIBRARY[name].coefficients(scene, 0, LIBRARY[name].example)
     column = next(v for row, v in LIBRARY[name](0, shape).columns(scene).items() if row.side == "link")
     truth = 3000 * (result.motion.theta - result.motion.q)[:, 0]
     assert result.recording.tau_link is not None
@@ -95,7 +94,7 @@ def test_an_effect_of_the_log_is_taken_back_with_its_sign_turned(name: str) -> N
     wave = np.stack([np.sin(5 * t), np.cos(3 * t)], axis=1)
     signals = {key: (k + 1) * wave for k, key in enumerate(("q", "theta", "tau", "dq", "dtheta", "tau_link"))}
     effect = LIBRARY[name](0)
-    values = SPECS[name]
+    values = LIBRARY[name].example
     changed = signals | effect.logged(signals, DT, values)
     back = {k: 1 / (1 + v) - 1 if name == "torque_gain" else -v for k, v in values.items()}
     again = changed | effect.logged(changed, DT, back)

@@ -26,7 +26,11 @@ class Copy:
 
     def python(self, *arguments: str) -> str:
         """Run Python on the copy; return stdout."""
-        environment = {**os.environ, "PYTHONPATH": str(self.folder), "OPENBLAS_NUM_THREADS": "1"}
+        environment = {
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join((str(self.folder), str(ROOT))),
+            "OPENBLAS_NUM_THREADS": "1",
+        }
         run = subprocess.run([sys.executable, *arguments], cwd=self.folder, env=environment, capture_output=True,
                              text=True, timeout=300)  # fmt: skip
         assert run.returncode == 0, run.stderr

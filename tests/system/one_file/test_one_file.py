@@ -1,8 +1,10 @@
-"""A log format, an output format or a kind of figure is one file: dropped, it is found with nothing else changed."""
+"""An effect, a log format, an output format, a kind of figure is one file: dropped, it is found by itself."""
 
 from __future__ import annotations
 
 import json
+
+import pytest
 
 from tests.system.one_file.conftest import ROOT, Copy
 
@@ -32,3 +34,44 @@ def test_a_kind_of_figure(copy: Copy) -> None:
     copy.elid("validate", LOG, "--robot", "planar2", "--report", "page.html", "--plot", "figures")
     assert "How fast the joints moved" in (copy.folder / "page.html").read_text("utf-8")
     assert (copy.folder / "figures/speeds.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_an_effect(copy: Copy) -> None:
+    copy.drop("rising_spring.py", "model/effects/library")
+    at_work = "rising_spring@joint1:stiffness=4"
+    copy.elid(
+        "simulate", "--robot", "planar2", "--effect", at_work, "--duration", "10", "--rate", "250", "-o", "log.h5"
+    )
+
+    found = json.loads(copy.elid("diagnose", "log.h5", "--robot", "planar2", "--write-robot", "found.yaml", "--json"))
+    assert [(e["effect"], e["joint"]) for e in found["effects"]] == [("rising_spring", "joint1")]
+    assert found["effects"][0]["parameters"]["stiffness"] == pytest.approx(4.0, rel=0.05)
+
+    judged, plain = (
+        json.loads(copy.elid("validate", "log.h5", "--robot", robot, "--json")) for robot in ("found.yaml", "planar2")
+    )
+    assert judged["error"]["joint1"]["rms"] < 0.2 * plain["error"]["joint1"]["rms"]
+
+    assert "stiffness" in copy.elid("effects", "rising_spring")
+    page = copy.python("-c", "from tests.system.reproduce.reference import effects_page; print(effects_page())")
+    assert "\n## rising_spring\n" in page
+
+
+def test_the_dropped_effect_passes_the_contract_of_all_effects(copy: Copy) -> None:
+    copy.drop("rising_spring.py", "model/effects/library")
+    folder = str(ROOT / "tests/model/effects")
+    files = [f"{folder}/test_effect_{name}.py" for name in ("contract", "files", "simulated")]
+    said = copy.python(
+        "-m",
+        "pytest",
+        "--import-mode=append",
+        "-o",
+        "pythonpath=",
+        "-p",
+        "no:cacheprovider",
+        "-rA",
+        "-k",
+        "rising_spring",
+        *files,
+    )
+    assert "test_a_robot_with_the_effect_is_written_read_and_judged[rising_spring]" in said

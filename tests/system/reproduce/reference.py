@@ -19,7 +19,7 @@ from typing import Any
 import click
 
 from elid_cli.cli.group import elid, summaries
-from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects import effect_classes, twins_of
 from elid_cli.model.effects.effect import Effect, Parameter
 from elid_cli.report.answers.effects import WHERE
 
@@ -156,7 +156,7 @@ def _effect(name: str, kind: type[Effect]) -> Iterator[str]:
     yield f"- **Acts in**: {WHERE.get(kind.place, kind.place)}"
     yield f"- **Typical**: {_plain(kind.typical)}"
     yield f"- **Fingerprint**: {_plain(kind.fingerprint)}"
-    yield f"- **Confused with**: {', '.join(f'[`{twin}`](#{twin})' for twin in kind.twins) or 'nothing'}"
+    yield f"- **Confused with**: {', '.join(f'[`{twin}`](#{twin})' for twin in twins_of(kind)) or 'nothing'}"
     yield f"- **To see it, record**: {_plain(kind.record)}"
     yield from ("", "| parameter | unit | kind | meaning |", "|---|---|---|---|")
     for parameter in parameters:

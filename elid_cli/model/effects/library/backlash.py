@@ -32,6 +32,7 @@ class Backlash(Effect):
         ),
     )
     shapes = (Parameter("gap", "rad", "half the play: deflection from the middle to a flank", low=1e-7),)
+    example = {"stiffness": 3000.0, "gap": 0.0015}
     twins = ("encoder_offset",)
 
     @classmethod

@@ -33,7 +33,7 @@ class Contact(Effect):
         Parameter("time", "s", "middle of the window"),
         Parameter("width", "s", "length of the window", low=1e-3),
     )
-    twins = ()
+    example = {"torque": 12.0, "time": 0.8, "width": 0.3}
     local = True
 
     @classmethod

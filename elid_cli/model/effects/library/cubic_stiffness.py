@@ -23,7 +23,7 @@ class CubicStiffness(Effect):
     place = "spring"
     elastic_only = True
     amplitudes = (Parameter("cubic", "N·m/rad³", "coefficient of the deflection's cube"),)
-    twins = ()
+    example = {"cubic": 4000000.0}
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:

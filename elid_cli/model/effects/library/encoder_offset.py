@@ -29,6 +29,9 @@ class EncoderOffset(Effect):
     place = "encoder"
     elastic_only = True
     amplitudes = (Parameter("offset", "rad", "what the motor encoder reads too much, the link's taken as true"),)
+    in_deflection = "constant"
+    always_fitted = "no two encoders have the same zero"
+    example = {"offset": 0.001}
     twins = ("backlash",)
     simulated = "log"
 

@@ -38,7 +38,9 @@ class EncoderSkew(Effect):
     amplitudes = (
         Parameter("skew", "s", "age of the link encoder's reading beyond the motor encoder's", low=-0.1, high=0.1),
     )
-    twins = ()
+    corrects = "link"
+    in_deflection = "velocity"
+    example = {"skew": 0.002}
     simulated = "log"
 
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:

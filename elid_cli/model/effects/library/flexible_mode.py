@@ -43,7 +43,7 @@ class FlexibleMode(OscillatorEffect):
         Parameter("frequency", "Hz", "its natural frequency with the link held", low=0.05),
         Parameter("damping", "1", "its damping ratio", low=1e-4, high=0.9),
     )
-    twins = ()
+    example = {"inertia": 0.3, "frequency": 9.0, "damping": 0.02}
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:

@@ -32,7 +32,7 @@ class FrictionDrift(Effect):
         Parameter("viscous", "N·m·s/rad", "change of viscous friction from the first to the last instant"),
     )
     shapes = (Parameter("time", "s", "time constant of the change; linear in time when not given", low=1e-3),)
-    twins = ()
+    example = {"coulomb": -0.3, "viscous": 0.15}
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.bodies import gravity_torque, with_gravity
+from elid_cli.model.effects.bodies import gravity_torque, horizontal_axes, turned, with_gravity
 from elid_cli.model.effects.effect import Alteration, Columns, Effect, EquationRow, Parameter, Scene
 from elid_cli.robot.robot import Robot
 
@@ -33,6 +31,8 @@ class GravityDirection(Effect):
         Parameter("roll", "rad", "turn of gravity about the first horizontal base axis (x, or y)", low=-0.5, high=0.5),
         Parameter("pitch", "rad", "turn about the second horizontal base axis (y, or z)", low=-0.5, high=0.5),
     )
+    turns_gravity = True
+    example = {"roll": 0.01, "pitch": -0.02}
     twins = ("link_spring",)
     simulated = "robot"
 
@@ -60,21 +60,3 @@ class GravityDirection(Effect):
         first, second = horizontal_axes(robot)
         field = turned(np.array(robot.gravity), coefficients[0] * first + coefficients[1] * second)
         return Alteration(0.0, with_gravity(robot, field.tolist()), parameters)
-
-
-def horizontal_axes(robot: Robot) -> tuple[Array, Array]:
-    """Return the two base axes that gravity points along least, in the order x, y, z."""
-    vertical = int(np.argmax(np.abs(robot.gravity)))
-    first, second = (np.eye(3)[k] for k in range(3) if k != vertical)
-    return first, second
-
-
-def turned(vector: Array, rotation: Array) -> Array:
-    """Return a vector turned by a rotation vector, rad (Rodrigues)."""
-    angle = float(np.linalg.norm(rotation))
-    if angle == 0:
-        return vector
-    axis = rotation / angle
-    along = axis * float(axis @ vector)
-    turned: Array = along + math.cos(angle) * (vector - along) + math.sin(angle) * np.cross(axis, vector)
-    return turned

@@ -35,7 +35,7 @@ class Hysteresis(MemoryEffect):
     shapes = (
         Parameter("distance", "rad", "deflection after a reversal in which 63 % of the loop is crossed", low=1e-8),
     )
-    twins = ()
+    example = {"torque": 6.0, "distance": 0.001}
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:

@@ -24,7 +24,7 @@ class KinematicError(Harmonic):
     elastic_only = True
     amplitudes = (Parameter("amplitude", "rad", "transmission error at the joint", low=0.0, high=0.1), PHASE)
     shapes = (ORDER,)
-    twins = ()
+    example = {"amplitude": 0.0004, "phase": 0.7, "order": 20.0}
 
     @classmethod
     def unit_amplitude(cls, scene: Scene, joint: int) -> float:

@@ -21,7 +21,7 @@ class LinkCoulomb(Effect):
     place = "link"
     elastic_only = True
     amplitudes = (Parameter("friction", "N·m", "friction torque while the link moves", low=0.0),)
-    twins = ()
+    example = {"friction": 1.5}
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the friction in the link row."""

@@ -23,6 +23,7 @@ class LinkSpring(Effect):
         Parameter("stiffness", "N·m/rad", "torque per angle"),
         Parameter("preload", "N·m", "torque at q = 0; -preload/stiffness is the angle at which the spring is at rest"),
     )
+    example = {"stiffness": 30.0, "preload": -12.0}
     twins = ("gravity_direction",)
 
     def columns(self, scene: Scene) -> Columns:

@@ -19,7 +19,7 @@ class LinkViscous(Effect):
     place = "link"
     elastic_only = True
     amplitudes = (Parameter("friction", "N·m·s/rad", "friction torque per link velocity", low=0.0),)
-    twins = ()
+    example = {"friction": 0.8}
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the friction in the link row."""

@@ -20,7 +20,7 @@ class LoadFriction(Effect):
     record = "the same speeds under different gravity loads, in both directions"
     place = "motor"
     amplitudes = (Parameter("coefficient", "1", "friction per transmitted torque", low=0.0, high=1.0),)
-    twins = ()
+    example = {"coefficient": 0.1}
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the coefficient in the motor row."""

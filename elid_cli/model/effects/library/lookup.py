@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, CurveEffect, CurveRows, Parameter, Scene
 from elid_cli.model.effects.rows import link_row, motor_row, spring_rows
 
-Variable = Literal["velocity", "deflection", "angle", "load", "time"]
-Rows = Literal["motor", "link", "transmission"]
-
-VARIABLES: tuple[Variable, ...] = ("velocity", "deflection", "angle", "load", "time")
-ROWS: tuple[Rows, ...] = ("motor", "link", "transmission")
+ROWS: tuple[CurveRows, ...] = ("motor", "link", "transmission")
 CURVES = 16
 """Cubic B-splines that make up a curve."""
 
 
-class Lookup(Effect):
+class Lookup(CurveEffect):
     """A cubic spline with 16 degrees of freedom over one variable; held constant beyond its range."""
 
     name = "lookup"
+    variables = ("velocity", "deflection", "angle", "load", "time")
     summary = "smooth curve over one variable, where no named effect fits"
     equation = "torque = Σ c_k B_k(variable), B_k uniform cubic B-splines between low and high"
     physics = "None: the curve describes what is left, in this robot and within this range, and explains nothing."
@@ -40,7 +36,9 @@ class Lookup(Effect):
         Parameter("low", "unit of the variable", "start of the range", fixed=True),
         Parameter("high", "unit of the variable", "end of the range", fixed=True),
     )
-    twins = ()
+    example = {"variable": 1.0, "rows": 1.0, "low": -2.0, "high": 2.0} | {
+        f"c{k}": 0.3 * k - 0.02 * k**2 for k in range(1, CURVES + 1)
+    }
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
@@ -48,19 +46,25 @@ class Lookup(Effect):
         return []
 
     @classmethod
-    def over(cls, scene: Scene, joint: int, variable: Variable, rows: Rows) -> Lookup:
+    def over(cls, scene: Scene, joint: int, variable: str, rows: CurveRows) -> Lookup | None:
         """Return the curve over the range that a variable covers in this log (without its outermost 1 %)."""
         values = variable_of(scene, joint, variable, rows)
         low, high = (float(x) for x in np.quantile(values, (0.01, 0.99)))
-        return cls(joint, (VARIABLES.index(variable) + 1, ROWS.index(rows) + 1, low, high))
+        return cls(joint, (cls.variables.index(variable) + 1, ROWS.index(rows) + 1, low, high)) if low < high else None
+
+    @classmethod
+    def words(cls, values: Mapping[str, float]) -> str:
+        """Return what a curve runs over and where it acts: ``velocity in the motor row``."""
+        variable, rows = cls.variables[int(values["variable"]) - 1], ROWS[int(values["rows"]) - 1]
+        return f"{variable} in the {rows}{'' if rows == 'transmission' else ' row'}"
 
     @property
-    def variable(self) -> Variable:
+    def variable(self) -> str:
         """What the curve runs over."""
-        return VARIABLES[int(self.shape[0]) - 1]
+        return self.variables[int(self.shape[0]) - 1]
 
     @property
-    def rows(self) -> Rows:
+    def rows(self) -> CurveRows:
         """Where it acts."""
         return ROWS[int(self.shape[1]) - 1]
 
@@ -79,7 +83,7 @@ class Lookup(Effect):
         return link_row(self.joint, *basis) if self.rows == "link" else spring_rows(self.joint, *basis)
 
 
-def variable_of(scene: Scene, joint: int, variable: Variable, rows: Rows) -> Array:
+def variable_of(scene: Scene, joint: int, variable: str, rows: CurveRows) -> Array:
     """Return the variable at every instant, shape (N,): the link's own state for link rows, else the motor's."""
     motion, link = scene.motion, rows == "link"
     if variable == "velocity":

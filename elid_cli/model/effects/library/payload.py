@@ -46,7 +46,7 @@ class Payload(Effect):
         for name, unit in zip(LINK_PARAMETERS, _UNITS, strict=True)
     )
     shapes = (Parameter("start", "s", "instant of the change", low=0.0),)
-    twins = ()
+    example = {"m": 2.0, "cx": 0.3, "cy": 0.1, "start": 0.7}
     local = True
     simulated = "robot"
 

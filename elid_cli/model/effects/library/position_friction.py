@@ -20,7 +20,7 @@ class PositionFriction(Harmonic):
     place = "motor"
     amplitudes = (Parameter("amplitude", "N·m", "how far Coulomb friction swings about its mean", low=0.0), PHASE)
     shapes = (ORDER,)
-    twins = ()
+    example = {"amplitude": 0.5, "phase": -2.0, "order": 3.0}
     highest = 30
     periods = 0.5  # it flips with the direction of motion, which no other bend does
 

@@ -29,7 +29,7 @@ class QuadraticViscous(Effect):
     place = "motor"
     amplitudes = (Parameter("amplitude", "N·m·(s/rad)^power", "friction at 1 rad/s"),)
     shapes = (Parameter("power", "1", "power of speed", low=0.3, high=4.0),)
-    twins = ()
+    example = {"amplitude": 0.6, "power": 2.0}
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:

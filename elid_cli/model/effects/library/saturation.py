@@ -37,7 +37,7 @@ class Saturation(Effect):
         ),
     )
     shapes = (Parameter("limit", "N·m", "largest torque that is delivered", low=0.0),)
-    twins = ()
+    example = {"cut": 1.0, "limit": 60.0}
     local = True
     simulated = "motor"
 

@@ -28,7 +28,8 @@ class SensorGain(Effect):
     place = "sensor"
     elastic_only = True
     amplitudes = (Parameter("gain", "1", "share by which the sensor reads too much", low=-0.6, high=1.5),)
-    twins = ()
+    nuisance = "reading gain"
+    example = {"gain": 0.04}
     simulated = "log"
 
     @classmethod

@@ -25,7 +25,8 @@ class SensorOffset(Effect):
     place = "sensor"
     elastic_only = True
     amplitudes = (Parameter("offset", "N·m", "what the sensor reads too much"),)
-    twins = ()
+    nuisance = "reading offset"
+    example = {"offset": 1.5}
     simulated = "log"
 
     @classmethod

@@ -47,7 +47,7 @@ class Stribeck(Effect):
             fixed=True,
         ),
     )
-    twins = ()
+    example = {"amplitude": -0.25, "velocity": 0.1, "exponent": 1.0}
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:

@@ -33,6 +33,9 @@ class TorqueDelay(Effect):
     amplitudes = (
         Parameter("delay", "s", "time from a logged torque to its effect, negative where it acts first", LATEST, 0.1),
     )
+    corrects = "torque"
+    nuisance = "delay"
+    example = {"delay": 0.003}
     twins = ("transmission_damping",)
     simulated = "log"
 

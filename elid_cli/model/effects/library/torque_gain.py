@@ -35,7 +35,7 @@ class TorqueGain(Effect):
     place = "torque"
     from_model = True
     amplitudes = (Parameter("gain", "1", "share by which the logged torque is too large", low=-0.35, high=0.5),)
-    twins = ()
+    example = {"gain": 0.05}
     simulated = "log"
 
     @classmethod
@@ -54,6 +54,15 @@ class TorqueGain(Effect):
         if scene.robot.n != 2:
             return ()
         return (Same(cls.name, 1 - joint, {"gain": 1.0 / (1.0 + values["gain"]) - 1.0}),)
+
+    @classmethod
+    def same_together(cls, robot: Robot, found: Mapping[int, Mapping[str, float]]) -> tuple[Same, ...]:
+        """Return the gain of the one joint without, where all others have one: a common factor moves it there."""
+        rest = [joint for joint in range(robot.n) if joint not in found]
+        if len(found) < 2 or len(rest) != 1:
+            return ()
+        first = next(iter(found.values()))
+        return (Same(cls.name, rest[0], {"gain": 1.0 / (1.0 + first["gain"]) - 1.0}),)
 
     def columns(self, scene: Scene) -> Columns:
         """Return the predicted torque in the motor row."""

@@ -23,6 +23,8 @@ class TorqueOffset(Effect):
     place = "motor"
     of_channel = True
     amplitudes = (Parameter("offset", "N·m", "torque that the log holds beyond what the joint needs"),)
+    nuisance = "offset"
+    example = {"offset": 0.9}
     twins = ("asymmetric_coulomb",)
 
     def columns(self, scene: Scene) -> Columns:

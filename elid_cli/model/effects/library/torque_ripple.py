@@ -22,7 +22,7 @@ class TorqueRipple(Harmonic):
     place = "motor"
     amplitudes = (Parameter("amplitude", "N·m", "height of the ripple", low=0.0), PHASE)
     shapes = (ORDER,)
-    twins = ()
+    example = {"amplitude": 0.8, "phase": 2.5, "order": 12.0}
 
     def columns(self, scene: Scene) -> Columns:
         """Return the sine and the cosine column in the motor row."""

@@ -19,6 +19,7 @@ class TransmissionDamping(Effect):
     place = "spring"
     elastic_only = True
     amplitudes = (Parameter("damping", "N·m·s/rad", "damping torque per deflection rate", low=0.0),)
+    example = {"damping": 8.0}
     twins = ("torque_delay",)
 
     def columns(self, scene: Scene) -> Columns:

@@ -27,7 +27,7 @@ class VelocityCoupling(Effect):
         Parameter("coulomb", "N·m", "torque that follows the other motor's direction"),
     )
     shapes = (Parameter("other", "1", "number of the other joint, from 1", low=1.0, fixed=True),)
-    twins = ()
+    example = {"viscous": 0.4, "coulomb": 0.6, "other": 2.0}
 
     @classmethod
     def unfit(cls, robot: Robot, joint: int) -> str:

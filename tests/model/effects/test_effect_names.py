@@ -1,0 +1,36 @@
+"""No file but an effect's own knows its name; twins of the library may name one another."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from elid_cli.model.effects import effect_classes
+
+PACKAGE = Path(__file__).parents[3] / "elid_cli"
+LIBRARY = PACKAGE / "model/effects/library"
+NAMES = frozenset(effect_classes())
+
+
+def twins(tree: ast.AST) -> set[int]:
+    """Return the strings of ``twins = …`` and of ``Same(…)``."""
+    places = [
+        node
+        for node in ast.walk(tree)
+        if (isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "twins")
+        or (isinstance(node, ast.Call) and ast.unparse(node.func) == "Same")
+    ]
+    return {id(part) for place in places for part in ast.walk(place)}
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_no_file_but_its_own_names_an_effect(path: Path) -> None:
+    tree = ast.parse(path.read_text("utf-8"))
+    allowed = twins(tree) if path.parent == LIBRARY else set()
+    strings = {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and id(n) not in allowed}
+    assert not strings & NAMES - {path.stem}
+    if path.parent != LIBRARY:
+        modules = [n.module or "" for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
+        assert not [name for name in modules if name.startswith("elid_cli.model.effects.library.")]
