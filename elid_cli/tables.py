@@ -35,6 +35,9 @@ class Shown(Brief):
     def __str__(self) -> str:
         return str(_presenter().text(self))
 
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        printer.text(str(self))  # what IPython shows in a terminal
+
     def _repr_html_(self) -> str:
         return str(_presenter().html(self))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,15 @@ def encoder(schema: str, text: str) -> Any:
     """Return the official CDR encoder of a message type."""
     from mcap_ros2._dynamic import serialize_dynamic
 
-    return serialize_dynamic(schema, text)[schema]
+    encode = serialize_dynamic(schema, text)[schema]
+    return lambda message: encode(attributes(message))
+
+
+def attributes(message: Any) -> Any:
+    """Return dictionaries as objects: mcap-ros2-support before 0.6 takes `dict.values` for a field of that name."""
+    if isinstance(message, dict):
+        return SimpleNamespace(**{name: attributes(value) for name, value in message.items()})
+    return [attributes(item) for item in message] if isinstance(message, list) else message
 
 
 class Bag:

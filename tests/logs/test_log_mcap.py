@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -85,10 +84,10 @@ def test_dynamic_joint_states_by_interface_name(tmp_path: Path) -> None:
         message = joint_state(t + 10**9, list(JOINTS), ())
         message["joint_names"] = list(reversed(JOINTS))
         message["interface_values"] = [
-            SimpleNamespace(  # no dict: encoders before 0.6 take its method `values` for the field
-                interface_names=["motor_position", "position", "torque"][: 3 if joint != "" else 2],
-                values=[BASE.theta[row, j], BASE.q[row, j], BASE.tau[row, j]],
-            )
+            {
+                "interface_names": ["motor_position", "position", "torque"][: 3 if joint != "" else 2],
+                "values": [BASE.theta[row, j], BASE.q[row, j], BASE.tau[row, j]],
+            }
             for j, joint in reversed(list(enumerate(JOINTS)))
         ]
         bag.add("/dynamic", t, message)
