@@ -11,7 +11,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.model.effects.effect import DIRECTION_WIDTH, direction_widths
-from elid_cli.model.mass_matrix import BLOCKS, NotPositiveError, NumericEquations, ldl_solver
+from elid_cli.model.mass_matrix import BLOCKS, NotPositiveError, NumericEquations, ldl_solver, ldl_statements
 from elid_cli.model.regressor import Regressor, inputs_of
 from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
 from elid_cli.robot.robot import Robot
@@ -65,6 +65,7 @@ class Dynamics:
             if not inertia > 0:
                 raise self._no_rotor(k)
         reduced = self._folded.reduced()
+        self._reduced = reduced
         self._core: _Function = reduced.program.scalar()
         self._couplings = reduced.couplings
         self._solve = ldl_solver(robot.n)
@@ -143,6 +144,25 @@ class Dynamics:
                 value -= out[c] * ddq[k]
             ddtheta.append(value)
         return ddq, ddtheta
+
+    def statements(self) -> tuple[list[str], list[str]]:
+        """Return `solve` without link forces as scalar statements, and what its accelerations are called after them.
+
+        The names they start from are q0, …, v0, … (q'), w0, … (θ'), g0, … (q - θ) and f0, … (motor force); they need
+        sin, cos and tanh, and return a pivot's number where the mass matrix is not positive definite.
+        """
+        joints = range(self.robot.n)
+        lines = [f"{name}{k} = {f}(q{k})" for name, f in (("s", "sin"), ("c", "cos")) for k in joints]
+        lines += [f"d{k} = tanh(w{k} / {width!r})" for k, width in enumerate(self._width_list)]
+        inputs = [f"{name}{k}" for name in "scqvwdg" for k in joints]
+        core, out = self._reduced.program.statements([*inputs, *("0.0" for _ in joints), *(f"f{k}" for k in joints)])
+        solved, ddq = ldl_statements(self.robot.n, out)
+        place = self.robot.n + self.robot.n * (self.robot.n + 1) // 2
+        motors = []
+        for number, couplings in enumerate(self._couplings):
+            terms = "".join(f" - {out[c]} * {ddq[k]}" for k, c in couplings)
+            motors.append(f"m{number} = {out[place + number]}{terms}")
+        return [*lines, *core, *solved, *motors], [*ddq, *(f"m{k}" for k in range(len(motors)))]
 
     def mass_matrix(self, q: Vector) -> Array:
         """Return the mass matrix of eq. (8), rows and columns q then θ of the elastic joints, shape (n+m, n+m)."""

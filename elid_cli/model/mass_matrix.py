@@ -153,25 +153,36 @@ def ldl_solver(n: int) -> Callable[[list[float]], list[float]]:
         (from the returned function) A is not positive definite.
 
     """
+    statements, solution = ldl_statements(n, [f"x[{k}]" for k in range(n + n * (n + 1) // 2)])
+    lines = ["def solve(x):", *(f" {line}" for line in statements)]
+    lines = [line.replace("return", "raise NotPositiveError(") + ")" if "return" in line else line for line in lines]
+    lines.append(f" return [{', '.join(solution)}]")
+    scope: dict[str, object] = {"NotPositiveError": NotPositiveError}
+    exec("\n".join(lines), scope)  # the text holds nothing but the names above
+    return scope["solve"]  # type: ignore[return-value]
+
+
+def ldl_statements(n: int, given: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the same as scalar statements, and what the unknowns are called after them.
+
+    `given` are b, then A's upper triangle by rows. A pivot k that is not positive makes them return k.
+    """
     place = {}
     position = n
     for i in range(n):
         for j in range(i, n):
             place[i, j] = position
             position += 1
-    lines = ["def solve(x):"]
+    lines = []
     # A = L D L'; u_kj = d_k l_jk, rows of the upper triangle
     for k in range(n):
         for j in range(k, n):
             products = "".join(f" - l{k}_{i} * u{i}_{j}" for i in range(k))
-            lines.append(f" u{k}_{j} = x[{place[k, j]}]{products}")
-        lines.append(f" if not u{k}_{k} > 0.0: raise NotPositiveError({k})")
-        lines += [f" l{j}_{k} = u{k}_{j} / u{k}_{k}" for j in range(k + 1, n)]
+            lines.append(f"u{k}_{j} = {given[place[k, j]]}{products}")
+        lines.append(f"if not u{k}_{k} > 0.0: return {k}")
+        lines += [f"l{j}_{k} = u{k}_{j} / u{k}_{k}" for j in range(k + 1, n)]
     for k in range(n):
-        lines.append(f" y{k} = x[{k}]" + "".join(f" - l{k}_{i} * y{i}" for i in range(k)))
+        lines.append(f"y{k} = {given[k]}" + "".join(f" - l{k}_{i} * y{i}" for i in range(k)))
     for k in reversed(range(n)):
-        lines.append(f" y{k} = y{k} / u{k}_{k}" + "".join(f" - l{i}_{k} * y{i}" for i in range(k + 1, n)))
-    lines.append(f" return [{', '.join(f'y{k}' for k in range(n))}]")
-    scope: dict[str, object] = {"NotPositiveError": NotPositiveError}
-    exec("\n".join(lines), scope)  # the text holds nothing but the names above
-    return scope["solve"]  # type: ignore[return-value]
+        lines.append(f"y{k} = y{k} / u{k}_{k}" + "".join(f" - l{i}_{k} * y{i}" for i in range(k + 1, n)))
+    return lines, [f"y{k}" for k in range(n)]

@@ -270,28 +270,30 @@ class Program:
         first = self.inputs + self.registers
         return [(target - first, asked[source]) for target, source in self.copies if source in asked]
 
-    def scalar(self) -> Callable[[Sequence[float]], list[float]]:
-        """Return the same function for one sample: a list of inputs to a list of outputs (plain Python floats)."""
-        names = [f"x[{i}]" for i in range(self.inputs)]
-        names += [f"r{i}" for i in range(self.registers)] + [f"o{i}" for i in range(self.outputs)]
+    def statements(self, inputs: Sequence[str]) -> tuple[list[str], list[str]]:
+        """Return the same function for one sample as scalar statements, and what its outputs are called after them.
+
+        Inputs are called as given; the names r0, r1, … and o0, o1, … are taken.
+        """
+        names = [*inputs, *(f"r{i}" for i in range(self.registers)), *(f"o{i}" for i in range(self.outputs))]
 
         def text(operand: object) -> str:
             return names[operand] if isinstance(operand, int) else repr(operand[0])  # type: ignore[index]
 
-        lines = ["def traced(x):"]
-        used = {o for _, a, b, _ in self.instructions for o in (a, b) if isinstance(o, int) and o < self.inputs}
-        used |= {source for _, source in self.copies if source < self.inputs}
-        for i in sorted(used):
-            names[i] = f"i{i}"
-            lines.append(f" i{i} = x[{i}]")
+        lines = []
         for code, a, b, target in self.instructions:
             value = f"-{text(a)}" if code == _NEG else f"{text(a)} {'+-*'[code]} {text(b)}"
-            lines.append(f" {names[target]} = {value}")
-        lines += [f" {names[target]} = {names[source]}" for target, source in self.copies]
-        first = self.inputs + self.registers
+            lines.append(f"{names[target]} = {value}")
+        lines += [f"{names[target]} = {names[source]}" for target, source in self.copies]
         fixed = {position: repr(value) for position, value in self.constants}
-        result = ", ".join(fixed.get(i, names[first + i]) for i in range(self.outputs))
-        lines.append(f" return [{result}]")
+        return lines, [fixed.get(i, f"o{i}") for i in range(self.outputs)]
+
+    def scalar(self) -> Callable[[Sequence[float]], list[float]]:
+        """Return the same function for one sample: a list of inputs to a list of outputs (plain Python floats)."""
+        statements, outputs = self.statements([f"i{i}" for i in range(self.inputs)])
+        lines = ["def traced(x):", *(f" i{i} = x[{i}]" for i in sorted(self.used))]
+        lines += [f" {line}" for line in statements]
+        lines.append(f" return [{', '.join(outputs)}]")
         scope: dict[str, Callable[[Sequence[float]], list[float]]] = {}
         exec("\n".join(lines), scope)  # the text holds nothing but the numbers and slots above
         return scope["traced"]

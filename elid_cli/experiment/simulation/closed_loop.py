@@ -14,14 +14,14 @@ from elid_cli.errors import RobotError
 from elid_cli.experiment.reference import Reference
 from elid_cli.experiment.simulation.control import ControlOptions, Gains
 from elid_cli.experiment.simulation.effects_at_work import ActiveEffect
-from elid_cli.experiment.simulation.integration import System, Torque
+from elid_cli.experiment.simulation.integration import System
 from elid_cli.model.dynamics import Dynamics
 
 RUNAWAY = 1e4
 """Positions (rad or m) beyond which a simulation has left its robot."""
 _DIFFERENCE = 1e-3
 """s; the wanted motor velocity is a central difference over this time."""
-_CHUNK = 256
+_CHUNK = 1024
 """Controller periods whose references are computed at once."""
 
 
@@ -152,6 +152,8 @@ def follow(
     period, steps, h = clock.period, clock.steps, clock.step
     periods = (samples - 1) * clock.held + 1
     stages = 2 * steps if continuous else 1
+    for _, system in phases:
+        system.prepare(4 * steps * periods)
     for first in range(0, periods, _CHUNK):
         count = min(_CHUNK, periods - first)
         plan = controller.plan(period * (first + np.arange(count * stages + 1) / stages))
@@ -167,25 +169,20 @@ def follow(
                 _note(trace, system, t, x, command, acting)
             if now == periods - 1:
                 break
-            held: Torque = partial(_same, acting)
-            for s in range(steps):
-                torques = (held, held, held)
-                if continuous:
+            try:
+                if not continuous:
+                    x = system.advance(t, h, steps, x, acting)
+                for s in range(steps if continuous else 0):
                     at = k * stages + 2 * s
-                    torques = tuple(partial(controller.torque, plan[at + i]) for i in range(3))  # type: ignore[assignment]
-                try:
-                    x = system.step(t + s * h, h, x, torques)
-                except (ValueError, OverflowError):
-                    raise _runaway(system.dynamics, t) from None
+                    begin, middle, end = (partial(controller.torque, plan[at + i]) for i in range(3))
+                    x = system.step(t + s * h, h, x, (begin, middle, end))
+            except (ValueError, OverflowError):
+                raise _runaway(system.dynamics, t) from None
             if not all(-RUNAWAY < value < RUNAWAY for value in system.split(x)[0]):
                 raise _runaway(system.dynamics, t)
         if progress is not None:
             progress((first + count) / periods)
     return trace
-
-
-def _same(torque: list[float], theta: list[float], dtheta: list[float]) -> list[float]:
-    return torque
 
 
 def _system(phases: Sequence[tuple[float, System]], t: float) -> System:

@@ -9,6 +9,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.experiment.simulation.effects_at_work import ActiveEffect, Stage
+from elid_cli.experiment.simulation.kernel import Kernel
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.effect import OscillatorEffect, Scene
 
@@ -47,6 +48,7 @@ class System:
             self._places.append((size, size + count))
             size += count
         self.size = size
+        self._kernel: Kernel | None = None
 
     def reset(self) -> None:
         """Let effects with memory begin anew."""
@@ -63,6 +65,24 @@ class System:
         n, half = self._n, self._n + self._m
         return x[:n], x[half : half + n], [x[i] for i in self._motor], [x[half + i] for i in self._motor]
 
+    def prepare(self, evaluations: int) -> None:
+        """Make ready for so many evaluations of the dynamics: what has no effects runs as one function."""
+        self._kernel = None if self._effects else Kernel(self.dynamics, evaluations)
+
+    def advance(self, t: float, h: float, steps: int, x: list[float], tau: list[float]) -> list[float]:
+        """Return the state after some steps of h s with torques that are held."""
+        if self._kernel is not None:
+            now = list(self._kernel.advance(x, tau, h, steps))
+            if all(map(math.isfinite, now)):
+                return now  # else what follows says what is wrong
+
+        def held(theta: list[float], dtheta: list[float]) -> list[float]:
+            return tau
+
+        for s in range(steps):
+            x = self.step(t + s * h, h, x, (held, held, held))
+        return x
+
     def derivative(self, t: float, x: list[float], torque: Torque) -> list[float]:
         """Return x' with torques from a controller."""
         _, _, theta, dtheta = self.split(x)
@@ -73,6 +93,10 @@ class System:
 
     def accelerations(self, t: float, x: list[float], tau: list[float]) -> tuple[list[float], list[float], list[float]]:
         """Return (q'', θ'' of elastic joints, derivatives of the oscillators' states)."""
+        if self._kernel is not None:
+            found = list(self._kernel.accelerations(x, tau))
+            if all(map(math.isfinite, found)):
+                return found[: self._n], found[self._n :], []
         q, dq, theta, dtheta = self.split(x)
         deflection = [a - b for a, b in zip(q, theta, strict=True)]
         if not self._effects:
@@ -121,6 +145,9 @@ class System:
     def transmitted(self, t: float, x: list[float], tau: list[float]) -> list[float]:
         """Return the torque through every transmission, N·m: spring and spring-path effects; NaN where rigid."""
         q, dq, theta, dtheta = self.split(x)
+        if not self._effects:
+            springs = zip(self.dynamics.stiffness.tolist(), theta, q, strict=True)
+            return [K * (b - a) for K, b, a in springs]
         scene = self._stage.set(t, q, dq, theta, dtheta, tau)
         load = scene.load[0].tolist()
         for active, (start, stop) in zip(self._effects, self._places, strict=True):

@@ -1,0 +1,107 @@
+"""The robot without effects as one straight-line function per controller period, compiled where Numba is installed.
+
+It is the arithmetic of `System.step` written out: the same operations in the same order, without lists in between.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from elid_cli.model.dynamics import Dynamics
+
+WORTH = 200_000
+"""Evaluations of the dynamics from which compiling them, a few seconds, pays."""
+
+Numbers = tuple[float, ...]
+
+
+class Kernel:
+    """Motion of a robot without effects under torques that are held.
+
+    Parameters
+    ----------
+    dynamics
+        The robot.
+    evaluations
+        How often its dynamics will be evaluated.
+    """
+
+    def __init__(self, dynamics: Dynamics, evaluations: int) -> None:
+        self.compiled = evaluations >= WORTH and importlib.util.find_spec("numba") is not None
+        sources = _sources(dynamics)
+        # Numba keeps what it compiled by name, place and bytecode, which does not hold the numbers: the name must
+        mark = hashlib.sha256("".join(text for _, text in sources).encode()).hexdigest()[:16]
+        scope: dict[str, Any] = {"__name__": __name__, "sin": math.sin, "cos": math.cos, "tanh": math.tanh}
+        for name, text in sources:
+            marked = text.replace(f"def {name}(", f"def {name}_{mark}(", 1)
+            exec(compile(marked, __file__, "exec"), scope)  # the text holds nothing but the names below and numbers
+            scope[name] = _compiled(scope[f"{name}_{mark}"]) if self.compiled else scope[f"{name}_{mark}"]
+        self._accelerations: Callable[..., Numbers] = scope["accelerations"]
+        self._advance: Callable[..., Numbers] = scope["advance"]
+
+    def accelerations(self, x: Sequence[float], tau: Sequence[float]) -> Numbers:
+        """Return q'' and θ'' of the elastic joints at a state of `System`; not finite where there are none."""
+        return _tried(self._accelerations, *x, *tau)
+
+    def advance(self, x: Sequence[float], tau: Sequence[float], h: float, steps: int) -> Numbers:
+        """Return the state after some steps of h s; not finite where the motion gets no further."""
+        return _tried(self._advance, h, steps, *x, *tau)
+
+
+def _compiled(function: Callable[..., Numbers]) -> Callable[..., Numbers]:
+    from numba import njit
+
+    try:
+        found: Callable[..., Numbers] = njit(cache=True)(function)
+    except RuntimeError:  # nowhere to keep it
+        found = njit(function)
+    return found
+
+
+def _tried(function: Callable[..., Numbers], *numbers: float) -> Numbers:
+    try:
+        return function(*numbers)
+    except (ValueError, OverflowError):  # compiled functions return NaN where Python's raise
+        return (math.nan,)
+
+
+def _sources(dynamics: Dynamics) -> list[tuple[str, str]]:
+    n, elastic = dynamics.robot.n, dynamics.elastic
+    half = n + len(elastic)
+    state = [f"x{i}" for i in range(2 * half)]
+    torque = [f"f{k}" for k in range(n)]
+    statements, results = dynamics.statements()
+    motor = {k: n + i for i, k in enumerate(elastic)}
+    lines = [f"def accelerations({', '.join([*state, *torque])}):"]
+    for k in range(n):
+        place = motor.get(k, k)
+        lines += [f"q{k} = x{k}", f"v{k} = x{half + k}", f"w{k} = x{half + place}", f"g{k} = x{k} - x{place}"]
+    nothing = f"return {', '.join(['1e999'] * half)}"
+    lines += [line.split("return")[0] + nothing if "return" in line else line for line in statements]
+    lines.append(f"return {', '.join(results)}")
+    return [("accelerations", "\n ".join(lines)), ("advance", _runge_kutta(half, state, torque))]
+
+
+def _runge_kutta(half: int, state: Sequence[str], torque: Sequence[str]) -> str:
+    """Return `System.step`, `steps` times: positions are states 0 to half, their rates the others."""
+    lines = [f"def advance(h, steps, {', '.join([*state, *torque])}):", " half, sixth = 0.5 * h, h / 6.0",
+             " for _ in range(steps):"]  # fmt: skip
+    before = ["", "half", "half", "h"]
+    at = list(state)
+    rates: list[list[str]] = []
+    for stage, step in enumerate(before):
+        if stage:
+            at = [f"y{stage}_{i}" for i in range(2 * half)]
+            lines += [f"  {name} = x{i} + {step} * {rates[-1][i]}" for i, name in enumerate(at)]
+        found = [f"a{stage}_{i}" for i in range(half)]
+        lines.append(f"  {', '.join(found)}, = accelerations({', '.join([*at, *torque])})")
+        rates.append([*at[half:], *found])
+    k1, k2, k3, k4 = rates
+    lines += [f"  z{i} = x{i} + sixth * ({k1[i]} + 2.0 * ({k2[i]} + {k3[i]}) + {k4[i]})" for i in range(2 * half)]
+    lines += [f"  x{i} = z{i}" for i in range(2 * half)]
+    lines.append(f" return {', '.join(state)}")
+    return "\n".join(lines)

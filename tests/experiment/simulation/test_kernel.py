@@ -1,0 +1,71 @@
+"""The dynamics written out as one function are those of the steps, in plain Python and compiled."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from elid_cli.errors import RobotError
+from elid_cli.experiment.simulation import SimulationOptions, kernel, run
+from elid_cli.experiment.simulation.integration import System
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from tests.model.effects.effect_scenes import spatial
+
+ROBOTS: dict[str, Callable[[], Robot]] = {
+    "puma560": lambda: read_robot("puma560"),
+    "rigid and sliding": spatial,
+}
+ENGINES = pytest.mark.parametrize("worth", [0, 10**9], ids=["compiled", "Python"])
+
+
+@ENGINES
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_kernel_is_the_steps(name: str, worth: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    if worth == 0:
+        pytest.importorskip("numba")
+    monkeypatch.setattr(kernel, "WORTH", worth)
+    system = System(Dynamics(ROBOTS[name]()), [], 1e-3, 1.0)
+    generator = np.random.default_rng(0)
+    x = generator.uniform(-0.5, 0.5, system.size).tolist()
+    tau = generator.uniform(-5, 5, system.dynamics.robot.n).tolist()
+    plain, plain_rates = system.advance(0.0, 1e-4, 5, x, tau), system.accelerations(0.0, x, tau)
+    system.prepare(1)
+    assert system._kernel is not None
+    assert system._kernel.compiled == (worth == 0)
+    # a compiled sine may differ in its last digit
+    close = {"rtol": 1e-12, "atol": 1e-12} if worth == 0 else {"rtol": 0.0, "atol": 0.0}
+    assert np.allclose(system.advance(0.0, 1e-4, 5, x, tau), plain, **close)
+    for found, expected in zip(system.accelerations(0.0, x, tau), plain_rates, strict=True):
+        assert np.allclose(found, expected, **close)
+
+
+@ENGINES
+def test_a_mass_matrix_that_is_not_positive_is_named_as_by_the_steps(
+    worth: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if worth == 0:
+        pytest.importorskip("numba")
+    monkeypatch.setattr(kernel, "WORTH", worth)
+    robot = read_robot("planar2")
+    parameters = robot.reference()
+    parameters[robot.parameter_names().index("Izz2")] = -50.0
+    system = System(Dynamics(robot, parameters), [], 1e-3, 1.0)
+    system.prepare(1)
+    with pytest.raises(RobotError, match="not positive definite"):
+        system.advance(0.0, 1e-4, 3, [0.1] * system.size, [0.0] * 2)
+
+
+def test_compiled_dynamics_are_much_faster(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("numba")
+    spent = []
+    for worth in (10**9, 0, 0):  # the second run finds what the first compiled
+        monkeypatch.setattr(kernel, "WORTH", worth)
+        begin = time.process_time()
+        run(read_robot("puma560"), SimulationOptions(duration=0.5, seed=2))
+        spent.append(time.process_time() - begin)
+    assert spent[2] < 0.7 * spent[0]
