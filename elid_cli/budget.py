@@ -13,7 +13,7 @@ from elid_cli.errors import LogError
 
 FREE_BYTES, BYTES_PER_BYTE, MOST_BYTES = 256 << 20, 100, 1 << 40
 """Bytes unpacked from a file of any size, per byte of it, and at most."""
-FREE_STEPS, STEPS_PER_BYTE, MOST_STEPS = 1_000_000, 1, 10**10
+FREE_STEPS, STEPS_PER_BYTE, MOST_STEPS = 1_000_000, 5, 10**11
 """Records, names and fields looked at one by one, of a file of any size, per byte of it, and at most."""
 MOST_AT_ONCE = 16 << 30
 """Bytes of one array."""

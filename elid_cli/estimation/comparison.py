@@ -17,6 +17,8 @@ from elid_cli.errors import UsageError
 from elid_cli.files import read_text
 from elid_cli.tables import Shown
 
+LARGEST_NUMBER = 1e300
+"""A larger number in a saved result is broken."""
 LARGEST = 50_000_000
 """Bytes of the largest result that is read."""
 
@@ -158,4 +160,7 @@ def _relative(error: Any) -> dict[str, float]:
 
 
 def _number(value: Any) -> float | None:
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+    """Return a number; None for anything else, and for an integer of hundreds of digits."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return None
+    return float(value) if abs(value) < LARGEST_NUMBER else None

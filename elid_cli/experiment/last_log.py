@@ -59,7 +59,7 @@ def read_last(path: str | Path, robot: Robot) -> LastLog:
         saved: Any = json.loads(text)
         classes, errors, joints = dict(saved["this_log"]), dict(saved["error"]), tuple(saved["joints"])
         rms = {str(joint): (float(e["rms"]), float(e.get("spring_rms") or e["rms"])) for joint, e in errors.items()}
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise UsageError(
             f"{path}: not a result of elid identify", hint="elid identify LOG --robot ROBOT --json > result.json"
         ) from None

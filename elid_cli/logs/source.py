@@ -14,6 +14,8 @@ from typing import IO
 
 from elid_cli.errors import LogError, UsageError, nearest
 
+MOST_PIPED = 1 << 30
+"""Bytes that are read from standard input, which may have no end."""
 HEAD = 4096
 """Bytes that a format may look at to recognise itself."""
 
@@ -122,7 +124,11 @@ def open_source(path: str | Path, listener: Callable[[float], None] | None = Non
 @cache
 def _standard_input() -> bytes:
     """Return all of standard input, which can be read once but is asked for twice: what it holds, then the numbers."""
-    return sys.stdin.buffer.read()
+    data = sys.stdin.buffer.read(MOST_PIPED + 1)
+    if len(data) > MOST_PIPED:
+        hint = "write the log to a file first"
+        raise LogError(f"standard input: more than {MOST_PIPED >> 20} MiB, and no end", hint=hint)
+    return data
 
 
 def _unreadable(name: str, error: OSError) -> LogError | UsageError:

@@ -89,9 +89,19 @@ class Regressor:
     terms
         Base terms; by default the paper's five.
 
+    Raises
+    ------
+    RobotError
+        More than `MOST_JOINTS` joints.
+
     """
 
     def __init__(self, robot: Robot, terms: Sequence[BaseTerm] = BASE_TERMS) -> None:
+        if robot.n > MOST_JOINTS:
+            raise RobotError(
+                f"{robot.name}: {robot.n} joints; at most {MOST_JOINTS} are identified together",
+                hint="hold the others: --lock NAME=0, or keep one chain: --tip LINK",
+            )
         self.robot = robot
         self.terms = tuple(terms)
         self.names = robot.parameter_names()

@@ -17,6 +17,8 @@ FUNCTIONS: dict[str, Callable[[float], float]] = {
     "cos": math.cos,
     "radians": math.radians,
 }
+SMALLEST, LARGEST = 1e-100, 1e12
+"""Sizes, in any of elid's units, that a number of a robot can have; rounding leaves numbers such as 1e-17."""
 LONGEST = 200
 """Characters of an expression; longer text is not a number but an attempt to keep the parser busy."""
 
@@ -55,6 +57,8 @@ def evaluate(text: str) -> float:
             raise ValueError(f"{text!r} is not finite") from None
     if not math.isfinite(value):
         raise ValueError(f"{text!r} is not finite")
+    if value and not SMALLEST < abs(value) < LARGEST:
+        raise ValueError(f"{text!r} is no quantity of a robot: its size must lie between {SMALLEST:g} and {LARGEST:g}")
     return value
 
 

@@ -105,6 +105,12 @@ def rpy_of(transform: Array) -> tuple[float, float, float]:
     return math.atan2(-rest[1, 2], rest[1, 1]), math.atan2(-rest[2, 0], rest[0, 0]), yaw
 
 
+MOST_JOINTS = 60
+"""Joints of a robot that is identified; memory and time grow with their cube."""
+MOST_READ = 200
+"""Joints of a file of which the log or the user leaves fewer."""
+
+
 @dataclass(frozen=True)
 class Limits:
     """Limits of a joint, joint side: position (low, high) in rad or m, the others as magnitudes; None: unknown."""

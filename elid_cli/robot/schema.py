@@ -12,10 +12,12 @@ from dataclasses import replace
 from typing import Any, cast
 
 from elid_cli.errors import did_you_mean
-from elid_cli.robot.robot import BASE, JOINT_PARAMETERS, Convention, EffectSpec, Joint, Limits, Robot
+from elid_cli.robot.robot import BASE, JOINT_PARAMETERS, MOST_JOINTS, Convention, EffectSpec, Joint, Limits, Robot
 from elid_cli.robot.yaml import Value, parse_yaml
 
-MOST_JOINTS = 60
+MOST_EFFECTS = 200
+LEAST_LIMIT, LEAST_GEAR = 1e-9, 1e-9
+"""Sizes below which a limit, or a gear ratio, is none."""
 UNIT = 1e-6
 """How far the length of a written axis may be from 1; it is then normalised."""
 
@@ -94,7 +96,7 @@ def with_motor(joint: Joint, keys: Mapping[str, Value]) -> Joint:
         joint = replace(joint, parameters=dict(joint.parameters) | read_parameters(keys["parameters"]))
     if "gear_ratio" in keys:
         ratio = keys["gear_ratio"].number()
-        if ratio == 0:
+        if abs(ratio) < LEAST_GEAR:
             raise keys["gear_ratio"].error("0; the rotor turns per joint turn, 1 for a direct drive")
         joint = joint.geared(ratio)
     if joint.gear_ratio is None and "Jm" in joint.parameters and "parameters" in keys:
@@ -137,7 +139,7 @@ def read_limits(value: Value) -> Limits:
     for name in ("velocity", "acceleration", "torque"):
         if name in keys:
             magnitudes[name] = keys[name].number()
-            if magnitudes[name] <= 0:
+            if magnitudes[name] < LEAST_LIMIT:
                 raise keys[name].error(f"{magnitudes[name]:g} is not a positive magnitude")
     return Limits(position=position, **magnitudes)
 
@@ -150,6 +152,8 @@ def read_effects(value: Value, joints: Sequence[Joint]) -> tuple[EffectSpec, ...
     if value.node.value == "":
         return ()
     names = [joint.name for joint in joints]
+    if len(value.items()) > MOST_EFFECTS:
+        raise value.error(f"{len(value.items())} effects; at most {MOST_EFFECTS} are read")
     effects = []
     for number, item in enumerate(value.items(), start=1):
         item = item.within(f"effect {number}")

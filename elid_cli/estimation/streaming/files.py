@@ -8,7 +8,9 @@ without the half that is zero or repeats.
 from __future__ import annotations
 
 import json
+import math
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -21,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.budget import Budget
 from elid_cli.errors import LogError
 from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.regression.triangles import Triangle
@@ -125,12 +128,10 @@ def _need(sound: bool, otherwise: str) -> None:
 
 
 SCHEMA = "elid-triangles/1"
-LARGEST = 4 << 30
-"""Bytes of arrays beyond which a file is not read."""
 _MAGIC = b"PK\x03\x04"
 _FAULTS = (
     zipfile.BadZipFile, KeyError, ValueError, IndexError, TypeError, AttributeError, EOFError, zlib.error, struct.error,
-    RuntimeError, OverflowError, MemoryError,
+    RuntimeError, OverflowError, MemoryError, SyntaxError, tokenize.TokenError,
 )  # fmt: skip
 _KNOWN = ("files", "sha256", "repairs", "notes", "warnings")
 
@@ -223,9 +224,7 @@ def read_stream(stream: IO[bytes], name: str) -> list[ReducedLog]:
     """Read reduced logs from an open file; `name` stands for it in errors."""
     try:
         with zipfile.ZipFile(stream) as archive:
-            size = sum(info.file_size for info in archive.infolist())
-        if size > LARGEST:
-            raise LogError(f"{name}: declares {size:.3g} bytes of triangles", hint="run elid reduce again")
+            _believe(archive, name, stream.seek(0, 2))
         stream.seek(0)
         with np.load(stream, allow_pickle=False) as arrays:
             if "elid" not in arrays.files:
@@ -254,6 +253,20 @@ def read_stream(stream: IO[bytes], name: str) -> list[ReducedLog]:
             detail=why or type(error).__name__,
             hint=f"make it again: elid reduce LOG --robot ROBOT -o {name}",
         ) from error
+
+
+def _believe(archive: zipfile.ZipFile, name: str, size: int) -> None:
+    """Ask for the memory of an archive's arrays, by their own headers, before it is taken (LogError, ValueError)."""
+    budget = Budget(name, size)
+    for info in archive.infolist():
+        budget.step()
+        budget.take(info.file_size)
+        with archive.open(info) as member:
+            version = np.lib.format.read_magic(member)  # type: ignore[no-untyped-call]
+            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            shape, _, dtype = read(member)  # type: ignore[no-untyped-call]
+        if math.prod(shape) * dtype.itemsize > info.file_size or len(shape) > 2:
+            raise ValueError(f"{info.filename} declares {shape} values and holds {info.file_size} bytes")
 
 
 def _head(log: ReducedLog) -> dict[str, Any]:

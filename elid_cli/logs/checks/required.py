@@ -22,6 +22,8 @@ from elid_cli.memory import passed, writable
 from elid_cli.robot.robot import Robot
 
 MEANING = {"q": "link position", "theta": "motor position", "tau": "torque"}
+NOTHING = 1e-30
+"""An effort or velocity, in SI units, that is none: its square may not even be a number."""
 ZERO_IS_ABSENT = ("tau", "tau_link", "dq", "dtheta")
 LISTED = 8
 """Channels of the log that an error names."""
@@ -158,7 +160,7 @@ def _drop_zeros(filled: dict[str, Array], joints: Sequence[str]) -> list[str]:
             continue
         zero: NDArray[np.bool_] = np.ones(values.shape[1], dtype=bool)
         for block in passed(values):
-            zero &= ~block.any(axis=0)
+            zero &= np.abs(block).max(axis=0) < NOTHING  # NaN is not
             if not zero.any():
                 break
         if zero.any():

@@ -21,6 +21,9 @@ SNIFFED = 60
 """Lines that are looked at to tell the dialect."""
 PART = 1 << 24
 """Characters that are parsed at a time."""
+LONGEST_LINE = 4 << 20
+"""Characters of the longest row that is read."""
+TABLE = "a CSV log has one header row and one row per sample"
 REPORTED = 3
 """Faulty lines that are named; the rest are counted."""
 
@@ -51,10 +54,10 @@ def sniff(text: str, name: str) -> Dialect:
     LogError
         If the text has no line of numbers.
     """
-    lines = list(itertools.islice(_lines(text), SNIFFED))
+    lines = list(itertools.islice(_lines(text, name), SNIFFED))
     content = [line for line in lines if line[2].strip() and not line[2].lstrip().startswith(COMMENTS)]
     if not content:
-        raise LogError(f"{name}: no data", hint="a CSV log has one header row and one row per sample")
+        raise LogError(f"{name}: no data", hint=TABLE)
     separator = _separator([line[2] for line in content])
     if separator == "," and _spaced([line[2] for line in content]):
         separator = " "
@@ -69,7 +72,7 @@ def sniff(text: str, name: str) -> Dialect:
         raise LogError(
             f"{name}: no row of numbers in its first {len(lines)} lines",
             detail=f"line {rows[0][1]}: {lines[0][2][:60]!r}",
-            hint="a CSV log has one header row and one row per sample",
+            hint=TABLE,
         )
     start = numeric[0]
     width = len(rows[start][2])
@@ -149,6 +152,9 @@ def _tolerant(body: str, dialect: Dialect, columns: Sequence[int], name: str) ->
         stripped = line.strip()
         if not stripped or stripped.startswith(COMMENTS):
             continue
+        if len(line) > LONGEST_LINE:
+            ragged.append(f"line {number} has more than {LONGEST_LINE >> 20} MiB")
+            continue
         cells = split(stripped.split(" #")[0] if " #" in stripped else line.rstrip("\r\n"), dialect.separator)
         if len(cells) == width + 1 and cells[-1] == "":
             cells.pop()  # a separator at the end of every row
@@ -191,12 +197,17 @@ def _moment(cell: str) -> float | None:
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
-def _lines(text: str) -> Iterator[tuple[int, int, str]]:
-    """Yield (offset, line number, line)."""
-    offset = 0
-    for number, line in enumerate(io.StringIO(text, newline=""), start=1):
+def _lines(text: str, name: str) -> Iterator[tuple[int, int, str]]:
+    """Yield (offset, line number, line); LogError where one is longer than any row of a log."""
+    offset, number = 0, 0
+    while offset < len(text):
+        number += 1
+        stop = text.find("\n", offset, offset + LONGEST_LINE) + 1 or min(len(text), offset + LONGEST_LINE)
+        line = text[offset:stop]
+        if len(line) == LONGEST_LINE:
+            raise LogError(f"{name}: line {number} has more than {LONGEST_LINE >> 20} MiB", hint=TABLE)
         yield offset, number, line.rstrip("\r\n")
-        offset += len(line)
+        offset = stop
 
 
 def _separator(lines: Sequence[str]) -> str:

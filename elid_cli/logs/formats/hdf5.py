@@ -23,6 +23,8 @@ from elid_cli.signals.recording import Recording
 
 MOST_ENTRIES = 20_000
 DEEPEST = 20
+WIDEST = 10_000
+"""Values per sample of an array that is a signal of some joints."""
 MOST_REFERENCES = 64
 
 
@@ -42,6 +44,8 @@ def contents(file: Any) -> tuple[dict[str, Any], dict[str, str]]:
             soft[path] = reason[2:]
         elif reason:
             refused[path] = reason
+        elif item.dtype.kind in "fiub" and _values_per_sample(item.shape) > WIDEST:
+            refused[path] = f"an array of shape {item.shape}, more than {WIDEST} values per sample"
         elif item.dtype.kind in "fiub":
             datasets[path] = item
         else:
@@ -78,8 +82,23 @@ def _walk(group: Any, prefix: str, depth: int, seen: list[int]) -> Iterator[tupl
             item = group[key]
             if isinstance(item, h5py.Group):
                 yield from _walk(item, path, depth + 1, seen)
+            elif isinstance(item, h5py.Dataset) and not _has_numpy_type(item):
+                yield path, None, "of a type that NumPy does not have (a time?), not numbers"
             elif isinstance(item, h5py.Dataset) and item.shape is not None and "MATLAB_empty" not in item.attrs:
                 yield path, item, "" if item.shape or item.dtype.kind not in "fiub" else "a single number"
+
+
+def _values_per_sample(shape: Sequence[int]) -> int:
+    """Return the values per sample of an array, however its axes are ordered."""
+    return int(np.prod(shape, dtype=float) / max(shape, default=1)) if all(shape) else 0
+
+
+def _has_numpy_type(dataset: Any) -> bool:
+    """Whether NumPy has a type for it; it has none for HDF5's times."""
+    try:
+        return dataset.dtype is not None
+    except TypeError:
+        return False
 
 
 def _referenced(file: Any, path: str, dataset: Any) -> dict[str, Any]:
@@ -123,7 +142,7 @@ TIME_NAMES = ("t", "time", "timestamp", "stamp")
 EPISODE = re.compile(r"(episode|demo|traj|trajectory|run|trial)[_-]?\d+$", re.IGNORECASE)
 LARGEST = 16 << 30
 """Bytes of one dataset in memory."""
-LARGE, TIGHT = 1 << 30, 20
+LARGE, TIGHT = 256 << 20, 20
 """Bytes from which a dataset is believed only if the file has a twentieth of them: measurements pack no tighter."""
 DENSEST = 1100
 """Bytes in memory per byte in the file; deflate cannot pack numbers tighter."""

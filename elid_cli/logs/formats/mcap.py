@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from elid_cli.budget import Budget
+from elid_cli.errors import LogError
 from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
 from elid_cli.logs.mcap.bulk_decode import CdrDecoder, MessageTable
 from elid_cli.logs.mcap.container import MAGIC, Container, Messages, Readable, summary, walk
@@ -30,6 +32,8 @@ CANONICAL = {
 BARE = {signal: spec | {"from": spec["from"].lstrip("/")} for signal, spec in CANONICAL.items()}
 NAMED = ("sensor_msgs/JointState", "control_msgs/DynamicJointState", "std_msgs/Float64MultiArray")
 """The types that are read without their schema, as errors list them."""
+MOST_FIELDS = 20_000
+"""Fields of all topics that are listed."""
 EMPTY_CHUNKS = 4
 """Chunks without a channel not seen before, after which discovery stops where a summary says what to expect."""
 
@@ -163,6 +167,12 @@ class McapLog:
                         width = max(len(columns.indices), len(labels))
                         rows = counts.get(channel.topic)
                         found[key] = Channel(channel.topic, path, width, labels, rows, kind, open_ended=True)
+            if len(found) > MOST_FIELDS:
+                raise LogError(
+                    f"{self._name}: its messages have more than {MOST_FIELDS} fields",
+                    detail=f"the last of them {channel.topic if channel is not None else ''}",
+                    hint="record the topics that hold the robot's joints alone",
+                )
             barren = 0 if len(seen) > before else barren + 1
             nameless = expected is not None and any(values_topic(topic, expected) for topic in expected - seen)
             if expected is not None and (expected <= seen or (barren >= EMPTY_CHUNKS and not nameless)):
@@ -196,7 +206,7 @@ class McapLog:
         sizes = [source.size for source in self._sources]
         for number, source in enumerate(self._sources):
             before = sum(sizes[:number])
-            container = Container()
+            container = Container(budget=Budget(source.name, source.size))
             if not source.head.startswith((MAGIC, ZSTD_MAGIC)):
                 self.losses.append(f"{source.name} is {'no MCAP file' if source.head else 'empty'}, left out")
                 continue
@@ -260,14 +270,15 @@ def _bytes(source: Source) -> Iterator[tuple[Readable, int | None, Callable[[], 
         import zstandard
 
         with zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(stream, closefd=False) as reader:
-            yield _Patient(reader), None, stream.tell
+            yield _Patient(reader, Budget(source.name, source.size)), None, stream.tell
 
 
 class _Patient:
     """A decompressor whose reads return what was asked for, and nothing where the data are cut or damaged."""
 
-    def __init__(self, reader: Any) -> None:
+    def __init__(self, reader: Any, budget: Budget) -> None:
         self._reader = reader
+        self._budget = budget
 
     def read(self, count: int) -> bytes:
         import zstandard
@@ -280,6 +291,7 @@ class _Patient:
                 break
             if not part:
                 break
+            self._budget.take(len(part))
             parts.append(part)
             count -= len(part)
         return b"".join(parts)

@@ -98,7 +98,7 @@ class CdrDecoder:
         start = int(messages.offsets[index])
         data = messages.data[start : start + int(messages.lengths[index])]
         try:
-            layout = learn(data, self._type, self._definitions)
+            layout = learn(data, self._type, self._definitions, messages.budget)
         except CdrError:
             return {}, {}
         single = {path: blocks[0] for path, blocks in layout.numbers.items() if layout.width(path) == 1}
@@ -111,15 +111,15 @@ class CdrDecoder:
         rows, stamps = table.extend(messages.log_times[chosen])
         offsets, lengths = messages.offsets[chosen], messages.lengths[chosen]
         if (lengths == lengths[0]).all():
-            self._same_length(messages.data, offsets, int(lengths[0]), None, rows, stamps, table)
+            self._same_length(messages, offsets, int(lengths[0]), None, rows, stamps, table)
             return
         for length in np.unique(lengths):
             where = np.flatnonzero(lengths == length)
-            self._same_length(messages.data, offsets[where], int(length), where, rows, stamps, table)
+            self._same_length(messages, offsets[where], int(length), where, rows, stamps, table)
 
     def _same_length(
         self,
-        data: bytes,
+        messages: Messages,
         offsets: NDArray[np.int64],
         length: int,
         where: NDArray[np.intp] | None,
@@ -127,14 +127,14 @@ class CdrDecoder:
         stamps: NDArray[Any],
         table: MessageTable,
     ) -> None:
-        matrix = _matrix(data, offsets, length)
+        matrix = _matrix(messages.data, offsets, length)
         for plan in [plan for plan in self._layouts if plan.layout.length == length]:
             where, matrix = self._take(plan, matrix, where, rows, stamps, table)
             if not matrix.shape[0]:
                 return
         while matrix.shape[0]:
             try:
-                layout = learn(matrix[0].tobytes(), self._type, self._definitions)
+                layout = learn(matrix[0].tobytes(), self._type, self._definitions, messages.budget)
             except CdrError as error:
                 table.undecodable += 1
                 table.problem = table.problem or str(error)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.budget import Budget
 from elid_cli.logs.mcap.ros_schema import PRIMITIVES, Definitions
 
 NAME_FIELDS = ("name", "names", "joint_names", "interface_names", "joint_name", "labels")
@@ -74,26 +75,27 @@ class MessageLayout:
         return self._fixed_words
 
 
-def learn(message: bytes, type_name: str, definitions: Definitions) -> MessageLayout:
-    """Return the layout of a CDR message.
+def learn(message: bytes, type_name: str, definitions: Definitions, budget: Budget) -> MessageLayout:
+    """Return the layout of a CDR message; every field and element is a step of the budget.
 
     Raises
     ------
     CdrError
         If the message is shorter or longer than its definition says, or its encapsulation is unknown.
     """
-    return _Learner(message, definitions).run(type_name)
+    return _Learner(message, definitions, budget).run(type_name)
 
 
 class _Learner:
     """One walk through one message."""
 
-    def __init__(self, message: bytes, definitions: Definitions) -> None:
+    def __init__(self, message: bytes, definitions: Definitions, budget: Budget) -> None:
         if len(message) < 4 or message[0] != 0 or message[1] > 11:
             raise CdrError("no CDR encapsulation")
         if message[1] in (2, 3, 8, 9, 10, 11):
             raise CdrError("parameter-list or delimited CDR is not supported")
         self.message = message
+        self.budget = budget
         self.definitions = definitions
         self.order = "<" if message[1] & 1 else ">"
         self.widest = 4 if message[1] >= 6 else 8
@@ -113,6 +115,7 @@ class _Learner:
         if not fields:
             self._advance(1)  # an empty message is one byte
         for entry in fields:
+            self.budget.step()
             path = f"{prefix}{entry.name}"
             if entry.count is None:
                 self._values(entry.type, path, 1)
@@ -129,6 +132,7 @@ class _Learner:
         if type_name == "string":
             known = self.layout.strings.setdefault(path, [])
             self.layout.starts.setdefault(path, []).append(len(known))
+        self.budget.step(count)
         for _ in range(count):
             if type_name in ("string", "wstring"):
                 self._string(path, wide=type_name == "wstring")

@@ -15,13 +15,15 @@ from typing import IO, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from elid_cli.budget import Budget
+
 LARGEST_CHUNK = 1 << 30
 """Bytes of an uncompressed chunk that are still accepted."""
 DENSEST = 20_000
 """Uncompressed bytes per compressed byte that are still believed."""
 
 
-def decompressed(body: bytes) -> bytes:
+def decompressed(body: bytes, budget: Budget) -> bytes:
     """Return the records of a chunk record's body (ValueError or struct.error where it is damaged or lies)."""
     uncompressed, crc, name_length = struct.unpack_from("<QII", body, 16)
     compression = body[32 : 32 + name_length].decode()
@@ -31,11 +33,12 @@ def decompressed(body: bytes) -> bytes:
         raise ValueError(f"declares {length} bytes but holds {len(body) - begin}")
     if uncompressed > LARGEST_CHUNK or uncompressed > DENSEST * max(length, 64):
         raise ValueError(f"declares {uncompressed} bytes of content in {length}")
+    budget.take(uncompressed)
     packed = memoryview(body)[begin : begin + length]
     if compression == "zstd":
         records = _zstd(packed, uncompressed)
     elif compression == "lz4":
-        records = _lz4(packed)
+        records = _lz4(packed, uncompressed)
     elif compression in ("", "none"):
         records = bytes(packed)
     else:
@@ -59,11 +62,11 @@ def _zstd(packed: memoryview, size: int) -> bytes:
         raise ValueError(f"zstd: {error}") from error
 
 
-def _lz4(packed: memoryview) -> bytes:
+def _lz4(packed: memoryview, size: int) -> bytes:
     import lz4.frame
 
     try:
-        return bytes(lz4.frame.decompress(packed))  # cannot grow more than 255 times
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1))
     except (RuntimeError, EOFError) as error:
         raise ValueError(f"lz4: {error}") from error
 
@@ -73,10 +76,14 @@ HEAD = struct.Struct("<BQ")
 MESSAGE_HEAD = 22
 """Bytes of a message record before its data: channel, sequence, log time, publish time."""
 LARGEST_RECORD = 2 << 30
+PIECE = 1 << 20
+"""Bytes read at a time of what is passed over."""
 LARGEST_SUMMARY = 256 << 20
 GATHERED = 4 << 20
 """Bytes of messages outside chunks that are decoded together."""
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, STATISTICS, DATA_END = 1, 2, 3, 4, 5, 6, 7, 11, 15
+READ = (SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX)
+"""Records that are looked into; others, attachments among them, are passed over."""
 
 
 class Readable(Protocol):
@@ -94,6 +101,7 @@ class Container:
     channels: dict[int, Any] = field(default_factory=dict)
     losses: list[str] = field(default_factory=list)
     chunks: int = 0
+    budget: Budget = field(default_factory=lambda: Budget("log", 0))
 
 
 @dataclass(frozen=True)
@@ -105,6 +113,8 @@ class Messages:
     log_times: NDArray[np.int64]
     offsets: NDArray[np.int64]
     lengths: NDArray[np.int64]
+    budget: Budget
+    """What is left for decoding them."""
 
 
 def walk(stream: Readable, size: int | None, container: Container) -> Iterator[Messages]:
@@ -137,6 +147,11 @@ def walk(stream: Readable, size: int | None, container: Container) -> Iterator[M
         if opcode in (DATA_END, FOOTER):
             ended = True
             break
+        container.budget.step()
+        if opcode not in READ:
+            if not _passed(stream, length):
+                break
+            continue
         body = stream.read(length)
         if len(body) < length:
             break
@@ -159,6 +174,16 @@ def walk(stream: Readable, size: int | None, container: Container) -> Iterator[M
     if not ended:
         lost = f", {size - start:d} bytes lost" if size is not None and position > start and size > start else ""
         container.losses.append(f"the file ends without its footer (cut while recording or copying{lost})")
+
+
+def _passed(stream: Readable, length: int) -> bool:
+    """Read over a record without holding it; return whether it is whole."""
+    while length > 0:
+        count = len(stream.read(min(length, PIECE)))
+        if not count:
+            return False
+        length -= count
+    return True
 
 
 def summary(stream: IO[bytes], size: int) -> tuple[Container, dict[int, int]] | None:
@@ -199,7 +224,7 @@ def _chunk(body: bytes, start: int, container: Container) -> bytes | None:
     """Return the records of a chunk, or None (and a loss) where it is damaged."""
     container.chunks += 1
     try:
-        return decompressed(body)
+        return decompressed(body, container.budget)
     except (ValueError, struct.error, IndexError, UnicodeDecodeError) as error:
         when = ""
         if len(body) >= 16:
@@ -241,6 +266,7 @@ def _messages(data: bytes, indexes: list[bytes], container: Container) -> Iterat
         _gather(data, "<u8", 15)[starts].astype(np.int64),
         starts + HEAD.size + MESSAGE_HEAD,
         lengths,
+        container.budget,
     )
 
 
@@ -294,7 +320,11 @@ def _walked(data: bytes, container: Container) -> NDArray[np.int64]:
     starts: list[int] = []
     position, end = 0, len(data)
     unpack = HEAD.unpack_from
+    seen = 0
     while position + HEAD.size <= end:
+        seen += 1
+        if not seen & 0xFFFF:
+            container.budget.step(0x10000)
         opcode, length = unpack(data, position)
         after = position + HEAD.size + length
         if after > end:

@@ -17,6 +17,8 @@ from elid_cli.logs.mcap.fields import MessageShape
 Flat = dict[str, list[Any]]
 """Values of a message by dotted path; ``path\\x00`` holds where each list of strings at that path begins."""
 DEEPEST = 20
+BYTES_OF_A_VALUE = 8
+"""Bytes of a message that count as one step."""
 
 
 class FlatDecoder:
@@ -66,6 +68,7 @@ class FlatDecoder:
 
     def _flat(self, messages: Messages, index: int) -> Flat | None:
         start, length = int(messages.offsets[index]), int(messages.lengths[index])
+        messages.budget.step(1 + length // BYTES_OF_A_VALUE)
         return self._flatten(messages.data[start : start + length])
 
 
@@ -96,7 +99,10 @@ def _flatten(value: Any, path: str, flat: Flat, depth: int) -> None:
     elif isinstance(value, str):
         flat.setdefault(path, []).append(value)
     else:
-        number = float("nan") if value is None else float(value)
+        try:
+            number = float("nan") if value is None else float(value)
+        except OverflowError:  # an integer of hundreds of digits
+            number = float("nan")
         flat.setdefault(path, []).append(number)
 
 

@@ -80,7 +80,7 @@ def definitions_of(type_name: str, text: str) -> Definitions | None:
             if title is None and k > 0:
                 continue
             found[name] = _fields(block[title.end() :] if title else block, name)
-    return found if main in found and _complete(main, found, ()) else None
+    return found if main in found and _complete(main, found, (), set()) else None
 
 
 def _fields(body: str, owner: str) -> tuple[Field, ...]:
@@ -112,11 +112,18 @@ def _field(type_name: str, name: str, owner: str) -> Field:
     return Field(name, base, count)
 
 
-def _complete(name: str, found: Definitions, above: tuple[str, ...]) -> bool:
-    """Whether everything that a type needs is defined, without a type that holds itself."""
+def _complete(name: str, found: Definitions, above: tuple[str, ...], known: set[str]) -> bool:
+    """Whether everything that a type needs is defined, without a type that holds itself; `known` are complete ones."""
+    if name in known:
+        return True
     if name in above or name not in found or len(above) > 20:
         return False
-    return all(
-        field.type in PRIMITIVES or field.type in ("string", "wstring") or _complete(field.type, found, (*above, name))
+    whole = all(
+        field.type in PRIMITIVES
+        or field.type in ("string", "wstring")
+        or _complete(field.type, found, (*above, name), known)
         for field in found[name]
     )
+    if whole:
+        known.add(name)
+    return whole

@@ -21,7 +21,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError, did_you_mean, nearest
 from elid_cli.robot.inertia import about_origin, inertial_parameters, moved, pseudo_inertia
-from elid_cli.robot.robot import BASE, LINK_PARAMETERS, Joint, Limits, Robot, rotation_rpy, rpy_of, translation
+from elid_cli.robot.robot import BASE, LINK_PARAMETERS, MOST_READ, Joint, Limits, Robot, rotation_rpy, rpy_of, translation
 from elid_cli.robot.urdf.gears import Gears, default_axis, gears_of, written_as_dh
 from elid_cli.robot.urdf.write import UNLIMITED
 from elid_cli.robot.urdf.xml import Element, parse_xml
@@ -65,6 +65,8 @@ def read_urdf(text: str, file: str) -> Robot:
     if not links:
         raise RobotError(f"{file}: no links")
     moving, held = _tree(file, _named(root, "joint"), links)
+    if len(moving) > MOST_READ:
+        raise RobotError(f"{file}: {len(moving)} joints that move; at most {MOST_READ} are read")
     gears = gears_of(root, [item.name for item in moving])
     joints = tuple(_joint(item, gears.get(item.name, Gears())) for item in moving)
     own = root.one("elid")

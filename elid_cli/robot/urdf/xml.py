@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 
 from elid_cli.errors import RobotError
+from elid_cli.robot.expressions import LARGEST
 
 DEEPEST = 60
 MOST_ELEMENTS = 200_000
@@ -84,6 +85,8 @@ class Element:
             raise self.error(f"{what}={text!r}: {len(values)} numbers where {count} are needed")
         if not all(math.isfinite(value) for value in values):
             raise self.error(f"{what}={text!r} is not finite")
+        if self.tag != "limit" and any(abs(value) > LARGEST for value in values):  # which 1e38 means there is none
+            raise self.error(f"{what}={text!r} is no quantity of a robot: more than {LARGEST:g}")
         return values
 
 
