@@ -22,6 +22,8 @@ from elid_cli.robot.robot import Joint, Robot
 from elid_cli.tables import Shown
 
 NEEDED = ("q", "theta", "tau")
+MOST_MEASURED = 500
+"""Channels whose clocks are measured, beside those of the robot's signals."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,9 @@ def _measured(raw: RawLog, plan: ReadPlan, notes: list[str]) -> tuple[ChannelInf
             signals.setdefault(Channel(pick.source, pick.field).address, []).append(signal)
     own_time = {pick.source: pick.time for p in plan.placements.values() for pick in p.picks}
     time = plan.time.source if plan.time is not None else ""
-    fields = {c.source: c.field for c in reversed(raw.channels) if c.width and not c.field.endswith("sec")}
+    readable = [c for c in raw.channels if c.width and not c.field.endswith("sec")]
+    few = [c for k, c in enumerate(readable) if k < MOST_MEASURED or c.source in own_time]
+    fields = {c.source: c.field for c in reversed(few)}
     picks = [Pick(source, name, (0,), own_time.get(source, "" if name else time)) for source, name in fields.items()]
     factor = plan.time.factor if plan.time is not None else None
     clocks = _clocks(raw, picks, factor, notes)

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.errors import RobotError
 from elid_cli.memory import Recent
 from elid_cli.model.kinematics import JointState, chain
 from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, MotorState
@@ -31,7 +32,7 @@ from elid_cli.model.terms.rotor import Rotor
 from elid_cli.model.terms.spring import Spring
 from elid_cli.model.terms.viscous import Viscous
 from elid_cli.model.tracing import Graph, Node, Program, Scalar, compile_program
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import MOST_JOINTS, Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.trigonometry import sine_and_cosine
 

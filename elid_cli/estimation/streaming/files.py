@@ -262,9 +262,9 @@ def _believe(archive: zipfile.ZipFile, name: str, size: int) -> None:
         budget.step()
         budget.take(info.file_size)
         with archive.open(info) as member:
-            version = np.lib.format.read_magic(member)  # type: ignore[no-untyped-call]
+            version = np.lib.format.read_magic(member)
             read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-            shape, _, dtype = read(member)  # type: ignore[no-untyped-call]
+            shape, _, dtype = read(member)
         if math.prod(shape) * dtype.itemsize > info.file_size or len(shape) > 2:
             raise ValueError(f"{info.filename} declares {shape} values and holds {info.file_size} bytes")
 

@@ -14,6 +14,7 @@ from typing import IO, Any
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.budget import MOST_AT_ONCE
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
 from elid_cli.logs.mapping.language import GAINS, SIGNALS
@@ -23,7 +24,7 @@ from elid_cli.signals.recording import Recording
 
 MOST_ENTRIES = 20_000
 DEEPEST = 20
-WIDEST = 10_000
+WIDEST = 1_000
 """Values per sample of an array that is a signal of some joints."""
 MOST_REFERENCES = 64
 
@@ -44,8 +45,8 @@ def contents(file: Any) -> tuple[dict[str, Any], dict[str, str]]:
             soft[path] = reason[2:]
         elif reason:
             refused[path] = reason
-        elif item.dtype.kind in "fiub" and _values_per_sample(item.shape) > WIDEST:
-            refused[path] = f"an array of shape {item.shape}, more than {WIDEST} values per sample"
+        elif item.dtype.kind in "fiub" and _empty_size(item):
+            refused[path] = f"an array of shape {item.shape}, which the file does not hold"
         elif item.dtype.kind in "fiub":
             datasets[path] = item
         else:
@@ -88,9 +89,10 @@ def _walk(group: Any, prefix: str, depth: int, seen: list[int]) -> Iterator[tupl
                 yield path, item, "" if item.shape or item.dtype.kind not in "fiub" else "a single number"
 
 
-def _values_per_sample(shape: Sequence[int]) -> int:
-    """Return the values per sample of an array, however its axes are ordered."""
-    return int(np.prod(shape, dtype=float) / max(shape, default=1)) if all(shape) else 0
+def _empty_size(dataset: Any) -> bool:
+    """Whether an array is declared far larger than the file, or than any signal."""
+    size = float(np.prod(dataset.shape, dtype=float)) * dataset.dtype.itemsize
+    return size > MOST_AT_ONCE or bool(size > LARGE and min(dataset.shape) > WIDEST)
 
 
 def _has_numpy_type(dataset: Any) -> bool:
@@ -140,8 +142,6 @@ def _kind(dataset: Any) -> str:
 MAGIC = b"\x89HDF\r\n\x1a\n"
 TIME_NAMES = ("t", "time", "timestamp", "stamp")
 EPISODE = re.compile(r"(episode|demo|traj|trajectory|run|trial)[_-]?\d+$", re.IGNORECASE)
-LARGEST = 16 << 30
-"""Bytes of one dataset in memory."""
 LARGE, TIGHT = 256 << 20, 20
 """Bytes from which a dataset is believed only if the file has a twentieth of them: measurements pack no tighter."""
 DENSEST = 1100
@@ -180,6 +180,7 @@ class Hdf5Log:
             named = labels if len(labels) == values.size else ()
             held.append(Channel(place, width=values.size, labels=named, rows=1, kind="constant"))
         self.channels: Sequence[Channel] = (*held, *unread)
+        self._labels = {channel.source: channel.labels for channel in self.channels}
 
     @property
     def canonical(self) -> Sequence[Mapping[str, Any]]:
@@ -196,6 +197,7 @@ class Hdf5Log:
         times: dict[str, Array] = {}
         whole: dict[str, Array] = {}
         streams = []
+        last = {pick.source: k for k, pick in enumerate(picks)}
         for k, pick in enumerate(picks):
             if self._tell is not None:
                 self._tell(k / len(picks))
@@ -214,9 +216,9 @@ class Hdf5Log:
             if pick.source not in whole:
                 whole[pick.source] = self._read(pick.source)
             values = whole[pick.source]
-            if not any(other.source == pick.source for other in picks[k + 1 :]):
+            if last[pick.source] == k:
                 del whole[pick.source]
-            labels = next(channel.labels for channel in self.channels if channel.source == pick.source)
+            labels = self._labels[pick.source]
             columns = [labels.index(column) if isinstance(column, str) else column for column in pick.columns]
             if columns != list(range(values.shape[1])):
                 values = values[:, columns]
@@ -273,7 +275,7 @@ def refuse_bomb(dataset: Any, where: str) -> None:
     if dataset.external or dataset.is_virtual:
         raise LogError(f"{where}: its data are in another file", hint="copy them into one file (h5repack)")
     dense = size > LARGE and size > TIGHT * stored
-    if size > LARGEST or dense or size > DENSEST * stored + (1 << 20):
+    if size > MOST_AT_ONCE or dense or size > DENSEST * stored + (1 << 20):
         raise LogError(
             f"{where}: declares {size:.3g} bytes of data but the file holds {stored}",
             detail="refused before reading it",

@@ -75,6 +75,7 @@ def _channels(info: LogInfo, key: str) -> Table:
         (Column("signals", "signal"), lambda c: " ".join(c.signals)),
     ]
     kept = [(column, cell) for column, cell in candidates if any(cell(c) not in ("", None) for c in info.channels)]
+    kept = kept or candidates[:1]  # a log without channels
     if len({c.kind for c in info.channels}) == 1:
         kept = [(column, cell) for column, cell in kept if column.key != "kind"]
     rows = tuple(tuple(cell(channel) for _, cell in kept) for channel in info.channels)

@@ -24,7 +24,6 @@ SOON = 10.0
 """s of processor time."""
 
 
-
 def bounded(*arguments: object, stdin: bytes | None = None, memory: int = 6 << 30) -> subprocess.CompletedProcess[str]:
     """Run one command in a process of its own, which may use `SOON` and `memory`."""
 
@@ -295,7 +294,9 @@ def test_tiny_efforts_are_none(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("value", ["1" + "0" * 400, "1e999", "NaN", '"x"', "[1]", "true"])
 def test_saved_results_with_numbers_that_are_none(tmp_path: Path, value: str) -> None:
-    good = '{"schema": "elid/1", "command": "identify", "base_parameters": [{"name": "m1", "estimate": 1.0, "unit": "kg",'
+    good = (
+        '{"schema": "elid/1", "command": "identify", "base_parameters": [{"name": "m1", "estimate": 1.0, "unit": "kg",'
+    )
     good += ' "std_error": 0.1}, {"name": "m2", "estimate": %s, "unit": "kg", "std_error": %s}]}'
     paths = [tmp_path / name for name in ("a.json", "b.json")]
     paths[0].write_text(good % ("1", "1"))
