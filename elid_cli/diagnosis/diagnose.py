@@ -44,6 +44,8 @@ class DiagnoseOptions:
     """Names of effects to try; empty: all."""
     accurate: bool = False
     """Complete friction curves by collocation however long it takes; else only where it is quick."""
+    jobs: int = 1
+    """Processes that try effects side by side; the findings are the same, byte by byte, for any number."""
 
 
 def divided(robot: Robot, signals: Signals) -> Log:
@@ -102,7 +104,7 @@ def diagnose(
     }
     plain = reweighted(to_triangles(log.training, (), log.fold), log.base.count).values[: model.parameters]
     declared = [d.effect for d in declared_effects(model.robot, scene_of(model, signals, plain))]
-    searched = retimed(search(log, declared, library, progress), len(declared))
+    searched = retimed(search(log, declared, library, progress, options.jobs), len(declared))
     found, refuted = _surviving(searched, len(declared))
     known = len(declared) + found.kept
     found = by_known_values(found, known)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import click
+
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
 from elid_cli.cli.options import FIT, GATES, Conditioning, Gates, Output, Reading, completing, effects
@@ -43,6 +45,14 @@ if TYPE_CHECKING:
     help="Complete friction curves by spline collocation however long it takes; on short logs of small "
     "robots that is always done.",
 )
+@options.option(
+    FIT,
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=1,
+    metavar="N",
+    help="Processes that try effects side by side (on Linux); the result is the same for any number.",
+)
 @options.gathered("gates", Gates, options.max_error)
 @options.option(GATES, "--fail-on-effect", is_flag=True, help="Fail when the model lacks an effect.")
 @options.option(
@@ -59,6 +69,7 @@ def diagnose(
     only: tuple[str, ...],
     lookup: bool,
     accurate: bool,
+    jobs: int,
     gates: Gates,
     fail_on_effect: bool,
     fail_on_unexplained: bool,
@@ -90,7 +101,9 @@ def diagnose(
         signals = load_signals(recording, machine, diagnosis_conditioning(conditioning, recording), advance)
         if advance is not None:
             advance("fitting", 0.0)
-        found = search(machine, signals, DiagnoseOptions(lookup=lookup, only=only, accurate=accurate), advance)
+        found = search(
+            machine, signals, DiagnoseOptions(lookup=lookup, only=only, accurate=accurate, jobs=jobs), advance
+        )
         judged = []
         for other in others:
             seen = load_signals(other, machine, diagnosis_conditioning(conditioning, other), advance)

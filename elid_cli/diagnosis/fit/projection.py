@@ -197,6 +197,11 @@ class Projected:
                 whole += 0.5 * (channel.stop - channel.start) * float(np.log(power / left))
         return Gain(whole, coefficients, rank, self.count, (self, unit, solved))
 
+    def prepared(self) -> Projected:
+        """Return the same with everything computed that all candidates need."""
+        _ = self._grams, self._powers
+        return self
+
     def judged(self, units: Sequence[tuple[_Unit, Array]]) -> list[Judgement]:
         """Return the judgement on each of some columns with their fitted coefficients (d,)."""
         found = []

@@ -97,6 +97,7 @@ def search(
     declared: Sequence[Effect],
     library: Mapping[str, type[Effect]],
     progress: Progress | None = None,
+    jobs: int = 1,
 ) -> Found:
     """Search a log for effects that the model lacks.
 
@@ -110,6 +111,8 @@ def search(
         Effects to try.
     progress
         Called with a label and the finished part.
+    jobs
+        Processes that try effects side by side.
     """
     before = refreshed(fit(log, declared))
     state, seen = _seen_in_positions(before, library)
@@ -118,7 +121,7 @@ def search(
     tried = 0
     refused: set[tuple[str, int]] = set()
     for number in range(STEPS):
-        candidates = screen(state, library, progress, f"screening, step {number + 1}")
+        candidates = screen(state, library, progress, f"screening, step {number + 1}", jobs)
         tried = max(tried, len(candidates))
         chosen = _choose(state, [c for c in candidates if c.key not in refused])
         remaining = candidates

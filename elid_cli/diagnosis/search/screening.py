@@ -10,7 +10,9 @@ import numpy as np
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.fit.projection import JUDGED, Gain, settled
 from elid_cli.diagnosis.fit.state import State, fit
+from elid_cli.diagnosis.search.side_by_side import side_by_side
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
+from elid_cli.estimation.regression.known_columns import Fresh
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.effect import Effect, Scene
 
@@ -103,7 +105,11 @@ def validated(gain: Gain) -> bool:
 
 
 def screen(
-    state: State, library: Mapping[str, type[Effect]], progress: Progress | None = None, label: str = "screening"
+    state: State,
+    library: Mapping[str, type[Effect]],
+    progress: Progress | None = None,
+    label: str = "screening",
+    jobs: int = 1,
 ) -> list[Candidate]:
     """Return one candidate per effect and joint, best first.
 
@@ -117,18 +123,38 @@ def screen(
         Called with `label` and the finished part, 0 to 1.
     label
         What is being done, for the progress.
+    jobs
+        Processes that try effects side by side; the result is the same for any number.
     """
     groups = list(_groups(state, library))
-    found: list[Candidate] = []
-    for first in range(0, len(groups), JUDGED):
+    known = state.log.columns
+    parts = [groups[first : first + JUDGED] for first in range(0, len(groups), JUDGED)]
+    state.projected.prepared()  # what all parts share must be there before they part
+
+    def tried(number: int) -> tuple[list[Candidate], Fresh]:
         if progress is not None:
-            progress(label, first / len(groups))
-        part = [_best_shape(state, kind, joint, len(groups)) for kind, joint in groups[first : first + JUDGED]]
-        found += _settled([candidate for candidate in part if candidate is not None])
+            progress(label, number / len(parts))
+        with known.fresh() as fresh:
+            best = [_best_shape(state, kind, joint, len(groups)) for kind, joint in parts[number]]
+            return _settled([candidate for candidate in best if candidate is not None]), fresh
+
+    found: list[Candidate] = []
+    for candidates, fresh in side_by_side(tried, len(parts), jobs):
+        known.learn(fresh)
+        found += candidates
     found.sort(key=lambda c: -c.net)
-    found[:REFINED] = [refine(state, c, len(groups)) if c.effect.shape else c for c in found[:REFINED]]
+    best = found[:REFINED]
+    shaped = side_by_side(
+        lambda k: refine(state, best[k], len(groups)) if best[k].effect.shape else best[k], len(best), jobs
+    )
+    found[:REFINED] = shaped
     found.sort(key=lambda c: -c.net)
-    found[:REFITTED] = [refitted(state, c) if c.effect.place in ("spring", "encoder") else c for c in found[:REFITTED]]
+    high = found[:REFITTED]
+    found[:REFITTED] = side_by_side(
+        lambda k: refitted(state, high[k]) if high[k].effect.place in ("spring", "encoder") else high[k],
+        len(high),
+        jobs,
+    )
     return found
 
 

@@ -8,7 +8,8 @@ read of the fit has kept its bytes.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -33,6 +34,10 @@ class _Entry:
     """Digests of what it was computed from."""
 
 
+Fresh = dict[Hashable, _Entry]
+"""Entries that are new."""
+
+
 class KnownColumns:
     """Filtered and decimated columns of effects in one log, kept between the scenes of several fits."""
 
@@ -42,6 +47,7 @@ class KnownColumns:
         self._scene: Scene | None = None
         self._digests: dict[str, bytes] = {}
         self._bytes = 0
+        self._fresh: Fresh = {}
 
     def of(self, effect: Effect, scene: Scene) -> ExtraColumns:
         """Return the columns of an effect in a scene of this log."""
@@ -52,6 +58,20 @@ class KnownColumns:
             watched = _Watched.of(scene, self)
             known = self.put(key, extra_of(effect, watched, self._signals), watched.read)
         return cast(ExtraColumns, known.value)
+
+    @contextmanager
+    def fresh(self) -> Iterator[Fresh]:
+        """Yield what becomes known meanwhile, for another process to `learn`."""
+        before, self._fresh = self._fresh, {}
+        try:
+            yield self._fresh
+        finally:
+            self._fresh = before
+
+    def learn(self, fresh: Fresh) -> None:
+        """Take over what another process found out about the same log."""
+        for key, entry in fresh.items():
+            self._keep(key, entry)
 
     def _seen(self, scene: Scene) -> None:
         if scene is not self._scene:
@@ -73,11 +93,15 @@ class KnownColumns:
     def put(self, key: Hashable, value: Any, read: set[str]) -> _Entry:
         """Keep a result that was computed from some of what changes with the fit."""
         entry = _Entry(value, {name: self._digest(name) for name in read})
+        self._keep(key, entry)
+        return entry
+
+    def _keep(self, key: Hashable, entry: _Entry) -> None:
+        value = entry.value
         size = sum(rows.nbytes for rows in value.rows.values()) if isinstance(value, ExtraColumns) else 0
         if key in self._entries or self._bytes + size <= ROOM:
             self._bytes += 0 if key in self._entries else size  # the same effect has columns of the same size
-            self._entries[key] = entry
-        return entry
+            self._entries[key] = self._fresh[key] = entry
 
 
 class _Watched(Scene):
