@@ -15,7 +15,7 @@ from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect, Scene
 from elid_cli.model.effects.library.flexible_mode import decaying
 from elid_cli.signals.recording import Segment
-from tests.model.effects.effect_scenes import SPECS, N, planar, scene_of
+from tests.model.effects.effect_scenes import N, planar, scene_of
 
 KEPT = ("backlash", "contact", "flexible_mode", "hysteresis", "payload", "stribeck", "torque_delay", "torque_ripple")
 """Effects of motion and logged torque alone."""
@@ -31,7 +31,7 @@ def signals(scene: Scene) -> Any:
 def effect_in(scene: Scene, name: str) -> Effect:
     kind = effect_classes()[name]
     joint = 0 if kind.whole_robot else scene.robot.n - 1
-    _, shape = kind.coefficients(scene, joint, SPECS[name])
+    _, shape = kind.coefficients(scene, joint, kind.example)
     return kind(joint, shape)
 
 
@@ -41,7 +41,7 @@ def fitted_otherwise(scene: Scene) -> Scene:
                    stiffness=1.2 * scene.stiffness, cache={})  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize("name", effect_classes())
 def test_columns_follow_what_they_are_computed_from(name: str) -> None:
     first = scene_of(planar())
     effect, known = effect_in(first, name), KnownColumns(signals(first))
