@@ -83,7 +83,7 @@ def _groups(command: click.Command) -> dict[str, dict[str, str]]:
 
 
 def _verb(name: str, command: click.Command, common: Mapping[str, str]) -> Iterator[str]:
-    arguments = [p.make_metavar(click.Context(command)) for p in command.params if isinstance(p, click.Argument)]
+    arguments = [p.metavar or "" for p in command.params if isinstance(p, click.Argument)]
     yield from (f"## elid {name}", "")
     yield from (
         " ".join((command.help or "").split()),
