@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
 from elid_cli.logs.mapping.resolve import ReadPlan, fits, resolve
-from elid_cli.logs.mapping.suggest import suggestion
+from elid_cli.logs.mapping.suggest import needed, suggestion
 from elid_cli.logs.reading import layers_of
 from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.repair.timeline import build
@@ -21,7 +21,6 @@ from elid_cli.logs.writing import recognise
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.tables import Shown
 
-NEEDED = ("q", "theta", "tau")
 MOST_MEASURED = 500
 """Channels whose clocks are measured, beside those of the robot's signals."""
 
@@ -66,6 +65,8 @@ class LogInfo(Shown):
     losses: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     reasons: Mapping[str, str] = field(default_factory=dict)
+    resolved: Mapping[str, Any] = field(default_factory=dict)
+    """The mapping that says what was taken from where."""
 
 
 def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[str, Any] | None = None) -> LogInfo:
@@ -89,25 +90,22 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     fmt: LogFormat = recognise(source)
     opened = fmt.open(source)
     raw = opened[0]
-    chosen = robot if robot is not None else Robot("log", tuple(Joint(name) for name in _joint_names(raw)))
+    chosen = robot if robot is not None else _guessed(raw)
     plan = resolve(raw.channels, layers_of(raw, chosen, mapping), chosen)
     taken = {signal: placement.places for signal, placement in plan.placements.items()}
-    missing = tuple(signal for signal in NEEDED if signal not in taken)
-    # the joints of a robot that is only guessed from the log may be rigid
-    rigid = chosen.n > 0 and (robot is None or not chosen.elastic.any())
-    if rigid and {"q", "theta"} & set(taken):
-        missing = tuple(signal for signal in missing if signal == "tau")
-    if {"tau_link", "q_des"} & set(taken):
-        missing = tuple(signal for signal in missing if signal != "tau")
-    if "tau_link" in taken and "theta" not in taken:
-        missing = tuple(signal for signal in missing if signal != "theta")
+    units = getattr(raw, "units", {})
+    lacking = needed(plan, chosen, units)
+    missing = tuple(signal for signal in lacking if signal != "t")
+    # a robot that is only guessed may have both sides
+    wanted = ("q", "theta", *missing[1:]) if robot is None and missing[:1] == ("q",) else missing
+    wanted = ("t", *wanted) if plan.time is not None and "t" in lacking else wanted
     notes: list[str] = [*raw.notes, *plan.notes]
     infos = _measured(raw, plan, notes)
     reasons = dict(plan.reasons)
     # the joints of a robot that is only guessed from the log decide nothing
     works = partial(fits, raw.channels, chosen) if robot is not None else lambda line: True
-    if not any(info.rate for info in infos):
-        missing = ("t", *missing)
+    if not any(info.rate for info in infos):  # named or not, nothing serves as time
+        missing, wanted = ("t", *missing), tuple(dict.fromkeys(("t", *wanted)))
         reasons["t"] = "nothing holds times that advance"
     return LogInfo(
         file=source.name,
@@ -118,11 +116,22 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
         channels=infos,
         taken=taken,
         missing=missing,
-        mapping=suggestion(raw.channels, chosen.joint_names, missing, works),
+        mapping=suggestion(raw.channels, chosen.joint_names, wanted, works, units),
         losses=(*raw.losses, *plan.unfit),
         notes=tuple(dict.fromkeys(notes)),
         reasons={signal: reason for signal, reason in reasons.items() if signal in missing},
+        resolved=({"t": plan.time.written} if plan.time is not None else {})
+        | {signal: dict(placement.spec.written or {}) for signal, placement in plan.placements.items()},
     )
+
+
+def _guessed(raw: RawLog) -> Robot:
+    """Return a robot of the joints that a log names, elastic where it has both sides."""
+    joints = tuple(Joint(name, transmission="rigid") for name in _joint_names(raw))
+    both = {"q", "theta"} <= set(
+        resolve(raw.channels, layers_of(raw, Robot("log", joints), None), Robot("log", joints)).placements
+    )
+    return Robot("log", tuple(replace(j, transmission="elastic") for j in joints) if both else joints)
 
 
 def _measured(raw: RawLog, plan: ReadPlan, notes: list[str]) -> tuple[ChannelInfo, ...]:

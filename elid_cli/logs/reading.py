@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from elid_cli.logs.checks.units_and_signs import suspicions, written_units
 from elid_cli.logs.contract import RawLog, Stream
 from elid_cli.logs.mapping.language import COMMANDS, parse_mapping
 from elid_cli.logs.mapping.resolve import Layer, Placement, ReadPlan, resolve
+from elid_cli.logs.mapping.suggest import suggestion
 from elid_cli.logs.repair.align import Aligned, Sampled, align
 from elid_cli.logs.repair.clocks import another_clock, in_seconds
 from elid_cli.logs.source import Source, open_source
@@ -148,7 +150,16 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
         )
     notes = [*raw.notes, *plan.notes]
     factor = plan.time.factor if plan.time is not None else None
-    seconds = in_seconds(streams, source=options.time_source, factor=factor, rate=options.rate, name=name, notes=notes)
+    try:
+        seconds = in_seconds(
+            streams, source=options.time_source, factor=factor, rate=options.rate, name=name, notes=notes
+        )
+    except LogError as error:
+        line = suggestion(raw.channels, robot.joint_names, ("t",), units=getattr(raw, "units", {}))
+        if plan.time is None and line:
+            error.detail = next((said for said in plan.unfit if ": t: " in said), error.detail)
+            error.hint = f"--map {shlex.quote(line)}, or give the sample rate: --rate 1000"
+        raise
     other = another_clock(streams, options.time_source)
     streams = [
         replace(stream, clocks={}) for stream in streams

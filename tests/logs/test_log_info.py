@@ -112,7 +112,7 @@ def test_fields_of_a_custom_message_are_guessed_with_their_units() -> None:
     mapping = yaml.safe_load(suggestion(channels, JOINTS, ("q", "theta", "tau")))
     assert mapping["q"] == {"from": "/arm/state", "field": "link_rad"}
     assert mapping["theta"] == {"from": "/arm/state", "field": "motor_deg", "unit": "deg"}
-    assert mapping["tau"] == {"from": "/arm/state", "field": "current_ma", "unit": "A", "scale": 0.001}
+    assert mapping["tau"] == {"from": "/arm/state", "field": "current_ma", "unit": "mA", "scale": 1.0}
 
 
 def test_damaged_files_say_what_was_lost(tmp_path: Path) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 
 from elid_cli.errors import LogError, UsageError
 from elid_cli.logs import read_map_options, read_recording
@@ -49,7 +49,7 @@ def test_the_hint_of_a_missing_joint_is_a_mapping_of_the_nearest_name_that_works
     for _ in range(3):
         with pytest.raises(LogError) as caught:
             read_recording([path], robot, mapping=mapping, strict=True)
-        mapping.update(yaml.safe_load(caught.value.hint.partition("map it: ")[2]))
+        mapping.update(read_map_options(shlex.split(caught.value.hint.partition("map it: ")[2])[1::2]))
     assert set(mapping) == {"theta", "q", "tau"}
     assert all(spec["joints"]["wrists"] == "wrist" for spec in mapping.values())
     found = read_recording([path], robot, mapping=mapping, strict=True)

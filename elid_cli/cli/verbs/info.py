@@ -12,8 +12,17 @@ from elid_cli.cli.options import Output
 @options.logs()
 @options.optional_robot
 @options.maps
+@options.option(
+    options.OUTPUT,
+    "--write-map",
+    type=options.File(),
+    metavar="FILE.yaml",
+    help="Write the mapping that reads the log: what was found and what is guessed, to be checked. For --map.",
+)
 @options.output
-def info(logs: tuple[str, ...], robot: str | None, maps: tuple[str, ...], output: Output) -> None:
+def info(
+    logs: tuple[str, ...], robot: str | None, maps: tuple[str, ...], write_map: str | None, output: Output
+) -> None:  # fmt: skip
     """Show what is in a log: its channels with rates and gaps, which signal elid would take from where, and a mapping
     to paste where it cannot tell. With --robot, for that robot's joints.
     """  # noqa: D205
@@ -22,11 +31,14 @@ def info(logs: tuple[str, ...], robot: str | None, maps: tuple[str, ...], output
 
     check_output(output)
     with progress(output, "reading"):
+        from elid_cli.files import write_text
         from elid_cli.logs import inspect_log, read_map_options
-        from elid_cli.report.answers.info import info_report
+        from elid_cli.report.answers.info import info_report, mapping_lines
 
         machine = None if robot is None else load_robot(robot)
         mapping = read_map_options(maps) or None
         found = [inspect_log(log, machine, mapping) for log in logs]
+    if write_map is not None:
+        write_text(write_map, "".join(f"{line}\n" for line in mapping_lines(found[0])))
     note((sentence for log in found for sentence in log.losses), output, "lost")
-    emit(info_report(found, machine, robot, maps), output)
+    emit(info_report(found, machine, robot, maps, write_map), output)

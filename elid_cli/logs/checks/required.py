@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -16,7 +17,7 @@ from elid_cli.logs.checks.commanded import commanded_torque, gains_of
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.resolve import Placement, ReadPlan, fits
-from elid_cli.logs.mapping.suggest import suggestion
+from elid_cli.logs.mapping.suggest import needed, suggestion
 from elid_cli.logs.repair.stuck import drop_stuck
 from elid_cli.memory import passed, writable
 from elid_cli.robot.robot import Robot
@@ -273,16 +274,24 @@ class _Fault:
             pairs = ", ".join(f"{key}: {value}" for key, value in names.items())
             field = f", field: {spec.field}" if spec.field and isinstance(spec.source, str) else ""
             source = spec.source if isinstance(spec.source, str) else placement.places
-            return f'{before}{signal}: {{from: "{source}"{field}, joints: {{{pairs}}}}}'
+            line = f'{signal}: {{from: "{source}"{field}, joints: {{{pairs}}}}}'
+            return f"{before}--map {shlex.quote(line)}"
         taken = {pick.source for pick in placement.picks} if placement is not None else set()
         free = [c for c in self.raw.channels if c.width and c.source not in taken and not _about(c.field)]
-        fitting = suggestion(free, self.robot.joint_names, (signal,), partial(fits, self.raw.channels, self.robot))
+        units = getattr(self.raw, "units", {})
+        wanted = (signal,) if placement is not None else needed(self.plan, self.robot, units)
+        clocks = ("t",) if getattr(self.raw, "timeless", False) else ()
+        wanted = tuple(s for s in wanted if s != "t" or clocks)
+        works = partial(fits, self.raw.channels, self.robot)
+        lines = suggestion(free, self.robot.joint_names, wanted, works, units).splitlines()
+        fitting = " ".join(f"--map {shlex.quote(line)}" for line in lines)
         held = [label for channel in free for label in channel.labels]
         if fitting and held and not any(nearest(name, held) for name in self.robot.joint_names):
             before = f"is this a log of {self.robot.name!r}? if so, map it: "
         if not fitting and signal in self.plan.mapped:  # whoever has mapped it knows how to; an example is no answer
             return f"elid info {self.name} lists what it holds"
-        return before + (fitting or f"--map {signal}={_EXAMPLES[signal]}")
+        example = signal if not (signal == "theta" and "q" in needed(self.plan, self.robot)) else "q"
+        return before + (fitting or f"--map {example}={_EXAMPLES[example]}")
 
 
 def _about(field: str) -> bool:

@@ -14,8 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.logs.checks.limits import beyond_limits
 from elid_cli.logs.checks.required import Checked
 from elid_cli.logs.checks.torque_scale import FOLLOWS, WRONG_SCALE, correlation_of, off, scale_of, spring_slope
+from elid_cli.logs.mapping.language import UNIT_WORDS
 from elid_cli.logs.mapping.resolve import ReadPlan
 from elid_cli.logs.repair.align import Aligned
 from elid_cli.logs.repair.stuck import frozen, limited
@@ -25,8 +27,6 @@ from elid_cli.robot.robot import Robot
 LENGTHS, RATES, EFFORTS = {"rad", "m", "radian", "radians"}, {"rad/s", "m/s"}, {"nm", "n"}
 SI = {"q": LENGTHS, "theta": LENGTHS, "dq": RATES, "dtheta": RATES, "tau": EFFORTS, "tau_link": EFFORTS}
 """Units, as `_plain` writes them, that need no mapping."""
-KNOWN_UNITS = {"deg": "deg", "°": "deg", "degree": "deg", "degrees": "deg", "rev": "rev", "turn": "rev", "mm": "mm"}
-KNOWN_UNITS |= {"a": "A", "ma": "mA", "mnm": "mN.m", "knm": "kN.m", "deg/s": "deg/s", "rpm": "rpm", "%": '"%"'}
 SAMPLES = 50_000
 """Samples that are looked at (evenly taken)."""
 ALIKE = 0.98
@@ -60,6 +60,9 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     found.extend(_stale(checked, start, stop, robot))
     found.extend(frozen(q, theta, aligned.dt, robot))
     found.extend(limited(checked.tau, robot))
+    whole = slice(start, min(stop, start + SAMPLES))
+    sides = np.where(np.isnan(checked.q[whole]), checked.theta[whole], checked.q[whole])
+    found.extend(beyond_limits(sides, checked.tau[whole], aligned.dt, robot))
     q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
     pairs = [_Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
     tau: Array | None = None
@@ -104,9 +107,13 @@ def written_units(units: Mapping[str, str], plan: ReadPlan) -> Iterator[str]:
         usual = SI.get(signal)
         found = [units[pick.source] for pick in placement.picks if pick.source in units]
         if usual and found and not placement.spec.unit and _plain(found[0]) not in usual:
-            known = KNOWN_UNITS.get(_plain(found[0]))
-            paste = f"; {_paste(plan, signal, f'unit: {known}')}" if known else ""
+            known = UNIT_WORDS.get(_plain(found[0]))
+            paste = f"; {_paste(plan, signal, f'unit: {_as_yaml(known)}')}" if known else ""
             yield f"{signal} is written to be in {found[0]!r} and taken as it is{paste}"
+
+
+def _as_yaml(unit: str) -> str:
+    return unit if re.fullmatch(r"[\w./:]+", unit) else f'"{unit}"'
 
 
 def _plain(unit: str) -> str:

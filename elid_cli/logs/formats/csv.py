@@ -60,6 +60,7 @@ class CsvLog:
         self.notes: list[str] = []
         if not self._dialect.named:
             self.notes.append("no header row: columns are named column1, column2, …")
+        self.timeless = True  # without a column for it there is none
         self._time = next((name for name in TIME_NAMES if name in names), "")
 
     @property

@@ -163,6 +163,7 @@ class Hdf5Log:
         gains: Mapping[str, Array] | None = None,
     ) -> None:
         self.name = name
+        self.timeless = True  # without a dataset for it there is none
         self._gains = gains or {}
         self._tell = tell
         self._path = path

@@ -35,7 +35,17 @@ ANGLES = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "turn": 2 * math
 RATES = {"rad/s": 1.0, "deg/s": math.pi / 180, "rev/s": 2 * math.pi, "rpm": math.pi / 30, "m/s": 1.0, "mm/s": 1e-3}
 EFFORTS = {"N.m": 1.0, "Nm": 1.0, "N·m": 1.0, "mN.m": 1e-3, "mNm": 1e-3, "kN.m": 1e3, "N": 1.0, "kN": 1e3, "mN": 1e-3}
 STIFFNESSES = {"N.m/rad": 1.0, "N.m/deg": 180 / math.pi, "N.m.s/rad": 1.0, "N.m.s/deg": 180 / math.pi, "N/m": 1.0}
-EFFORTS |= {"A": 1.0, "mA": 1e-3, "V": 1.0, "%": 1e-2}
+EFFORTS |= {"A": 1.0, "mA": 1e-3, "V": 1.0, "%": 1e-2, "percent": 1e-2, "‰": 1e-3, "permille": 1e-3}
+
+UNIT_WORDS = {
+    "deg": "deg", "°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "grados": "deg", "degrés": "deg",
+    "rad": "rad", "radian": "rad", "radians": "rad", "rev": "rev", "turn": "rev", "turns": "rev", "umdr": "rev",
+    "umdrehungen": "rev", "tours": "rev", "u": "rev", "m": "m", "mm": "mm", "cm": "cm", "nm": "N.m", "mnm": "mN.m",
+    "knm": "kN.m", "n": "N", "kn": "kN", "a": "A", "amp": "A", "ma": "mA", "v": "V", "%": "%", "percent": "%", "‰": "‰",
+    "s": "s", "sec": "s", "sek": "s", "ms": "ms", "us": "us", "µs": "us", "ns": "ns", "deg/s": "deg/s", "°/s": "deg/s",
+    "grad/s": "deg/s", "rpm": "rpm", "u/min": "rpm", "1/min": "rpm", "min-1": "rpm", "rad/s": "rad/s", "m/s": "m/s",
+}  # fmt: skip
+"""Units as headers and people write them, in lower case without spaces and dots -> as the language has them."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +69,8 @@ class SignalMap:
     add: str = ""
     time: str = ""
     """Column or dataset with this signal's own stamps."""
+    written: Mapping[str, Any] | None = None
+    """As it stands in a mapping."""
     value: tuple[float, ...] | float | None = None
     """A constant in place of a channel."""
     unwrap: bool = False
@@ -92,6 +104,13 @@ class TimeMap:
     source: str
     field: str = ""
     factor: float | None = None
+
+    @property
+    def written(self) -> dict[str, str]:
+        """The entry of a mapping that says the same."""
+        unit = next((name for name, factor in TIME_UNITS.items() if factor == self.factor), "")
+        entry = {"from": self.source, "field": self.field, "unit": unit}
+        return {key: value for key, value in entry.items() if value}
 
 
 SignalMaps = dict[str, SignalMap]
@@ -233,6 +252,7 @@ def _signal(name: str, spec: Mapping[str, Any], robot: Robot, where: str) -> Sig
         add=add,
         time=_text(spec.get("time", ""), where, "time"),
         value=_per_joint(spec["value"], robot, f"{where}: value") if "value" in spec else None,
+        written=dict(spec),
         unwrap=unwrap,
     )
 
@@ -329,5 +349,8 @@ def _unit_factor(signal: str, unit: str, where: str) -> float:
             raise UsageError(f"{where}: unit {unit!r} needs counts per turn", hint="unit: counts:4096")
         return 2 * math.pi / counts
     if unit not in table:
-        raise UsageError(f"{where}: unknown unit {unit!r}", hint=did_you_mean(unit, [*table, "counts:4096"]))
+        meant = UNIT_WORDS.get(re.sub(r"[\s*·.]", "", unit.lower()))
+        gon = " (gradians, 400 to a turn, are counts:400)" if unit.lower() == "grad" else ""
+        hint = f"did you mean {meant!r}?{gon}" if meant in table else did_you_mean(unit, [*table, "counts:4096"])
+        raise UsageError(f"{where}: unknown unit {unit!r}", hint=hint)
     return table[unit]

@@ -3,30 +3,69 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from elid_cli.errors import nearest
 from elid_cli.logs.contract import Channel
-from elid_cli.logs.mapping.resolve import DEFAULT_FIELDS
+from elid_cli.logs.mapping.language import UNIT_WORDS
+from elid_cli.logs.mapping.resolve import ReadPlan
+from elid_cli.robot.robot import Robot
 
 WORDS: Mapping[str, tuple[str, ...]] = {
-    "t": ("time", "stamp", "t"),
-    "tau": ("taum", "tau", "torque", "effort", "current", "voltage", "u", "i"),
-    "theta": ("theta", "motor_position", "motor_pos", "motor", "rotor"),
-    "q": ("q", "link", "joint", "position", "pos", "deflection", "defl"),
-}
+    "t": ("t", "time", "timestamp", "stamp", "zeit", "temps", "tiempo", "tempo", "clock"),
+    "tau": ("tau", "torque", "effort", "taum", "moment", "drehmoment", "couple", "par", "force", "kraft", "current",
+            "strom", "courant", "corriente", "voltage", "i", "u"),
+    "theta": ("theta", "motor", "rotor"),
+    "q": ("q", "link", "position", "pos", "angle", "winkel", "joint", "achse", "axis", "angulo", "deflection", "defl"),
+}  # fmt: skip
 """Words that name a signal, the surest first."""
-OTHER_SIDE = {"tau": ("cmd", "ref", "desired", "link"), "theta": ("ref", "cmd", "vel", "dtheta", "rad_s")}
-OTHER_SIDE["q"] = ("ref", "cmd", "vel", "dq", "rad_s", "motor", "tau", "effort", "current")
+CURRENTS = {"current", "strom", "courant", "corriente", "i", "u", "voltage"}
+TOLD = {"ref", "cmd", "des", "desired", "target", "soll", "command", "commanded", "reference", "setpoint"}
+RATES = {"vel", "velocity", "speed", "dq", "qd", "dtheta", "ddq", "qdd", "acc", "accel", "acceleration", "rpm", "rads"}
+RATES |= {"geschwindigkeit", "drehzahl", "beschleunigung"}
+OTHERS: Mapping[str, set[str]] = {
+    "t": RATES,
+    "tau": {"link"} | RATES,
+    "theta": TOLD | RATES | {"tau", "taum", "torque", "effort", "current", "moment", "strom"},
+}
+"""Words that a signal's name does not have."""
+OTHERS = {**OTHERS, "q": OTHERS["theta"] | {"motor", "rotor", "temperature", "drehmoment", "force", "kraft", "voltage"}}
 POSITIONAL = {"position", "positions", "pos", "q", "theta", "angle", "angles", "rad", "deg", "counts", "ticks"}
 """Words, some of them units, of which a message's field has one where it may be a position."""
-MILLIAMPERE = r"(_ma(_|$)|milliamp)"
-UNITS = (
-    (r"(deg|grad)", "deg"),
-    (r"(counts|ticks)", "counts:4096"),
-    (rf"(current|_a$|amp|{MILLIAMPERE})", "A"),
-    (r"mnm", "mN.m"),
-)
+HEADERLESS = re.compile(r"column\d+")
+BLOCKS = {1: ("q",), 2: ("q", "tau"), 3: ("q", "dq", "tau"), 4: ("q", "dq", "", "tau")}
+"""Signals of a table without names, by its columns per joint: accelerations are passed over."""
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Somewhere that a signal may be: a channel, a pattern of columns, or columns by name."""
+
+    channel: Channel
+    source: str
+    """As a mapping writes it, quoted where it must be."""
+    joints: str = ""
+    unit: str = ""
+    block: str | None = None
+    """Signal that it holds by its place in a table of all of them; None: told by its name."""
+
+
+def needed(plan: ReadPlan, robot: Robot, units: Mapping[str, str] | None = None) -> tuple[str, ...]:
+    """Return the signals that a log's plan lacks for a robot: positions, and a torque or what one is made of.
+
+    Time counts among them where there is none, or where the header (`units` by column) says that it is not in s.
+    """
+    placed = set(plan.placements)
+    written = UNIT_WORDS.get((units or {}).get(plan.time.source, "s").lower(), "s") if plan.time is not None else ""
+    timed = plan.time is not None and (plan.time.factor is not None or written == "s")
+    lacking = [] if timed else ["t"]
+    rigid = not any(joint.transmission == "elastic" for joint in robot.joints)
+    sides = ["q"] if rigid else ["q", "theta"]
+    if "tau_link" in placed and "q" in placed:
+        sides = ["q"]
+    lacking += [s for s in sides if s not in placed and not (rigid and placed & {"q", "theta"})]
+    return (*lacking, *(() if placed & {"tau", "tau_link", "q_des"} else ("tau",)))
 
 
 def suggestion(
@@ -34,88 +73,181 @@ def suggestion(
     joints: Sequence[str],
     signals: Sequence[str],
     works: Callable[[str], bool] = lambda line: True,
+    units: Mapping[str, str] | None = None,
 ) -> str:
     """Return YAML lines that map `signals` to the channels whose names fit best; empty where none does.
 
-    `works` is asked whether the log can be read by a line: one that cannot, which may be what has just failed, is no
-    suggestion.
+    Parameters
+    ----------
+    channels, joints
+        Of the log and of the robot.
+    signals
+        What is looked for.
+    works
+        Asked whether the log can be read by a line: one that cannot, which may be what has just failed, is none.
+    units
+        Units that the log's header gives, by column.
     """
-    sources = _patterns(channels, joints)
-    lines = []
-    for signal in signals:
-        scores = [_score(signal, source.source, source.field) for source in sources]
-        for k in sorted(range(len(sources)), key=lambda k: -scores[k]):
-            line = f"{signal}: {_spec(signal, sources[k], joints)}" if scores[k] > 0 else ""
+    columns = [channel.source for channel in channels]
+    if columns and all(map(HEADERLESS.fullmatch, columns)):
+        return "\n".join(_unnamed(columns, len(joints), signals))
+    places = list(_places(channels, joints, units or {}))
+    lines: list[str] = []
+    taken: set[str] = set()
+    for signal in sorted(signals, key=lambda name: tuple(WORDS).index(name) if name in WORDS else len(WORDS)):
+        ranked = sorted(
+            ((-_score(signal, p), k) for k, p in enumerate(places) if p.source not in taken), key=lambda r: r
+        )
+        for score, k in ranked:
+            line = f"{signal}: {_spec(signal, places[k])}" if score < 0 else ""
             if line and works(line):
                 lines.append(line)
+                taken.add(places[k].source if not places[k].channel.field else "")
                 break
-    return "\n".join(lines)
+    order = {signal: k for k, signal in enumerate(signals)}
+    return "\n".join(sorted(lines, key=lambda line: order[line.partition(":")[0]]))
 
 
-def _patterns(channels: Sequence[Channel], joints: Sequence[str]) -> list[Channel]:
-    """Return the channels with one entry per family of columns: ``theta1_rad theta2_rad`` become ``theta{i}_rad``."""
-    families: dict[tuple[str, str], list[Channel]] = {}
+def _unnamed(columns: Sequence[str], joints: int, signals: Sequence[str]) -> Iterator[str]:
+    """Yield lines for a table without names: perhaps time, then blocks of one column per joint."""
+    for timed in (1, 0):
+        blocks = BLOCKS.get((len(columns) - timed) // joints) if joints else None
+        if blocks is None or (len(columns) - timed) % joints:
+            continue
+        if timed and "t" in signals:
+            yield f"t: {{from: {columns[0]}}}"
+        for number, signal in enumerate(blocks):
+            first = timed + number * joints
+            if signal in signals or signal == "dq":
+                yield f"{signal}: {{from: [{', '.join(columns[first : first + joints])}]}}"
+        return
+
+
+def _places(channels: Sequence[Channel], joints: Sequence[str], units: Mapping[str, str]) -> Iterator[_Place]:
+    """Yield channels with one place per family of columns: ``theta1_rad theta2_rad`` become ``theta{i}_rad``."""
+    done: set[tuple[str, str]] = set()
     for channel in channels:
-        families.setdefault((_pattern(channel.source, joints), channel.field), []).append(channel)
-    found = []
-    for (pattern, field), members in families.items():
-        first = members[0]
-        whole = len(members) == 1 and first.width > 1
-        found.append(first if whole or pattern == first.source else Channel(pattern, field, 1, kind=first.kind))
-    return found
+        if (channel.source, channel.field) in done or not channel.width:
+            continue
+        unit = _unit(channel, units.get(channel.source, ""))
+        family, source, named = _family(channel, channels, joints)
+        done |= {(member, channel.field) for member in family}
+        if len(family) > 1:
+            yield _Place(Channel(family[0], channel.field, 1, kind=channel.kind), source, named, unit)
+        elif channel.labels and joints and not set(joints) <= set(channel.labels):
+            names = [nearest(joint, channel.labels) for joint in joints]
+            if None in names or len(set(names)) < len(names):
+                names = list(channel.labels[: len(joints)])
+            yield _Place(channel, _quoted(channel.source), _pairs(joints, names), unit)
+        elif (
+            len(joints) > 1 and not channel.labels and channel.width % len(joints) == 0 and channel.width > len(joints)
+        ):
+            blocks = BLOCKS.get(channel.width // len(joints), ())
+            for number, signal in enumerate(blocks):
+                first = number * len(joints)
+                pairs = _pairs(joints, range(first, first + len(joints)))
+                yield _Place(channel, _quoted(channel.source), pairs, unit, signal)
+        else:
+            yield _Place(channel, _quoted(channel.source), "", unit)
 
 
-def _pattern(source: str, joints: Sequence[str]) -> str:
+def _family(channel: Channel, channels: Sequence[Channel], joints: Sequence[str]) -> tuple[list[str], str, str]:
+    """Return the columns that are a channel's at every joint, how a mapping writes them, and its `joints`."""
+    source, alone = channel.source, ([channel.source], channel.source, "")
+    names = [c.source for c in channels if c.field == channel.field and c.width == 1]
+    if channel.width > 1:
+        return alone
     for joint in sorted(joints, key=len, reverse=True):
         if re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", source):
-            return source.replace(joint, "{joint}", 1)
-    match = re.search(r"\d+", source)
-    if match and len(joints) > 1 and 1 <= int(match.group()) <= len(joints):
-        return f"{source[: match.start()]}{{i}}{source[match.end() :]}"
-    return source
+            pattern = source.replace(joint, "{joint}", 1)
+            members = [name for other in joints if (name := pattern.replace("{joint}", other)) in names]
+            if len(members) == len(joints):
+                return members, f'"{pattern}"', ""
+    if len(joints) > 1:
+        for match in reversed(list(re.finditer(r"\d+", source))):
+            before, after = source[: match.start()], source[match.end() :]
+            like = re.compile(rf"{re.escape(before)}(\d+){re.escape(after)}")
+            numbers = sorted(int(found[1]) for name in names if (found := like.fullmatch(name)))
+            if len(numbers) >= len(joints) and numbers[: len(joints)] == list(
+                range(numbers[0], numbers[0] + len(joints))
+            ):
+                mark = {0: "{i0}", 1: "{i}"}.get(numbers[0])
+                members = [f"{before}{number}{after}" for number in numbers]
+                listed = f"[{', '.join(map(_quoted, members[: len(joints)]))}]"
+                return members, f'"{before}{mark}{after}"' if mark else listed, ""
+    for cut in (".", "/"):
+        head, _, own = source.rpartition(cut)
+        peers = [name.rpartition(cut)[2] for name in names if head and own and name.rpartition(cut)[0] == head]
+        close = [nearest(joint, peers) for joint in joints]
+        if len(joints) > 1 and None not in close and len(set(close)) == len(close):
+            return [f"{head}{cut}{name}" for name in peers], f'"{head}{cut}{{joint}}"', _pairs(joints, close)
+    return alone
 
 
-def _score(signal: str, source: str, field: str) -> int:
-    """Return how well a name fits a signal; 0: not at all."""
-    text = f"{source}.{field}".lower().replace("{i}", " ").replace("{joint}", " ")
-    words = re.split(r"[^a-z]+", text)
-    if any(word in text for word in OTHER_SIDE.get(signal, ())):
-        return 0
-    if field and signal != "t" and signal in DEFAULT_FIELDS:
-        wanted = DEFAULT_FIELDS[signal]
-        if wanted == "position" and not POSITIONAL & set(re.split(r"[^a-z]+", field.lower())):
-            return 0
-    if signal == "t" and ("{i}" in source or "{joint}" in source):
-        return 0
+def _pairs(joints: Sequence[str], names: Sequence[object]) -> str:
+    return ", ".join(f"{joint}: {name}" for joint, name in zip(joints, names, strict=False))
+
+
+def _words(text: str) -> list[str]:
+    """Return the words of a name in lower case: of ``actual_qd_0`` and ``MotorPos``, say."""
+    return [word.lower() for word in re.findall(r"[A-ZÄÖÜ]?[a-zäöüßéµ]+|[A-ZÄÖÜ]+", text)]
+
+
+def _score(signal: str, place: _Place) -> float:
+    """Return how well a place fits a signal; 0: not at all."""
+    channel = place.channel
+    if place.block is not None:
+        return float(place.block == signal)
+    words = _words(f"{channel.source}.{channel.field}")
+    if signal not in WORDS or OTHERS[signal] & set(words) or re.search(r"rad_?s$|deg_?s$", channel.address.lower()):
+        return 0.0
+    position = channel.field and signal in ("q", "theta")
+    if position and not POSITIONAL & set(_words(channel.field)):
+        return 0.0
+    if signal == "t" and (channel.width > 1 or channel.field or "{" in place.source or place.source.startswith("[")):
+        return 0.0
+    if signal != "t" and place.unit in ("s", "ms", "us", "ns"):
+        return 0.0
     for rank, word in enumerate(WORDS[signal]):
-        if word in words or (len(word) > 3 and word in text):
-            return len(WORDS[signal]) - rank
-    return 0
+        if word in words or (len(word) > 3 and word in channel.address.lower()):
+            score = float(len(WORDS[signal]) - rank)
+            # what was told is no measurement, but a torque in N·m is worth more than a current
+            return score / (4.0 if word in CURRENTS else 1.0) / (2.0 if TOLD & set(words) else 1.0)
+    return 0.0
 
 
-def _spec(signal: str, channel: Channel, joints: Sequence[str]) -> str:
-    quote = '"' if re.search(r"[{}:,#\[\]]", channel.source) else ""
-    parts = [f"from: {quote}{channel.source}{quote}"]
+def _unit(channel: Channel, written: str) -> str:
+    """Return the unit that a header or the end of a name tells, as the mapping language writes it; empty: none."""
+    last = re.split(r"[_\s(\[]", re.sub(r"[\])]$", "", channel.address))
+    for text in (written, last[-1] if len(last) > 1 else ""):
+        known = UNIT_WORDS.get(re.sub(r"[\s*·.]", "", text.lower().strip("[]()")))
+        if known is not None:
+            return known
+    return "counts:4096" if re.search(r"counts|ticks", channel.address.lower()) else ""
+
+
+def _spec(signal: str, place: _Place) -> str:
+    channel = place.channel
+    parts = [f"from: {place.source}"]
     if channel.field:
         parts.append(f"field: {channel.field}")
-    if channel.labels and not set(joints) <= set(channel.labels) and joints:
-        names = [nearest(joint, channel.labels) for joint in joints]
-        if None in names or len(set(names)) < len(names):
-            names = list(channel.labels[: len(joints)])
-        pairs = ", ".join(f"{joint}: {name}" for joint, name in zip(joints, names, strict=False))
-        parts.append(f"joints: {{{pairs}}}")
+    if place.joints:
+        parts.append(f"joints: {{{place.joints}}}")
     if signal == "q" and "defl" in channel.address.lower():
         parts.append("add: theta")
+    unit = place.unit
     if signal == "t":
-        unit = next((u for u in ("ns", "us", "ms") if re.search(rf"(_|\b){u}\b", channel.source.lower())), "s")
-        parts.append(f"unit: {unit}")
-    else:
-        text = channel.address.lower()
-        unit = next((unit for pattern, unit in UNITS if re.search(pattern, text)), "")
-        if unit:
-            parts.append(f"unit: {unit}")
-        if unit == "A":
-            parts.append("scale: 0.001" if re.search(MILLIAMPERE, text) else "scale: 1.0")
-        if "motor" in text and signal == "tau" and unit != "A":
-            parts.append("side: motor")
+        unit = unit if unit in ("s", "ms", "us", "ns") else "s"
+    if signal == "tau" and not unit and CURRENTS & set(_words(channel.address)) - {"u", "i"}:
+        unit = "A"
+    if unit and unit not in (("rad", "m") if signal in ("q", "theta") else ("N.m", "N")):
+        parts.append(f"unit: {unit}" if re.fullmatch(r"[\w./:]+", unit) else f'unit: "{unit}"')
+    if signal == "tau" and unit in ("A", "mA"):
+        parts.append("scale: 1.0")
     return "{" + ", ".join(parts) + "}"
+
+
+def _quoted(name: str) -> str:
+    from elid_cli.robot.yaml import quoted
+
+    return quoted(name)

@@ -16,11 +16,15 @@ SHOWN = 40
 
 
 def info_report(
-    infos: Sequence[LogInfo], robot: Robot | None, robot_argument: str | None, maps: Sequence[str] = ()
+    infos: Sequence[LogInfo],
+    robot: Robot | None,
+    robot_argument: str | None,
+    maps: Sequence[str] = (),
+    written: str | None = None,
 ) -> Report:
     """Return the report on one or more logs, with the robot whose signals are looked for (if any).
 
-    `maps` are the mappings that they were read with.
+    `maps` are the mappings that they were read with, `written` the file that the mapping was written to.
     """
     payload: dict[str, Any] = {
         "robot": robot.name if robot is not None else None,
@@ -32,7 +36,7 @@ def info_report(
     sections: list[Section] = []
     for number, info in enumerate(infos):
         sections += log_sections(info, number)
-    sections.append(Text("next", _next(infos, robot_argument, maps), "next"))
+    sections.append(Text("next", _next(infos, robot_argument, maps, written), "next"))
     return Report("info", payload, tuple(sections))
 
 
@@ -82,16 +86,33 @@ def _channels(info: LogInfo, key: str) -> Table:
     return Table(key, tuple(column for column, _ in kept), rows, shown=SHOWN)
 
 
-def _next(infos: Sequence[LogInfo], robot: str | None, maps: Sequence[str]) -> str:
+def mapping_lines(info: LogInfo) -> list[str]:
+    """Return the lines of a mapping file: where each signal is taken from, and guesses for those that are missing."""
+    from elid_cli.robot.yaml import emit
+
+    guessed = info.mapping.splitlines()
+    names = {line.partition(":")[0] for line in guessed}
+    found = {signal: entry for signal, entry in info.resolved.items() if signal not in names}
+    lines = [f"# where {info.file} keeps its signals", *emit(found)] if found else []
+    lines += ["# guessed from names, to be checked", *guessed] if guessed else []
+    left = [s for s in info.missing if not any(line.startswith(f"{s}:") for line in guessed)]
+    return lines + [f"# {signal}: {{from: …}}   # not found" for signal in left]
+
+
+def _next(infos: Sequence[LogInfo], robot: str | None, maps: Sequence[str], written: str | None) -> str:
     files = [info.file for info in infos]
     named = ["--robot", robot or "ROBOT"]
-    if {signal for info in infos for signal in info.missing} == {"t"}:
-        return shlex.join(["elid", "identify", *files, *named, "--rate", "HZ"])
-    if any(info.missing for info in infos):
-        # a file to write: what was given has just been tried
+    given = [part for one in maps for part in ("--map", one)]
+    missing = {signal for info in infos for signal in info.missing}
+    guessed = {line.partition(":")[0] for info in infos for line in info.mapping.splitlines()}
+    rate = ["--rate", "HZ"] if "t" in missing - guessed else []
+    if written:
+        return shlex.join(["elid", "identify", *files, *named, "--map", written, *rate])
+    if missing & guessed or missing - {"t"}:
         name = next(name for k in range(len(maps) + 1) if (name := f"map{k or ''}.yaml") not in maps)
-        return shlex.join(["elid", "info", *files, *(["--robot", robot] if robot else []), "--map", name])
-    return shlex.join(["elid", "identify", *files, *named])
+        own = ["--robot", robot] if robot else []
+        return shlex.join(["elid", "info", *files, *own, *given, "--write-map", name])
+    return shlex.join(["elid", "identify", *files, *named, *given, *rate])
 
 
 def _log(infos: Sequence[LogInfo]) -> dict[str, Any]:

@@ -1,0 +1,58 @@
+"""Torque, speed and position against the robot's limits: far beyond them is another unit, or another side."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.robot.robot import Robot
+
+BEYOND = 1.5
+"""Times the limit of a torque, or of a speed, that no robot was driven at."""
+OUTSIDE = 0.25
+"""Part of a position's range by which a joint may be outside it: zeros differ."""
+MOST = 99.5
+"""Percentile that stands for the largest value, so that a glitch does not."""
+NAMES = {"tau": "effort", "dq": "velocity"}
+
+
+def beyond_limits(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[str]:
+    """Yield a sentence per joint and signal that is far beyond the joint's limits.
+
+    Parameters
+    ----------
+    q
+        Positions of links or motors at the joint, contiguous, (N, n).
+    tau
+        Torques at the same instants, (N, n).
+    dt
+        Sample time, s.
+    robot
+        Its limits, of which those that are unknown are not looked at.
+    """
+    speed = np.diff(q, axis=0) / dt if len(q) > 1 else q
+    for j, joint in enumerate(robot.joints):
+        limits, turns = joint.limits, joint.revolute
+        units = {"tau": "N·m" if turns else "N", "dq": "rad/s" if turns else "m/s"}
+        for signal, values, limit in (("tau", tau[:, j], limits.torque), ("dq", speed[:, j], limits.velocity)):
+            known = np.abs(values[np.isfinite(values)])
+            largest = float(np.percentile(known, MOST)) if known.size and limit else 0.0
+            if limit and largest > BEYOND * limit:
+                yield (
+                    f"{joint.name}: {signal} reaches {largest:.4g} {units[signal]}, {largest / limit:.3g} times the "
+                    f"{NAMES[signal]} limit of {limit:g}: a unit or side is wrong, or the limit"
+                )
+        known = q[np.isfinite(q[:, j]), j]
+        if limits.position is None or not known.size:
+            continue
+        low, high = limits.position
+        slack = OUTSIDE * (high - low)
+        least, most = (float(np.percentile(known, share)) for share in (100 - MOST, MOST))
+        if least < low - slack or most > high + slack:
+            unit = "rad" if turns else "m"
+            yield (
+                f"{joint.name}: positions from {least:.4g} to {most:.4g} {unit} are outside its limits, {low:g} to "
+                f"{high:g}: a unit, side or zero is wrong, or the limits"
+            )

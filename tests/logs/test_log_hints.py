@@ -1,0 +1,140 @@
+"""Logs as tools write them, each read after pasting what the error itself proposes."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.cli import main
+from elid_cli.errors import LogError, UsageError
+from elid_cli.logs import inspect_log, read_map_options
+from elid_cli.logs.mapping.language import parse_mapping
+from elid_cli.robot.robot import Limits
+from elid_cli.robot.text import text_of
+from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, written
+
+BASE = recording(1200, 500.0)
+RIGID = replace(ROBOT, joints=tuple(replace(joint, transmission="rigid") for joint in ROBOT.joints))
+
+
+def text(
+    folder: Path, columns: dict[str, np.ndarray], separator: str = ",", comma: bool = False, head: bool = True
+) -> Path:
+    """Write columns as text."""
+    rows = [separator.join(f"{x:.12g}" for x in row) for row in np.column_stack(list(columns.values()))]
+    body = "\n".join(rows)
+    path = folder / "log.csv"
+    path.write_text(
+        (separator.join(columns) + "\n" if head else "") + (body.replace(".", ",") if comma else body) + "\n"
+    )
+    return path
+
+
+def each(pattern: str, values: np.ndarray, first: int = 1) -> dict[str, np.ndarray]:
+    """Return the columns of a signal, named by the joints' numbers."""
+    return {pattern.format(k + first, j=JOINTS[k]): column for k, column in enumerate(values.T)}
+
+
+Q, TAU, T = BASE.q, BASE.tau, {"time": BASE.t}
+FORMS: dict[str, Callable[[Path], Path]] = {
+    "headerless": lambda f: text(f, {"t": BASE.t, **each("q{}", Q), **each("u{}", TAU)}, head=False),
+    "german": lambda f: text(
+        f, {"Zeit [s]": BASE.t, **each("Winkel Achse {} [Grad]", np.degrees(Q)),
+            **each("Moment Achse {} [Nm]", TAU)}, ";", comma=True,
+    ),
+    "brackets": lambda f: text(
+        f, {"time [ms]": 1e3 * BASE.t, **each("pos_{} [°]", np.degrees(Q)), **each("i_{} [mA]", 1e3 * TAU)}
+    ),
+    "suffixes": lambda f: text(
+        f, {"time_ms": 1e3 * BASE.t, **each("pos{}_deg", np.degrees(Q)), **each("torque{}_mNm", 1e3 * TAU)}
+    ),
+    "UR RTDE": lambda f: text(
+        f, {"timestamp": BASE.t, **each("actual_q_{}", Q, 0), **each("actual_qd_{}", 0 * Q, 0),
+            **each("target_moment_{}", TAU, 0), **each("actual_current_{}", TAU / 9, 0)}, " ",
+    ),
+    "PlotJuggler": lambda f: text(
+        f, {"__time": BASE.t + 1.7e9, **each("/arm/joint_states/{j}/position", Q),
+            **each("/arm/joint_states/{j}/effort", TAU)}
+    ),
+    "PlotJuggler, numbered": lambda f: text(
+        f, {"__time": BASE.t + 1.7e9, **each("/arm/state/q[{}]", Q, 0), **each("/arm/state/tau[{}]", TAU, 0)}
+    ),
+    "names nearly right": lambda f: text(f, {"t": BASE.t, **each("q.{j}_joint", Q), **each("tau.{j}_joint", TAU)}),
+    "libfranka": lambda f: text(
+        f, {"time": BASE.t, **each("q_measured[{}]", Q, 0), **each("tau_measured[{}]", TAU, 0)}
+    ),
+    "pandas": lambda f: text(
+        f, {"": np.arange(1200), "timestamp": BASE.t, **each("joint_{}_position", Q, 0),
+            **each("joint_{}_torque", TAU, 0)}
+    ),
+    "other time": lambda f: text(f, {"Zeit": BASE.t, **each("q{}", Q), **each("tau{}", TAU)}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_what_the_error_proposes_reads_the_log(tmp_path: Path, form: str) -> None:
+    path = FORMS[form](tmp_path)
+    with pytest.raises(LogError) as caught:
+        read(path, robot=RIGID)
+    pasted = shlex.split(caught.value.hint.partition("--map")[2].split(", or give")[0].replace("--map", ""))
+    log = read(path, robot=RIGID, mapping=read_map_options(pasted))
+    np.testing.assert_allclose(log.q, Q, atol=1e-9)
+    np.testing.assert_allclose(log.tau, TAU, atol=1e-8)
+    assert log.rate == pytest.approx(500)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_info_writes_a_mapping_and_names_the_command_that_uses_it(
+    tmp_path: Path, form: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, robot, file = FORMS[form](tmp_path), tmp_path / "arm.yaml", tmp_path / "map.yaml"
+    robot.write_text(text_of(RIGID))
+    assert main(["info", str(path), "--robot", str(robot), "--write-map", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert f"--map {file}" in " ".join(said.split())
+    np.testing.assert_allclose(read(path, robot=RIGID, mapping=read_map_options([str(file)])).tau, TAU, atol=1e-8)
+    assert main(["info", str(path), "--robot", str(robot), "--map", str(file)]) == 0
+    assert "Next: elid identify" in capsys.readouterr().out
+
+
+def test_next_names_no_file_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(FORMS["german"](tmp_path)), "--color", "never"]) == 0
+    after = " ".join(capsys.readouterr().out.split()).partition("Next: ")[2]
+    assert "--write-map map.yaml" in after
+    assert "--map map.yaml" not in after
+
+
+def test_a_misspelt_time_is_named_and_mended(tmp_path: Path) -> None:
+    path = FORMS["other time"](tmp_path)
+    with pytest.raises(LogError) as caught:
+        read(path, robot=RIGID, mapping={"t": {"from": "Zeitt"}})
+    assert "no 'Zeitt' (nearest: 'Zeit')" in caught.value.detail
+    assert "t: {from: Zeit" in caught.value.hint
+
+
+@pytest.mark.parametrize(("unit", "meant"), [("grad", "deg"), ("Umdr", "rev"), ("°", "deg"), ("Degrees", "deg")])
+def test_a_unit_of_another_language_is_not_corrected_into_a_wrong_one(unit: str, meant: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        parse_mapping({"q": {"from": "q{i}", "unit": unit}}, RIGID, "--map")
+    assert f"did you mean '{meant}'?" in caught.value.hint
+
+
+def test_a_motor_side_is_guessed_for_position_and_torque_together_or_for_none(tmp_path: Path) -> None:
+    path = text(tmp_path, T | each("motor{}_pos", BASE.theta) | each("joint{}_pos", Q) | each("motor{}_torque", TAU))
+    assert "side: motor" not in inspect_log(path, ROBOT).mapping
+
+
+def test_what_is_far_beyond_the_robots_limits_is_told(tmp_path: Path) -> None:
+    joints = tuple(replace(j, limits=Limits((-3.0, 3.0), velocity=9.0, torque=30.0)) for j in RIGID.joints)
+    robot = replace(RIGID, joints=joints)
+    assert not any("limit" in said for said in read(written(tmp_path, "log.csv", BASE), robot=robot).warnings)
+    wrong = like(BASE, tau=100 * TAU, q=np.degrees(Q), theta=np.degrees(Q))
+    said = " ".join(read(written(tmp_path, "log.csv", wrong), robot=robot).warnings)
+    assert "times the effort limit of 30: a unit or side is wrong" in said
+    assert "times the velocity limit of 9" in said
+    assert "are outside its limits, -3 to 3" in said
