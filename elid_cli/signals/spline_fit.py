@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.lapack import lapack
 from elid_cli.signals.splines import DEGREE, ORDER, UniformSpline, basis
 
 _STRETCH = 32768
@@ -215,8 +216,6 @@ def _refined(
 
 def _factors(band: Array, ridge: Array) -> list[Array]:
     """Return the Cholesky factors of each channel's banded normal equations, (6, coefficients) each."""
-    from scipy.linalg import cholesky_banded
-
     size = band.shape[2]
     factors = []
     for k in range(band.shape[0]):
@@ -227,20 +226,20 @@ def _factors(band: Array, ridge: Array) -> list[Array]:
                     lower[b - a, a : a + size - 3] += ridge[k] * _THIRD[a] * _THIRD[b]
         for offset in range(1, ORDER):
             lower[offset, size - offset :] = 0.0
-        try:
-            factors.append(cholesky_banded(lower, lower=True, check_finite=False))
-        except np.linalg.LinAlgError:  # fewer than three samples: no third difference holds a parabola
+        factor, failed = lapack().dpbtrf(lower, lower=1)
+        if failed:  # fewer than three samples: no third difference holds a parabola
             lower[0] += ridge[k]
-            factors.append(cholesky_banded(lower, lower=True, check_finite=False))
+            factor, failed = lapack().dpbtrf(lower, lower=1)
+            if failed:
+                raise np.linalg.LinAlgError("the spline's equations are not positive definite")
+        factors.append(factor)
     return factors
 
 
 def _solve(factors: Sequence[Array], right: Array) -> Array:
     """Return the coefficients for right-hand sides (channels, coefficients); one factor serves all channels."""
-    from scipy.linalg import cho_solve_banded
-
     solved = np.empty_like(right)
     for k, factor in enumerate(factors):
         rows: Any = slice(None) if len(factors) == 1 else slice(k, k + 1)
-        solved[rows] = cho_solve_banded((factor, True), right[rows].T, check_finite=False).T
+        solved[rows] = lapack().dpbtrs(factor, right[rows].T, lower=1)[0].T
     return solved

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.triangles import Triangles, factor_of
+from elid_cli.lapack import lapack
 from elid_cli.model.regressor import EstimationRow
 
 DATA_TOLERANCE = 1e-7
@@ -115,8 +116,6 @@ def solve_system(
     ValueError
         If a number is not finite.
     """
-    from scipy.linalg.lapack import dgeqp3, dormqr, dtrtri, dtrtrs  # a third of the time of what wraps them
-
     columns, target, width = system[:, :-1], system[:, -1], system.shape[1] - 1
     if not np.isfinite(system).all():
         raise ValueError("the equations hold NaN or infinity")
@@ -127,7 +126,7 @@ def solve_system(
     live = np.flatnonzero(norms > rounding) if basis is None else basis[norms[basis] > 0]
     if not len(live) or not system.shape[0] or rank == 0:
         raise DataError("the log excites no parameter", hint="check that torque and motion are in the log: elid info")
-    reflected, order, tau, _, _ = dgeqp3(np.array(columns[:, live] / norms[live], order="F"), overwrite_a=1)
+    reflected, order, tau, _, _ = lapack().dgeqp3(np.array(columns[:, live] / norms[live], order="F"), overwrite_a=1)
     order -= 1
     r = np.triu(reflected[: len(tau)])
     pivots = np.abs(np.diag(r))
@@ -137,17 +136,17 @@ def solve_system(
     margin = float(pivots[count - 1] / max(pivots[count] if count < len(pivots) else 0.0, np.finfo(float).eps))
     kept, dropped = live[order[:count]], live[order[count:]]
     corner = r[:count, :count]
-    turned = dormqr("L", "T", reflected[:, : len(tau)], tau, target[:, None], 64)[0]
+    turned = lapack().dormqr("L", "T", reflected[:, : len(tau)], tau, target[:, None], 64)[0]
     values = np.zeros(width)
-    values[kept] = dtrtrs(corner, turned[:count, 0])[0] / norms[kept]
-    rest = dtrtrs(corner, r[:count, count:])[0] if len(dropped) else np.zeros((count, 0))
+    values[kept] = lapack().dtrtrs(corner, turned[:count, 0])[0] / norms[kept]
+    rest = lapack().dtrtrs(corner, r[:count, count:])[0] if len(dropped) else np.zeros((count, 0))
     # rounding must not look like a dependence: coefficients here are between columns of unit norm
     rest = np.where(np.abs(rest) < 1e-9, 0.0, rest)
     dead = np.setdiff1d(np.arange(width), live)
     dependence = np.concatenate(
         [rest * norms[dropped][None] / norms[kept][:, None], np.zeros((count, len(dead)))], axis=1
     )
-    inverse = dtrtri(corner)[0] / norms[kept][:, None]
+    inverse = lapack().dtrtri(corner)[0] / norms[kept][:, None]
     return Solution(
         values,
         kept,
@@ -205,8 +204,6 @@ def _parts(triangles: Triangles, basis: NDArray[np.intp]) -> list[tuple[Estimati
 
 def _least_squares(system: Array) -> Array | None:
     """Return the solution of equations [columns | target]; None where a column may depend on the others."""
-    from scipy.linalg import solve_triangular
-
     norms = np.linalg.norm(system[:, :-1], axis=0)
     count = len(norms)
     if system.shape[0] <= count or not norms.all():
@@ -216,7 +213,7 @@ def _least_squares(system: Array) -> Array | None:
     pivots = np.abs(np.diag(factor)[:count])
     if not pivots.min() > 10 * DATA_TOLERANCE:
         return None
-    solved: Array = solve_triangular(factor[:count, :count], factor[:count, -1], check_finite=False) / norms
+    solved: Array = lapack().dtrtrs(factor[:count, :count], factor[:count, -1])[0] / norms
     return solved
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation, RowGroup
+from elid_cli.lapack import lapack
 from elid_cli.model.regressor import EstimationRow
 
 _SLICE, _PANEL = 2048, 8
@@ -284,7 +285,5 @@ def onto(factor: Array, system: Array) -> Array:
 
     Both are best in Fortran's order: others are copied first.
     """
-    from scipy.linalg.lapack import dtpqrt
-
-    grown: Array = dtpqrt(0, min(_PANEL, len(factor)), factor, system, overwrite_a=1, overwrite_b=1)[0]
+    grown: Array = lapack().dtpqrt(0, min(_PANEL, len(factor)), factor, system, overwrite_a=1, overwrite_b=1)[0]
     return grown
