@@ -10,6 +10,7 @@ from elid_cli.cli.options import Gates, Output
 from elid_cli.cli.output import LimitError, note
 from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.report.tree import Report, Text
+from elid_cli.robot.parameter import StandardParameter
 
 if TYPE_CHECKING:
     from elid_cli.estimation.result import JointError
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 def check_names(gates: Gates, robot: Robot) -> None:
     """Refuse, before any work on the log, a required parameter that the robot does not have (UsageError)."""
     names = robot.parameter_names()
-    rigid = {f"K{k}": joint.name for k, joint in enumerate(robot.joints, start=1) if not joint.elastic}
+    rigid = {str(StandardParameter("K", k)): joint.name for k, joint in enumerate(robot.joints) if not joint.elastic}
     for name in gates.require_independent:
         if name in rigid:
             raise UsageError(

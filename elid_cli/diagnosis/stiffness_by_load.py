@@ -101,7 +101,7 @@ def with_load(found: Identification, state: State) -> Identification:
     bent = {effect.joint for effect in state.effects if effect.place == "spring"}
     items = list(found.parameters)
     for k, item in enumerate(items):
-        joint = int(item.leader[1:]) - 1 if item.leader.startswith("K") else -1
+        joint = item.leader.joint if item.leader.kind == "K" else -1
         if joint < 0 or joint in bent:
             continue
         ways = two_ways(state.log.observation, found.standard, found.base.parameters, joint)

@@ -19,6 +19,7 @@ from elid_cli.estimation.stiffness.noise import stiffness_in_noise, with_pull
 from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.estimation.validation.verdicts import judge, shortfall, suspicious, torque_scale
 from elid_cli.model.effects import effect_classes
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 
 MOTOR = ("Jm", "Ja", "fs", "fv")
@@ -147,14 +148,14 @@ def with_unseen(found: Identification, robot: Robot) -> Identification:
     """Return the identification with the parameters named that a log cannot show for want of a signal."""
     reasons: dict[str, str] = {}
     notes: list[str] = []
-    for k, (before, now) in enumerate(zip(robot.joints, found.robot.joints, strict=True), start=1):
+    for k, (before, now) in enumerate(zip(robot.joints, found.robot.joints, strict=True)):
         if before.elastic and not now.elastic:
             side = "link" if now.torque_at == "motor" else "motor"
             why = f"{now.name} has no {side} position in this log: its transmission counts as rigid"
-            reasons[f"K{k}"] = why
-            notes.append(f"K{k} cannot be identified: {why}")
+            reasons[StandardParameter("K", k)] = why
+            notes.append(f"{StandardParameter('K', k)} cannot be identified: {why}")
         if now.torque_at == "link":
-            reasons |= dict.fromkeys(motor_parameters(found.robot, k - 1), f"{now.name} has {NO_MOTOR_TORQUE}")
+            reasons |= dict.fromkeys(motor_parameters(found.robot, k), f"{now.name} has {NO_MOTOR_TORQUE}")
     if any(joint.torque_at == "link" for joint in found.robot.joints):
         who = " ".join(joint.name for joint in found.robot.joints if joint.torque_at == "link")
         notes.append(f"{who}: no motor torque: the link side is identified from the joint torque sensors (tau_link)")
@@ -163,4 +164,4 @@ def with_unseen(found: Identification, robot: Robot) -> Identification:
 
 def motor_parameters(robot: Robot, joint: int) -> list[str]:
     """Return the names of a joint's parameters that only its motor's torque shows."""
-    return [f"{kind}{joint + 1}" for kind in MOTOR if f"{kind}{joint + 1}" in robot.parameter_names()]
+    return [p for p in robot.parameter_names() if p.joint == joint and p.kind in MOTOR]

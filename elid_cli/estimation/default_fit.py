@@ -29,6 +29,7 @@ from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects.declared import declared_effects
 from elid_cli.model.regressor import Regressor
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.signals.signals import Signals
 
 STICKING = 2.5
@@ -280,7 +281,9 @@ def _reading_columns(
         extras = [*known, *reading_columns(observation, stiffness, declared)] if np.any(stiffness) else known
         triangles = to_triangles(observation, extras)
         values = reweighted(triangles, base.count + triangles.extras).values
-        stiffness = np.array([values[model.index[f"K{k + 1}"]] if elastic[k] else 0.0 for k in range(len(elastic))])
+        stiffness = np.array(
+            [values[model.index[StandardParameter("K", k)]] if elastic[k] else 0.0 for k in range(len(elastic))]
+        )
     return reading_columns(observation, stiffness, declared)
 
 

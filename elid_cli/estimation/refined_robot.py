@@ -90,12 +90,8 @@ def refined_robot(robot: Robot, standard: Array, effects: Sequence[EffectSpec]) 
     values = dict(zip(robot.parameter_names(), standard, strict=True))
     classes = find_base(Regressor(levelled(replace(robot, effects=tuple(effects))))).classes
     joints = []
-    for i, joint in enumerate(robot.joints, start=1):
-        kinds = {name[: -len(str(i))]: float(v) for name, v in values.items() if _number(name) == i}
-        kept = {k: v for k, v in kinds.items() if k in joint.parameters or classes[f"{k}{i}"] != "unidentifiable"}
+    for number, joint in enumerate(robot.joints):
+        own = [p for p in values if p.joint == number]
+        kept = {p.kind: float(values[p]) for p in own if p.kind in joint.parameters or classes[p] != "unidentifiable"}
         joints.append(replace(joint, parameters=MappingProxyType(kept)))
     return replace(robot, joints=tuple(joints), effects=tuple(effects))
-
-
-def _number(name: str) -> int:
-    return int(name[len(name.rstrip("0123456789")) :])

@@ -13,6 +13,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.tables import Shown
 
@@ -98,7 +99,7 @@ class BaseEstimate:
 
     name: str
     """The combination as printed: ``m1 - 4*Izz1 + 4*Izz2``."""
-    leader: str
+    leader: StandardParameter
     """Its leading standard parameter: ``m1``."""
     unit: str
     estimate: float

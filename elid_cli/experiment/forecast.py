@@ -15,6 +15,7 @@ from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.experiment.information import Information, States
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow, Regressor
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording, Segment
@@ -60,7 +61,7 @@ def _played(information: Information, robot: Robot, states: States) -> Recording
     names = robot.parameter_names()
     stiffness = np.full(robot.n, np.inf)
     for k in np.flatnonzero(robot.elastic):
-        stiffness[k] = information.parameters[names.index(f"K{k + 1}")]
+        stiffness[k] = information.parameters[names.index(StandardParameter("K", int(k)))]
     theta = q + load / stiffness
     t = np.arange(len(q)) / RATE
     return Recording(robot.joint_names, 1.0 / RATE, t, q, theta, torque, segments=(Segment(0, len(q)),))

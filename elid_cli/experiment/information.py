@@ -17,6 +17,7 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import Regressor, inputs_of
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.signals.motion import Motion
 
 States = tuple[Array, Array, Array]
@@ -92,7 +93,7 @@ class Information:
         self.model, self.base, self.parameters = model, base, parameters
         self.weights = np.sqrt(samples) / residual
         self._elastic = np.flatnonzero(model.robot.elastic)
-        self._springs = np.array([model.index[f"K{k + 1}"] for k in self._elastic], dtype=np.intp)
+        self._springs = np.array([model.index[StandardParameter("K", int(k))] for k in self._elastic], dtype=np.intp)
         self._slots = [(item.row, item.columns, item.slots) for item in model.equations.rows]
         self._columns = self._preferred(sample)
         self._to_base = base.transform[:, self._columns]

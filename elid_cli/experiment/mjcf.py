@@ -57,14 +57,14 @@ def known_parameters(robot: Robot, parameters: Array | None = None) -> Array:
     names = robot.parameter_names()
     classes = find_base(Regressor(robot)).classes
     for k, name in enumerate(names):
-        if math.isnan(values[k]) and (classes[name] == "unidentifiable" or name.startswith(("fs", "fv"))):
+        if math.isnan(values[k]) and (classes[name] == "unidentifiable" or name.kind in ("fs", "fv")):
             values[k] = 0.0
     unknown = [name for name, value in zip(names, values, strict=True) if math.isnan(value)]
     if unknown:
         listed = " ".join(unknown[:8]) + (" …" if len(unknown) > 8 else "")
         raise RobotError(f"{robot.name}: unknown parameters {listed}", hint=_PHYSICAL)
     for name, value in zip(names, values, strict=True):
-        if name.startswith(("Jm", "Ja", "K")) and value <= 0:
+        if name.kind in ("Jm", "Ja", "K") and value <= 0:
             raise RobotError(f"{robot.name}: {name} is {value:g}; it must be positive to be simulated", hint=_PHYSICAL)
     return values
 
@@ -124,7 +124,7 @@ def _real_twin(robot: Robot, parameters: Array, length: float) -> Array:
     distance is that of the scaled pseudo-inertias in joint frames.
     """
     names = robot.parameter_names()
-    inertial = [k for k, name in enumerate(names) if name.rstrip("0123456789") in LINK_PARAMETERS]
+    inertial = [k for k, name in enumerate(names) if name.kind in LINK_PARAMETERS]
     transform = find_base(Regressor(robot)).transform[:, inertial]
     _, singular, right = np.linalg.svd(transform)
     free = right[int(np.sum(singular > 1e-9 * singular[0])) :].T

@@ -20,6 +20,7 @@ from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.memory import Recent
 from elid_cli.model.regressor import BASE_TERMS, Regressor
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.signals.motion import random_motion
 from elid_cli.tables import Shown
 
@@ -39,7 +40,7 @@ _STATES = 60
 class BaseParameters(Shown):
     """Base parameters of a robot: which combinations of standard parameters the equations determine."""
 
-    parameters: tuple[str, ...]
+    parameters: tuple[StandardParameter, ...]
     """Standard parameters in standard order, (p,)."""
     units: tuple[str, ...]
     """Units of the base parameters, (b,)."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.robot.inertia import inertial_parameters, pseudo_inertia
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot
 
 MARGIN = 1e-6
@@ -70,7 +71,7 @@ class Consistency:
         inside[self.nonnegative] = np.maximum(inside[self.nonnegative], 0.1)
         names = self.robot.parameter_names()
         for i in range(1, self.robot.n + 1):
-            index = [names.index(f"{kind}{i}") for kind in LINK_PARAMETERS]
+            index = [names.index(StandardParameter(kind, i - 1)) for kind in LINK_PARAMETERS]
             inside[index] = 0.0
             rotor = self.links[i - 1] @ inside
             body = np.diag([1 / SLENDER] * 3 + [1.0]) - rotor * np.diag([1.0, 1, 1, 0])
@@ -88,7 +89,7 @@ class Consistency:
         dual = np.zeros_like(self.links[..., 0])
         used = np.zeros(len(names), dtype=bool)
         for i in range(1, self.robot.n + 1):
-            index = [names.index(f"{kind}{i}") for kind in LINK_PARAMETERS]
+            index = [names.index(StandardParameter(kind, i - 1)) for kind in LINK_PARAMETERS]
             used[index] = True
             dual[i - 1] = _gradient(self.links[i - 1][..., index], scalars[index])
         # x = link + rotor: a rotor adds its disc to the body it rides on, so it pays through that body's matrix
@@ -126,17 +127,17 @@ def consistency(robot: Robot, estimate: Array) -> Consistency:
     for i, joint in enumerate(robot.joints, start=1):
         unit = np.outer(length, length) * scales.masses[i - 1]
         for k, kind in enumerate(LINK_PARAMETERS):
-            place = names.index(f"{kind}{i}")
+            place = names.index(StandardParameter(kind, i - 1))
             links[i - 1, :, :, place] = pseudo_inertia(np.eye(10)[k]) * scales.sizes[place] / unit
         carrier = robot.parents[i - 1]
         if carrier >= 0 and joint.gear_ratio is not None:
             z = np.asarray(joint.motor_axis, dtype=float)
-            place = names.index(f"Jm{i}")
+            place = names.index(StandardParameter("Jm", i - 1))
             before = np.outer(length, length) * scales.masses[carrier]
             disc = (np.eye(3) - np.outer(z, z)) / 2 * scales.sizes[place]
             links[carrier, :3, :3, place] = -disc / before[:3, :3]
-    positive = [k for k, name in enumerate(names) if name.startswith(("Jm", "Ja", "K"))]
-    friction = [k for k, name in enumerate(names) if name.startswith("f")]
+    positive = [k for k, name in enumerate(names) if name.kind in ("Jm", "Ja", "K")]
+    friction = [k for k, name in enumerate(names) if name.kind in ("fs", "fv")]
     return Consistency(robot, scales, links, np.array(positive, dtype=np.intp), np.array(friction, dtype=np.intp))
 
 
@@ -146,7 +147,7 @@ def prior(robot: Robot, scales: Scales) -> Array:
     for k, name in enumerate(robot.parameter_names()):
         if not np.isnan(values[k]):
             continue
-        kind = name.rstrip("0123456789")
+        kind = name.kind
         if kind == "m" or kind not in LINK_PARAMETERS:
             values[k] = scales.sizes[k]
         elif kind in ("Ixx", "Iyy", "Izz"):
@@ -164,15 +165,14 @@ def _scales(robot: Robot, estimate: Array) -> Scales:
     known = dict(zip(names, np.nan_to_num(reference).tolist(), strict=True))
     masses = np.zeros(robot.n)
     for i in range(1, robot.n + 1):
-        ten = np.array([known[f"{kind}{i}"] for kind in LINK_PARAMETERS])
+        ten = np.array([known[StandardParameter(kind, i - 1)] for kind in LINK_PARAMETERS])
         second = 0.5 * float(np.abs(ten[4:7]).sum())
         masses[i - 1] = max(abs(ten[0]), float(np.abs(ten[1:4]).max()) / length, second / length**2)
     masses[masses == 0] = DENSITY * length
     masses = np.maximum(masses, 1e-3 * masses.max())
     sizes = np.ones(len(names))
     for k, name in enumerate(names):
-        kind = name.rstrip("0123456789")
-        body = int(name[len(kind) :]) - 1
+        kind, body = name.kind, name.joint
         moved = [k for k, own in enumerate(robot.ancestors) if body in own]
         load = float(masses[moved].sum()), length if robot.joints[body].revolute else 1.0
         if kind in LINK_PARAMETERS:
@@ -182,12 +182,12 @@ def _scales(robot: Robot, estimate: Array) -> Scales:
     return Scales(length, masses, sizes)
 
 
-def _scalar_size(kind: str, names: tuple[str, ...], reference: Array, estimate: Array, k: int) -> float:
+def _scalar_size(kind: str, names: tuple[StandardParameter, ...], reference: Array, estimate: Array, k: int) -> float:
     """Return the size of a Jm, Ja, fs, fv or K: its reference, else its estimate, else those of its kind, else 0."""
     for value in (reference[k], estimate[k]):
         if np.isfinite(value) and value != 0:
             return abs(float(value))
-    same = [j for j, name in enumerate(names) if name.rstrip("0123456789") == kind]
+    same = [j for j, name in enumerate(names) if name.kind == kind]
     others = np.abs(np.concatenate([reference[same], estimate[same]]))
     others = others[np.isfinite(others) & (others > 0)]
     return float(np.median(others)) if others.size else 0.0

@@ -14,6 +14,7 @@ from elid_cli.model.effects.effect import DIRECTION_WIDTH, direction_widths
 from elid_cli.model.mass_matrix import BLOCKS, NotPositiveError, NumericEquations, ldl_solver, ldl_statements
 from elid_cli.model.regressor import Regressor, inputs_of
 from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion, random_motion
 
@@ -59,7 +60,7 @@ class Dynamics:
         self._folded = NumericEquations(robot, self.model.terms, self._values)
         self.elastic = self._folded.elastic
         """Joints with a motor state of their own."""
-        self.stiffness = np.array([self._values.get(f"K{k + 1}", math.nan) for k in range(robot.n)])
+        self.stiffness = np.array([self._values.get(StandardParameter("K", k), math.nan) for k in range(robot.n)])
         """K of every joint, NaN where rigid, shape (n,)."""
         for k, inertia in zip(self.elastic, self._folded.motor_inertia(), strict=True):
             if not inertia > 0:
@@ -265,12 +266,11 @@ def _known(model: Regressor, parameters: Array) -> Array:
     return values
 
 
-def _unknown(robot: Robot, missing: list[str]) -> RobotError:
+def _unknown(robot: Robot, missing: list[StandardParameter]) -> RobotError:
     by_joint: dict[int, list[str]] = {}
     for name in missing:
-        kind = name.rstrip("0123456789")
-        by_joint.setdefault(int(name[len(kind) :]), []).append(kind)
-    parts = [f"{robot.joints[i - 1].name} {' '.join(kinds)}" for i, kinds in sorted(by_joint.items())]
+        by_joint.setdefault(name.joint, []).append(name.kind)
+    parts = [f"{robot.joints[k].name} {' '.join(kinds)}" for k, kinds in sorted(by_joint.items())]
     return RobotError(
         f"{robot.name}: parameters that its motion depends on are unknown",
         detail="; ".join(parts),

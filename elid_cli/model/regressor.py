@@ -32,6 +32,7 @@ from elid_cli.model.terms.rotor import Rotor
 from elid_cli.model.terms.spring import Spring
 from elid_cli.model.terms.viscous import Viscous
 from elid_cli.model.tracing import Graph, Node, Program, Scalar, compile_program
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import MOST_JOINTS, Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.trigonometry import sine_and_cosine
@@ -186,11 +187,11 @@ class Regressor:
 
     def trace(
         self, graph: Graph, *, paper: bool, gravity: bool = True, sensors: tuple[int, ...] = ()
-    ) -> dict[EstimationRow, dict[str, Scalar]]:
+    ) -> dict[EstimationRow, dict[StandardParameter, Scalar]]:
         """Record the coefficients of all parameters on `graph`, whose inputs are those of `inputs_of`."""
         states, motors = _symbols(graph, self.robot)
         motion = ChainMotion(chain(self.robot, states, gravity=gravity), motors)
-        values: dict[EstimationRow, dict[str, Scalar]] = {}
+        values: dict[EstimationRow, dict[StandardParameter, Scalar]] = {}
         for k, joint in enumerate(self.robot.joints):
             if joint.elastic:
                 values[EstimationRow("link" if paper else "sum", k)] = {}
@@ -200,7 +201,7 @@ class Regressor:
             values |= {EstimationRow(kind, k): {} for kind in SENSOR_KINDS if k in sensors}
         for term in self.terms:
             for side, number, name, value in term.entries(self.robot, motion):
-                spring = name == f"K{number + 1}"
+                spring = name.kind == "K" and name.joint == number
                 if side == "motor" and not spring and self.robot.joints[number].torque_at == "link":
                     continue
                 for row in self._targets(side, number, paper=paper):

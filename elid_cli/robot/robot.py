@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
+from elid_cli.robot.parameter import StandardParameter
 
 JointType = Literal["revolute", "prismatic"]
 Transmission = Literal["elastic", "rigid", "auto"]
@@ -281,9 +282,9 @@ class Robot:
         return self.gear_ratios
 
     @property
-    def rotor_names(self) -> tuple[str, ...]:
+    def rotor_names(self) -> tuple[StandardParameter, ...]:
         """Names of the rotors' inertias, one per joint: Jm, or Ja where the gear ratio is unknown."""
-        return tuple(f"{'Ja' if j.gear_ratio is None else 'Jm'}{i}" for i, j in enumerate(self.joints, start=1))
+        return tuple(StandardParameter("Ja" if j.gear_ratio is None else "Jm", k) for k, j in enumerate(self.joints))
 
     def stiffened(self, joints: NDArray[np.bool_]) -> Robot:
         """Return the robot with rigid transmissions at some elastic joints (n,): all that a log without links shows.
@@ -310,13 +311,13 @@ class Robot:
         """Return (before, after) of every joint: constant 4x4 transforms around its motion about or along z."""
         return tuple(_placement(joint, self.dh) for joint in self.joints)
 
-    def parameter_names(self) -> tuple[str, ...]:
+    def parameter_names(self) -> tuple[StandardParameter, ...]:
         """Return the standard parameters' names in standard order (eq. 14); a rigid joint has no K."""
         kinds = [joint.kinds for joint in self.joints]
         return tuple(
-            f"{kind}{i}"
+            StandardParameter(kind, k)
             for group in PARAMETER_GROUPS
-            for i, own in enumerate(kinds, 1)
+            for k, own in enumerate(kinds)
             for kind in group
             if kind in own
         )
@@ -328,15 +329,14 @@ class Robot:
     def reference(self) -> Array:
         """Return the reference values in standard order, shape (p,); NaN where unknown."""
         values = {
-            f"{kind}{i}": value
-            for i, joint in enumerate(self.joints, start=1)
+            StandardParameter(kind, k): value
+            for k, joint in enumerate(self.joints)
             for kind, value in joint.parameters.items()
         }
         return np.array([values.get(name, math.nan) for name in self.parameter_names()])
 
-    def _unit(self, name: str) -> str:
-        kind = name.rstrip("0123456789")
-        joint = self.joints[int(name[len(kind) :]) - 1]
+    def _unit(self, name: StandardParameter) -> str:
+        kind, joint = name.kind, self.joints[name.joint]
         if kind == "m":
             return "kg"
         if kind in ("cx", "cy", "cz"):

@@ -19,6 +19,7 @@ from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.residuals import standing
 from elid_cli.estimation.regression.covariance import long_run, residuals
 from elid_cli.model.regressor import EstimationRow
+from elid_cli.robot.parameter import StandardParameter
 
 HELD = 2.0
 """Torque that friction may hold back near standstill, in units of Coulomb friction: from one direction to the other."""
@@ -55,7 +56,7 @@ def _held(state: State, number: int, row: EstimationRow, left: dict[tuple[str, i
     if row.kind != "sum":  # a torque sensor behind the motor's friction reads none of it
         return nowhere
     torque = state.coefficients(number) @ state.columns[number].rows[row]
-    coulomb = float(state.standard[log.model.index[f"fs{joint + 1}"]])
+    coulomb = float(state.standard[log.model.index[StandardParameter("fs", joint)]])
     held = standing(state, joint, log.training.group(row).use) & (np.abs(torque) <= HELD * coulomb)
     motor = EstimationRow("motor", joint)
     if motor in state.triangles.rows:

@@ -188,7 +188,7 @@ class State:
         return frozenset(
             name
             for name, value in zip(names, self.standard, strict=True)
-            if value < 0 and name.startswith(POSITIVE) and self.log.base.classes[name] == "independent"
+            if value < 0 and name.kind in POSITIVE and self.log.base.classes[name] == "independent"
         )
 
     def rms(self, row: EstimationRow) -> float:

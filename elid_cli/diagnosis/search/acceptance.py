@@ -11,6 +11,7 @@ from elid_cli.diagnosis.search.screening import FOLDS_LOST, Candidate, sensible
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import EstimationRow
+from elid_cli.robot.parameter import StandardParameter
 
 FLOOR_RATIO = 1.1
 """Residual over floor below which a row holds noise only."""
@@ -116,7 +117,7 @@ def _least_torque(state: State, row: EstimationRow, effect: Effect | None) -> fl
     if effect is None or effect.place != "motor":
         return least
     model, joint = state.log.model, effect.joint
-    coulomb, viscous = (float(state.standard[model.index[f"{kind}{joint + 1}"]]) for kind in ("fs", "fv"))
+    coulomb, viscous = (float(state.standard[model.index[StandardParameter(kind, joint)]]) for kind in ("fs", "fv"))
     speed = state.scene.motion.dtheta[:, joint]
     friction = float(np.sqrt(np.mean((coulomb * np.sign(speed) + viscous * speed) ** 2)))
     return min(least, SMALLEST_FRICTION * friction) if friction > 0 else least

@@ -16,6 +16,7 @@ from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.estimation.regression.covariance import regression
 from elid_cli.model.regressor import EstimationRow
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import MOTOR_PARAMETERS
 
 SURE = 6.0
@@ -88,7 +89,7 @@ def _regressed(state: State, joint: int) -> tuple[Skew, float] | None:
     without = float(np.sum((deflection - plain.values @ columns[1:])[test] ** 2))
     skew, deviation = float(fitted.values[0]), float(fitted.spread[0])
     share = 1.0 - with_it / without if without > 0 else 0.0
-    viscous = abs(float(state.standard[log.model.index[f"fv{joint + 1}"]]))
+    viscous = abs(float(state.standard[log.model.index[StandardParameter("fv", joint)]]))
     compliance = abs(float(fitted.values[1])) + 2.0 * float(fitted.spread[1])
     count = float(test.sum())
     item = Skew(joint, skew, deviation, share, float(np.sqrt(without / count)), float(np.sqrt(with_it / count)))
@@ -103,6 +104,6 @@ def link_load(state: State, joint: int, parameters: Array | None = None) -> Arra
     values = state.standard if parameters is None else parameters
     log = state.log
     total = log.observation.group(EstimationRow("sum", joint))
-    own = {log.model.index.get(f"{kind}{joint + 1}") for kind in MOTOR_PARAMETERS}
+    own = {log.model.index.get(StandardParameter(kind, joint)) for kind in MOTOR_PARAMETERS}
     load: Array = np.array([0.0 if int(k) in own else values[k] for k in total.index]) @ total.columns
     return load

@@ -107,7 +107,7 @@ def _collapsed(fit: DefaultFit, values: Array) -> str:
     """Return the stiffness that fell to a small part of the default estimate, if one did."""
     before = fit.solution.values
     for k, name in enumerate(fit.model.names):
-        if name.startswith("K") and k in fit.solution.basis and before[k] > 0 and values[k] < COLLAPSED * before[k]:
+        if name.kind == "K" and k in fit.solution.basis and before[k] > 0 and values[k] < COLLAPSED * before[k]:
             return name
     return ""
 

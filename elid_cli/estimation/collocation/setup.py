@@ -15,6 +15,7 @@ from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.model.effects.declared import amplitude_prior, declared_effects
 from elid_cli.model.regressor import Regressor
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.spline_fit import fit_spline
@@ -264,7 +265,7 @@ class Setup:
         model, noise = self.fit.model, self.fit.signals.noise
         if not model.robot.joints[joint].elastic:
             return 0.0
-        stiffness = abs(float(self.fit.solution.values[model.index[f"K{joint + 1}"]]))
+        stiffness = abs(float(self.fit.solution.values[model.index[StandardParameter("K", joint)]]))
         return stiffness * float(np.hypot(np.nan_to_num(noise.q[joint]), np.nan_to_num(noise.theta[joint])))
 
     def prior(self, now: Iterate) -> tuple[float, Array, Array]:

@@ -239,7 +239,7 @@ def _refused_springs(found: Identification) -> list[int]:
     return [
         int(leader)
         for leader, verdict in zip(found.base.leaders, found.verdict, strict=True)
-        if verdict == "refused" and found.base.parameters[leader].startswith("K")
+        if verdict == "refused" and found.base.parameters[leader].kind == "K"
     ]
 
 

@@ -15,6 +15,7 @@ from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect, Scene
 from elid_cli.model.regressor import EstimationRow, Regressor
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import MOTOR_PARAMETERS
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Segment
@@ -53,7 +54,7 @@ def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
     load = link
     for k, joint in enumerate(robot.joints):
         if joint.elastic:
-            value = float(standard[model.index[f"K{k + 1}"]])
+            value = float(standard[model.index[StandardParameter("K", k)]])
             if np.isfinite(value) and value > 0:
                 stiffness[k] = value
                 load[:, k] = value * (motion.theta[:, k] - motion.q[:, k])
@@ -115,7 +116,7 @@ def _torques(model: Regressor, motion: Motion, standard: Array) -> tuple[Array, 
             k = item.row.joint
             predicted[part, k] = known[item.columns] @ rows[item.row]
             for position, column in enumerate(item.columns):
-                if model.names[column] in [f"{kind}{k + 1}" for kind in MOTOR_PARAMETERS]:
+                if model.names[column].joint == k and model.names[column].kind in MOTOR_PARAMETERS:
                     own[part, k] += known[column] * rows[item.row][position]
     return predicted, predicted - own
 

@@ -21,6 +21,7 @@ from elid_cli.estimation.result import BaseEstimate, Identification, Verdict
 from elid_cli.estimation.stiffness.noise import pull
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import POSITIVE
 from elid_cli.signals.signals import Signals
 
@@ -73,7 +74,7 @@ def link_stiffness(
     if EstimationRow("motor", joint) not in rows or EstimationRow("sum", joint) not in rows or signals.still[joint]:
         return None  # of a joint that is held the deflection is one more constant
     total = rows[EstimationRow("sum", joint)]
-    own = {f"{kind}{joint + 1}" for kind in POSITIVE}
+    own = {StandardParameter(kind, joint) for kind in POSITIVE}
     values = dict(zip(base.leaders.tolist(), base.values(reference), strict=True))
     load = np.zeros(observation.instants)
     for position, column in enumerate(total.index.tolist()):
@@ -141,7 +142,7 @@ def two_ways(observation: Observation, standard: Array, names: Sequence[str], jo
     group = rows.get(observation.spring_row(joint))
     if group is None or group.count < 50:
         return None
-    spring = [k for k, column in enumerate(group.index) if names[column] == f"K{joint + 1}"]
+    spring = [k for k, column in enumerate(group.index) if names[column] == StandardParameter("K", joint)]
     if not spring:
         return None
     own = [k for k in range(len(group.index)) if k not in spring]
@@ -156,14 +157,14 @@ def with_both_regressions(found: Identification, way: Callable[[int], TwoWays | 
 
     `way` gives both for a joint (from 0).
     """
-    items = tuple(_between(item, way) if item.leader.startswith("K") else item for item in found.parameters)
+    items = tuple(_between(item, way) if item.leader.kind == "K" else item for item in found.parameters)
     unsaid = np.array([np.isnan(item.estimate) for item in items])
     covariance = np.where(unsaid[:, None] | unsaid[None], np.nan, found.covariance)
     return replace(found, parameters=items, covariance=covariance)
 
 
 def _between(item: BaseEstimate, way: Callable[[int], TwoWays | None]) -> BaseEstimate:
-    ways = way(int(item.leader[1:]) - 1) if item.verdict != "refused" else None
+    ways = way(item.leader.joint) if item.verdict != "refused" else None
     if ways is None or ways.share >= CLEAR:
         return item
     estimate, deviation = ways.middle, max(ways.spread, item.std_error)
@@ -186,9 +187,9 @@ def with_link_stiffness(found: Identification, way: Callable[[int], LinkStiffnes
     """
     items, notes = list(found.parameters), list(found.notes)
     for k, item in enumerate(items):
-        if not item.leader.startswith("K"):
+        if item.leader.kind != "K":
             continue
-        joint = int(item.leader[1:]) - 1
+        joint = item.leader.joint
         other = way(joint)
         if other is None or other.value <= 0 or other.explained < EXPLAINED or other.deviation > 0.3 * other.value:
             continue

@@ -17,6 +17,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.triangles import Triangle, Triangles
 from elid_cli.model.regressor import EstimationRow, Kind, Regressor
+from elid_cli.robot.parameter import StandardParameter
 
 _ROWS: tuple[Kind, ...] = ("motor", "spring")
 LARGEST_SHARE = 0.2
@@ -35,7 +36,7 @@ def stiffness_in_noise(model: Regressor, triangles: Triangles, basis: NDArray[np
     noise
         Standard deviation of encoder noise in the filtered deflection, rad (m), (n,).
     """
-    refused = {}
+    refused: dict[str, str] = {}
     for k, joint in enumerate(model.robot.joints):
         if not joint.elastic:
             continue
@@ -45,7 +46,7 @@ def stiffness_in_noise(model: Regressor, triangles: Triangles, basis: NDArray[np
         share = float(noise[k] ** 2 / max(left, 1e-300))
         if share > LARGEST_SHARE:
             reason = f"{min(share, 1.0):.0%} of the deflection that would tell it is encoder noise in {joint.name}"
-            refused[f"K{k + 1}"] = reason
+            refused[StandardParameter("K", k)] = reason
         if share > COLLAPSED:
             why = f"{reason}: without K the motor row takes the link's inertia for the rotor's"
             refused[model.robot.rotor_names[k]] = why
@@ -72,7 +73,7 @@ def with_pull(model: Regressor, triangles: Triangles, solution: Solution, covari
     for k, joint in enumerate(model.robot.joints):
         if not joint.elastic:
             continue
-        place = np.flatnonzero(solution.basis == model.index[f"K{k + 1}"])
+        place = np.flatnonzero(solution.basis == model.index[StandardParameter("K", k)])
         left = deciding_deflection(model, triangles, solution.basis, k) if len(place) else None
         if left is None or not left > 0 or not np.isfinite(noise[k]):
             continue
@@ -111,7 +112,7 @@ def deciding_deflection(model: Regressor, triangles: Triangles, basis: NDArray[n
 
 def _left(model: Regressor, chosen: list[Triangle], basis: NDArray[np.intp], joint: int) -> float | None:
     index = chosen[0].index
-    own = model.index[f"K{joint + 1}"]
+    own = model.index[StandardParameter("K", joint)]
     place = np.flatnonzero(index == own)
     if not len(place):
         return None

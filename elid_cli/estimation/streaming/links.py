@@ -18,6 +18,7 @@ from elid_cli.estimation.stiffness.noise import pull
 from elid_cli.estimation.streaming.accumulate import GrowingTriangle
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow, Regressor, RegressorPlan
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import POSITIVE
 
 TOGETHER = 16_000
@@ -78,7 +79,7 @@ class LinkSums:
         rows = {item.row: item for item in plan.rows}
         for joint in range(model.robot.n):
             item = rows[EstimationRow("sum", joint)]
-            own = {f"{kind}{joint + 1}" for kind in POSITIVE}
+            own = {StandardParameter(kind, joint) for kind in POSITIVE}
             factors = np.array(
                 [values[k] if k in values and base.parameters[k] not in own else 0.0 for k in item.columns.tolist()]
             )

@@ -22,6 +22,7 @@ from elid_cli.estimation.regression.triangles import ExtraColumns, Triangle, Tri
 from elid_cli.estimation.stiffness.link_equation import LEAST, LinkStiffness, TwoWays
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow, Regressor
+from elid_cli.robot.parameter import StandardParameter
 
 _ORDER = {"link": 0, "sum": 1, "motor": 2}
 
@@ -169,7 +170,7 @@ class TriangleData:
         """See `FitData`."""
         merged, model = self.merged, self.model
         chosen = merged.chosen(self.counted, merged.nuisances).of(EstimationRow("motor", joint))
-        spring = model.index.get(f"K{joint + 1}")
+        spring = model.index.get(StandardParameter("K", joint))
         if sum(t.count for t in chosen) < LEAST or spring is None or spring not in chosen[0].index:
             return None
         index, count = chosen[0].index, sum(t.count for t in chosen)

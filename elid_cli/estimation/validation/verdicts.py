@@ -12,6 +12,7 @@ from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.result import Verdict
 from elid_cli.model.base_parameters import BaseParameters
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import MOTOR_PARAMETERS, POSITIVE, Robot
 
 WEAK = 0.3
@@ -75,7 +76,7 @@ def judge(
         name = base.parameters[leader]
         members = [base.parameters[j] for j in np.flatnonzero(base.transform[k])]
         size = max(abs(estimate[k]), scale[k] if np.isfinite(scale[k]) else 0.0)
-        stiff = name.startswith("K")
+        stiff = name.kind == "K"
         if not known[k] or not np.isfinite(deviation[k]):
             verdicts.append("refused")
             reasons[name] = why(members, robot, facts)
@@ -98,11 +99,10 @@ def judge(
     return tuple(verdicts), reasons
 
 
-def why(members: Sequence[str], robot: Robot, facts: SignalFacts) -> str:
+def why(members: Sequence[StandardParameter], robot: Robot, facts: SignalFacts) -> str:
     """Return in words what a log lacks for a base parameter with these standard parameters in it."""
     name = members[0]
-    kind = name.rstrip("0123456789")
-    joint = int(name[len(kind) :]) - 1
+    kind, joint = name.kind, name.joint
     label = robot.joint_names[joint]
     if not facts.torque[joint]:
         return f"{label} has no torque in this log"

@@ -15,6 +15,7 @@ from elid_cli._types import Array
 from elid_cli.model.kinematics import JointState, chain
 from elid_cli.model.terms.base_term import ChainMotion
 from elid_cli.model.terms.rigid_body import RigidBody
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import LINK_PARAMETERS, Robot
 from elid_cli.signals.motion import Motion
 
@@ -43,7 +44,7 @@ def body_torque(robot: Robot, motion: Motion, parameters: Array) -> Array:
 def last_body(robot: Robot, motion: Motion) -> Array:
     """Return the columns of the last body's ten parameters in every link row, shape (n, 10, N)."""
     columns = np.zeros((robot.n, len(LINK_PARAMETERS), motion.samples))
-    place = {f"{kind}{robot.n}": k for k, kind in enumerate(LINK_PARAMETERS)}
+    place = {StandardParameter(kind, robot.n - 1): k for k, kind in enumerate(LINK_PARAMETERS)}
     for _, joint, name, value in RigidBody().entries(robot, _moving(robot, motion)):
         if name in place:
             columns[joint, place[name]] = np.asarray(value)

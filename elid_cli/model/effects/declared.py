@@ -11,6 +11,7 @@ from elid_cli._types import Array
 from elid_cli.errors import RobotError, did_you_mean
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
@@ -169,13 +170,10 @@ def _amplitude_spread(kind: type[Effect], joint: int, mean: Array, scene: Scene)
     """Return how far amplitudes may lie from what the file gives: by its own size, or by some times the friction."""
     spread = np.where(mean != 0, np.abs(mean), np.inf)
     if kind.place == "motor":
-        names = {name: k for k, name in enumerate(scene.robot.parameter_names())}
+        known = dict(zip(scene.robot.parameter_names(), scene.parameters.tolist(), strict=True))
+        coulomb, viscous = (known[StandardParameter(name, joint)] for name in ("fs", "fv"))
         speed = np.abs(scene.motion.dtheta[:, joint])
-        level = np.sqrt(
-            np.mean(
-                (scene.parameters[names[f"fs{joint + 1}"]] + scene.parameters[names[f"fv{joint + 1}"]] * speed) ** 2
-            )
-        )
+        level = np.sqrt(np.mean((coulomb + viscous * speed) ** 2))
         units = np.array([p.unit in ("N·m", "N") for p in kind.amplitudes])
         spread = np.where(units & ~(mean != 0) & (level > 0), FRICTIONS * level, spread)
     return spread

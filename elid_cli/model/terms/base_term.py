@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple, Protocol
 
 from elid_cli.model.kinematics import Body
 from elid_cli.model.tracing import Scalar
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 
 Side = Literal["link", "motor"]
@@ -19,7 +20,7 @@ class Entry(NamedTuple):
 
     side: Side
     joint: int
-    parameter: str
+    parameter: StandardParameter
     value: Scalar
 
 

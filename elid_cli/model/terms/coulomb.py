@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from elid_cli.model.terms.base_term import ChainMotion, Entry
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 
 
@@ -17,4 +18,4 @@ class Coulomb:
     def entries(self, robot: Robot, motion: ChainMotion) -> Iterator[Entry]:
         """Yield fs_i in motor row i."""
         for i, motor in enumerate(motion.motors):
-            yield Entry("motor", i, f"fs{i + 1}", motor.direction)
+            yield Entry("motor", i, StandardParameter("fs", i), motor.direction)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 from elid_cli.model.kinematics import Vector, acceleration_field, cross, dot
 from elid_cli.model.terms.base_term import ChainMotion, Entry
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 
 _INERTIA = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -29,13 +30,13 @@ class RigidBody:
             field = acceleration_field(omega, alpha)
             moments = _moments(omega, alpha)
             for j, (v, w) in body.twists:
-                yield Entry("link", j, f"m{i}", dot(v, a))
+                yield Entry("link", j, StandardParameter("m", i - 1), dot(v, a))
                 lever = cross(a, w)
                 for axis, column in enumerate("xyz"):
                     value = v[0] * field[0][axis] + v[1] * field[1][axis] + v[2] * field[2][axis] + lever[axis]
-                    yield Entry("link", j, f"c{column}{i}", value)
+                    yield Entry("link", j, StandardParameter(f"c{column}", i - 1), value)
                 for kind, moment in zip(_INERTIA, moments, strict=True):
-                    yield Entry("link", j, f"{kind}{i}", dot(w, moment))
+                    yield Entry("link", j, StandardParameter(kind, i - 1), dot(w, moment))
 
 
 def _moments(omega: Vector, alpha: Vector) -> tuple[Vector, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from elid_cli.model.kinematics import add, cross, dot, scale
 from elid_cli.model.terms.base_term import ChainMotion, Entry
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 
 
@@ -25,12 +26,12 @@ class Rotor:
         """
         for i, (joint, motor) in enumerate(zip(robot.joints, motion.motors, strict=True), start=1):
             if joint.gear_ratio is None:
-                yield Entry("motor", i - 1, f"Ja{i}", motor.ddtheta)
+                yield Entry("motor", i - 1, StandardParameter("Ja", i - 1), motor.ddtheta)
                 continue
             carrier = motion.bodies[robot.parents[i - 1] + 1]
             ratio, axis = joint.gear_ratio, joint.motor_axis
             own = motor.ddtheta * (ratio * ratio)
-            yield Entry("motor", i - 1, f"Jm{i}", own + dot(axis, carrier.alpha) * ratio)
+            yield Entry("motor", i - 1, StandardParameter("Jm", i - 1), own + dot(axis, carrier.alpha) * ratio)
             moment = add(scale(axis, motor.ddtheta), scale(cross(carrier.omega, axis), motor.dtheta))
             for j, (_, w) in carrier.twists:
-                yield Entry("link", j, f"Jm{i}", dot(w, moment) * ratio)
+                yield Entry("link", j, StandardParameter("Jm", i - 1), dot(w, moment) * ratio)

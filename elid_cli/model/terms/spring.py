@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from elid_cli.model.terms.base_term import ChainMotion, Entry
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 
 
@@ -18,5 +19,5 @@ class Spring:
         """Yield K_i in link row i and, with the other sign, in motor row i; rigid joints have none."""
         for i, (joint, motor) in enumerate(zip(robot.joints, motion.motors, strict=True)):
             if joint.elastic:
-                yield Entry("link", i, f"K{i + 1}", motor.deflection)
-                yield Entry("motor", i, f"K{i + 1}", -motor.deflection)
+                yield Entry("link", i, StandardParameter("K", i), motor.deflection)
+                yield Entry("motor", i, StandardParameter("K", i), -motor.deflection)

@@ -18,6 +18,7 @@ from elid_cli.report.answers.inputs import (
     used_items,
 )
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Report, Section, Table, Text, Tone, number_text
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import JOINT_PARAMETERS, Robot
 from elid_cli.signals.recording import Recording
 
@@ -99,7 +100,7 @@ def grid(key: str, title: str, robot: Robot, classes: Mapping[str, str], legend:
     columns = (Column("parameter", ""), *(Column(joint.name, joint.name) for joint in robot.joints))
     rows: list[tuple[Cell, ...]] = []
     for kind in JOINT_PARAMETERS:
-        cells = [_word(classes.get(f"{kind}{i}")) for i in range(1, robot.n + 1)]
+        cells = [_word(classes.get(StandardParameter(kind, i - 1))) for i in range(1, robot.n + 1)]
         if any(cells):
             rows.append((kind, *cells))
     return Table(key, columns, tuple(rows), title=title, note=legend)

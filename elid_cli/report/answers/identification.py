@@ -110,7 +110,7 @@ def identification_payload(found: Identification, recording: Recording | None = 
 def base_payload(found: Identification) -> list[dict[str, Any]]:
     """Return the list ``base_parameters`` of JSON; the estimate of a refused one is null."""
     relative = found.relative_error()
-    units = dict(zip(found.robot.parameter_names(), found.robot.parameter_units(), strict=True))
+    units: dict[str, str] = dict(zip(found.robot.parameter_names(), found.robot.parameter_units(), strict=True))
     leaders = {found.base.parameters[leader] for leader in found.base.leaders}
     unseen = [
         {

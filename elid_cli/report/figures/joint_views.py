@@ -12,6 +12,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.validation.prediction import Validation
 from elid_cli.model.regressor import EstimationRow
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
@@ -121,7 +122,7 @@ def deflection_of(observation: Observation, joint: int, names: Sequence[str]) ->
     """Return the deflection that multiplies a stiffness, as filtered and corrected, (M,); None where there is none."""
     groups = [g for g in observation.groups if (g.row.kind, g.row.joint) == ("motor", joint)]
     for group in groups:
-        place = np.flatnonzero(group.index == names.index(f"K{joint + 1}"))
+        place = np.flatnonzero(group.index == names.index(StandardParameter("K", joint)))
         if place.size:
             return np.asarray(group.columns[int(place[0])])
     return None

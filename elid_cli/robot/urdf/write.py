@@ -74,12 +74,8 @@ def with_parameters(robot: Robot, parameters: Array | None) -> Robot:
         return robot
     values = dict(zip(robot.parameter_names(), (float(value) for value in parameters), strict=True))
     joints = []
-    for i, joint in enumerate(robot.joints, start=1):
-        known = {
-            name.removesuffix(str(i)): value
-            for name, value in values.items()
-            if name.rstrip("0123456789") + str(i) == name and not math.isnan(value)
-        }
+    for k, joint in enumerate(robot.joints):
+        known = {p.kind: value for p, value in values.items() if p.joint == k and not math.isnan(value)}
         joints.append(replace(joint, parameters=known))
     return replace(robot, joints=tuple(joints))
 

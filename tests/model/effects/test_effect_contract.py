@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -301,12 +302,14 @@ def test_an_effect_that_does_not_apply_says_why(effect: str, alone: bool, why: s
 def test_a_log_without_link_positions_leaves_out_the_effects_that_need_them() -> None:
     declared = (EffectSpec("backlash", "joint2"), EffectSpec("backlash", "joint1"), EffectSpec("stribeck", "joint2"))
     robot = replace(planar(), effects=declared)
-    blind = np.array([False, True])
-    assert lost_effects(robot, blind) == declared[:1]
-    shown = as_observed(robot, blind)
+    log = SimpleNamespace(missing_link=np.array([False, True]), link_torque=np.array([False, False]))
+    lost = lost_effects(robot, robot.stiffened(log.missing_link))
+    assert [spec for spec, _ in lost] == [declared[0]]
+    assert "rigid" in lost[0][1]
+    shown = as_observed(robot, log)
     assert shown.effects == declared[1:]
     assert [joint.elastic for joint in shown.joints] == [True, False]
-    assert lost_effects(shown, blind) == ()
+    assert lost_effects(shown, shown) == []
 
 
 def test_the_library_is_imported_without_heavy_or_printing_packages() -> None:

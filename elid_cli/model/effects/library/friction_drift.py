@@ -9,6 +9,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
 from elid_cli.model.effects.rows import motor_row
+from elid_cli.robot.parameter import StandardParameter
 
 LINEAR = 5.0
 """Time constant in lengths of the log that bends by a hundredth."""
@@ -49,7 +50,7 @@ class FrictionDrift(Effect):
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
         """Whether friction stays friction: neither part may turn around during the log (±half of it each way)."""
         known = dict(zip(scene.robot.parameter_names(), scene.parameters.tolist(), strict=True))
-        coulomb, viscous = known[f"fs{joint + 1}"], known[f"fv{joint + 1}"]
+        coulomb, viscous = known[StandardParameter("fs", joint)], known[StandardParameter("fv", joint)]
         if coulomb <= 0 and viscous <= 0:
             return True
         speed = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.9))

@@ -9,6 +9,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.model.effects.bodies import last_body
 from elid_cli.model.effects.effect import Alteration, Columns, Effect, EquationRow, Parameter, Scene
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import LINK_PARAMETERS, Robot
 from elid_cli.signals.motion import random_motion
 
@@ -99,7 +100,7 @@ class Payload(Effect):
         names = robot.parameter_names()
         changed = np.array(parameters, dtype=float)
         for name, change in zip(LINK_PARAMETERS, coefficients, strict=True):
-            changed[names.index(f"{name}{robot.n}")] += change
+            changed[names.index(StandardParameter(name, robot.n - 1))] += change
         return Alteration(self.shape[0], robot, changed)
 
 

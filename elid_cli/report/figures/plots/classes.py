@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from elid_cli.report.figures.paint import INK
 from elid_cli.report.tree import Figure
+from elid_cli.robot.parameter import StandardParameter
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -39,13 +40,13 @@ def draw(figure: Figure, paper: Paper) -> Canvas:
     from matplotlib.patches import Patch, Rectangle
 
     classes, joints = figure.data["classes"], figure.data["joints"]
-    shown = [kind for kind in STANDARD if any(f"{kind}{row + 1}" in classes for row in range(len(joints)))]
+    shown = [kind for kind in STANDARD if any(StandardParameter(kind, row) in classes for row in range(len(joints)))]
     made = paper.canvas(0.3 * len(joints) + (1.6 if paper.narrow else 0.95))
     axes = made.subplots()
     seen = []
     for row in range(len(joints)):
         for column, kind in enumerate(shown):
-            found = classes.get(f"{kind}{row + 1}")
+            found = classes.get(StandardParameter(kind, row))
             if found is None:
                 continue
             fill, letter, ink, _ = LOOK[found]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.report.figures.paint import BLUE, INK, ORANGE, PALE, bands, cloud
 from elid_cli.report.tree import Figure, number_text
+from elid_cli.robot.parameter import StandardParameter
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -102,7 +103,7 @@ def spring_views(found: Validation, signals: Signals, refused: Collection[str] =
                 rising=np.gradient(deflection) > 0,
                 used=group.use,
                 stiffness=float(stiffness),
-                known=f"K{k + 1}" not in refused,
+                known=StandardParameter("K", k) not in refused,
             )
         )
     return tuple(views)
