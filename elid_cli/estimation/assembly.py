@@ -101,14 +101,13 @@ def _deviation(fit: DefaultFit, column: int) -> float:
 
 def _nuisances(fit: DefaultFit) -> tuple[tuple[Nuisance, ...], Array]:
     robot, p = fit.model.robot, len(fit.base.parameters)
-    delays = np.zeros(robot.n)
+    moved = fit.data.facts.moved
+    delays = moved + fit.late
     found = []
     for k, extra in enumerate(fit.nuisances):
         joint = sum_row(extra).joint
-        value = float(fit.solution.values[p + k])
         kind = effect_classes()[extra.name].amplitudes[0].name
-        if extra.name == DELAY:
-            delays[joint] = value
+        value = float(delays[joint] if extra.name == DELAY else fit.solution.values[p + k])
         found.append(Nuisance(extra.name, robot.joints[joint].name, {kind: value}, {kind: _deviation(fit, p + k)}))
     return tuple(found), delays
 

@@ -14,10 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.default_fit import DefaultFit, fit_log
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.model.base_parameters import BaseParameters
+from elid_cli.model.effects.shifts import Shifts, corrected
 from elid_cli.model.regressor import Regressor
 from elid_cli.signals.excerpts import excerpts
 from elid_cli.signals.signals import DEFAULT_CUTOFF, Signals
@@ -35,44 +37,82 @@ HINTED = 0.0
 """The same as `WORTH`, up to which that part speaks for a lower cut-off, more cautiously than a whole log does."""
 SHORTEST = 3.0
 """Length of each of its stretches, s, at least: a lower cut-off's filter is a third of a second long."""
+LATE = 0.05
+"""Phase, rad at the cut-off, up to which a torque's delay is left to its column: a thousandth is then lost."""
+ROUNDS = 4
+"""Times that torques are moved at most."""
 ENOUGH = 3.0
 """Independent instants per joint and base parameter of one joint that a cut-off must leave."""
 
 
 def fit_best(model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions) -> DefaultFit:
-    """Fit a log at the usual cut-off, or at the lower one that leaves clearly smaller standard errors.
+    """Fit a log at the usual cut-off, or at the lower one that leaves clearly smaller standard errors, torques in time.
 
     A cut-off that the user gave stands, and so does that for declared effects, whose shapes lie in faster changes.
     """
-    best = _best(model, base, signals, options)
-    if isinstance(best, DefaultFit):
-        return best
-    return fit_log(model, base, signals if best is None else signals.refiltered(best), options)
+    fit, whole = _best(model, base, signals, options)
+    if not whole:
+        fit = fit_log(model, base, _like(signals, fit.signals), options)
+    return in_time(signals, fit, lambda moved: fit_log(model, base, moved, options))
 
 
 def at_best_cutoff(model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions) -> Signals:
-    """Return the signals with the cut-off that `fit_best` fits them at; a long log is never held whole for it."""
-    best = _best(model, base, signals, options)
-    if best is None:
+    """Return the signals as `fit_best` fits them; a long log is never held whole for it."""
+    try:
+        fit, _ = _best(model, base, signals, options)
+    except DataError:  # too little for a fit of its own; others may join it
         return signals
-    return best.signals if isinstance(best, DefaultFit) else signals.refiltered(best)
+    fit = in_time(fit.signals, fit, lambda moved: fit_log(model, base, moved, options))
+    return _like(signals, fit.signals)
+
+
+def in_time(signals: Signals, fit: DefaultFit, again: Callable[[Signals], DefaultFit]) -> DefaultFit:
+    """Return the fit with torques moved to where they act, where their delay is more than a column can correct.
+
+    Parameters
+    ----------
+    signals
+        The log as it came.
+    fit
+        A fit to it.
+    again
+        Fit other signals.
+    """
+    for _ in range(ROUNDS):
+        if float(np.max(np.abs(fit.late), initial=0.0)) * 2 * np.pi * fit.signals.filter.cutoff <= LATE:
+            break
+        moved = fit.data.facts.moved + fit.late
+        fit = again(_moved(replace(signals, filter=fit.signals.filter), moved))
+    return fit
+
+
+def _like(signals: Signals, other: Signals) -> Signals:
+    """Return a log filtered, and its torques moved, as a part of it was."""
+    return _moved(replace(signals, filter=other.filter), other.moved)
+
+
+def _moved(signals: Signals, by: Array) -> Signals:
+    if not np.any(by):
+        return signals
+    return replace(corrected(signals, replace(Shifts.none(signals.n), torque=by)), moved=by)
 
 
 def _best(
     model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions
-) -> DefaultFit | float | None:
-    """Return the fit at the best cut-off; of a long log, by stretches of which it is judged, that cut-off, Hz.
-
-    None: the cut-off that the signals have.
-    """
+) -> tuple[DefaultFit, bool]:
+    """Return the fit at the best cut-off to the stretches that it is judged by, and whether they are the whole log."""
+    shown = replace(signals, segments=excerpts(signals.segments, signals.dt))
+    whole = shown.duration == signals.duration and len(shown.segments) == len(signals.segments)
     if not signals.cutoff_free or model.robot.effects:
-        return None
+        whole = whole or bool(model.robot.effects)
+        return fit_log(model, base, signals if whole else shown, options), whole
     hint = replace(signals, segments=excerpts(signals.segments, signals.dt, HINT, shortest=SHORTEST))
     if hint.duration < signals.duration:
         other = _tried(base, hint, LOWER[0], lambda lower: fit_log(model, base, lower, options))
-        if other is not None and not _compared(other, fit_log(model, base, hint, options)) < HINTED:
-            return None
-    shown = replace(signals, segments=excerpts(signals.segments, signals.dt))
+        if other is not None:
+            usual = fit_log(model, base, hint, options)
+            if not _compared(other, usual) < HINTED:
+                return usual, False
     usual = fit_log(model, base, shown, options)
     best, least, before = usual, -WORTH, -TREND
     for cutoff in LOWER:
@@ -83,9 +123,7 @@ def _best(
         if not gain < before:
             break
         before = gain - TREND
-    if shown.duration == signals.duration and len(shown.segments) == len(signals.segments):
-        return best
-    return None if best is usual else best.signals.filter.cutoff
+    return best, whole
 
 
 def _tried(
@@ -112,6 +150,7 @@ def _compared(one: DefaultFit, other: DefaultFit) -> float:
     return float(np.mean(np.log(mine[good] / its[good]))) if good.any() else float("inf")
 
 
-def _deviations(fit: DefaultFit) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _deviations(fit: DefaultFit) -> Array:
     used = fit.transform[:, fit.solution.basis]
-    return np.sqrt(np.maximum(np.diag(used @ fit.covariance @ used.T), 0.0))
+    deviations: Array = np.sqrt(np.maximum(np.diag(used @ fit.covariance @ used.T), 0.0))
+    return deviations

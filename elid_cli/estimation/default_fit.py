@@ -19,7 +19,7 @@ from elid_cli.estimation.regression.covariance import lasting_weights
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.least_squares import Solution, reweighted
-from elid_cli.estimation.regression.nuisances import DELAY, OFFSET, of_sampling, reading_columns, significant
+from elid_cli.estimation.regression.nuisances import DELAY, LONGEST, OFFSET, reading_columns, short_enough, significant
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.other_shapes import check_shape_ambiguity, triangles_with_effects
 from elid_cli.estimation.regression.standard_errors import amplitudes_of, covariance_of
@@ -97,6 +97,15 @@ class DefaultFit:
             return float("nan"), float("nan")
         return float(self.solution.values[column]), float(np.sqrt(max(self.covariance[where[0], where[0]], 0.0)))
 
+    @property
+    def late(self) -> Array:
+        """Delay of every torque channel that the nuisances still correct, s, (n,)."""
+        late = np.zeros(self.model.robot.n)
+        for k, extra in enumerate(self.nuisances):
+            if extra.name == DELAY:
+                late[sum_row(extra).joint] = self.solution.values[self.model.parameters + k]
+        return late
+
     def amplitudes(self) -> list[Array]:
         """Return the fitted amplitudes of every declared effect, each (d,)."""
         return amplitudes_of(self.solution, len(self.base.parameters), self.nuisances, self.effects)
@@ -163,6 +172,7 @@ def solve_with(
     effects: FittedEffects | None,
     *,
     shaping: bool = False,
+    longest: float = LONGEST,
 ) -> Solved:
     """Solve with nuisances, as far as they are significant and predict better, and effects.
 
@@ -176,6 +186,8 @@ def solve_with(
         Effects with their columns.
     shaping
         Whether the effects' shapes are refined; else they stay as they are.
+    longest
+        Longest delay of a torque channel that may be one of the nuisances, s.
     """
     for last in (False, True):
         if shaping and effects and data.samples is not None:
@@ -186,7 +198,7 @@ def solve_with(
         if last or not nuisances:
             break
         spread = data.covariance(solution, nuisances, effects)
-        kept = significant(solution, spread, nuisances, triangles.parameters, data.facts.dt)
+        kept = significant(solution, spread, nuisances, triangles.parameters, data.facts.dt, longest)
         kept = _borne_out(base, data, kept, effects)
         if not (shaping and effects) and len(kept) == len(nuisances):
             break
@@ -217,7 +229,7 @@ def with_delays(fit: DefaultFit, options: EstimateOptions) -> DefaultFit:
     """Return the fit with a delay of every torque channel that it could not tell from none.
 
     A sharper estimator may: without them, rotor inertias and viscous friction would be bent by what is left of one. Not
-    those that were too long for a delay of sampling, nor those that the robot file declares.
+    those that came out longer than any channel's, nor those that the robot file declares.
     """
     had = {sum_row(extra).joint for extra in fit.nuisances if extra.name == DELAY}
     names = fit.model.robot.joint_names
@@ -230,7 +242,7 @@ def with_delays(fit: DefaultFit, options: EstimateOptions) -> DefaultFit:
         covariance = covariance_of(fit.data, nuisances, fit.effects, triangles, solution)
         grown = replace(fit, nuisances=nuisances, triangles=triangles, solution=solution, covariance=covariance)
         found = np.array([grown.nuisance(k) for k in range(len(fit.nuisances), len(nuisances))])
-        short = of_sampling(found[:, 0], found[:, 1], fit.data.facts.dt)
+        short = short_enough(found[:, 0], found[:, 1], LONGEST)
         if short.all():
             return grown
         missing = [extra for extra, may in zip(missing, short, strict=True) if may]

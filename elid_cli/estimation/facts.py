@@ -42,6 +42,8 @@ class SignalFacts:
     velocity_used: bool
     known: NDArray[np.intp]
     """Instants at which a joint's torque is known."""
+    moved: Array
+    """By how much each torque channel was moved before the fit, s."""
     poses: Array
     """Link positions at a few instants spread over the log, (k, n)."""
 
@@ -73,6 +75,7 @@ def facts_of(signals: Signals, known: NDArray[np.bool_] | NDArray[np.intp]) -> S
         link_torque=signals.link_torque,
         velocity_used=bool(signals.velocity_used.any()),
         known=known,
+        moved=signals.moved if len(signals.moved) else np.zeros(signals.n),
         poses=np.nan_to_num(np.array([signals.motion.positions(slice(k, k + 1))[0, :, 0] for k in outputs.tolist()])),
     )
 
@@ -104,6 +107,7 @@ def joined_facts(facts: Sequence[SignalFacts]) -> SignalFacts:
         still=np.all([f.still for f in facts], axis=0),
         torque=np.any([f.torque for f in facts], axis=0),
         velocity_used=any(f.velocity_used for f in facts),
+        moved=np.average([f.moved for f in facts], axis=0, weights=weights),
         known=np.sum([f.known for f in facts], axis=0, dtype=np.intp),
         poses=np.concatenate([f.poses for f in facts]),
     )

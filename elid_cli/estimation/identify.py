@@ -244,7 +244,7 @@ def _levelled_fit(robot: Robot, signals: Signals, options: EstimateOptions) -> t
 
     def again(fit: DefaultFit, tilt: Array) -> DefaultFit:
         turned = Regressor(replace(level, gravity=tilted(robot, tilt).gravity))
-        return fit_log(turned, find_base(turned), signals, options)
+        return fit_log(turned, find_base(turned), fit.signals, options)
 
     return settled(fit_best(model, find_base(model), signals, options), declared_tilt(robot), left, again)
 

@@ -85,6 +85,8 @@ class Signals(Brief):
     """What the signals were made from: estimators that model the raw samples start there."""
     cutoff_free: bool = False
     """Whether the user left the cut-off of the filter to the data."""
+    moved: Array = field(default_factory=lambda: np.zeros(0))
+    """By how much each torque channel has been moved to where it acts, s, (n,); empty: none."""
 
     @property
     def n(self) -> int:

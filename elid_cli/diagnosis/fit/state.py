@@ -221,7 +221,7 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None) -> Stat
     late = {e.joint for e in effects if e.corrects == "torque"}
     delays = [extra for extra in data.delays() if sum_row(extra).joint not in late]
     held = _held(log, effects, columns)
-    found = solve_with(log.base, data, delays, FittedEffects(held, columns, scene))
+    found = solve_with(log.base, data, delays, FittedEffects(held, columns, scene), longest=0.0)
     return State(log, tuple(effects), found.nuisances, columns, found.triangles, found.solution, scene)
 
 

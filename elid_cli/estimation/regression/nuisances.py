@@ -23,8 +23,8 @@ from elid_cli.model.regressor import EstimationRow
 
 SIGNIFICANT = 4.0
 """Standard deviations a nuisance must differ from zero to be corrected."""
-LIKELY = 2.0
-"""The same for a delay that agrees, within as many, with one beyond doubt: the channels of a log are sampled alike."""
+LONGEST = 0.02
+"""Longest delay of a torque channel, s, that is corrected."""
 DELAY = effect_that(nuisance="delay").name
 OFFSET = effect_that(nuisance="offset").name
 READING_GAIN = effect_that(nuisance="reading gain").name
@@ -82,11 +82,14 @@ def reading_columns(
 
 
 def significant(
-    solution: Solution, covariance: Array, nuisances: Sequence[ExtraColumns], parameters: int, dt: float
+    solution: Solution,
+    covariance: Array,
+    nuisances: Sequence[ExtraColumns],
+    parameters: int,
+    dt: float,
+    longest: float = LONGEST,
 ) -> list[ExtraColumns]:
-    """Return the nuisances whose coefficient is significant; a delay must also be no longer than one sample.
-
-    A longer delay is not a nuisance of sampling but an effect, for the diagnosis to name.
+    """Return the nuisances whose coefficient is significant; of the delays all where any or their mean is.
 
     Parameters
     ----------
@@ -96,6 +99,8 @@ def significant(
         Columns after the standard ones, in their order, and the number of those.
     dt
         Sample time, s.
+    longest
+        Longest delay, s, if it is more than a sample: the search for effects names longer ones.
     """
     values, deviations = np.full((2, len(nuisances)), np.nan)
     for k in range(len(nuisances)):
@@ -105,17 +110,21 @@ def significant(
             values[k] = solution.values[parameters + k]
             deviations[k] = np.sqrt(covariance[where[0], where[0]])
     delays = np.array([extra.name == DELAY for extra in nuisances], dtype=bool)
-    return [e for e, firm in zip(nuisances, beyond_doubt(values, deviations, delays, dt), strict=True) if firm]
+    firm = beyond_doubt(values, deviations, delays, max(longest, 1.05 * dt))
+    return [e for e, kept in zip(nuisances, firm, strict=True) if kept]
 
 
-def of_sampling(delays: Array, deviations: Array, dt: float) -> NDArray[np.bool_]:
-    """Return which delays, s, may be no longer than a sample, by their standard deviations; those that are NaN not."""
-    short: NDArray[np.bool_] = np.abs(delays) <= 1.05 * dt + 2 * deviations
+def short_enough(delays: Array, deviations: Array, longest: float) -> NDArray[np.bool_]:
+    """Return which delays, s, may be no longer than `longest`, by their standard deviations; those that are NaN not."""
+    short: NDArray[np.bool_] = np.abs(delays) <= longest + 2 * deviations
     return short
 
 
-def beyond_doubt(values: Array, deviations: Array, delays: NDArray[np.bool_], dt: float) -> NDArray[np.bool_]:
-    """Return which nuisances are significant, (k,).
+def beyond_doubt(values: Array, deviations: Array, delays: NDArray[np.bool_], longest: float) -> NDArray[np.bool_]:
+    """Return which nuisances stay in the model, (k,).
+
+    The channels of a log are sampled alike: where one delay is beyond doubt, or their mean is, every channel has one.
+    A delay corrected at one joint and not at the next moves friction and rotor inertia more than any noise does.
 
     Parameters
     ----------
@@ -123,13 +132,14 @@ def beyond_doubt(values: Array, deviations: Array, delays: NDArray[np.bool_], dt
         Coefficients and their standard deviations, (k,); NaN where the log does not determine them.
     delays
         Those that are delays, s, (k,).
-    dt
-        Sample time, s: a delay may be no longer.
+    longest
+        Longest delay, s.
     """
-    size = np.abs(values)
-    short = ~delays | of_sampling(values, deviations, dt)
-    kept: NDArray[np.bool_] = short & (size > SIGNIFICANT * deviations)
-    for k in np.flatnonzero(delays & short & ~kept & (size > LIKELY * deviations)):
-        apart = np.abs(values[k] - values) <= LIKELY * np.hypot(deviations[k], deviations)
-        kept[k] = bool(np.any(apart & delays & short & (size > SIGNIFICANT * deviations)))
+    sound = np.isfinite(values) & np.isfinite(deviations)
+    kept: NDArray[np.bool_] = sound & (np.abs(values) > SIGNIFICANT * deviations)
+    may = delays & sound & short_enough(values, deviations, longest)
+    weight = 1.0 / np.square(deviations[may & (deviations > 0)])
+    mean = float(weight @ values[may & (deviations > 0)]) if len(weight) else 0.0  # times the weights' sum
+    late = bool(kept[may].any()) or abs(mean) > SIGNIFICANT * float(np.sqrt(weight.sum()))
+    kept[delays] = may[delays] & late
     return kept

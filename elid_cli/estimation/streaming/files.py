@@ -93,6 +93,7 @@ def _facts(log: ReducedLog, n: int) -> None:
     _need(facts.known.shape == (n,) and facts.known.dtype.kind in "iu", "known is not a number for every joint")
     sound = (facts.known >= 0) & (facts.known <= facts.instants)
     _need(bool(sound.all()), "torques are known at more instants than there are")
+    _finite("its moved torques", facts.moved, (n,))
     _finite("its poses", facts.poses, (None, n))
 
 
