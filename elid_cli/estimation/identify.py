@@ -19,11 +19,12 @@ from elid_cli.errors import UsageError
 from elid_cli.estimation.assembly import assemble, judged, with_unseen
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
-from elid_cli.estimation.regression.nuisances import SIGNIFICANT
+from elid_cli.estimation.regression.nuisances import DELAY, SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, JointError, Nuisance, Verdict
 from elid_cli.estimation.sanity import physics_warnings
 from elid_cli.estimation.validation.prediction import ByLog
+from elid_cli.estimation.validation.sufficiency import judged_model
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects.declared import as_observed, with_lost_effects
 from elid_cli.model.effects.tilt import declared_tilt, is_tilt, levelled, settled, tilted, untilted
@@ -116,6 +117,8 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
     found = with_unseen(_as_described(answer, robot, tilt), whole)
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
+    if options.guards:
+        found = judged_model(found, fit)
     if options.accurate:
         return _as_described(_accurate(fit, found, options, refused), robot, tilt)
     return found
@@ -290,7 +293,9 @@ def _accurate(
         )
         return replace(found, notes=(*found.notes, note))
     every = [(n, *better.nuisance(k)) for k, n in enumerate(result.nuisances)]
-    firm = [n for k, (n, value, deviation) in enumerate(every) if k < told or abs(value) > SIGNIFICANT * deviation]
+    beyond = [abs(value) > SIGNIFICANT * deviation for _, value, deviation in every]
+    late = any(sure and n.effect == DELAY for (n, _, _), sure in zip(every, beyond, strict=True))
+    firm = [n for k, (n, _, _) in enumerate(every) if k < told or beyond[k] or (late and n.effect == DELAY)]
     return replace(
         result, nuisances=tuple(firm), estimator="accurate", notes=(*result.notes, note), warnings=found.warnings
     )

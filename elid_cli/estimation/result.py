@@ -73,6 +73,35 @@ class JointError:
 
 
 @dataclass(frozen=True)
+class RowNoise:
+    """What one row's residual is like beside the sensors' noise."""
+
+    joint: str
+    rows: str
+    """Row: ``sum`` or ``motor``; of a joint with a torque sensor ``load``, ``drive`` or ``spring``."""
+    floor: float
+    """rms that the sensors' noise alone would leave, N·m (N)."""
+    ratio: float
+    """Residual over it."""
+    correlation: float
+    """How long the residual remembers, s."""
+
+
+@dataclass(frozen=True)
+class Insufficient:
+    """A row whose residual follows the motion: the model lacks something there."""
+
+    joint: str
+    rows: str
+    ratio: float
+    """Residual over its noise."""
+    follows: str
+    """What it follows best."""
+    share: float
+    """Part of its variance that the motion predicts, stretch by stretch from the others."""
+
+
+@dataclass(frozen=True)
 class Nuisance:
     """Something of the measurement that was estimated along and corrected."""
 
@@ -110,6 +139,8 @@ class BaseEstimate:
     verdict: Verdict
     reason: str = ""
     """Why it is weak, refused, or not from the motor torque."""
+    bias_possible: bool = False
+    """Whether what the model lacks can move it by more than its standard error says."""
 
     @property
     def relative_error(self) -> float:
@@ -149,6 +180,11 @@ class Identification(Shown):
     """The reduced data, for those who fit again under further conditions (`physical`)."""
     weights: Mapping[EstimationRow, float] = field(default_factory=dict)
     """Weight of every row group in the fit: one over its residual rms."""
+    model: Literal["sufficient", "insufficient", "not judged"] = "not judged"
+    """Whether the residual follows the motion beyond the sensors' noise."""
+    noise: tuple[RowNoise, ...] = ()
+    insufficient: tuple[Insufficient, ...] = ()
+    """The rows that make the model insufficient."""
     hidden: Mapping[str, str] = field(default_factory=dict)
     """Standard parameters of the robot as described that logs of this kind do not show, with the reason."""
 
