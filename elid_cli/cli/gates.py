@@ -13,7 +13,7 @@ from elid_cli.report.tree import Report, Text
 from elid_cli.robot.parameter import StandardParameter
 
 if TYPE_CHECKING:
-    from elid_cli.estimation.result import JointError
+    from elid_cli.estimation.result import Identification, JointError
     from elid_cli.robot.robot import Robot
 
 
@@ -53,12 +53,29 @@ def motor_rows_told(report: Report, gates: Gates, error: Mapping[str, JointError
 
 
 def check_gates(
-    gates: Gates, error: Mapping[str, JointError] | None = None, classes: Mapping[str, str] | None = None
+    gates: Gates,
+    error: Mapping[str, JointError] | None = None,
+    classes: Mapping[str, str] | None = None,
+    found: Identification | None = None,
 ) -> None:
     """Raise `LimitError` where a limit is broken: joints above ``--max-error``, parameters not independent."""
-    broken = broken_gates(gates, error, classes)
+    broken = [*broken_gates(gates, error, classes), *(_lacking(gates, found) if found else ())]
     if broken:
         raise LimitError("; ".join(broken))
+
+
+def _lacking(gates: Gates, found: Identification) -> list[str]:
+    """Return the limits that an insufficient model breaks, in words."""
+    from elid_cli.report.answers.identification import rows_words
+
+    broken = [
+        f"{item.leader}: bias possible, the model is insufficient"
+        for item in found.parameters
+        if item.bias_possible and item.leader in gates.require_independent
+    ]
+    if gates.fail_on_insufficient and found.model == "insufficient":
+        broken.append(f"the model is insufficient: {rows_words(found.insufficient)}")
+    return broken
 
 
 def broken_gates(

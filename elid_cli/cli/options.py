@@ -291,6 +291,7 @@ class Gates:
 
     max_error: float | None = None
     require_independent: tuple[str, ...] = ()
+    fail_on_insufficient: bool = False
 
 
 max_error = option(
@@ -301,7 +302,11 @@ require_independent = option(
     GATES, "--require-independent", multiple=True, metavar="NAME",
     help="Parameter that must be independent. Repeatable.",
 )  # fmt: skip
-gates = gathered("gates", Gates, max_error, require_independent)
+fail_on_insufficient = option(
+    GATES, "--fail-on-insufficient", is_flag=True,
+    help="Fail when the residual follows the motion beyond the sensors' noise: the model lacks something.",
+)  # fmt: skip
+gates = gathered("gates", Gates, max_error, require_independent, fail_on_insufficient)
 
 write_robot = option(
     OUTPUT, "--write-robot", type=File(), metavar="FILE.yaml",

@@ -56,14 +56,16 @@ def fit_best(model: Regressor, base: BaseParameters, signals: Signals, options: 
     return in_time(signals, fit, lambda moved: fit_log(model, base, moved, options))
 
 
-def at_best_cutoff(model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions) -> Signals:
-    """Return the signals as `fit_best` fits them; a long log is never held whole for it."""
+def at_best_cutoff(
+    model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions
+) -> tuple[Signals, DefaultFit | None]:
+    """Return the signals as `fit_best` fits them, and the fit that says so, of a long log to stretches of it only."""
     try:
         fit, _ = _best(model, base, signals, options)
     except DataError:  # too little for a fit of its own; others may join it
-        return signals
+        return signals, None
     fit = in_time(fit.signals, fit, lambda moved: fit_log(model, base, moved, options))
-    return _like(signals, fit.signals)
+    return _like(signals, fit.signals), fit
 
 
 def in_time(signals: Signals, fit: DefaultFit, again: Callable[[Signals], DefaultFit]) -> DefaultFit:

@@ -24,7 +24,7 @@ from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, JointError, Nuisance, Verdict
 from elid_cli.estimation.sanity import physics_warnings
 from elid_cli.estimation.validation.prediction import ByLog
-from elid_cli.estimation.validation.sufficiency import judged_model
+from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects.declared import as_observed, with_lost_effects
 from elid_cli.model.effects.tilt import declared_tilt, is_tilt, levelled, settled, tilted, untilted
@@ -118,7 +118,7 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
     if options.guards:
-        found = judged_model(found, fit)
+        found = judged_model(found, judge_model(fit))
     if options.accurate:
         return _as_described(_accurate(fit, found, options, refused), robot, tilt)
     return found

@@ -8,11 +8,12 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.model.regressor import EstimationRow
+from elid_cli.model.regressor import EstimationRow, Kind
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.tables import Shown
@@ -77,7 +78,7 @@ class RowNoise:
     """What one row's residual is like beside the sensors' noise."""
 
     joint: str
-    rows: str
+    rows: Kind
     """Row: ``sum`` or ``motor``; of a joint with a torque sensor ``load``, ``drive`` or ``spring``."""
     floor: float
     """rms that the sensors' noise alone would leave, N·m (N)."""
@@ -92,13 +93,24 @@ class Insufficient:
     """A row whose residual follows the motion: the model lacks something there."""
 
     joint: str
-    rows: str
+    rows: Kind
     ratio: float
     """Residual over its noise."""
     follows: str
     """What it follows best."""
     share: float
     """Part of its variance that the motion predicts, stretch by stretch from the others."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the residual on one log says of the model."""
+
+    noise: tuple[RowNoise, ...]
+    insufficient: tuple[Insufficient, ...]
+    """The rows whose residual follows the motion."""
+    biased: NDArray[np.bool_]
+    """Base parameters that what is missing can move, (b,)."""
 
 
 @dataclass(frozen=True)

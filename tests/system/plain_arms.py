@@ -135,13 +135,17 @@ class Laws:
 def motion(arm: Arm, seed: int, duration: float, rate: float, fast: float = 1.2, reach: float = 1.0) -> World:
     """Return a motion of `duration` seconds: Fourier series up to `fast` Hz, phases by `seed`."""
     generator = np.random.default_rng(seed)
-    count = int(round(duration * rate)) * DENSE
+    count = round(duration * rate) * DENSE
     period = count / (rate * DENSE)
     t = np.arange(count) / (rate * DENSE)
     spectrum = np.zeros((count // 2 + 1, arm.n), dtype=complex)
     lines = np.arange(1, max(3, int(fast * period)) + 1)
     for i in range(arm.n):
-        size = generator.uniform(0.3, 1.0, len(lines)) / (1 + lines / period) * np.exp(2j * np.pi * generator.random(len(lines)))
+        size = (
+            generator.uniform(0.3, 1.0, len(lines))
+            / (1 + lines / period)
+            * np.exp(2j * np.pi * generator.random(len(lines)))
+        )
         spectrum[lines, i] = size / np.sqrt(np.sum(np.abs(size) ** 2)) * generator.uniform(0.5, 0.8) * reach
     frequency = 2j * np.pi * np.arange(len(spectrum))[:, None] / period
 
@@ -158,7 +162,7 @@ def motion(arm: Arm, seed: int, duration: float, rate: float, fast: float = 1.2,
     theta, dtheta, ddtheta = q.copy(), dq.copy(), ddq.copy()
     for i in reversed(range(arm.n)):  # a link carries the rotors after it
         for later in range(i + 1, arm.n):
-            carried = ddq[:, : later].sum(axis=1)
+            carried = ddq[:, :later].sum(axis=1)
             spring[:, i] += arm.rotor[later] * (carried + arm.gear[later] * ddtheta[:, later])
         if np.isfinite(arm.stiffness[i]):
             theta[:, i] = q[:, i] + spring[:, i] / arm.stiffness[i]
@@ -200,7 +204,14 @@ def torque(world: World, laws: Laws | None = None) -> Array:
     return total
 
 
-def log(arm: Arm, seed: int = 0, duration: float = 20.0, sensors: Sensors | None = None, laws: Laws | None = None, fast: float = 1.2) -> Recording:
+def log(
+    arm: Arm,
+    seed: int = 0,
+    duration: float = 20.0,
+    sensors: Sensors | None = None,
+    laws: Laws | None = None,
+    fast: float = 1.2,
+) -> Recording:
     """Return a log of an arm as its sensors would take it."""
     sensors = sensors or Sensors()
     generator = np.random.default_rng(seed + 10_000)

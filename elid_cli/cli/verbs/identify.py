@@ -86,4 +86,4 @@ def identify(
     if write_robot is not None:
         write_described(refined, write_robot, remarks(found, physical=physical))
     emit(motor_rows_told(report, gates, found.error, output), output)
-    check_gates(gates, found.error, found.this_log)
+    check_gates(gates, found.error, found.this_log, found)

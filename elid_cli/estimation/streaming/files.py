@@ -14,7 +14,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from math import isfinite
 from pathlib import Path
 from typing import IO, Any
@@ -27,12 +27,14 @@ from elid_cli.budget import Budget
 from elid_cli.errors import LogError
 from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.regression.triangles import Triangle
+from elid_cli.estimation.result import Insufficient, Judgement, RowNoise
 from elid_cli.estimation.streaming.links import LinkSystem
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, Scores
 from elid_cli.files import replacing
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.recording import Recording, Segment
 
+ROWS = ("sum", "motor", "load", "drive", "spring")
 KINDS = ("link", "sum", "motor")
 FASTEST, SLOWEST = 1e-6, 1.0
 """s; sample times that a log may have."""
@@ -128,7 +130,7 @@ def _need(sound: bool, otherwise: str) -> None:
         raise ValueError(otherwise)
 
 
-SCHEMA = "elid-triangles/1"
+SCHEMA = "elid-triangles/2"
 _MAGIC = b"PK\x03\x04"
 _FAULTS = (
     zipfile.BadZipFile, KeyError, ValueError, IndexError, TypeError, AttributeError, EOFError, zlib.error, struct.error,
@@ -281,8 +283,29 @@ def _head(log: ReducedLog) -> dict[str, Any]:
         **{name: list(getattr(recording, name)) for name in _KNOWN},
         "sources": dict(recording.sources),
         "layout": [[row.kind, row.joint, len(index)] for row, index in log.layout],
+        "judgement": _told(log.judgement),
         "scores": [{"bandwidth": s.bandwidth, "nuisances": list(s.nuisances)} for s in log.scores],
     }
+
+
+def _told(said: Judgement | None) -> dict[str, Any] | None:
+    """Return a judgement as JSON values."""
+    if said is None:
+        return None
+    lists = {name: [asdict(item) for item in getattr(said, name)] for name in ("noise", "insufficient")}
+    return {**lists, "biased": said.biased.tolist()}
+
+
+def _heard(told: dict[str, Any] | None, joints: Sequence[str]) -> Judgement | None:
+    if told is None:
+        return None
+    noise = tuple(RowNoise(**item) for item in told["noise"])
+    lacking = tuple(Insufficient(**item) for item in told["insufficient"])
+    places = [*((i.joint, i.rows, i.ratio) for i in noise), *((i.joint, i.rows, i.ratio) for i in lacking)]
+    _need(all(j in joints and r in ROWS and np.isfinite(x) for j, r, x in places), "it judges no row of it")
+    _need(all(0 <= i.floor < np.inf and 0 <= i.correlation < np.inf for i in noise), "its noise is no number")
+    _need(all(isinstance(i.follows, str) and np.isfinite(i.share) for i in lacking), "it follows nothing")
+    return Judgement(noise, lacking, np.array(told["biased"], dtype=bool).reshape(-1))
 
 
 def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:
@@ -326,6 +349,7 @@ def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:
         scores,
         tuple(_link(arrays, f"{k}/link{joint}") for joint in range(len(joints))),
         arrays[f"{k}/reference"],
+        _heard(head["judgement"], joints),
     )
 
 

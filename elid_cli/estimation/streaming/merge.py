@@ -23,6 +23,7 @@ from elid_cli.estimation.streaming.reduced_log import ReducedLog
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.cross_validation import joint_errors
 from elid_cli.estimation.validation.prediction import ByLog
+from elid_cli.estimation.validation.sufficiency import judged_model
 from elid_cli.logs.checks.required import refuse_mixed
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import Regressor
@@ -57,6 +58,7 @@ def identify_reduced(
     found = with_unseen(found, whole)
     if any("tau_link" in log.recording.sources and not log.facts.link_torque.all() for log in logs):
         found = replace(found, notes=(*found.notes, UNREAD))
+    found = judged_model(found, *(log.judgement for log in logs))
     found = replace(found, notes=(*found.notes, *_disagreement(data, logs, fit)))
     return found, _by_log(model, logs, fit)
 

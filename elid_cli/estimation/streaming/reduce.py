@@ -24,6 +24,7 @@ from elid_cli.estimation.streaming.merged import MergedTriangles, TriangleData
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, hollow
 from elid_cli.estimation.streaming.scores import LogScores
 from elid_cli.estimation.stretches import STRETCHES
+from elid_cli.estimation.validation.sufficiency import judge_model
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import EstimationRow, Regressor, RegressorPlan
 from elid_cli.robot.robot import Robot
@@ -84,7 +85,7 @@ def reduce_log(
     """
     model = Regressor(robot.stiffened(signals.missing_link).read_behind(signals.link_torque))
     base = find_base(model)
-    signals = at_best_cutoff(model, base, signals, EstimateOptions())
+    signals, shown = at_best_cutoff(model, base, signals, EstimateOptions())
     plan = model.estimation
     layout = _layout(model, plan)
     pile = TriangleAccumulator(layout, len(signals.outputs), STRETCHES)
@@ -115,6 +116,7 @@ def reduce_log(
         tuple(scores.made),
         links.systems(),
         reference,
+        None if shown is None else judge_model(shown),
     )
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.regression.triangles import Triangle
+from elid_cli.estimation.result import Judgement
 from elid_cli.estimation.streaming.links import LinkSystem
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.recording import Recording
@@ -62,6 +63,8 @@ class ReducedLog:
     """Equation of every joint's link with the inertias of the robot file, where it gives them."""
     reference: Array
     """The robot file's parameters, (p,), NaN where it gives none."""
+    judgement: Judgement | None = None
+    """What its residual says of the model, by stretches of a long log; None where it told too little."""
     origin: str = ""
     """Triangle file that it was read from."""
 

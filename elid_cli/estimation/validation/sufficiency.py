@@ -1,15 +1,16 @@
 """Whether a model suffices: residual over noise, whether what is left follows the motion, and whom that may move.
 
 Noise alone, white or with a memory, leaves a residual that has nothing to do with the motion. A residual that follows
-it is predicted, stretch by stretch, from what the other stretches show of smooth curves over the motion (a joint's
-speed, position, load, deflection, the other joints' speeds, and the course of the log). How much of it chance would predict is told by the
-same residual moved round in time against the motion: that keeps its memory and breaks the tie.
+it is predicted, stretch by stretch, from what the other stretches show of smooth curves over the motion: a joint's
+speed, position, load, deflection, the other joints' speeds, and the course of the log. How much of it chance would
+predict is told by the same residual moved round in time against the motion: that keeps its memory and breaks the tie.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,11 @@ from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.observation import RowGroup
 from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
-from elid_cli.estimation.result import Identification, Insufficient, RowNoise
+from elid_cli.estimation.result import Identification, Insufficient, Judgement, RowNoise
 from elid_cli.estimation.stretches import STRETCHES, stretch_of
-from elid_cli.estimation.validation.noise_floor import noise_floor
-from elid_cli.model.regressor import EstimationRow
+from elid_cli.estimation.validation.cross_validation import with_floor
+from elid_cli.estimation.validation.noise_floor import propagated
+from elid_cli.model.regressor import EstimationRow, Kind
 from elid_cli.signals.excerpts import excerpts
 from elid_cli.signals.signals import Signals
 
@@ -54,29 +56,38 @@ _LEAST = 60
 """Instants that a row needs to be judged."""
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """What is said of a model on a log."""
-
-    noise: tuple[RowNoise, ...]
-    insufficient: tuple[Insufficient, ...]
-    biased: NDArray[np.bool_]
-    """Base parameters that what is missing can move, (b,)."""
-
-
-def judged_model(found: Identification, fit: DefaultFit) -> Identification:
-    """Return an identification with what its residual says of the model; `fit` is the one that it tells of."""
-    said = judge_model(fit)
-    records = tuple(
-        replace(item, bias_possible=bool(marked)) for item, marked in zip(found.parameters, said.biased, strict=True)
-    )
+def judged_model(found: Identification, *said: Judgement | None) -> Identification:
+    """Return an identification with what its residual says of the model, in one log or in several."""
+    told = [one for one in said if one is not None and len(one.biased) == found.base.count]
+    if not told or not any(one.noise for one in told):
+        return found
+    noise = _joined(told)
+    insufficient = {(i.joint, i.rows): i for one in told for i in sorted(one.insufficient, key=lambda i: i.ratio)}
+    biased = np.any([one.biased for one in told], axis=0)
+    records = zip(found.parameters, biased.tolist(), strict=True)
+    numbers = {name: k for k, name in enumerate(found.robot.joint_names)}
+    floors = {EstimationRow(item.rows, numbers[item.joint]): item.floor for item in noise}
     return replace(
-        found,
-        parameters=records,
-        noise=said.noise,
-        insufficient=said.insufficient,
-        model=("insufficient" if said.insufficient else "sufficient") if said.noise else "not judged",
+        with_floor(found, floors),
+        parameters=tuple(replace(item, bias_possible=marked) for item, marked in records),
+        noise=noise,
+        insufficient=tuple(insufficient.values()),
+        model="insufficient" if insufficient else "sufficient",
     )
+
+
+def _joined(said: Sequence[Judgement]) -> tuple[RowNoise, ...]:
+    """Return the noise of every row in all logs together."""
+    rows: dict[tuple[str, Kind], list[RowNoise]] = {}
+    for one in said:
+        for item in one.noise:
+            rows.setdefault((item.joint, item.rows), []).append(item)
+    return tuple(
+        items[0] if len(items) == 1 else
+        RowNoise(*row, *(float(np.sqrt(np.mean(np.square([getattr(item, name) for item in items]))))
+                         for name in ("floor", "ratio", "correlation")))
+        for row, items in rows.items()
+    )  # fmt: skip
 
 
 def judge_model(fit: DefaultFit) -> Judgement:
@@ -90,9 +101,10 @@ def judge_model(fit: DefaultFit) -> Judgement:
     nobody = np.zeros(fit.base.count, dtype=bool)
     part = _excerpt(fit)
     observation, signals = part.observation, part.signals
-    floor = noise_floor(fit.model, signals, observation, part.solution.values[: fit.model.parameters], replicates=1)
+    standard = part.solution.values[: fit.model.parameters]
+    floor = propagated(fit.model, signals, observation, replicates=1).floor(standard)
     left = residuals(observation, part.solution.values, part.extras)
-    noise, insufficient, missing = [], [], []
+    noise, insufficient, missing = [], [], list[_Missing]()
     curves: dict[int, Mapping[str, Array]] = {}
     for group in observation.independent:
         row = group.row
@@ -103,7 +115,8 @@ def judge_model(fit: DefaultFit) -> Judgement:
         torque = max(float(np.sqrt(np.mean(observation.tau[row.joint][group.use] ** 2))), 1e-300)
         least = max(floor.rms[row], MATTERS * torque)
         name = fit.model.robot.joint_names[row.joint]
-        noise.append(RowNoise(name, row.kind, floor.rms[row], size / least, memory(residual, group.use, observation.rate)))
+        ratio = size / max(floor.rms[row], 1e-9 * torque)
+        noise.append(RowNoise(name, row.kind, floor.rms[row], ratio, memory(residual, group.use, observation.rate)))
         if size < ABOVE * least:
             continue
         if row.joint not in curves:
@@ -112,8 +125,8 @@ def judge_model(fit: DefaultFit) -> Judgement:
         followed = _followed(residual, group, own, curves[row.joint])
         seen = size * float(np.sqrt(max(followed.share, 0.0)))
         if followed.beyond and seen > VISIBLE * least:
-            insufficient.append(Insufficient(name, row.kind, size / least, followed.groups[0], followed.share))
-            missing.append((row, followed.groups, seen))
+            insufficient.append(Insufficient(name, row.kind, ratio, followed.groups[0], followed.share))
+            missing.append(_Missing(row, followed.groups, seen))
     biased = _movable(part, missing, curves) if missing else nobody
     return Judgement(tuple(noise), tuple(insufficient), biased)
 
@@ -132,6 +145,14 @@ def memory(residual: Array, use: NDArray[np.bool_], rate: float) -> float:
     last = int(below[0])
     before, after = correlation[last - 1], correlation[last]
     return float((last - 1 + (before - np.exp(-1.0)) / (before - after)) / rate)
+
+
+class _Missing(NamedTuple):
+    """A row that lacks something: the groups of curves that it follows, and the size of what is seen, N·m."""
+
+    row: EstimationRow
+    groups: tuple[str, ...]
+    seen: float
 
 
 @dataclass(frozen=True)
@@ -225,15 +246,17 @@ def _orthonormal(columns: Array) -> Array:
     size = np.linalg.norm(columns, axis=1)
     scaled = columns[size > 0] / size[size > 0, None]
     _, values, basis = np.linalg.svd(scaled, full_matrices=False)
-    found: Array = basis[values > 1e-9 * values[0]] if len(values) else np.zeros((0, columns.shape[1]))
+    if not len(values):
+        return np.zeros((0, columns.shape[1]))
+    found: Array = basis[values > 1e-9 * values[0]]
     return found
 
 
 def _free(curves: Array, own: Array) -> Array:
     """Return curves without what the model's own columns explain of them, those that nothing is left of dropped."""
     left = curves - (curves @ own.T) @ own
-    kept = np.linalg.norm(left, axis=1) > 1e-3 * np.linalg.norm(curves, axis=1)
-    return left[kept]
+    kept: Array = left[np.linalg.norm(left, axis=1) > 1e-3 * np.linalg.norm(curves, axis=1)]
+    return kept
 
 
 def _predicted(curves: Array, residual: Array, fold: NDArray[np.intp]) -> float:
@@ -283,7 +306,9 @@ def _moved_round(curves: Array, residual: Array, fold: NDArray[np.intp]) -> _Cha
 
 
 def _movable(
-    fit: DefaultFit, missing: Sequence[tuple[EstimationRow, tuple[str, ...], float]], curves: Mapping[int, Mapping[str, Array]]
+    fit: DefaultFit,
+    missing: Sequence[tuple[EstimationRow, tuple[str, ...], float]],
+    curves: Mapping[int, Mapping[str, Array]],
 ) -> NDArray[np.bool_]:
     """Return the base parameters that the missing torque can move, (b,): those that its curves, as unknowns, do."""
     extras, sizes = [], list[float]()
@@ -317,4 +342,3 @@ def _movable(
     shift = np.abs(transform @ solution.values - fit.transform @ fit.solution.values)
     marked: NDArray[np.bool_] = (shift > MOVED * before) | (ratio > WIDER)
     return marked
-

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from math import isnan
 from typing import Any
 
-from elid_cli.estimation.result import FittedEffect, Identification, JointError
+from elid_cli.estimation.result import BaseEstimate, FittedEffect, Identification, Insufficient, JointError, RowNoise
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.report.answers.classification import class_payload, reasons_table, verdict_mark
 from elid_cli.report.answers.inputs import (
@@ -26,6 +26,7 @@ from elid_cli.report.tree import (
     Cell,
     Column,
     KeyValues,
+    Mark,
     Quantity,
     Report,
     Section,
@@ -42,6 +43,8 @@ AT_FLOOR = 1.3
 """A held-out error within this factor of the sensors' noise holds no structure worth a search."""
 ODD = 1.5
 """A log whose error is this many times the next worst one's fits worse than the others."""
+LOUD = 1.4
+"""A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 SHOWN = 20
 """Base parameters printed without --all."""
 
@@ -100,6 +103,9 @@ def identification_payload(found: Identification, recording: Recording | None = 
         "rank_margin": found.rank_margin,
         "base_parameters": base_payload(found),
         "error": error_payload(found.error),
+        "model": found.model,
+        "noise": noise_payload(found.noise),
+        "insufficient": [asdict(item) for item in found.insufficient],
         "nuisances": nuisance_payload(found.nuisances),
         "effects": nuisance_payload(found.effects),
         "notes": list(found.notes),
@@ -131,9 +137,19 @@ def base_payload(found: Identification) -> list[dict[str, Any]]:
             "reference": found.reference[k],
             "relative_error": relative[k],
             "verdict": found.verdict[k],
+            "bias_possible": found.parameters[k].bias_possible,
         }
         for k in range(found.base.count)
     ] + unseen
+
+
+def noise_payload(noise: Sequence[RowNoise]) -> dict[str, Any]:
+    """Return the object ``noise`` of JSON: by joint and row."""
+    joints: dict[str, dict[str, Any]] = {}
+    for item in noise:
+        entry = {"floor": item.floor, "ratio": item.ratio, "correlation": item.correlation}
+        joints.setdefault(item.joint, {})[item.rows] = entry
+    return joints
 
 
 def error_payload(error: Mapping[str, JointError]) -> dict[str, Any]:
@@ -200,13 +216,21 @@ def base_table(found: Identification) -> Table:
                 percent(deviation / abs(value) if value else None, 2),
                 found.base.units[k],
                 *reference,
-                "" if found.verdict[k] == "supported" else verdict_mark(found.verdict[k]),
+                _mark(found.parameters[k]),
             )
         )
     return Table("base_parameters", tuple(columns), tuple(rows), shown=SHOWN, note=_verdict_note(found))
 
 
+def _mark(item: BaseEstimate) -> Cell:
+    if item.verdict != "supported":
+        return verdict_mark(item.verdict)
+    return Mark("bias possible", "warn") if item.bias_possible else ""
+
+
 def _verdict_note(found: Identification) -> str:
+    if any(item.bias_possible for item in found.parameters):
+        return "bias possible: what the model lacks can move it by more than ± sd says"
     if all(verdict == "supported" for verdict in found.verdict):
         return "this log supports every one of them"
     weak = "weak: known to worse than 30 % of itself and of what would show in the torque"
@@ -299,24 +323,41 @@ def torque_unit(robot: Robot, joint: str) -> str:
     return "N·m" if robot.joints[robot.joint_names.index(joint)].revolute else "N"
 
 
-def above_floor(error: Mapping[str, JointError]) -> list[str]:
-    """Return the joints whose held-out error is more than the sensors' noise explains."""
-    return [name for name, e in error.items() if e.floor and e.rms > AT_FLOOR * e.floor]
-
-
 def _tone(error: JointError) -> Tone:
     return "warn" if error.floor and error.rms > AT_FLOOR * error.floor else "good"
 
 
+def insufficient_words(found: Identification) -> str:
+    """Return in words why the model does not suffice, and whom that concerns."""
+    said = f"The model is insufficient: {rows_words(found.insufficient)}."
+    moved = [item.leader for item in found.parameters if item.bias_possible]
+    return f"{said} What is missing can move {', '.join(moved)} beyond ± sd." if moved else said
+
+
+def rows_words(rows: Sequence[Insufficient]) -> str:
+    """Return rows with their residual over noise, the worst of each joint."""
+    worst: dict[str, Insufficient] = {}
+    for item in sorted(rows, key=lambda item: item.ratio):
+        worst[item.joint] = item
+    return "; ".join(
+        f"{joint} {item.rows} row {item.ratio:.2g} × its noise, follows the {item.follows}"
+        for joint, item in worst.items()
+    )
+
+
 def _meaning(found: Identification, recording: Recording, robot_argument: str) -> list[Section]:
-    floors = all(e.floor for e in found.error.values())
-    above = above_floor(found.error)
     diagnose = Text("next", command("diagnose", recording, robot_argument), "next")
-    if above:
-        verb = "holds" if len(above) == 1 else "hold"
-        return [Text("meaning", f"{', '.join(above)} {verb} more than the sensors' noise."), diagnose]
-    if not floors:
+    if found.model == "insufficient":
+        return [Text("meaning", insufficient_words(found)), diagnose]
+    if found.model == "not judged":
         return [diagnose]
-    meaning = f"The model is sufficient: every joint is within {AT_FLOOR} of its noise floor."
+    meaning = "The model is sufficient: no joint's residual follows the motion beyond the sensors' noise."
+    loud = [n for n in found.noise if n.ratio > LOUD]
+    if loud:
+        worst = max(loud, key=lambda n: n.ratio)
+        meaning += (
+            f" {worst.joint} holds {worst.ratio:.2g} times the white noise of its sensors: torque noise that remembers "
+            f"{worst.correlation * 1e3:.0f} ms."
+        )
     keep = command("identify", recording, robot_argument, "--write-robot", f"{found.robot.name}-identified.yaml")
     return [Text("meaning", meaning), Text("next", keep, "next")]

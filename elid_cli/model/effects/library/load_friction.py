@@ -13,7 +13,7 @@ class LoadFriction(Effect):
 
     name = "load_friction"
     summary = "friction that grows with the transmitted torque"
-    equation = "motor row: coefficient |load| sign(θ'),  load = K (θ - q); of a rigid joint, the motor torque"
+    equation = "motor row: coefficient |load| sign(θ'),  load = K (θ - q); of a rigid joint, what its bodies need"
     physics = "Tooth contacts slide under load: the normal force, and with it the friction, follows the torque."
     typical = "coefficient 0.03-0.3 (gear efficiency 97-75 %)"
     fingerprint = "motor and sum rows, the product of direction of motion and size of the load"
@@ -21,10 +21,9 @@ class LoadFriction(Effect):
     place = "motor"
     amplitudes = (Parameter("coefficient", "1", "friction per transmitted torque", low=0.0, high=1.0),)
     example = {"coefficient": 0.1}
+    from_model = True
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the coefficient in the motor row."""
-        j = self.joint
-        # a rigid joint has no deflection to tell its load from; what the model predicts lacks this very friction
-        load = scene.load[:, j] if scene.robot.joints[j].elastic else scene.tau[:, j]
-        return motor_row(j, np.abs(load) * scene.direction(j))
+        # never the measured torque: with it the column would hold what it is to predict
+        return motor_row(self.joint, np.abs(scene.load[:, self.joint]) * scene.direction(self.joint))
