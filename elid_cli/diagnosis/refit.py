@@ -4,16 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect
 from elid_cli.diagnosis.stiffness_by_load import with_load
+from elid_cli.diagnosis.summary import described
+from elid_cli.errors import DataError
 from elid_cli.estimation.assembly import assemble, judged
 from elid_cli.estimation.default_fit import DefaultFit
+from elid_cli.estimation.identify import identify
+from elid_cli.estimation.refined_robot import identified_robot
+from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.standard_errors import covariance_of
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, JointError
 from elid_cli.estimation.stretches import STRETCHES
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
+
+HELD = 0.05
+"""Part of themselves within which found effects' amplitudes stay when parameters are published."""
 
 
 def identified(state: State, error: Mapping[str, JointError], declared: int = 0) -> Identification:
@@ -46,6 +57,59 @@ def identified(state: State, error: Mapping[str, JointError], declared: int = 0)
     )
     found = replace(found, error=error, settings={**found.settings, **whole}, effects=effects)
     return with_load(found, state)
+
+
+class Published(NamedTuple):
+    """What is said of the parameters before and after, and the robot that is written."""
+
+    before: Identification
+    after: Identification
+    robot: Robot
+
+
+def published(found: Diagnosis, signals: Signals) -> Published:
+    """Return what identification says of the models before and after: at its own cut-off, with the effects held.
+
+    Noise of coarse encoders enters the columns at the cut-off that effects need, and bends what is estimated there.
+    A model that a collocation fitted stands as it is.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    signals
+        The log as identification takes it.
+    """
+    declared = len(found.state_before.effects)
+    before, _ = _identified_again(found.robot, found.state_before, found.before, signals, declared)
+    after, robot = _identified_again(found.robot, found.state_after, found.after, signals, declared)
+    rows = {(row.joint, row.rows): row for row in found.rows_after}
+    noise = tuple(item for item in after.noise if (item.joint, item.rows) in rows)
+    lacking = after.model if not found.unexplained else "insufficient"
+    return Published(before, replace(after, noise=noise, model=lacking), robot or found.refined)
+
+
+def _identified_again(
+    robot: Robot, state: State, error: Mapping[str, JointError], signals: Signals, declared: int
+) -> tuple[Identification, Robot | None]:
+    at_search = identified(state, error, declared)
+    if state.known is not None:
+        return at_search, None
+    described_ = described(robot, state)
+    held = tuple(spec for spec in described_.effects if spec.effect != DELAY)
+    try:
+        found = identify(replace(described_, effects=held), signals, EstimateOptions(hold=HELD))
+    except DataError:  # too few instants at the lower cut-off
+        return at_search, None
+    items = zip(found.parameters, at_search.parameters, strict=True)
+    told = replace(
+        at_search,
+        parameters=tuple(replace(item, reference=other.reference) for item, other in items),
+        covariance=found.covariance, standard=found.standard, condition=found.condition, rank=found.rank,
+        rank_margin=found.rank_margin, noise=found.noise, insufficient=found.insufficient, model=found.model,
+        settings={**at_search.settings, "published": dict(found.settings)}, published=found.error,
+    )  # fmt: skip
+    return told, identified_robot(found)
 
 
 @dataclass(frozen=True)

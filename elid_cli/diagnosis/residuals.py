@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State
+from elid_cli.estimation.regression.triangles import full_columns
+from elid_cli.estimation.validation.sufficiency import followed, in_bursts, motion_curves
 from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Kind
 
 HIGH = 1.3
@@ -184,6 +186,14 @@ def variables(state: State, joint: int) -> dict[str, Array]:
             result[f"theta of {robot.joint_names[other]}"] = motion.theta[outputs, other]
             result[f"dtheta of {robot.joint_names[other]}"] = motion.dtheta[outputs, other]
     return result
+
+
+def follows_motion(state: State, row: EstimationRow) -> bool:
+    """Whether what a row leaves follows the motion, or came in bursts: noise, whatever its memory, does neither."""
+    group, residual = state.log.training.group(row), _residual(state, row)
+    curves = motion_curves(state.log.signals, row.joint, state.log.model.robot, group.target - residual)
+    own = full_columns(group, state.extras, state.log.observation.parameters)[1]
+    return in_bursts(residual, group.use) or followed(residual, group, own, curves).beyond
 
 
 def _residual(state: State, row: EstimationRow) -> Array:

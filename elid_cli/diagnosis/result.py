@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -17,10 +17,11 @@ from elid_cli.estimation.result import Identification, JointError, Nuisance
 from elid_cli.estimation.validation.prediction import Validation
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import Signals
 from elid_cli.tables import Shown
 
 if TYPE_CHECKING:
-    from elid_cli.diagnosis.refit import Contribution
+    from elid_cli.diagnosis.refit import Contribution, Published
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,8 @@ class Diagnosis(Shown):
     """Held-out instants, (M,)."""
     state_before: State
     state_after: State
+    usual: Signals | None = None
+    """The log as identification takes it; None: prepared from the recording with the usual options."""
     curves: tuple[FoundEffect, ...] = ()
     """Smooth curves added by request where no named effect explains the structure."""
     refuted: tuple[Survival, ...] = ()
@@ -133,18 +136,27 @@ class Diagnosis(Shown):
         return recording
 
     @cached_property
+    def _published(self) -> Published:
+        from elid_cli.diagnosis.refit import published
+        from elid_cli.signals.signals import prepare
+
+        bare = replace(self.robot, effects=())
+        return published(self, self.usual or prepare(self.recording, bare))
+
+    @property
     def identified_before(self) -> Identification:
-        """Base parameters by the model as given, from the stretches that the search saw."""
-        from elid_cli.diagnosis.refit import identified
+        """Base parameters by the model as given, at identification's own cut-off."""
+        return self._published.before
 
-        return identified(self.state_before, self.before, len(self.state_before.effects))
-
-    @cached_property
+    @property
     def identified_after(self) -> Identification:
-        """Base parameters by the model with what was found, from the stretches that the search saw."""
-        from elid_cli.diagnosis.refit import identified
+        """Base parameters by the model with what was found, at identification's own cut-off."""
+        return self._published.after
 
-        return identified(self.state_after, self.after, len(self.state_before.effects))
+    @property
+    def written_robot(self) -> Robot:
+        """The robot with what was found, as ``--write-robot`` writes it."""
+        return self._published.robot
 
     @cached_property
     def contributions(self) -> tuple[Contribution, ...]:

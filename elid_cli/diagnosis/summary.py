@@ -9,7 +9,7 @@ import numpy as np
 
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.fit.state import Log, State
-from elid_cli.diagnosis.residuals import Organised, RowState, judged_rows, organise, rows_of, words
+from elid_cli.diagnosis.residuals import Organised, RowState, follows_motion, judged_rows, organise, rows_of, words
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect, Moved, Rival, Unexplained
 from elid_cli.diagnosis.search.encoder_skew import Skew
 from elid_cli.diagnosis.search.forward import Found, Step, Term
@@ -248,6 +248,8 @@ def _unexplained(state: State, rows: Sequence[RowState], remaining: Sequence[Can
         if not item.high:
             continue
         joint = names.index(item.joint)
+        if not follows_motion(state, EstimationRow(item.rows, joint)):
+            continue
         organised = organise(state, EstimationRow(item.rows, joint))
         best = organised[0] if organised else Organised("none", 0.0)
         taken = sorted(

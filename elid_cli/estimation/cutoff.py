@@ -105,8 +105,9 @@ def _best(
     """Return the fit at the best cut-off to the stretches that it is judged by, and whether they are the whole log."""
     shown = replace(signals, segments=excerpts(signals.segments, signals.dt))
     whole = shown.duration == signals.duration and len(shown.segments) == len(signals.segments)
-    if not signals.cutoff_free or model.robot.effects:
-        whole = whole or bool(model.robot.effects)
+    shaping = bool(model.robot.effects) and not options.hold
+    if not signals.cutoff_free or shaping:
+        whole = whole or shaping
         return fit_log(model, base, signals if whole else shown, options), whole
     hint = replace(signals, segments=excerpts(signals.segments, signals.dt, HINT, shortest=SHORTEST))
     if hint.duration < signals.duration:

@@ -34,6 +34,8 @@ from elid_cli.signals.signals import Signals
 
 STICKING = 2.5
 """Residual rms at reversals over that elsewhere, above which a joint's reversals are left out."""
+RESCENED = 2
+"""Times that the columns of effects that keep their shapes are computed again."""
 READING_ROUNDS = 2
 """Rounds of fitting a stiffness and the gain of its torque sensor in turn."""
 
@@ -142,13 +144,16 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
     elif options.mask is None:
         data = _with_gliding(base, data, [*delays, *offsets])
     nuisances = [*(delays if options.delays else ()), *(offsets if options.offsets else ())]
-    effects = _start_effects(base, data)
+    effects = _start_effects(base, data, options.hold)
     if options.offsets and data.samples is not None and data.samples.rows_of_sensors():
         nuisances += _reading_columns(base, data.samples, nuisances, effects)
-    solved = solve_with(base, data, nuisances, effects, shaping=True)
+    solved = solve_with(base, data, nuisances, effects, shaping=not options.hold)
+    for _ in range(RESCENED if effects and options.hold else 0):  # columns from what the fit made of the parameters
+        values = solved.solution.values[: data.model.parameters]
+        solved = solve_with(base, data, solved.nuisances, _rescened(data, effects, values), shaping=False)
     covariance = covariance_of(data, solved.nuisances, solved.effects, solved.triangles, solved.solution)
     effects = solved.effects
-    if effects and data.samples is not None:
+    if effects and data.samples is not None and not options.hold:
         observation, signals = data.samples.observation, data.samples.signals
         effects, covariance = check_shape_ambiguity(
             observation, signals, solved.nuisances, effects, solved.solution, covariance
@@ -299,16 +304,34 @@ def _reading_columns(
     return reading_columns(observation, stiffness, declared)
 
 
-def _start_effects(base: BaseParameters, data: FitData) -> FittedEffects | None:
-    """Return the robot file's effects at the shapes it gives, or None where it declares none."""
+def _start_effects(base: BaseParameters, data: FitData, hold: float = 0.0) -> FittedEffects | None:
+    """Return the robot file's effects at the shapes it gives, or None where it declares none.
+
+    `hold`: part of themselves within which amplitudes stay.
+    """
     model, samples = data.model, data.samples
     if not model.robot.effects or samples is None:
         return None
-    rough = reweighted(to_triangles(samples.observation), base.count)
-    scene = scene_of(model, samples.signals, rough.values[: model.parameters])
+    if hold:  # what the file says is known: a fit without effects would start further away
+        rough = np.nan_to_num(model.robot.reference())
+    else:
+        rough = reweighted(to_triangles(samples.observation), base.count).values[: model.parameters]
+    scene = scene_of(model, samples.signals, rough)
     effects = declared_effects(model.robot, scene)
+    if hold:
+        effects = tuple(replace(e, spread=np.where(e.mean != 0, hold * np.abs(e.mean), np.inf)) for e in effects)
     extras = tuple(extra_of(item.effect, scene, samples.signals) for item in effects)
     return FittedEffects(effects, extras, scene)
+
+
+def _rescened(data: FitData, effects: FittedEffects | None, values: Array) -> FittedEffects | None:
+    """Return effects with their columns computed from other parameters (p,)."""
+    if effects is None or data.samples is None:
+        return effects
+    scene = scene_of(data.model, data.samples.signals, values)
+    return replace(
+        effects, extras=tuple(extra_of(e.effect, scene, data.samples.signals) for e in effects.effects), scene=scene
+    )
 
 
 class _Step(Enum):

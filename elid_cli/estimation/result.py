@@ -36,6 +36,8 @@ class EstimateOptions:
     """Estimate one torque offset per torque channel."""
     mask: bool | None = None
     """Leave out reversals of the motors; None: of those motors that do not follow Coulomb friction there."""
+    hold: float = 0.0
+    """Declared effects keep their shapes, and amplitudes within this part of what is declared; 0: all is fitted."""
     guards: bool = True
     """Test signs, units and swapped channels by flipping them."""
 
@@ -197,6 +199,8 @@ class Identification(Shown):
     noise: tuple[RowNoise, ...] = ()
     insufficient: tuple[Insufficient, ...] = ()
     """The rows that make the model insufficient."""
+    published: Mapping[str, JointError] = field(default_factory=dict)
+    """Of a diagnosis: the held-out error at identification's cut-off, where the parameters are from."""
     hidden: Mapping[str, str] = field(default_factory=dict)
     """Standard parameters of the robot as described that logs of this kind do not show, with the reason."""
 

@@ -79,6 +79,8 @@ def diagnose(
     """Find the effect that the model lacks: look at the residual of each joint, try every effect that could have left
     it, and report the error before and after on stretches that the search never saw.
     """  # noqa: D205
+    from dataclasses import replace
+
     from elid_cli.cli.inputs import check_effects, diagnosis_conditioning, load_recording, load_robot, load_signals
     from elid_cli.cli.output import check_described, check_output, emit, pictures_wanted, write_described
     from elid_cli.cli.progress import progress
@@ -104,10 +106,11 @@ def diagnose(
         found = search(
             machine, signals, DiagnoseOptions(lookup=lookup, only=only, accurate=accurate, jobs=jobs), advance
         )
+        found = replace(found, usual=load_signals(recording, replace(machine, effects=()), conditioning, advance))
         judged = []
         for other in others:
             seen = load_signals(other, machine, diagnosis_conditioning(conditioning, other), advance)
-            before, after = (validate(r, seen).error for r in (found.validation_before.robot, found.refined))
+            before, after = (validate(r, seen).error for r in (found.validation_before.robot, found.written_robot))
             judged.append(Check(other, before, after))
         if advance is not None:
             advance("judging", 0.5)
@@ -129,7 +132,7 @@ def diagnose(
 
             report = with_figures(report, diagnosis_figures(found, told.after, told.contributions, signals))
     if write_robot is not None:
-        write_described(found.refined, write_robot, remarks(told.after))
+        write_described(found.written_robot, write_robot, remarks(told.after))
     emit(report, output)
     _check(told, gates, [*(_lacks(found) if fail_on_effect else ()), *(_leaves(found) if fail_on_unexplained else ())])
 

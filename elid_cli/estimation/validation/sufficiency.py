@@ -27,6 +27,7 @@ from elid_cli.estimation.stretches import STRETCHES, stretch_of
 from elid_cli.estimation.validation.cross_validation import with_floor
 from elid_cli.estimation.validation.noise_floor import propagated
 from elid_cli.model.regressor import EstimationRow, Kind
+from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts
 from elid_cli.signals.signals import Signals
 
@@ -120,15 +121,21 @@ def judge_model(fit: DefaultFit) -> Judgement:
         if size < ABOVE * least:
             continue
         if row.joint not in curves:
-            curves[row.joint] = _curves(signals, row.joint, part, group.target - residual)
+            curves[row.joint] = motion_curves(signals, row.joint, fit.model.robot, group.target - residual)
         own = full_columns(group, part.extras, observation.parameters)[1]
-        followed = _followed(residual, group, own, curves[row.joint])
-        seen = size * float(np.sqrt(max(followed.share, 0.0)))
-        if followed.beyond and seen > VISIBLE * least:
-            insufficient.append(Insufficient(name, row.kind, ratio, followed.groups[0], followed.share))
-            missing.append(_Missing(row, followed.groups, seen))
+        seen_in = followed(residual, group, own, curves[row.joint])
+        seen = size * float(np.sqrt(max(seen_in.share, 0.0)))
+        if seen_in.beyond and seen > VISIBLE * least:
+            insufficient.append(Insufficient(name, row.kind, ratio, seen_in.groups[0], seen_in.share))
+            missing.append(_Missing(row, seen_in.groups, seen))
     biased = _movable(part, missing, curves) if missing else nobody
     return Judgement(tuple(noise), tuple(insufficient), biased)
+
+
+def in_bursts(residual: Array, use: NDArray[np.bool_]) -> bool:
+    """Whether most of a residual lies in few instants: something that happened, and no noise."""
+    power = np.sort(residual[use] ** 2)[::-1]
+    return bool(power[: max(1, len(power) // 20)].sum() > 0.5 * power.sum())
 
 
 def memory(residual: Array, use: NDArray[np.bool_], rate: float) -> float:
@@ -156,7 +163,9 @@ class _Missing(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Followed:
+class Followed:
+    """How much of a residual follows the motion."""
+
     share: float
     """Part of the residual's variance that the other stretches predict."""
     beyond: bool
@@ -181,12 +190,12 @@ def _excerpt(fit: DefaultFit) -> DefaultFit:
     return replace(fit, data=data, nuisances=nuisances, triangles=data.triangles(nuisances))
 
 
-def _curves(signals: Signals, joint: int, fit: DefaultFit, load: Array) -> dict[str, Array]:
+def motion_curves(signals: Signals, joint: int, robot: Robot, load: Array) -> dict[str, Array]:
     """Return groups of curves over the motion at the fit's instants, (d, M) each, every curve of size 1 or so.
 
     `load` is the torque that the model predicts, (M,): the measured one holds the noise that is to be told apart.
     """
-    motion, robot = signals.motion, fit.model.robot
+    motion = signals.motion
     channels = np.nan_to_num(np.stack([motion.theta, motion.q, motion.dtheta, motion.dq, motion.ddtheta]))
     theta, q, dtheta, dq, ddtheta = signals.decimate(np.ascontiguousarray(channels.transpose(0, 2, 1)))
 
@@ -220,7 +229,7 @@ def _curves(signals: Signals, joint: int, fit: DefaultFit, load: Array) -> dict[
     return {name: np.array(values) for name, values in groups.items()}
 
 
-def _followed(residual: Array, group: RowGroup, columns: Array, curves: Mapping[str, Array]) -> _Followed:
+def followed(residual: Array, group: RowGroup, columns: Array, curves: Mapping[str, Array]) -> Followed:
     """Return how much of a residual follows the motion, by curves at whose cost the model's columns come first."""
     use = group.use
     own = _orthonormal(columns[:, use])
@@ -238,7 +247,7 @@ def _followed(residual: Array, group: RowGroup, columns: Array, curves: Mapping[
     )
     order = np.argsort(-shares)
     also = [k for k in order.tolist() if shares[k] > ALSO * max(shares[best], 1e-12)]
-    return _Followed(float(share), bool(beyond), tuple(names[k] for k in also) or (names[best],))
+    return Followed(float(share), bool(beyond), tuple(names[k] for k in also) or (names[best],))
 
 
 def _orthonormal(columns: Array) -> Array:

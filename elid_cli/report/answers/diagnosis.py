@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from elid_cli.diagnosis import Diagnosis
+from elid_cli.diagnosis.residuals import RowState
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
 from elid_cli.report.answers.diagnosis_json import diagnosis_payload
 from elid_cli.report.answers.diagnosis_tables import (
@@ -85,12 +88,25 @@ def _meaning(told: DiagnosisInput) -> list[Section]:
         sticking = any(r.ratio > AT_FLOOR >= r.away for r in found.rows_after)
         where = " away from reversals" if sticking else ""
         text = f"The model is sufficient: every row is within {limit} of its noise floor{where}; no effect improves it."
+        if loud := [r for r in found.rows_after if r.high]:
+            text = f"The model is sufficient: no effect improves it. {_loud(told, loud)}"
         keep = ("--write-robot", f"{found.robot.name}-identified.yaml")
         line = command("identify", told.recording, told.robot_argument, *keep)
         return [Text("meaning", text), Text("next", line, "next")]
     if told.contributions:
         sections.append(Text("meaning", "\n".join(_outcome(told))))
     return [*sections, Text("next", _next(told), "next")]
+
+
+def _loud(told: DiagnosisInput, rows: Sequence[RowState]) -> str:
+    """Return in words which rows hold more than white noise that has nothing to do with the motion."""
+    worst = max(rows, key=lambda row: row.ratio)
+    memory = [n.correlation for n in told.after.noise if n.joint == worst.joint]
+    lasts = f" and remembers {max(memory) * 1e3:.0f} ms" if memory else ""
+    return (
+        f"What is left at {worst.joint}, {number_text(worst.ratio, 2)} times the sensors' white noise, does not follow "
+        f"the motion{lasts}: noise of the torque."
+    )
 
 
 def _outcome(told: DiagnosisInput) -> list[str]:
@@ -102,6 +118,9 @@ def _outcome(told: DiagnosisInput) -> list[str]:
         if worst <= AT_FLOOR
         else f"after: more than the sensors' noise is left, up to {number_text(worst, 3)} times the floor"
     ]
+    loud = [row for row in found.rows_after if row.high]
+    if loud and not found.unexplained:
+        words.append(_loud(told, loud))
     moved = [m for m in found.moved if abs(m.deviations) > MOVED]
     if moved:
         named = ", ".join(f"{m.name} {m.deviations:+.0f} sd" for m in moved[:NAMED])

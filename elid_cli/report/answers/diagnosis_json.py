@@ -64,6 +64,7 @@ def _side(error: Mapping[str, JointError], rows: Sequence[RowState], model: Iden
     return {
         "error": errors(error),
         "rows": [{"joint": r.joint, "rows": r.rows, "rms": r.rms, "share": r.share, "ratio": r.ratio} for r in rows],
+        "published": errors(model.published),
         "normalised_mean_error": model.normalised_mean_error() if referenced(model) else None,
     }
 

@@ -63,11 +63,6 @@ def whose(effect: str, joint: str | None) -> str:
     return effect if joint is None else f"{effect} of {joint}"
 
 
-ALIKE = 1.1
-"""Ratio of the residuals of sum and motor row up to which both hold the same."""
-VAGUE, NEAR_NOISE = 0.15, 0.05
-"""Parts of a residual that a variable, and that an effect, may take without telling it from noise."""
-NOISE_WORDS = "alike in both rows and after nothing in the log: like coloured noise of the motor torque"
 FOLLOWS = 0.05
 """Share of a residual's variance that must follow a variable for the variable to be named."""
 NEAR = 0.005
@@ -245,25 +240,14 @@ def unexplained_section(found: Diagnosis) -> list[Section]:
     if not found.unexplained:
         return []
     ordered = sorted(found.unexplained, key=lambda u: found.robot.joint_names.index(u.joint))
-    noisy = {u.joint for u in ordered if noise_like([v for v in ordered if v.joint == u.joint])}
-    items = tuple((f"{u.joint} {u.rows} row", _left(found.robot, u, noisy=u.joint in noisy)) for u in ordered)
+    items = tuple((f"{u.joint} {u.rows} row", _left(found.robot, u)) for u in ordered)
     return [KeyValues("unexplained", items, title="not explained by any effect")]
 
 
-def noise_like(items: Sequence[Unexplained]) -> bool:
-    """Whether what is left of one joint is like noise of its motor torque: both rows alike, and nothing they follow."""
-    size = {item.rows: item.rms for item in items}
-    if set(size) != {"sum", "motor"} or not 1 / ALIKE < size["sum"] / size["motor"] < ALIKE:
-        return False
-    return all(item.share < VAGUE and all(gain < NEAR_NOISE for _, _, gain in item.nearest) for item in items)
-
-
-def _left(robot: Robot, item: Unexplained, *, noisy: bool = False) -> str:
+def _left(robot: Robot, item: Unexplained) -> str:
     size = f"{number_text(item.rms, 3)} {torque_unit(robot, item.joint)}, {number_text(item.ratio, 3)} times its floor"
     if item.variable == HELD_OUT:
         return f"{size} on the held-out stretches, where the search does not look, and noise elsewhere"
-    if noisy:
-        return f"{size}; {NOISE_WORDS}"
     follows = f"; follows {variable_words(item.variable)} ({share_words(item.share)})" if item.share > FOLLOWS else ""
     sticks = "; leave slow motion out: --min-velocity 0.03" if follows and item.variable == STICKING else ""
     near = ", ".join(

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elid_cli.diagnosis.diagnose import diagnose, options_for
+from elid_cli.diagnosis.diagnose import diagnose
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
 from tests.system.plain_arms import Sensors, log, random_arm
@@ -86,7 +87,7 @@ def main() -> None:
             if asked.diagnose:
                 from elid_cli.diagnosis.refit import identified
 
-                answer = diagnose(robot, prepare(recording, robot, options_for(recording.rate)))
+                answer = diagnose(robot, prepare(recording, robot, SignalOptions.for_diagnosis(recording.rate)))
                 alarms += [f"{e.effect}@{e.joint}" for e in answer.effects]
                 alarms += [f"unexplained {u.joint}" for u in answer.unexplained]
                 after = identified(answer.state_after, answer.after, 0)
