@@ -15,7 +15,7 @@ from elid_cli.model.mass_matrix import BLOCKS, NotPositiveError, NumericEquation
 from elid_cli.model.regressor import Regressor, inputs_of
 from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
 from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import MOTOR_PARAMETERS, Robot
 from elid_cli.signals.motion import Motion, random_motion
 
 Vector = Sequence[float]
@@ -193,6 +193,14 @@ class Dynamics:
         out = self._inverse(inputs[:, 0].tolist())
         return out[: self.robot.n], out[self.robot.n :]
 
+    def rigid_loads(self, q: Vector, dq: Vector, ddq: Vector) -> list[float]:
+        """Return what the bodies beyond each rigid joint need, N·m: its torque without its own rotor and friction."""
+        inputs: list[float] = []  # as `inputs_of`, of one instant
+        for x, v, a in zip(q, dq, ddq, strict=True):
+            inputs += (math.sin(x), math.cos(x), x, v, a, v, a, 0.0, 0.0)
+        loads = self._loads(inputs)
+        return [0.0 if k in self.elastic else value for k, value in enumerate(loads)]
+
     def gravity(self, q: Array) -> Array:
         """Return the torques that hold the links at rest, N·m; positions and result of shape (N, n)."""
         return self.feedforward(q, np.zeros_like(q), np.zeros_like(q))[0]
@@ -215,6 +223,18 @@ class Dynamics:
     @cached_property
     def _mass(self) -> _Function:
         return self._folded.mass().scalar()
+
+    @cached_property
+    def _loads(self) -> _Function:
+        n = self.robot.n
+        graph = Graph(9 * n)
+        outputs: list[Scalar] = [0.0] * n
+        for row, columns in self.model.trace(graph, paper=True).items():
+            own = {f"{kind}{row.joint + 1}" for kind in MOTOR_PARAMETERS}
+            for name, value in columns.items():
+                if name not in own:
+                    outputs[row.joint] = outputs[row.joint] + value * self._values[name]
+        return compile_program(graph, outputs).scalar()
 
     @cached_property
     def _inverse(self) -> _Function:

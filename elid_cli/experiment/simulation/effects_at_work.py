@@ -92,6 +92,7 @@ class Stage:
             temperature=self._temperature,
         )
         self._K = np.nan_to_num(dynamics.stiffness)
+        self._elastic = dynamics.robot.elastic
 
     def set(
         self, t: float, q: list[float], dq: list[float], theta: list[float], dtheta: list[float], tau: list[float]
@@ -104,8 +105,15 @@ class Stage:
         values[0], values[1], values[3], values[4], values[6] = q, dq, theta, dtheta, tau
         values[8] = tau
         values[2] = values[5] = 0.0
-        values[7] = self._K * (values[3] - values[0])
+        values[7] = np.where(self._elastic, self._K * (values[3] - values[0]), values[7])
         return self.scene
+
+    def loaded(self, loads: list[float]) -> float:
+        """Set the loads of rigid joints, and return by how much they changed, as a part of them."""
+        before = self._joint[7, 0].copy()
+        self._joint[7, 0] = np.where(self._elastic, before, loads)
+        self.scene.cache.clear()
+        return float(np.max(np.abs(self._joint[7, 0] - before)) / max(float(np.max(np.abs(before))), 1e-9))
 
     def accelerate(self, ddq: list[float], ddtheta: list[float]) -> Scene:
         """Return the scene with accelerations."""

@@ -23,6 +23,8 @@ FRICTION_STEP = 1.5
 """Step in time constants of rounded friction (stable below 2.8)."""
 LONGEST_STEP = 2.5e-4
 """s; a motor passes the rounded zone of friction in a few ms, which needs a few steps."""
+LOADED, SETTLED = 4, 1e-7
+"""Rounds in which the load of a rigid joint and the friction that follows it come to agree, and how closely."""
 _NUDGE = 1e-6
 """rad or m, and per s: small against every width that friction and backlash are rounded over."""
 
@@ -41,6 +43,7 @@ class System:
         self._elastic = elastic
         self._effects = [active for active in effects if active.effect.simulated == "torque"]
         self._stage = Stage(dynamics, dt, duration)
+        self._loaded = any(a.effect.from_model and a.effect.joint not in elastic for a in self._effects)
         self._places: list[tuple[int, int]] = []
         size = 2 * (n + self._m)
         for active in self._effects:
@@ -103,6 +106,18 @@ class System:
             ddq, ddtheta = self.dynamics.solve(q, dq, dtheta, deflection, [0.0] * self._n, tau)
             return ddq, ddtheta, []
         scene = self._stage.set(t, q, dq, theta, dtheta, tau)
+        ddq, ddtheta = self._solved(x, scene, deflection, tau)
+        for _ in range(LOADED if self._loaded else 0):
+            # the load of a rigid joint is known with its acceleration, which friction that grows with it changes
+            loads = self.dynamics.rigid_loads(q, dq, ddq)
+            if self._stage.loaded(loads) < SETTLED:
+                break
+            ddq, ddtheta = self._solved(x, scene, deflection, tau)
+        return ddq, ddtheta, self._rates(x, ddq, ddtheta)
+
+    def _solved(
+        self, x: list[float], scene: Scene, deflection: list[float], tau: list[float]
+    ) -> tuple[list[float], list[float]]:
         link, motor = [0.0] * self._n, list(tau)
         for active, (start, stop) in zip(self._effects, self._places, strict=True):
             for side, joint, value in active.torques(scene, x[start:stop]):
@@ -110,8 +125,8 @@ class System:
                     link[joint] -= value
                 else:
                     motor[joint] -= value
-        ddq, ddtheta = self.dynamics.solve(q, dq, dtheta, deflection, link, motor)
-        return ddq, ddtheta, self._rates(x, ddq, ddtheta)
+        q, dq, _, dtheta = self.split(x)
+        return self.dynamics.solve(q, dq, dtheta, deflection, link, motor)
 
     def _rates(self, x: list[float], ddq: list[float], ddtheta: list[float]) -> list[float]:
         if self.size == 2 * (self._n + self._m):
