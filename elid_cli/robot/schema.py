@@ -75,6 +75,10 @@ def _joint(value: Value, number: int, convention: Convention, before: Sequence[s
         what = f"{parent!r} is no joint above this one" if parent else "nothing where a joint is named"
         hint = did_you_mean(parent, (BASE, *before)) or f"parents stand before what they carry; {BASE!r}: the base"
         raise keys["parent"].error(what, hint=hint)
+    if parent == BASE and BASE in before:
+        raise keys["parent"].error(
+            f"{BASE!r} is what the base is called, and a joint above: give the joint another name"
+        )
     placement: dict[str, Any] = {
         key: keys[key].number() if convention != "urdf" else read_vector(keys[key], unit=key == "axis")
         for key in geometry
@@ -85,8 +89,6 @@ def _joint(value: Value, number: int, convention: Convention, before: Sequence[s
         parent="" if parent == (before[-1] if before else BASE) else parent,
         **placement,
     )
-    if joint.name == BASE:
-        raise keys["name"].error(f"{BASE!r} is what the base is called; a joint needs another name")
     return with_motor(joint, keys)
 
 
