@@ -1,7 +1,6 @@
 """The three canonical formats hold the same log, bit for bit, and writing twice gives the same bytes."""
 
 import gzip
-import os
 from pathlib import Path
 
 import numpy as np
@@ -126,7 +125,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "fdopen", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(UsageError, match="cannot be written"):
         write_recording(recording(10), path)
     monkeypatch.undo()
