@@ -76,8 +76,20 @@ def facts_of(signals: Signals, known: NDArray[np.bool_] | NDArray[np.intp]) -> S
         velocity_used=bool(signals.velocity_used.any()),
         known=known,
         moved=signals.moved if len(signals.moved) else np.zeros(signals.n),
-        poses=np.nan_to_num(np.array([signals.motion.positions(slice(k, k + 1))[0, :, 0] for k in outputs.tolist()])),
+        poses=np.nan_to_num(_poses(signals, outputs)),
     )
+
+
+NEAR = 64
+"""Samples between instants up to which all of them are evaluated at once rather than each instant by itself."""
+
+
+def _poses(signals: Signals, instants: NDArray[np.intp]) -> Array:
+    """Return the link positions at some instants, ascending, (M, n)."""
+    first, last = int(instants[0]), int(instants[-1])
+    if last - first < NEAR * instants.size:
+        return np.asarray(signals.motion.positions(slice(first, last + 1))[0][:, instants - first].T)
+    return np.array([signals.motion.positions(slice(k, k + 1))[0, :, 0] for k in instants.tolist()])
 
 
 def deflection_noise(signals: Signals, joint: int) -> float:

@@ -58,12 +58,12 @@ class Source:
         except OSError as error:
             raise _unreadable(self.name, error) from error
 
-    def read(self) -> bytes:
-        """Return all bytes."""
+    def read(self, most: int = -1) -> bytes:
+        """Return all bytes, or the first `most`."""
         if self.data is not None:
-            return self.data
+            return self.data if most < 0 else self.data[:most]
         with self.stream() as stream:
-            return stream.read()
+            return stream.read(most)
 
     @property
     def size(self) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
@@ -37,6 +38,10 @@ READING = 0.6
 """Share of the work on a log that is reading it, for progress."""
 CONNECT = 10.0
 """s to wait for a scheduler."""
+PATIENCE, POLL = 60.0, 1.0
+"""s without any worker after which a cluster is given up, and s between looks at it."""
+SCHEMES = ("tcp", "tls", "ws", "wss")
+"""Of a scheduler's address; tcp where it names none."""
 
 
 @dataclass(frozen=True)
@@ -241,6 +246,10 @@ def _submitted(pool: Executor, jobs: Sequence[Job]) -> list[Future[Answer]]:
 def _on_cluster(jobs: Sequence[Job], scheduler: str) -> Generator[Answer | None, None, None]:
     import logging
 
+    scheme = scheduler.partition("://")[0] if "://" in scheduler else "tcp"
+    if scheme not in SCHEMES:  # distributed would say so too, and print a traceback when the program ends
+        known = ", ".join(f"{one}://" for one in SCHEMES)
+        raise UsageError(f"--scheduler: no Dask scheduler at {scheduler}", hint=f"addresses begin with {known}")
     try:
         from distributed import Client
     except ImportError:
@@ -258,9 +267,38 @@ def _on_cluster(jobs: Sequence[Job], scheduler: str) -> Generator[Answer | None,
         ) from error
     try:
         placed = [_placed(job) for job in jobs]
-        yield from _collected(client.map(answer_job, placed, pure=False))
+        yield from _awaited(client, client.map(answer_job, placed, pure=False), scheduler)
     finally:
         client.close(timeout=CONNECT)
+
+
+def _awaited(client: Any, futures: Sequence[Any], scheduler: str) -> Generator[Answer | None, None, None]:
+    """Yield the workers' answers in order, None for a job that was lost with its worker.
+
+    Raises
+    ------
+    UsageError
+        For `PATIENCE` s the scheduler has had no worker, as when the last one has died.
+    """
+    alive = time.monotonic()
+    for number, future in enumerate(futures):
+        while True:
+            try:
+                yield future.result(timeout=POLL)
+            except TimeoutError:
+                if client.scheduler_info()["workers"]:
+                    alive = time.monotonic()
+                elif time.monotonic() - alive > PATIENCE:
+                    raise UsageError(
+                        f"--scheduler: {scheduler} has had no worker for {PATIENCE:g} s",
+                        detail=f"{number} of {len(futures)} logs were reduced",
+                        hint=f"dask worker {scheduler}, or reduce them here: --jobs 2",
+                    ) from None
+                continue
+            except Exception:  # whatever a worker died of, the log is reduced again where the fault can be told
+                yield None
+            alive = time.monotonic()
+            break
 
 
 def _placed(job: Job) -> Job:

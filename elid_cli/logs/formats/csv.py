@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import codecs
+import contextlib
 import re
 import zlib
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -12,7 +15,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import LogError, did_you_mean
 from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
-from elid_cli.logs.formats.csv_text import Dialect, parse_columns, sniff
+from elid_cli.logs.formats.csv_text import Dialect, parse_blocks, parse_columns, sniff
 from elid_cli.logs.mapping.language import SIGNALS
 from elid_cli.logs.source import Source
 from elid_cli.signals.recording import Recording
@@ -39,6 +42,9 @@ TIGHTEST = 50
 """Bytes of text per byte of gzip that are believed of a log …"""
 SMALL = 128 << 20
 """… of more than this many bytes."""
+SAMPLE = 1 << 20
+"""Bytes by which the text is known."""
+GZIP = b"\x1f\x8b"
 CUT = "the gzip data end early: the log is cut"
 
 
@@ -48,15 +54,25 @@ class CsvLog:
     def __init__(self, source: Source) -> None:
         self._name = source.name
         self._tell = source.tell
-        data, whole = unpack(source.read(), source.name)
-        self._text = decode(data, source.name)
-        self._dialect: Dialect = sniff(self._text, source.name)
+        self._source = source
+        self._whole = True
+        self._data = None if source.data is None and source.head[:2] != GZIP else self._unpacked()
+        self._first = -1
+        """Byte of the first row where the text can be parsed as it lies in the file, else -1."""
+        head = self._data[:SAMPLE] if self._data is not None else source.read(SAMPLE)
+        text = _plain(head)
+        if text is None:
+            self._dialect: Dialect = sniff(self._text, source.name)
+        else:
+            self._dialect = sniff(text, source.name)
+            mark = 3 if head.startswith(codecs.BOM_UTF8) else 0
+            self._first = mark + len(text[: self._dialect.first].encode("utf-8"))
         names = self._dialect.names
         if len(names) > MOST_COLUMNS:
             raise LogError(f"{source.name}: {len(names)} columns", detail=f"at most {MOST_COLUMNS} are read")
         self.channels: Sequence[Channel] = tuple(Channel(name, kind="column") for name in dict.fromkeys(names) if name)
         self.units = {name: unit for name, unit in zip(names, self._dialect.units, strict=False) if unit}
-        self.losses: list[str] = [] if whole else [CUT]
+        self.losses: list[str] = [] if self._whole else [CUT]
         self.notes: list[str] = []
         if not self._dialect.named:
             self.notes.append("no header row: columns are named column1, column2, …")
@@ -81,10 +97,41 @@ class CsvLog:
                 )
             if name not in self._dialect.names:
                 raise LogError(f"{self._name}: no column {name!r}", hint=did_you_mean(name, self._dialect.names))
-        table, said = parse_columns(self._text, self._dialect, wanted, self._name, self._tell)
+        table, said = self._parsed(wanted)
         self.losses.extend(text for text in said if text not in self.losses)
         columns = {name: table[:, k] for k, name in enumerate(wanted)}
         return [Stream(columns[pick.source][:, None], {"t": columns[pick.time]} if pick.time else {}) for pick in picks]
+
+    def _parsed(self, wanted: Sequence[str]) -> tuple[Array, list[str]]:
+        """Return the wanted columns and what had to be said: clean files block by block, others whole and with care."""
+        if self._first >= 0:
+            data = self._data
+            with self._source.stream() if data is None else BytesIO(data) as stream:
+                stream.seek(self._first)
+                size = (self._source.size if data is None else len(data)) - self._first
+                with contextlib.suppress(ValueError):
+                    return parse_blocks(stream, size, self._dialect, wanted, self._tell), []
+        text = self._text
+        return parse_columns(text, sniff(text, self._name), wanted, self._name)
+
+    @property
+    def _text(self) -> str:
+        """The whole text."""
+        return decode(self._unpacked() if self._data is None else self._data, self._name)
+
+    def _unpacked(self) -> bytes:
+        data, self._whole = unpack(self._source.read(), self._name)
+        return data
+
+
+def _plain(head: bytes) -> str | None:
+    """Return the first lines of a text in UTF-8 with ordinary line ends; None where it is another text."""
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or b"\r" in head.replace(b"\r\n", b"\n"):
+        return None
+    try:
+        return (head[: head.rfind(b"\n") + 1] if len(head) == SAMPLE else head).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return None
 
 
 def _topics() -> list[dict[str, dict[str, str]]]:

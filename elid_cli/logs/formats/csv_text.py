@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import io
 import itertools
 import math
@@ -10,6 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import IO
 
 import numpy as np
 
@@ -19,8 +21,8 @@ from elid_cli.errors import LogError
 COMMENTS = ("#", "%", "//")
 SNIFFED = 60
 """Lines that are looked at to tell the dialect."""
-PART = 1 << 24
-"""Characters that are parsed at a time."""
+PART = 1 << 22
+"""Bytes that are parsed at a time."""
 LONGEST_LINE = 4 << 20
 """Characters of the longest row that is read."""
 TABLE = "a CSV log has one header row and one row per sample"
@@ -95,50 +97,112 @@ def split(line: str, separator: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def parse_columns(
-    text: str, dialect: Dialect, wanted: Sequence[str], name: str, tell: Callable[[float], None] | None = None
-) -> tuple[Array, list[str]]:
+def parse_columns(text: str, dialect: Dialect, wanted: Sequence[str], name: str) -> tuple[Array, list[str]]:
     """Return the wanted columns, shape (N, len(wanted)), and what had to be said about faulty lines.
 
-    Empty and unreadable cells are NaN; rows with too few or too many cells are left out and reported. `tell` is told
-    the share that has been read.
+    Empty and unreadable cells are NaN; rows with too few or too many cells are left out and reported.
     """
-    columns = [dialect.names.index(column) for column in wanted]
     body = text[dialect.first :].rstrip()
     if dialect.decimal_comma:
         body = body.replace(",", ".")
-    try:
-        return _fast(body, dialect, columns, tell), []
-    except ValueError:
-        return _tolerant(body, dialect, columns, name)
+    return _tolerant(body, dialect, [dialect.names.index(column) for column in wanted], name)
 
 
-def _fast(body: str, dialect: Dialect, columns: Sequence[int], tell: Callable[[float], None] | None) -> Array:
-    """Parse by numpy's C reader, which refuses empty cells, text and rows of other lengths."""
+def parse_blocks(
+    stream: IO[bytes],
+    size: int,
+    dialect: Dialect,
+    wanted: Sequence[str],
+    tell: Callable[[float], None] | None = None,
+) -> Array:
+    """Return the wanted columns, shape (N, len(wanted)), of a text without any fault, read block by block.
+
+    Parameters
+    ----------
+    stream
+        The text, UTF-8, at its first row of numbers.
+    size
+        Bytes from there to its end.
+    dialect
+        How it is written.
+    wanted
+        Columns by name.
+    tell
+        Told the share that has been read.
+
+    Raises
+    ------
+    ValueError
+        A row of another length, an empty cell, text or a comment: whatever needs care.
+    """
+    from elid_cli.logs.mcap.bulk_decode import GrowingArray
+
+    columns = [dialect.names.index(column) for column in wanted]
+    arrow = dialect.separator != " " and importlib.util.find_spec("pyarrow") is not None
+    parse = _by_arrow if arrow else _by_numpy
+    table, done, rest = GrowingArray(len(wanted)), 0, b""
+    while True:
+        block = stream.read(PART)
+        done += len(block)
+        cut = block.rfind(b"\n") + 1 if block else 0
+        lines, rest = (rest + block[:cut], block[cut:]) if block else (rest, b"")
+        if lines.strip():
+            rows = parse(lines, dialect, columns)
+            if not table.rows and size > done:  # a guess that spares moving what is there
+                table = GrowingArray(len(wanted), hint=int(1.02 * len(rows) * size / max(len(lines), 1)))
+            table.extend(len(rows))[:] = rows
+        if len(rest) > LONGEST_LINE:
+            raise ValueError("a row without end")
+        if tell is not None and size:
+            tell(done / size)
+        if not block:
+            break
+    if not table.rows:
+        raise ValueError("no row")
+    return table.finish()
+
+
+def _by_arrow(lines: bytes, dialect: Dialect, columns: Sequence[int]) -> Array:
+    """Parse by Apache Arrow's reader, which refuses what is not a table of numbers."""
+    import pyarrow as pa
+    from pyarrow import csv as reader
+
+    names = [str(k) for k in range(len(dialect.names))]
+    chosen = [names[k] for k in columns]
+    table = reader.read_csv(
+        pa.BufferReader(lines),
+        reader.ReadOptions(column_names=names, block_size=PART, use_threads=False),
+        reader.ParseOptions(delimiter=dialect.separator, quote_char=False),
+        reader.ConvertOptions(
+            include_columns=list(dict.fromkeys(chosen)), column_types=dict.fromkeys(chosen, pa.float64()),
+            null_values=[], decimal_point="," if dialect.decimal_comma else ".", check_utf8=False,
+        ),
+    )  # fmt: skip
+    out = np.empty((table.num_rows, len(chosen)))
+    for k, name in enumerate(chosen):
+        out[:, k] = table[name].to_numpy()
+    return out
+
+
+def _by_numpy(lines: bytes, dialect: Dialect, columns: Sequence[int]) -> Array:
+    """Parse by NumPy's reader, which refuses empty cells, text and rows of other lengths."""
     separator = None if dialect.separator == " " else dialect.separator
-    width = len(dialect.names)
-    if "#" in body or "%" in body:
+    if b"#" in lines or b"%" in lines:
         raise ValueError("comments between the rows")
-    if separator is not None and not _rectangular(body, separator, width):
-        raise ValueError("rows of different lengths")
-    parts: list[Array] = []
-    start = 0
-    while not parts or start < len(body):
-        stop = body.find("\n", start + PART) + 1 or len(body)
-        lines = io.StringIO(body[start:stop])
-        parts.append(np.loadtxt(lines, delimiter=separator, usecols=columns, comments=None, ndmin=2, dtype=float))
-        start = stop
-        if tell is not None:
-            tell(stop / len(body))
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+    if separator is not None:
+        _check_rectangular(lines, separator, len(dialect.names))
+    text = lines.decode("utf-8")
+    rows = io.StringIO(text.replace(",", ".") if dialect.decimal_comma else text)
+    return np.loadtxt(rows, delimiter=separator, usecols=columns, comments=None, ndmin=2, dtype=float)
 
 
-def _rectangular(body: str, separator: str, width: int) -> bool:
-    """Whether every line has `width` cells; numpy does not look at the columns it is not asked for."""
-    letters = np.frombuffer(body.encode("utf-8"), np.uint8)
+def _check_rectangular(lines: bytes, separator: str, width: int) -> None:
+    """Raise ValueError unless every line has `width` cells; numpy does not look at columns it is not asked for."""
+    letters = np.frombuffer(lines.rstrip(), np.uint8)
     ends = np.append(np.flatnonzero(letters == ord("\n")), letters.size)
     before = np.searchsorted(np.flatnonzero(letters == ord(separator)), ends)
-    return bool(np.all(np.diff(before, prepend=0) == width - 1))
+    if not np.all(np.diff(before, prepend=0) == width - 1):
+        raise ValueError("rows of different lengths")
 
 
 def _tolerant(body: str, dialect: Dialect, columns: Sequence[int], name: str) -> tuple[Array, list[str]]:
