@@ -26,6 +26,7 @@ from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.files import write_text
 from elid_cli.model.base_parameters import find_base
+from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.inertia import about_centre, inertial_parameters, pseudo_inertia
 from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot
@@ -169,7 +170,11 @@ def split_mass(link: Array, share: float) -> tuple[Array, float, Array]:
 ROTOR_SHARE = 1e-3
 """Part of a link's mass that its rotor carries, at the link's centre of mass, so that it does not matter."""
 TIMESTEP = 5e-4
-"""s; transmissions ring at tens of hertz to a kilohertz."""
+"""s; longest time step that is written …"""
+MODE_STEP = 1.0
+"""… and the longest in radians of the fastest elastic mode: MuJoCo takes tendons' springs explicitly, whatever the
+integrator, and is unstable from 2 on."""
+_POSES = 24
 
 
 def write_mjcf(robot: Robot, path: str | Path, parameters: Array | None = None) -> None:
@@ -203,9 +208,10 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
     if robot.effects:
         names = ", ".join(effect.effect for effect in robot.effects)
         lines.append(f"  <!-- not in this file, though the robot description has them: {names} -->")
+    step = f"{time_step(robot, values):.9g}"
     lines += [
         '  <compiler angle="radian" autolimits="false" inertiafromgeom="false"/>',
-        f'  <option gravity="{_spaced(robot.gravity)}" timestep="{TIMESTEP}" integrator="implicitfast"/>',
+        f'  <option gravity="{_spaced(robot.gravity)}" timestep="{step}" integrator="implicitfast"/>',
         "  <worldbody>",
         *_bodies(full, links),
         "  </worldbody>",
@@ -215,6 +221,23 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
         "</mujoco>",
     ]
     return "\n".join(lines) + "\n"
+
+
+def time_step(robot: Robot, parameters: Array) -> float:
+    """Return a time step (s) that the fastest elastic mode of a robot allows, looked for in poses over all its range.
+
+    `parameters` (p,) are known, as from `known_parameters`.
+    """
+    dynamics = Dynamics(robot, parameters)
+    n, elastic = robot.n, dynamics.elastic
+    springs = np.zeros((n + len(elastic), n + len(elastic)))
+    for place, k in enumerate(elastic, n):
+        springs[np.ix_([k, place], [k, place])] = dynamics.stiffness[k] * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    fastest = 0.0
+    for q in np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, n)):
+        squares = np.linalg.eigvals(np.linalg.solve(dynamics.mass_matrix(q.tolist()), springs))
+        fastest = max(fastest, float(np.sqrt(np.max(squares.real, initial=0.0))))
+    return TIMESTEP / max(1, math.ceil(TIMESTEP * fastest / MODE_STEP))
 
 
 def _bodies(robot: Robot, links: list[Array]) -> Iterator[str]:
