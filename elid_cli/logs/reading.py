@@ -16,6 +16,7 @@ from elid_cli.logs.checks.required import Checked, check, refuse_mixed
 from elid_cli.logs.checks.units_and_signs import suspicions, written_units
 from elid_cli.logs.contract import RawLog, Stream
 from elid_cli.logs.mapping.language import COMMANDS, parse_mapping
+from elid_cli.logs.mapping.profiles import known_messages
 from elid_cli.logs.mapping.resolve import Layer, Placement, ReadPlan, resolve
 from elid_cli.logs.mapping.suggest import suggestion
 from elid_cli.logs.repair.align import Aligned, Sampled, align
@@ -185,6 +186,8 @@ def layers_of(raw: RawLog, robot: Robot, mapping: Mapping[str, Any] | None) -> l
             layers.append(Layer(where, *parse_mapping(given, robot, where), asked=given is mapping))
     for given in raw.canonical:
         layers.append(Layer("canonical names", *parse_mapping(given, robot, "canonical"), canonical=True))
+    for where, given in known_messages(raw.channels, robot):
+        layers.append(Layer(where, *parse_mapping(given, robot, where), canonical=True, profile=True))
     return layers
 
 

@@ -216,7 +216,7 @@ def test_messages_that_do_not_follow_their_definition_are_counted(tmp_path: Path
 @pytest.mark.parametrize(
     ("data", "word"),
     [
-        (b"SQLite format 3\x00" + bytes(100), "mcap convert"),
+        (b"SQLite format 3\x00" + bytes(100), "the database is damaged"),
         (b"#ROSBAG V2.0\n" + bytes(100), "mcap convert"),
         (b"MATLAB 5.0 MAT-file, Platform" + bytes(200), "v7.3"),
         (b"PAR1" + bytes(100), "Parquet"),
@@ -234,7 +234,7 @@ def test_folders_and_pipes(tmp_path: Path) -> None:
     refused(tmp_path / "empty", "folder without MCAP")
     (tmp_path / "bag").mkdir()
     save(tmp_path / "bag", b"SQLite format 3\x00" + bytes(100), "bag_0.db3")
-    refused(tmp_path / "bag", "mcap convert")
+    refused(tmp_path / "bag", "the database is damaged")
     os.mkfifo(tmp_path / "pipe")
     refused(tmp_path / "pipe", "not a regular file")
     refused(tmp_path / "log.mcpa", "no such file")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import LogFormat, RawLog
+from elid_cli.logs.formats.db3 import open_bags
 from elid_cli.logs.formats.foreign import kind_of, refuse
 from elid_cli.logs.formats.mcap import McapLog
 from elid_cli.logs.source import Source
@@ -25,6 +26,9 @@ def _open(source: Source) -> Sequence[RawLog]:
     assert source.path is not None
     files, missing = _splits(source.path)
     files = [replace(file, listener=source.listener) for file in files]
+    databases = [file for file in files if re.search(r"\.db3(\.zstd)?$", file.name)]
+    if databases and len(databases) == len(files):
+        return open_bags(source.name, databases, missing)
     for file in files:
         known = kind_of(file.head)
         if known is not None and "MCAP" not in known[0]:
@@ -44,7 +48,7 @@ def _splits(folder: Path) -> tuple[list[Source], list[str]]:
     present = {p.name: p for p in folder.iterdir() if p.is_file() and p.name != "metadata.yaml"}
     listed = _listed(folder / "metadata.yaml")
     names = list(dict.fromkeys(name for name in (Path(entry).name for entry in listed) if name in present))
-    rest = [name for name in present if name not in names and re.search(r"\.(mcap(\.zstd)?|db3)$", name)]
+    rest = [name for name in present if name not in names and re.search(r"\.(mcap|db3)(\.zstd)?$", name)]
     files = [Source(str(present[name]), present[name]) for name in [*names, *sorted(rest, key=_numbered)]]
     gone = [name for name in (Path(entry).name for entry in listed) if name not in present]
     lost = [f"{name} is listed in metadata.yaml and missing" for name in gone]

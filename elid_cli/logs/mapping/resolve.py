@@ -57,6 +57,8 @@ class Layer:
     signals: SignalMaps
     time: TimeMap | None = None
     canonical: bool = False
+    profile: bool = False
+    """Whether it is what is known of a message (`profiles`)."""
     asked: bool = False
     """Whether the user gave it for this log."""
 
@@ -86,6 +88,7 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
     reasons: dict[str, str] = {}
     unusable: set[str] = set()
     either = False
+    used: dict[str, str] = {}
     failed: dict[str, tuple[str, str]] = {}
     for signal in SIGNALS:
         for layer in layers:
@@ -94,15 +97,29 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
                 continue
             found = place(spec, by_source, robot, time, near=signal not in reasons)
             if isinstance(found, Placement):
+                best = placements.get(signal)
+                if best is not None and _worth(found, by_source) <= _worth(best, by_source):
+                    continue
                 placements[signal] = found
-                either |= signal == "tau_link" and layer.canonical and "joint_states" in found.places
-                break
+                if signal == "tau_link":
+                    either = layer.canonical and "joint_states" in found.places
+                used[signal] = layer.where if layer.profile else ""
+                if not layer.canonical:
+                    break
+                continue
+            if signal in placements:
+                continue
+            if layer.profile:
+                reasons[signal] = f"{layer.where}: {found}"
             reasons.setdefault(signal, found if layer.canonical else f"{layer.where}: {found}")
             if layer.asked or not found.startswith(ABSENT):
                 unusable.add(signal)
             if not layer.canonical and signal not in failed:
                 failed[signal] = (layer.where, found)
     unfit += _unfit(failed, placements)
+    for where in dict.fromkeys(used.values()):
+        if where:
+            notes.append(f"{' '.join(s for s, by in used.items() if by == where)} are taken as known of {where}")
     if "tau" in placements and either and _same_place(placements["tau"], placements["tau_link"]):
         del placements["tau_link"]  # what is mapped as the motor's torque is no sensor's
     elif either:
@@ -115,6 +132,17 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
         placements, time, tuple(unfit), tuple(notes), reasons, frozenset(unusable - set(placements)),
         frozenset(signal for layer in layers if layer.asked for signal in layer.signals),
     )  # fmt: skip
+
+
+def _worth(placement: Placement, by_source: Mapping[str, Sequence[Channel]]) -> tuple[int, int]:
+    """Return how many joints a placement has and how many samples, as far as known: of two the larger is taken."""
+    count, rows = 0, [0]
+    for pick in placement.picks:
+        channel = next(c for c in by_source[pick.source] if c.field == pick.field)
+        # messages to come may name more joints than those that were looked at
+        count += sum(isinstance(c, int) or not channel.labels or c in channel.labels for c in pick.columns)
+        rows.append(channel.rows or 0)
+    return count, max(rows)
 
 
 def _same_place(one: Placement, other: Placement) -> bool:

@@ -210,7 +210,7 @@ def test_a_split_that_is_missing_or_broken_is_said(tmp_path: Path, fault: str) -
 
 @pytest.mark.parametrize(
     ("name", "head", "word"),
-    [("run.db3", b"SQLite format 3\x00", "mcap convert"), ("run.bag", b"#ROSBAG V2.0\n", "mcap convert")],
+    [("run.bag", b"#ROSBAG V2.0\n", "mcap convert")],
 )
 def test_other_recorders_files_name_the_converter(tmp_path: Path, name: str, head: bytes, word: str) -> None:
     done = refused(saved(tmp_path, head + bytes(200), name), word, name)

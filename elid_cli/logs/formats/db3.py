@@ -1,0 +1,100 @@
+"""rosbag2 in SQLite (`.db3`): the same messages as in MCAP, in rows of a table; whole files or messages may be zstd."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from types import SimpleNamespace
+
+import numpy as np
+
+from elid_cli.budget import Budget
+from elid_cli.errors import LogError
+from elid_cli.logs.contract import LogFormat
+from elid_cli.logs.formats.mcap import ZSTD_MAGIC, McapLog
+from elid_cli.logs.mcap.container import Container, Messages
+from elid_cli.logs.source import Source
+
+SQLITE = b"SQLite format 3\x00"
+AT_ONCE = 5000
+"""Messages that are decoded together."""
+
+
+class Db3Log(McapLog):
+    """One database, or several that continue each other."""
+
+    def _summary(self) -> tuple[set[str] | None, dict[str, int]]:
+        return None, {}
+
+    def _walk(self, *, told: bool = False) -> Iterator[tuple[Container, Messages]]:
+        for number, source in enumerate(self._sources):
+            container = Container(budget=Budget(source.name, source.size))
+            try:
+                with closing(_connected(source, container.budget)) as base:
+                    yield from ((container, messages) for messages in _messages(base, container))
+            except sqlite3.Error as error:
+                self.losses.append(f"{source.name}: the database is damaged ({str(error).lower()[:80]})")
+            if told:
+                self._sources[0].tell((number + 1) / len(self._sources))
+
+
+def _connected(source: Source, budget: Budget) -> sqlite3.Connection:
+    if source.path is not None and source.head.startswith(SQLITE):
+        return sqlite3.connect(f"{source.path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+    data = source.read()
+    if data.startswith(ZSTD_MAGIC):
+        data = _unzstd(data, budget)
+    base = sqlite3.connect(":memory:")
+    base.deserialize(data)
+    return base
+
+
+def _unzstd(data: bytes, budget: Budget) -> bytes:
+    import zstandard
+
+    try:
+        size = zstandard.frame_content_size(data)
+        budget.take(max(size, 0))
+        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    except zstandard.ZstdError as error:
+        raise LogError("rosbag2: damaged zstd data", detail=str(error).lower()) from error
+
+
+def _messages(base: sqlite3.Connection, container: Container) -> Iterator[Messages]:
+    """Yield the messages in order of time; schemas and channels go to `container`."""
+    tables = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    texts: dict[str, bytes] = {}
+    if "message_definitions" in tables:  # since ROS 2 Iron
+        for kind, text in base.execute("SELECT topic_type, encoded_message_definition FROM message_definitions"):
+            texts[str(kind)] = str(text).encode()
+    for key, topic, kind, encoding in base.execute("SELECT id, name, type, serialization_format FROM topics"):
+        container.schemas[key] = SimpleNamespace(name=kind, encoding="ros2msg", data=texts.get(kind, b""))
+        container.channels[key] = SimpleNamespace(topic=topic, message_encoding=encoding, schema_id=key)
+    rows = base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id")
+    while block := rows.fetchmany(AT_ONCE):
+        known = [row for row in block if row[0] in container.channels and isinstance(row[2], bytes)]
+        parts = [_unzstd(d, container.budget) if d.startswith(ZSTD_MAGIC) else d for _, _, d in known]
+        lengths = np.array([len(part) for part in parts], dtype=np.int64)
+        yield Messages(
+            b"".join(parts),
+            np.array([key for key, _, _ in known], dtype=np.uint16),
+            np.array([stamp for _, stamp, _ in known], dtype=np.int64),
+            np.cumsum(lengths) - lengths,
+            lengths,
+            container.budget,
+        )
+
+
+def open_bags(name: str, files: Sequence[Source], missing: Sequence[str] = ()) -> list[Db3Log]:
+    """Return the log of databases that continue each other."""
+    return [Db3Log(name, files, missing)]
+
+
+FORMAT = LogFormat(
+    name="rosbag2 SQLite",
+    suffixes=(".db3",),
+    recognise=lambda source: source.head.startswith(SQLITE),
+    open=lambda source: open_bags(source.name, [source]),
+    priority=10,
+)

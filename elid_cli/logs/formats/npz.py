@@ -1,0 +1,54 @@
+"""NumPy archives (`.npz`): arrays named as the datasets of an HDF5 log."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Sequence
+
+import numpy as np
+
+from elid_cli.budget import Budget
+from elid_cli.errors import LogError
+from elid_cli.logs.contract import LogFormat, RawLog
+from elid_cli.logs.formats import hdf5
+from elid_cli.logs.source import Source
+
+ZIP = b"PK\x03\x04"
+MOST_ARRAYS = 1000
+
+
+def is_npz(head: bytes) -> bool:
+    """Whether a zip archive begins with a NumPy array that is not elid's own."""
+    length = int.from_bytes(head[26:28], "little")
+    return head.startswith(ZIP) and head[30 : 30 + length].endswith(b".npy") and b"elid.npy" not in head[:80]
+
+
+def _open(source: Source) -> Sequence[RawLog]:
+    """Return the arrays as an HDF5 log in memory; names of joints are the array ``joint_names``."""
+    import h5py
+
+    buffer, budget = io.BytesIO(), Budget(source.name, source.size)
+    try:
+        with zipfile.ZipFile(io.BytesIO(source.read())) as archive, h5py.File(buffer, "w") as file:
+            members = [m for m in archive.infolist() if m.filename.endswith(".npy")][:MOST_ARRAYS]
+            for member in members:
+                budget.take(member.file_size)
+                array = np.lib.format.read_array(io.BytesIO(archive.read(member)), allow_pickle=False)
+                name = member.filename.removesuffix(".npy")
+                if name == "joint_names":
+                    file.attrs[name] = [str(joint) for joint in array.ravel()]
+                elif array.dtype.kind in "fiub":
+                    file[name] = array
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile, NotImplementedError) as error:
+        raise LogError(f"{source.name}: NumPy archive is cut or damaged", detail=str(error).lower()[:120]) from error
+    return hdf5.FORMAT.open(Source(source.name, data=buffer.getvalue(), listener=source.listener))
+
+
+FORMAT = LogFormat(
+    name="NumPy",
+    suffixes=(".npz",),
+    recognise=lambda source: is_npz(source.head),
+    open=_open,
+    priority=20,
+)

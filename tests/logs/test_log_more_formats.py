@@ -1,0 +1,120 @@
+"""SQLite bags, NumPy archives, Parquet tables, and logs packed in zip or gzip, made as their own tools make them."""
+
+from __future__ import annotations
+
+import gzip
+import sqlite3
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+
+from elid_cli.errors import LogError
+from elid_cli.logs import inspect_log
+from elid_cli.logs.mcap.write import joint_state_schema
+from tests.logs.made_logs import JOINTS, ROBOT, read, recording, same, written
+from tests.logs.mcap_made import encoder, joint_state
+
+BASE = recording(800)
+KIND = "sensor_msgs/msg/JointState"
+
+
+def database(path: Path, rows: slice = slice(None), packed: bool = False, definitions: bool = True) -> Path:
+    """Write what `ros2 bag record -s sqlite3` writes; `packed`: with --compression-mode message."""
+    encode = encoder(KIND, joint_state_schema().decode())
+    squeeze = zstandard.ZstdCompressor().compress if packed else bytes
+    with sqlite3.connect(path) as base:
+        base.execute("CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL)")
+        base.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
+        base.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+        if definitions:
+            base.execute(
+                "CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT, encoding TEXT, "
+                "encoded_message_definition TEXT, type_description_hash TEXT)"
+            )
+            text = joint_state_schema().decode()
+            base.execute("INSERT INTO message_definitions VALUES(1, ?, 'ros2msg', ?, '')", (KIND, text))
+        for k, topic in enumerate(("/joint_states", "/motor_states"), start=1):
+            base.execute("INSERT INTO topics VALUES(?, ?, ?, 'cdr')", (k, topic, KIND))
+        for row in range(800)[rows]:
+            stamp = 10**18 + round(BASE.t[row] * 1e9)
+            link = joint_state(stamp, list(JOINTS), BASE.q[row])
+            motor = joint_state(stamp, list(JOINTS), BASE.theta[row], effort=BASE.tau[row])
+            for k, message in ((1, link), (2, motor)):
+                made = (k, stamp, squeeze(encode(message)))
+                base.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)", made)
+    base.close()
+    return path
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("definitions", [False, True])
+def test_a_sqlite_bag_is_read(tmp_path: Path, packed: bool, definitions: bool) -> None:
+    path = database(tmp_path / "run.db3", packed=packed, definitions=definitions)
+    same(read(path), BASE)
+    assert inspect_log(path).missing == ()
+
+
+def test_a_folder_of_sqlite_splits_is_one_log(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    database(folder / "bag_0.db3", slice(0, 400))
+    whole = database(tmp_path / "rest.db3", slice(400, 800)).read_bytes()
+    (folder / "bag_1.db3.zstd").write_bytes(zstandard.ZstdCompressor().compress(whole))
+    names = "\n".join(f"    - {name}" for name in ("bag_0.db3", "bag_1.db3.zstd"))
+    (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information:\n  relative_file_paths:\n{names}\n")
+    same(read(folder), BASE)
+
+
+def test_a_damaged_database_is_one_error(tmp_path: Path) -> None:
+    path = database(tmp_path / "run.db3")
+    path.write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(LogError):
+        read(path)
+
+
+def test_an_archive_of_numpy_is_read_like_hdf5(tmp_path: Path) -> None:
+    order = [2, 0, 1]
+    names = np.array(JOINTS)[order]
+    arrays = {"q": BASE.q[:, order], "theta": BASE.theta[:, order], "tau": BASE.tau[:, order]}
+    np.savez(tmp_path / "log.npz", t=BASE.t, joint_names=names, **arrays)
+    same(read(tmp_path / "log.npz"), BASE)
+    np.savez_compressed(tmp_path / "unnamed.npz", t=BASE.t, q=BASE.q, theta=BASE.theta, tau=BASE.tau)
+    same(read(tmp_path / "unnamed.npz"), BASE)
+
+
+def test_a_numpy_archive_that_would_run_code_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", t=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(LogError, match="NumPy archive is cut or damaged"):
+        read(tmp_path / "log.npz")
+
+
+def test_parquet_is_read_as_csv_is(tmp_path: Path) -> None:
+    arrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    columns = {"t": BASE.t}
+    for signal in ("q", "theta", "tau"):
+        columns |= {f"{signal}.{joint}": getattr(BASE, signal)[:, k] for k, joint in enumerate(JOINTS)}
+    parquet.write_table(arrow.table(columns), tmp_path / "log.parquet")
+    same(read(tmp_path / "log.parquet"), BASE)
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.h5", "log.mcap"])
+def test_a_log_packed_by_itself_is_read(tmp_path: Path, name: str) -> None:
+    path = written(tmp_path, name, BASE)
+    with zipfile.ZipFile(tmp_path / "log.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.write(path, f"folder/{name}")
+    (tmp_path / f"{name}.gz").write_bytes(gzip.compress(path.read_bytes()))
+    for packed in (tmp_path / "log.zip", tmp_path / f"{name}.gz"):
+        same(read(packed, robot=ROBOT), BASE)
+
+
+def test_a_zip_of_several_files_names_them(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "log.zip", "w") as archive:
+        archive.writestr("a.csv", "t\n1\n")
+        archive.writestr("b.csv", "t\n1\n")
+    with pytest.raises(LogError, match="a zip archive of 2 files") as caught:
+        read(tmp_path / "log.zip")
+    assert "a.csv, b.csv" in caught.value.detail
