@@ -26,14 +26,22 @@ from elid_cli.tables import Shown
 
 Class = Literal["independent", "combined", "unidentifiable"]
 
-STRUCTURAL_TOLERANCE = 1e-9
-"""A column is dependent when its distance from the span of those before it is below this part of its norm."""
+STRUCTURAL_TOLERANCES = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4)
+"""A column is dependent when its distance from the span of those before it is below this part of its norm.
+
+Leading columns may be nearly parallel (masses of a finger's links, seen from the torso), which amplifies rounding: the
+first tolerance is taken that finds the rank that singular values tell, whose gap is wide.
+"""
+STRUCTURAL_RANK = 1e-11
+"""Singular values below this part of the largest are zero."""
 ZERO_COEFFICIENT = 1e-8
 """Coefficients of a combination below this part of the largest possible are rounding and dropped."""
 ROUNDING = 1e-12
 """A sum below this part of its terms is zero but for rounding."""
 _STATES = 60
 """Random states per structural question beyond one per parameter."""
+_ENOUGH = 200
+"""Parameters above which no more states are asked for: each state adds as many equations as there are rows."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -146,7 +154,7 @@ def leftmost(columns: Array, tolerance: float, *, null: float | None = None) -> 
     largest = float(norms.max()) if norms.size else 0.0
     zero = norms <= (tolerance if null is None else null) * largest
     unit = columns / np.where(zero, 1.0, norms)
-    basis = np.zeros((columns.shape[0], 0))
+    basis = np.empty((len(norms), columns.shape[0]))  # in rows
     leaders: list[int] = []
     followers: list[int] = []
     kept, dropped = np.inf, 0.0
@@ -155,12 +163,13 @@ def leftmost(columns: Array, tolerance: float, *, null: float | None = None) -> 
             continue
         rest = unit[:, k]
         for _ in range(2):
-            rest = rest - basis @ (basis.T @ rest)
+            known = basis[: len(leaders)]
+            rest = rest - (known @ rest) @ known
         distance = float(np.linalg.norm(rest))
         if distance > tolerance:
+            basis[len(leaders)] = rest / distance
             leaders.append(k)
             kept = min(kept, distance)
-            basis = np.column_stack([basis, rest / distance])
         else:
             followers.append(k)
             dropped = max(dropped, distance)
@@ -204,9 +213,23 @@ def find_base(model: Regressor, seed: int = 0) -> BaseParameters:
 
 def _found(model: Regressor, seed: int) -> BaseParameters:
     robot = model.robot
-    motion = random_motion(robot.n, robot.elastic, _STATES + model.parameters, seed)
-    dense = model.dense(motion, model.estimation)
-    found = leftmost(dense.reshape(-1, model.parameters), STRUCTURAL_TOLERANCE)
+    model = Regressor(robot.squared(), model.terms)
+    motion = random_motion(robot.n, robot.elastic, _STATES + min(model.parameters, _ENOUGH), seed)
+    triangles = []
+    for _, columns, block in model.blocks(motion):
+        triangle = np.asarray(np.linalg.qr(block, mode="r"))
+        triangle /= np.abs(triangle).max(initial=1e-300)  # the rows near a tip count as much as those that carry all
+        triangles.append(np.zeros((len(triangle), model.parameters)))
+        triangles[-1][:, columns] = triangle
+    whole = np.asarray(np.linalg.qr(np.concatenate(triangles), mode="r"))
+    norms = np.linalg.norm(whole, axis=0)
+    shown = norms > STRUCTURAL_TOLERANCES[0] * norms.max()
+    sizes = np.linalg.svd(whole[:, shown] / norms[shown], compute_uv=False)
+    rank = int(np.count_nonzero(sizes > STRUCTURAL_RANK * sizes[0]))
+    for tolerance in STRUCTURAL_TOLERANCES:
+        found = leftmost(whole, tolerance, null=STRUCTURAL_TOLERANCES[0])
+        if len(found.leaders) <= rank:
+            break
     if not len(found.leaders):
         raise RobotError(f"robot {robot.name}: no dynamic parameter has any effect on the torques")
     transform = np.zeros((len(found.leaders), model.parameters))

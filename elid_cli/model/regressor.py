@@ -13,10 +13,10 @@ standard errors know that the rows share their noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,9 +189,29 @@ class Regressor:
         self, graph: Graph, *, paper: bool, gravity: bool = True, sensors: tuple[int, ...] = ()
     ) -> dict[EstimationRow, dict[StandardParameter, Scalar]]:
         """Record the coefficients of all parameters on `graph`, whose inputs are those of `inputs_of`."""
-        states, motors = _symbols(graph, self.robot)
+        inputs = [graph.input(slot) for slot in range(INPUTS * self.robot.n)]
+        return self._coefficients(inputs, paper=paper, gravity=gravity, sensors=sensors)
+
+    def blocks(self, motion: Motion) -> Iterator[tuple[EstimationRow, NDArray[np.intp], Array]]:
+        """Yield (row, columns, their values (N, columns)) of the rows of `estimation`, without a traced program.
+
+        For a question that is asked once of few samples: tracing takes longer than this and has the same result.
+        """
+        # arrays stand where traced values usually do: the recursion only adds and multiplies
+        for row, values in self._coefficients(list(inputs_of(motion)), paper=False).items():
+            names = sorted((name for name, value in values.items() if np.any(value)), key=self.index.__getitem__)
+            columns = np.array([self.index[name] for name in names], dtype=np.intp)
+            block = np.empty((motion.samples, len(names)))
+            for k, name in enumerate(names):
+                block[:, k] = values[name]
+            yield row, columns, block
+
+    def _coefficients(
+        self, inputs: Sequence[Any], *, paper: bool, gravity: bool = True, sensors: tuple[int, ...] = ()
+    ) -> dict[EstimationRow, dict[StandardParameter, Any]]:
+        states, motors = _states(inputs, self.robot)
         motion = ChainMotion(chain(self.robot, states, gravity=gravity), motors)
-        values: dict[EstimationRow, dict[StandardParameter, Scalar]] = {}
+        values: dict[EstimationRow, dict[StandardParameter, Any]] = {}
         for k, joint in enumerate(self.robot.joints):
             if joint.elastic:
                 values[EstimationRow("link" if paper else "sum", k)] = {}
@@ -228,12 +248,10 @@ def _read(side: str, joint: int, *, spring: bool) -> EstimationRow | None:
     return EstimationRow("load" if side == "link" else "drive", joint)
 
 
-def _symbols(graph: Graph, robot: Robot) -> tuple[list[JointState], list[MotorState]]:
+def _states(inputs: Sequence[Any], robot: Robot) -> tuple[list[JointState], list[MotorState]]:
     states, motors = [], []
     for k, joint in enumerate(robot.joints):
-        sin, cos, q, dq, ddq, dtheta, ddtheta, direction, deflection = (
-            graph.input(INPUTS * k + slot) for slot in range(INPUTS)
-        )
+        sin, cos, q, dq, ddq, dtheta, ddtheta, direction, deflection = inputs[INPUTS * k : INPUTS * (k + 1)]
         states.append(JointState(sin, cos, q, dq, ddq))
         if joint.elastic:
             motors.append(MotorState(dtheta, ddtheta, direction, deflection))

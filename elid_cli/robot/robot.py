@@ -51,17 +51,21 @@ PARAMETER_GROUPS: tuple[tuple[str, ...], ...] = (
 """Standard order, grouped by kind as eq. (14): every joint's m, then every joint's first moment, …"""
 
 SNAP = 1e-6
-"""Angles this near (rad) to a multiple of pi/2 are taken as that multiple, or base counts go wrong."""
+"""DH angles this near (rad) to a multiple of pi/2 are taken as that multiple, or base counts go wrong."""
+EXACT = 1e-10
+"""The same of the angles of a URDF or MJCF, which others read too: torques are to be theirs."""
+QUARTER = 2e-5
+"""The same where only the structure counts (`Robot.squared`): most files say 1.5708 or 3.1416."""
 
 
 def _empty() -> Mapping[str, Any]:
     return {}  # a plain dict, so that robots can be sent to worker processes
 
 
-def exact_sin_cos(angle: float) -> tuple[float, float]:
-    """Return (sin, cos) of an angle in rad, exact where it is within `SNAP` of a multiple of pi/2."""
+def exact_sin_cos(angle: float, near: float = SNAP) -> tuple[float, float]:
+    """Return (sin, cos) of an angle in rad, exact where it is within `near` of a multiple of pi/2."""
     quarter = round(angle / (math.pi / 2))
-    if abs(angle - quarter * math.pi / 2) < SNAP:
+    if abs(angle - quarter * math.pi / 2) < near:
         return ((0.0, 1.0), (1.0, 0.0), (0.0, -1.0), (-1.0, 0.0))[quarter % 4]
     return math.sin(angle), math.cos(angle)
 
@@ -87,7 +91,7 @@ def translation(x: float, y: float, z: float) -> Array:
 
 def rotation_rpy(angles: tuple[float, float, float]) -> Array:
     """Return the 4x4 transform that turns by roll, pitch, yaw about the fixed x, y, z axes, in rad."""
-    (sr, cr), (sp, cp), (sy, cy) = (exact_sin_cos(angle) for angle in angles)
+    (sr, cr), (sp, cp), (sy, cy) = (exact_sin_cos(angle, EXACT) for angle in angles)
     transform = np.eye(4)
     transform[:3, :3] = [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
@@ -243,6 +247,16 @@ class Robot:
             found.append((*(found[parent] if parent >= 0 else ()), k))
         return tuple(found)
 
+    def squared(self) -> Robot:
+        """Return the robot with the angles of its frames made the quarter turns that they are meant to be.
+
+        For questions of structure: which parameters show at all.
+        """
+        if self.dh != "urdf":
+            return self
+        joints = (replace(j, rpy=(_quarter(j.rpy[0]), _quarter(j.rpy[1]), _quarter(j.rpy[2]))) for j in self.joints)
+        return replace(self, joints=tuple(joints))
+
     @property
     def is_tree(self) -> bool:
         """Whether any joint is carried by another one than the joint before it."""
@@ -350,6 +364,11 @@ class Robot:
         if kind == "fv":
             return "N·m·s/rad" if joint.revolute else "N·s/m"
         return "N·m/rad" if joint.revolute else "N/m"
+
+
+def _quarter(angle: float) -> float:
+    exact = round(angle / (math.pi / 2)) * math.pi / 2
+    return exact if abs(angle - exact) < QUARTER else angle
 
 
 def _placement(joint: Joint, convention: Convention) -> tuple[Array, Array]:

@@ -102,8 +102,10 @@ def test_a_chain_with_fixed_joints_becomes_a_robot():
     assert shoulder.parameters["m"] == 5  # upper + bracket
     assert slide.parameters["m"] == 2.5  # fore + camera
     assert "m" not in spin.parameters  # nothing known of the tool
-    # 1.5708 is meant as pi/2, exactly
-    np.testing.assert_allclose(shoulder.motor_axis, (-1, 0, 0), atol=1e-16)
+    # 1.5708 is meant as pi/2 where structure counts, and is what it is where torques do
+    np.testing.assert_allclose(shoulder.motor_axis, (-1, 0, 0), atol=1e-5)
+    assert shoulder.rpy[2] == pytest.approx(1.5708, abs=1e-15)
+    assert robot.squared().joints[0].rpy[2] == np.pi / 2
     assert shoulder.xyz == (0, 0, pytest.approx(0.6))
 
 

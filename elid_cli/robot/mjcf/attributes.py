@@ -30,14 +30,12 @@ class Conventions:
     @classmethod
     def of(cls, root: Element) -> Conventions:
         """Return the conventions of a whole model."""
-        merged = Element("compiler", {}, root.file, root.line, faults=root.faults)
-        for compiler in root.all("compiler"):
-            merged.attributes |= compiler.attributes
+        compiler = merged(root, "compiler")
         defaults: dict[str, dict[str, dict[str, str]]] = {MAIN: {}}
         for top in root.all("default"):
             _defaults(top, defaults, top.attributes.get("class", MAIN), defaults[MAIN])
-        given = merged.attributes
-        low, high = merged.numbers("inertiagrouprange", (0.0, 5.0))
+        given = compiler.attributes
+        low, high = compiler.numbers("inertiagrouprange", (0.0, 5.0))
         return cls(
             given.get("angle", "degree") == "degree",
             given.get("eulerseq", "xyz"),
@@ -88,6 +86,14 @@ class Conventions:
         if "zaxis" in given:
             return from_z(_unit(np.array(element.numbers("zaxis", (0.0, 0.0, 1.0))), element))
         return np.eye(3)
+
+
+def merged(root: Element, tag: str) -> Element:
+    """Return one element with the attributes of all of a tag, of which a model may have several."""
+    found = Element(tag, {}, root.file, root.line, faults=root.faults)
+    for element in root.all(tag):
+        found.attributes |= element.attributes
+    return found
 
 
 def _defaults(

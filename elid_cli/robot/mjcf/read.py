@@ -17,7 +17,7 @@ from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.files import LARGEST, read_text
 from elid_cli.robot.inertia import about_origin, inertial_parameters, moved, pseudo_inertia
-from elid_cli.robot.mjcf.attributes import ACTUATORS, MAIN, Conventions
+from elid_cli.robot.mjcf.attributes import ACTUATORS, MAIN, Conventions, merged
 from elid_cli.robot.mjcf.geoms import geom_inertia
 from elid_cli.robot.robot import (
     BASE,
@@ -31,7 +31,6 @@ from elid_cli.robot.robot import (
     translation,
     z_to,
 )
-from elid_cli.robot.urdf.read import quarter
 from elid_cli.robot.urdf.xml import Element, parse_xml
 
 MOVING = {"hinge": "revolute", "slide": "prismatic"}
@@ -91,8 +90,7 @@ class MjcfTree:
         names = [joint.name for joint in self.moving]
         joints = tuple(self._joint(k, names) for k in range(len(names)))
         springs = tuple(spec for item in self.moving for spec in self._spring(item))
-        option = self.root.one("option")
-        x, y, z = option.numbers("gravity", (0.0, 0.0, -9.81)) if option is not None else (0.0, 0.0, -9.81)
+        x, y, z = merged(self.root, "option").numbers("gravity", (0.0, 0.0, -9.81))
         notes = [f"{name} is held fixed: free joints are not modelled" for name in self.held]
         tendons = [tendon for holder in self.root.all("tendon") for tendon in holder.children]
         if tendons:
@@ -181,7 +179,6 @@ class MjcfTree:
             if attribute in element.attributes:
                 values[key] = first_number(element, attribute)
         x, y, z = item.origin[:3, 3].tolist()
-        roll, pitch, yaw = (quarter(angle) for angle in rpy_of(item.origin))
         before = names[k - 1] if k else BASE
         parent = names[item.parent] if item.parent >= 0 else BASE
         kind = MOVING[element.attributes.get("type", "hinge")]
@@ -193,7 +190,7 @@ class MjcfTree:
             parameters=values,
             limits=self._limits(item),
             xyz=(x, y, z),
-            rpy=(roll, pitch, yaw),
+            rpy=rpy_of(item.origin),
             axis=axis_of(element),
         )
 

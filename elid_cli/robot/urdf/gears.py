@@ -54,7 +54,7 @@ def gears_of(root: Element, moving: Sequence[str]) -> dict[str, Gears]:
     for transmission in _transmissions(root):
         joints = list(transmission.all("joint"))
         if len(joints) != 1:
-            transmission.fault(f"couples {len(joints)} joints, which is not modelled: their gear ratios are unknown")
+            transmission.fault(f"names {len(joints)} joints, where one is modelled: gear ratios there are unknown")
             continue
         name = joints[0].need("name")
         if name not in names:

@@ -11,7 +11,6 @@ gear ratio is unknown and the transmission is what the log shows.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,9 +34,6 @@ from elid_cli.robot.robot import (
 from elid_cli.robot.urdf.gears import Gears, default_axis, gears_of, written_as_dh
 from elid_cli.robot.urdf.write import UNLIMITED
 from elid_cli.robot.urdf.xml import Element, parse_xml
-
-QUARTER = 1e-5
-"""Roll, pitch and yaw this near (rad) to a quarter turn are taken as one: most files say 1.5708 or 3.1416."""
 
 _MOVING = ("revolute", "continuous", "prismatic")
 _HELD = ("floating", "planar")
@@ -277,15 +273,8 @@ def _placement(element: Element) -> tuple[tuple[float, float, float], tuple[floa
     if origin is None:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     x, y, z = origin.numbers("xyz", (0.0, 0.0, 0.0))
-    roll, pitch, yaw = (quarter(angle) for angle in origin.numbers("rpy", (0.0, 0.0, 0.0)))
+    roll, pitch, yaw = origin.numbers("rpy", (0.0, 0.0, 0.0))
     return (x, y, z), (roll, pitch, yaw)
-
-
-def quarter(angle: float) -> float:
-    """Return an angle in rad, the quarter turn that it is meant to be where it is near one."""
-    turns = round(angle / (math.pi / 2))
-    exact = turns * math.pi / 2
-    return exact if abs(angle - exact) < QUARTER else angle
 
 
 def _link_name(element: Element, tag: str, links: dict[str, _Link]) -> str:
