@@ -309,8 +309,13 @@ fail_on_insufficient = option(
 gates = gathered("gates", Gates, max_error, require_independent, fail_on_insufficient)
 
 write_robot = option(
-    OUTPUT, "--write-robot", type=File(), metavar="FILE.yaml",
-    help="Write a robot file that holds what was found; .urdf and .xml: as URDF and MJCF, without effects.",
+    OUTPUT, "--write-robot", type=File(), multiple=True, metavar="FILE.yaml",
+    help="Write a robot file that holds what was found. .urdf, .xml: the robot's own file with new numbers, or a new "
+         "one. Repeatable.",
+)  # fmt: skip
+drop_effects = option(
+    OUTPUT, "--drop-effects", is_flag=True,
+    help="Write a URDF or MJCF although it cannot hold an effect: the fit without it, and what that costs.",
 )  # fmt: skip
 check = option(
     INPUT, "--check", "checks", multiple=True, type=File(), metavar="LOG",

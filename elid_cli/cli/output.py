@@ -9,21 +9,15 @@ import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TextIO
 
 import click
 
 from elid_cli.cli.color import is_terminal, wants_color
 from elid_cli.cli.options import LOCK, TIP, Output
 from elid_cli.errors import ElidError, visible
-from elid_cli.files import check_suffix, check_writable
 from elid_cli.report import formats
 from elid_cli.report.tree import Report, Section, Text
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from elid_cli.robot.robot import Robot
 
 SYMBOLS = "·±²→…σ"
 """Characters that a stream must know to be spared the ASCII spelling."""
@@ -131,36 +125,3 @@ def _knows(stream: TextIO, characters: str) -> bool:
     except (UnicodeEncodeError, LookupError):
         return False
     return True
-
-
-def check_described(path: str) -> None:
-    """Refuse, before any work is done, a file that no robot can be written to (UsageError)."""
-    check_suffix(Path(path), (".yaml", ".yml", ".urdf", ".xml", ".mjcf"), "a robot file")
-    check_writable(Path(path))
-
-
-def write_described(robot: Robot, path: str, remarks: Sequence[str] = ()) -> None:
-    """Write a robot as URDF (``.urdf``), as MJCF (``.xml``, ``.mjcf``), or else as elid's own YAML.
-
-    Effects and remarks (as comments) are part of the YAML only; MJCF names effects in a comment.
-
-    Raises
-    ------
-    RobotError
-        Parameters that the format cannot hold.
-    UsageError
-        The file cannot be written.
-    """
-    suffix = Path(path).suffix.lower()
-    if suffix == ".urdf":
-        from elid_cli.robot.urdf.write import write_urdf
-
-        write_urdf(robot, path)
-    elif suffix in (".xml", ".mjcf"):
-        from elid_cli.experiment.mjcf import write_mjcf
-
-        write_mjcf(robot, path)
-    else:
-        from elid_cli.robot.files import write_robot
-
-        write_robot(robot, path, remarks)

@@ -18,6 +18,7 @@ from elid_cli.robot.text import fingerprint, text_of
 
 __all__ = ["fingerprint", "read_robot", "robot_from_text", "shipped_robots", "write_robot"]
 
+MJCF = "<mujoco"
 SUFFIXES = (".yaml", ".yml", ".urdf", ".xml", ".mjcf")
 
 
@@ -97,9 +98,14 @@ def _bare(source: str | Path) -> bool:
     return bool(source) and not any(mark in source for mark in separators) and Path(source).suffix not in SUFFIXES
 
 
+def is_mjcf(path: Path) -> bool:
+    """Whether a robot's XML file is an MJCF and not a URDF; False where it cannot be read."""
+    return path.is_file() and MJCF in path.read_text("utf-8", "replace")
+
+
 def _of_xml(text: str, name: str) -> Robot:
     """Return the robot of an XML text, whichever of the two formats it is."""
-    if "<mujoco" in text:
+    if MJCF in text:
         from elid_cli.robot.mjcf.read import read_mjcf
 
         return read_mjcf(text, name)

@@ -68,7 +68,9 @@ def locked(robot: Robot, values: Mapping[str, float]) -> Robot:
         )  # fmt: skip
     effects = tuple(spec for spec in robot.effects if spec.joint is None or spec.joint not in values)
     control = {gain: {j: v for j, v in given.items() if j not in values} for gain, given in robot.control.items()}
-    return replace(robot, joints=tuple(joints), dh="urdf", effects=effects, control=control)
+    return replace(
+        robot, joints=tuple(joints), dh="urdf", effects=effects, control=control, held=dict(robot.held) | dict(values)
+    )
 
 
 def beside_chain(robot: Robot, tip: str) -> tuple[str, ...]:

@@ -209,6 +209,8 @@ class Robot:
     """The URDF or MJCF file it was read from; empty for one described by elid's own YAML."""
     links: Mapping[str, str] = field(default_factory=_empty, compare=False)
     """Names of that file's links (bodies) with the joint that moves each, `BASE` where none does."""
+    held: Mapping[str, float] = field(default_factory=_empty, compare=False)
+    """That file's joints that are locked, with their values, rad or m."""
     notes: tuple[str, ...] = field(default=(), compare=False)
     """What a reader of its results must know of how it was read: sentences."""
 

@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     GATES, "--fail-on-unexplained", is_flag=True, help="Fail when the model leaves structure that no effect explains."
 )
 @options.write_robot
+@options.drop_effects
 @options.output
 def diagnose(
     logs: tuple[str, ...],
@@ -73,7 +74,8 @@ def diagnose(
     gates: Gates,
     fail_on_effect: bool,
     fail_on_unexplained: bool,
-    write_robot: str | None,
+    write_robot: tuple[str, ...],
+    drop_effects: bool,
     output: Output,
 ) -> None:
     """Find the effect that the model lacks: look at the residual of each joint, try every effect that could have left
@@ -82,15 +84,16 @@ def diagnose(
     from dataclasses import replace
 
     from elid_cli.cli.inputs import check_effects, diagnosis_conditioning, load_recording, load_robot, load_signals
-    from elid_cli.cli.output import check_described, check_output, emit, pictures_wanted, write_described
+    from elid_cli.cli.output import check_output, emit, pictures_wanted
     from elid_cli.cli.progress import progress
+    from elid_cli.cli.robot_files import FOREIGN, check_described, write_found
 
     check_output(output)
-    if write_robot is not None:
-        check_described(write_robot)
+    check_described(write_robot)
     with progress(output, "reading") as advance:
         from elid_cli.diagnosis import DiagnoseOptions
         from elid_cli.diagnosis import diagnose as search
+        from elid_cli.estimation.identify import identify
         from elid_cli.estimation.refined_robot import remarks
         from elid_cli.estimation.validation.prediction import validate
         from elid_cli.report.answers.diagnosis import diagnosis_report
@@ -122,7 +125,7 @@ def diagnose(
             recording,
             robot,
             judged,
-            write_robot,
+            next((path for path in write_robot if not path.lower().endswith(FOREIGN)), None),
             lookup,
             only,
         )
@@ -131,9 +134,13 @@ def diagnose(
             from elid_cli.report.figures.build import diagnosis_figures, with_figures
 
             report = with_figures(report, diagnosis_figures(found, told.after, told.contributions, signals))
-    if write_robot is not None:
-        write_described(found.written_robot, write_robot, remarks(told.after))
+        refusal = write_found(
+            write_robot, found.written_robot, remarks(told.after) if write_robot else (), told.after, found.after,
+            (lambda plain: identify(plain, signals)) if drop_effects else None, output,
+        )  # fmt: skip
     emit(report, output)
+    if refusal:
+        raise refusal
     _check(told, gates, [*(_lacks(found) if fail_on_effect else ()), *(_leaves(found) if fail_on_unexplained else ())])
 
 

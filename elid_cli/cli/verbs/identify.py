@@ -28,6 +28,7 @@ from elid_cli.cli.routes import spread
 )
 @options.gates
 @options.write_robot
+@options.drop_effects
 @options.output
 def identify(
     logs: tuple[str, ...],
@@ -38,7 +39,8 @@ def identify(
     spread: Spread,
     physical: bool,
     gates: Gates,
-    write_robot: str | None,
+    write_robot: tuple[str, ...],
+    drop_effects: bool,
     output: Output,
 ) -> None:
     """Identify the base parameters of a robot from one or more logs: values, standard errors, comparison with the
@@ -47,8 +49,9 @@ def identify(
     from dataclasses import replace
 
     from elid_cli.cli.gates import check_gates, check_names, motor_rows_told
-    from elid_cli.cli.output import check_described, check_output, emit, pictures_wanted, write_described
+    from elid_cli.cli.output import check_output, emit, pictures_wanted
     from elid_cli.cli.progress import progress
+    from elid_cli.cli.robot_files import check_described, write_found
     from elid_cli.cli.routes import log_request, samples_of
 
     check_output(output)
@@ -56,8 +59,7 @@ def identify(
         from elid_cli.estimation.physical.semidefinite import need_solver
 
         need_solver()
-    if write_robot is not None:
-        check_described(write_robot)
+    check_described(write_robot)
     with progress(output, "reading") as advance:
         from elid_cli.estimation.identify import EstimateOptions, identify_logs
         from elid_cli.estimation.refined_robot import identified_robot, remarks
@@ -69,7 +71,7 @@ def identify(
         chosen = EstimateOptions(estimator=fit.estimator, accurate=fit.accurate)
         found, recording, apart, signals = identify_logs(request, chosen, keep_signals=pictures_wanted(output))
         refined = identified_robot(found)
-        report = identification_report(found, recording, robot, apart, write_robot)
+        report = identification_report(found, recording, robot, apart, write_robot[0] if write_robot else None)
         if pictures_wanted(output):
             from elid_cli.report.figures.build import identification_figures, with_figures
 
@@ -83,7 +85,13 @@ def identify(
             built = make_physical(found)
             report = with_physical(report, built, found.base)
             refined = replace(refined, joints=built.refined_robot().joints)
-    if write_robot is not None:
-        write_described(refined, write_robot, remarks(found, physical=physical))
+        told = remarks(found, physical=physical) if write_robot else ()
+        again = replace(request, on_read=None, progress=None)
+        refusal = write_found(
+            write_robot, refined, told, found, found.error,
+            (lambda plain: identify_logs(replace(again, robot=plain), chosen).found) if drop_effects else None, output,
+        )  # fmt: skip
     emit(motor_rows_told(report, gates, found.error, output), output)
+    if refusal:
+        raise refusal
     check_gates(gates, found.error, found.this_log, found)

@@ -72,7 +72,7 @@ def identification_report(
     facts = (*recorded_items(found.robot, recording), *used_items(found.settings), *result_items(found))
     if written is not None:
         foreign = written.lower().endswith((".urdf", ".xml", ".mjcf"))
-        facts += (("written", f"{written}, {'without effects' if foreign else 'which predicts as this result does'}"),)
+        facts += (("written", written if foreign else f"{written}, which predicts as this result does"),)
     sections: list[Section] = [
         heading(found.robot, recording),
         KeyValues("inputs", facts),

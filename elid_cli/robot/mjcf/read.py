@@ -50,6 +50,8 @@ class MovingJoint:
     body: Array | None = field(default_factory=lambda: np.zeros((4, 4)))
     owner: Element | None = None
     """The body element that carries the inertia; None of the first of several joints of one body."""
+    own: Array = field(default_factory=lambda: np.zeros((4, 4)))
+    """The 4x4 pseudo-inertia of that body alone, in its own frame."""
 
 
 def read_mjcf(text: str, file: str) -> Robot:
@@ -128,7 +130,10 @@ class MjcfTree:
             if inertia is None:
                 self.meshes.append((carrier, body))
                 self.moving[carrier].body = None
-            elif (known := self.moving[carrier].body) is not None:
+                return self._walk(body, carrier, pose, childclass)
+            if self.moving[carrier].owner is body:
+                self.moving[carrier].own = inertia
+            if (known := self.moving[carrier].body) is not None:
                 self.moving[carrier].body = known + moved(inertia, pose)
         self._walk(body, carrier, pose, childclass)
 

@@ -63,6 +63,10 @@ def gears_of(root: Element, moving: Sequence[str]) -> dict[str, Gears]:
             transmission.fault(f"a second transmission of joint {name!r} is not read")
         elif name in moving:
             found[name] = _gears(transmission, [transmission, joints[0], *transmission.all("actuator")])
+    for own in root.all("elid"):
+        name = own.attributes.get("joint", "")
+        if name in moving:
+            found[name] = _own(own, found.get(name, Gears()))
     return found
 
 
@@ -109,6 +113,7 @@ def _own(own: Element, gears: Gears) -> Gears:
         axis = (x, y, z) if abs(length - 1) < 1e-14 else (x / length, y / length, z / length)
     return replace(
         gears,
+        gear_ratio=own.number("gear_ratio", 0.0) or gears.gear_ratio,
         motor_axis=axis,
         transmission=cast(Transmission, kind),
         parameters=parameters,

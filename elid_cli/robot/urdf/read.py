@@ -67,7 +67,7 @@ def read_urdf(text: str, file: str) -> Robot:
     for child in root.children:
         if child.tag.startswith("xacro:"):
             raise child.error("xacro is not expanded", hint=f"xacro {file} > arm.urdf")
-    links = {name: _Link(element, _inertia(element)) for name, element in _named(root, "link").items()}
+    links = {name: _Link(element, link_inertia(element)) for name, element in _named(root, "link").items()}
     if not links:
         raise RobotError(f"{file}: no links")
     moving, held = _tree(file, _named(root, "joint"), links)
@@ -75,7 +75,7 @@ def read_urdf(text: str, file: str) -> Robot:
         raise RobotError(f"{file}: {len(moving)} joints that move; at most {MOST_READ} are read")
     gears = gears_of(root, [item.name for item in moving])
     joints = tuple(_joint(item, gears.get(item.name, Gears())) for item in moving)
-    own = root.one("elid")
+    own = next((element for element in root.all("elid") if "joint" not in element.attributes), None)
     gravity = (0.0, 0.0, -9.81)
     if own is not None:
         x, y, z = own.numbers("gravity", gravity)
@@ -247,7 +247,8 @@ def _limits(element: Element, kind: str, acceleration: float | None) -> Limits:
     return Limits(**found)
 
 
-def _inertia(link: Element) -> Array | None:
+def link_inertia(link: Element) -> Array | None:
+    """Return a link's 4x4 pseudo-inertia in its own frame; None where the file has none."""
     inertial = link.one("inertial")
     if inertial is None:
         return None

@@ -24,6 +24,10 @@ class Element:
     line: int
     children: list[Element] = field(default_factory=list)
     text: str = ""
+    start: int = 0
+    """Its first byte in the text, as UTF-8."""
+    stop: int = 0
+    """The byte after its last."""
     faults: list[str] = field(default_factory=list)
     """Small faults of the whole document, which its elements share."""
     owner: str = ""
@@ -104,9 +108,10 @@ def parse_xml(text: str, file: str) -> Element:
     roots: list[Element] = []
     count = [0]
     faults: list[str] = []
+    data = text.encode("utf-8", "surrogatepass")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, attributes, file, parser.CurrentLineNumber, faults=faults)
+        element = Element(tag, attributes, file, parser.CurrentLineNumber, start=parser.CurrentByteIndex, faults=faults)
         if open_elements:
             around = open_elements[-1]
             element.owner = around.label if "name" in around.attributes else around.owner
@@ -117,10 +122,11 @@ def parse_xml(text: str, file: str) -> Element:
         open_elements.append(element)
 
     def end(_: str) -> None:
-        open_elements.pop()
+        place = parser.CurrentByteIndex  # of the end tag; behind an element that has none
+        open_elements.pop().stop = data.index(b">", place) + 1 if data.startswith(b"</", place) else place
 
-    def characters(data: str) -> None:
-        open_elements[-1].text += data
+    def characters(piece: str) -> None:
+        open_elements[-1].text += piece
 
     def doctype(*_: object) -> None:
         raise RobotError(f"{file}:{parser.CurrentLineNumber}: DOCTYPE is not read", hint="remove the DOCTYPE line")
@@ -131,7 +137,7 @@ def parse_xml(text: str, file: str) -> Element:
     parser.StartDoctypeDeclHandler = doctype
     try:
         # bytes, and the encoding forced: a declared encoding such as UTF-16 is not what the text was read as
-        parser.Parse(text.encode("utf-8", "surrogatepass"), True)
+        parser.Parse(data, True)
     except expat.ExpatError as fault:
         reason = expat.ErrorString(fault.code)
         raise RobotError(f"{file}:{fault.lineno}: not well-formed XML ({reason})") from None

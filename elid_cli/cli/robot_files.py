@@ -1,0 +1,152 @@
+"""--write-robot: what was found, in the files asked for; nothing that a format cannot hold is left out in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from elid_cli.cli.output import note
+from elid_cli.errors import UsageError
+from elid_cli.files import check_suffix, check_writable, write_text
+
+if TYPE_CHECKING:
+    from elid_cli.cli.options import Output
+    from elid_cli.estimation.result import Identification, JointError
+    from elid_cli.robot.robot import EffectSpec, Robot
+
+FOREIGN = (".urdf", ".xml", ".mjcf")
+"""Suffixes of formats that hold no effects."""
+
+
+def check_described(paths: Sequence[str]) -> None:
+    """Refuse, before any work is done, files that no robot can be written to (UsageError)."""
+    for path in paths:
+        check_suffix(Path(path), (".yaml", ".yml", *FOREIGN), "a robot file")
+        check_writable(Path(path))
+
+
+def write_found(
+    paths: Sequence[str],
+    refined: Robot,
+    remarks: Sequence[str],
+    found: Identification,
+    error: Mapping[str, JointError],
+    without: Callable[[Robot], Identification] | None,
+    output: Output,
+) -> UsageError | None:
+    """Write an identified robot to files; return the error to raise once the report is out.
+
+    That error: a format cannot hold an effect that was found, and dropping it was not asked for.
+
+    Parameters
+    ----------
+    paths
+        ``.urdf``, ``.xml`` and ``.mjcf`` are patched where the robot came from such a file; else elid's YAML, or a new
+        file of that format.
+    refined, remarks
+        The robot with what was found, and sentences about it for the file's comments.
+    found, error
+        What corrections of the measurement it holds, and its held-out errors.
+    without
+        Identifies again, for a robot without effects (``--drop-effects``); None: effects are not to be dropped.
+    output
+        Whether notes are wanted.
+    """
+    nuisances = {(item.effect, item.joint) for item in found.nuisances}
+    refused: list[tuple[str, list[EffectSpec]]] = []
+    for path in paths:
+        lost = [spec for spec in _lost(refined, path) if (spec.effect, spec.joint) not in nuisances]
+        if not lost:
+            write_described(refined, path, remarks)
+        elif without is None:
+            refused.append((path, lost))
+        else:
+            plain, said = _without(refined, lost, error, without)
+            note([f"{path}: {sentence}" for sentence in said], output, "left out")
+            write_described(plain, path, [*remarks[:1], *said])
+    for path, lost in refused:
+        names = _named(lost)
+        return UsageError(
+            f"{path}: this format cannot hold {names}",
+            detail="parameters that were found beside an effect are wrong without it",
+            hint=f"--drop-effects writes the fit without it; {Path(path).with_suffix('.yaml')} holds all",
+        )
+    return None
+
+
+def _without(
+    refined: Robot,
+    lost: Sequence[EffectSpec],
+    error: Mapping[str, JointError],
+    again: Callable[[Robot], Identification],
+) -> tuple[Robot, list[str]]:
+    """Return the robot fitted without some effects, and what that costs in words."""
+    from dataclasses import replace
+
+    from elid_cli.estimation.refined_robot import identified_robot
+
+    kept = tuple(spec for spec in refined.effects if spec not in lost)
+    answer = again(replace(refined, effects=()))
+    worse = [
+        f"{joint} {now.rms:.3g} in place of {before.rms:.3g}"
+        for joint, now in answer.error.items()
+        if (before := error.get(joint)) is not None and now.rms is not None and before.rms is not None
+    ]
+    said = [
+        f"{_named(lost)}; the parameters are those of a fit without",
+        f"the held-out error of the torque becomes {', '.join(worse)} (N·m or N)",
+    ]
+    plain = identified_robot(answer)
+    return replace(plain, effects=tuple(spec for spec in kept if spec in plain.effects)), said
+
+
+def _named(lost: Sequence[EffectSpec]) -> str:
+    return ", ".join(spec.effect + (f" of {spec.joint}" if spec.joint else "") for spec in lost)
+
+
+def _lost(robot: Robot, path: str) -> list[EffectSpec]:
+    """Return the effects that a file of this name cannot hold."""
+    if Path(path).suffix.lower() not in FOREIGN:
+        return []
+    springs = "link_spring" if _patches(robot, path) and Path(path).suffix.lower() != ".urdf" else ""
+    return [spec for spec in robot.effects if spec.effect != springs]
+
+
+def _patches(robot: Robot, path: str) -> bool:
+    """Whether a file of this name is the robot's own with other numbers."""
+    if not robot.source:
+        return False
+    from elid_cli.robot.files import is_mjcf
+
+    return is_mjcf(Path(robot.source)) == (Path(path).suffix.lower() != ".urdf")
+
+
+def write_described(robot: Robot, path: str, remarks: Sequence[str] = ()) -> None:
+    """Write a robot as the file's suffix says, whatever effects it has.
+
+    Raises
+    ------
+    RobotError
+        Parameters that the format cannot hold.
+    UsageError
+        The file cannot be written.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in FOREIGN:
+        from elid_cli.robot.files import write_robot
+
+        write_robot(robot, path, remarks)
+    elif _patches(robot, path):
+        from elid_cli.robot.patch import patched
+
+        write_text(path, patched(robot, remarks))
+    else:
+        from elid_cli.experiment.mjcf import mjcf_text
+        from elid_cli.robot.urdf.write import urdf_text
+        from elid_cli.robot.xml_edit import XmlEdit
+
+        edit = XmlEdit(urdf_text(robot) if suffix == ".urdf" else mjcf_text(robot), path)
+        if remarks:
+            edit.comment(" ".join(remarks))
+        write_text(path, edit.text())

@@ -1,0 +1,224 @@
+"""The user's own URDF or MJCF with new parameters: everything else stays as it is.
+
+What changed of a body is added to the link that its joint moves: links behind fixed or locked joints keep their own
+inertia. A body whose parameters did not change is not touched.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.errors import RobotError
+from elid_cli.files import LARGEST, read_text
+from elid_cli.robot.files import robot_from_text
+from elid_cli.robot.inertia import about_centre, inertial_parameters, moved, pseudo_inertia
+from elid_cli.robot.locking import locked
+from elid_cli.robot.mjcf.read import MjcfTree, MovingJoint
+from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot, translation
+from elid_cli.robot.urdf.gears import OWN_PARAMETERS
+from elid_cli.robot.urdf.read import link_inertia
+from elid_cli.robot.urdf.write import in_joint_frames
+from elid_cli.robot.urdf.xml import Element
+from elid_cli.robot.xml_edit import XmlEdit
+
+SAME = 1e-12
+"""Relative change below which a number is left as the file has it."""
+_PHYSICAL = "full physical parameters first: elid identify … --physical"
+
+
+def patched(robot: Robot, remarks: Sequence[str] = ()) -> str:
+    """Return the text of the file that a robot came from (`Robot.source`) with the robot's parameters in it.
+
+    Parameters
+    ----------
+    robot
+        Read from a URDF or MJCF; its joints may be locked (`Robot.held`) and its parameters identified since.
+    remarks
+        Sentences for a comment in front.
+
+    Raises
+    ------
+    RobotError
+        The file is no longer there or has changed its joints, or a body cannot be written as one of its links.
+    """
+    text = read_text(Path(robot.source), RobotError, most=LARGEST * 20)
+    before = robot_from_text(text, robot.source)
+    missing = [name for name in (*robot.joint_names, *robot.held) if name not in before.joint_names]
+    if missing:
+        raise RobotError(f"{robot.source}: no joint {missing[0]!r} any more", hint="read the robot again")
+    old, new = (in_joint_frames(r) for r in (locked(before, robot.held), robot))
+    edit = XmlEdit(text, robot.source)
+    if remarks:
+        edit.comment(" ".join(remarks))
+    changes = {}
+    for name in robot.joint_names:
+        joint, was = _joint(new, name), _joint(old, name)
+        changes[name] = (joint, _change(was, joint), _said(joint) if _said(joint) != _said(was) else {})
+    if edit.root.tag == "mujoco":
+        _patch_mjcf(edit, text, robot, changes)
+    else:
+        _patch_urdf(edit, changes)
+    return edit.text()
+
+
+def _joint(robot: Robot, name: str) -> Joint:
+    return robot.joints[robot.joint_names.index(name)]
+
+
+def _change(old: Joint, new: Joint) -> Array | None:
+    """Return what a body's 4x4 pseudo-inertia changed by, in its joint's frame; None where it did not."""
+    if "m" not in new.parameters:
+        return None
+    before, after = (
+        pseudo_inertia(np.array([joint.parameters.get(name, 0.0) for name in LINK_PARAMETERS])) for joint in (old, new)
+    )
+    return after - before if np.abs(after - before).max() > SAME * np.abs(after).max() else None
+
+
+_Changes = dict[str, tuple[Joint, Array | None, dict[str, str]]]
+"""Joint -> itself, what its body's inertia changed by, and what of its motor only elid's own element can say."""
+
+
+def _said(joint: Joint) -> dict[str, str]:
+    said = _named(joint, OWN_PARAMETERS)
+    if joint.gear_ratio is not None:
+        said |= {"gear_ratio": _number(joint.gear_ratio), "motor_axis": " ".join(map(_number, joint.motor_axis))}
+    return said
+
+
+def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
+    links = {link.attributes.get("name"): link for link in edit.root.all("link")}
+    own = {e.attributes["joint"]: e for e in edit.root.all("elid") if "joint" in e.attributes}
+    for element in edit.root.all("joint"):
+        name = element.attributes.get("name", "")
+        if name not in changes:
+            continue
+        joint, change, said = changes[name]
+        child = element.one("child")
+        if change is not None and child is not None:
+            link = links[child.attributes["link"]]
+            known = link_inertia(link)
+            ten = _inertial(change + (0 if known is None else known), f"link {link.attributes['name']!r}")
+            _put(edit, link, ten)
+        _set(edit, element, "dynamics", _named(joint, (("damping", "fv"), ("friction", "fs"))))
+        if said:
+            said = {"joint": name, "transmission": joint.transmission, **said}
+            if name in own:
+                edit.set_attributes(own[name], said)
+            else:
+                edit.add_first(edit.root, "<elid " + " ".join(f'{key}="{value}"' for key, value in said.items()) + "/>")
+
+
+def _set(edit: XmlEdit, holder: Element, tag: str, values: dict[str, str]) -> None:
+    """Set attributes of a child, which is made where it is missing; equal numbers stay as they are written."""
+    element = holder.one(tag)
+    if element is None:
+        if values:
+            edit.add_first(holder, f"<{tag} " + " ".join(f'{key}="{value}"' for key, value in values.items()) + "/>")
+        return
+    edit.set_attributes(element, _other(element, values))
+
+
+def _other(element: Element, values: dict[str, str]) -> dict[str, str]:
+    """Return the attributes that have another value."""
+    return {
+        key: value
+        for key, value in values.items()
+        if key not in element.attributes or not _near(element.number(key, 0.0), float(value))
+    }
+
+
+def _near(a: float, b: float) -> bool:
+    return abs(a - b) <= SAME * max(abs(a), abs(b))
+
+
+def _put(edit: XmlEdit, link: Element, ten: tuple[float, Array, Array]) -> None:
+    """Write a link's inertial: mass, centre (3,), tensor about it (3, 3)."""
+    mass, centre, tensor = ten
+    keys = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
+    inertia = " ".join(f'{key}="{_number(tensor[r, c])}"' for key, r, c in keys)
+    text = (
+        f'<inertial><origin xyz="{" ".join(map(_number, centre))}" rpy="0 0 0"/><mass value="{_number(mass)}"/>'
+        f"<inertia {inertia}/></inertial>"
+    )
+    old = link.one("inertial")
+    if old is None:
+        edit.add_first(link, text)
+    else:
+        edit.replace(old, text)
+
+
+def _inertial(body: Array, what: str) -> tuple[float, Array, Array]:
+    ten = inertial_parameters(body)
+    if not ten[0] > 0:
+        raise RobotError(f"{what} would have a mass of {ten[0]:.3g} kg", hint=_PHYSICAL)
+    return about_centre(ten)
+
+
+def _patch_mjcf(edit: XmlEdit, text: str, robot: Robot, changes: _Changes) -> None:
+    tree = MjcfTree(text, robot.source)
+    springs = {spec.joint: spec.parameters for spec in robot.effects if spec.effect == "link_spring"}
+    meshes = [carrier for carrier, _ in tree.meshes]
+    places = {(e.tag, e.start): e for e in _all(edit.root)}
+    for number, item in enumerate(tree.moving):
+        if item.name not in changes:
+            continue
+        joint, change, _ = changes[item.name]
+        if item.element.file != robot.source:
+            raise RobotError(
+                f"{item.name} is described in {item.element.file}", hint="give that file, or write a .yaml"
+            )
+        values = _dynamics(joint) | _spring(item, springs.get(item.name), tree.conventions.degrees)
+        edit.set_attributes(places[item.element.tag, item.element.start], _other(item.element, values))
+        if change is None:
+            continue
+        if item.owner is None or number in meshes:
+            why = "its body has nothing but meshes" if number in meshes else "its body has another joint behind it"
+            raise RobotError(f"{robot.source}: {item.name}: no <inertial> to write to: {why}", hint="write a .yaml")
+        anchor = translation(*item.element.numbers("pos", (0.0, 0.0, 0.0)))
+        mass, centre, tensor = _inertial(item.own + moved(change, anchor), f"the body of {item.name}")
+        order = (tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2])
+        full = f'mass="{_number(mass)}" fullinertia="{" ".join(map(_number, order))}"'
+        inertial = f'<inertial pos="{" ".join(map(_number, centre))}" {full}/>'
+        body = places["body", item.owner.start]
+        old = body.one("inertial")
+        if old is None:
+            edit.add_first(body, inertial)
+        else:
+            edit.replace(old, inertial)
+
+
+def _spring(item: MovingJoint, spring: Mapping[str, float] | None, degrees: bool) -> dict[str, str]:
+    """Return the attributes of the spring between a joint's body and the one that carries it."""
+    if spring is None:
+        return {"stiffness": "0"} if "stiffness" in item.element.attributes else {}
+    rest = -spring["preload"] / spring["stiffness"]
+    turning = degrees and item.element.attributes.get("type", "hinge") == "hinge"
+    return {"stiffness": _number(spring["stiffness"]), "springref": _number(math.degrees(rest) if turning else rest)}
+
+
+def _dynamics(joint: Joint) -> dict[str, str]:
+    values = dict(joint.parameters)
+    if joint.gear_ratio is not None and "Jm" in values:
+        values["Ja"] = values["Jm"] * joint.gear_ratio**2
+    return _named(replace(joint, parameters=values), (("armature", "Ja"), ("damping", "fv"), ("frictionloss", "fs")))
+
+
+def _named(joint: Joint, keys: Sequence[tuple[str, str]]) -> dict[str, str]:
+    return {attribute: _number(joint.parameters[key]) for attribute, key in keys if key in joint.parameters}
+
+
+def _all(element: Element) -> Iterator[Element]:
+    yield element
+    for child in element.children:
+        yield from _all(child)
+
+
+def _number(value: float) -> str:
+    return repr(float(value) + 0.0).removesuffix(".0")

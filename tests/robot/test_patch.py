@@ -1,0 +1,102 @@
+"""The user's own file comes back with new numbers and nothing else changed."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.errors import RobotError
+from elid_cli.robot.files import read_robot, robot_from_text
+from elid_cli.robot.locking import locked
+from elid_cli.robot.patch import patched
+from elid_cli.robot.robot import LINK_PARAMETERS, Robot
+from elid_cli.robot.urdf.write import in_joint_frames
+from tests.robot.elastic_lagrange import inertia_matrix
+from tests.robot.test_mjcf import MODEL, compared, held, rigid
+from tests.robot.test_urdf import ARM, described
+
+URDF = ARM.replace(
+    '<link name="tool"/>',
+    '<link name="tool"><!-- a mesh --><visual><geometry><mesh filename="package://tool.stl"/></geometry></visual>'
+    '<inertial><mass value="0.3"/><inertia ixx="0.01" iyy="0.02" izz="0.02"/></inertial></link>',
+)
+URDF = re.sub(r'( izz="[^"]*")/>', r'\1 ixy="0" ixz="0" iyz="0"/>', URDF)
+
+
+def heavier(robot: Robot) -> Robot:
+    """Return the robot with other masses, inertias, friction and reflected inertias."""
+    joints = []
+    for k, joint in enumerate(robot.joints, start=2):
+        values = {n: v * (1 + 0.1 * k) if n in LINK_PARAMETERS else v for n, v in joint.parameters.items()}
+        own = {"Ja" if joint.gear_ratio is None else "Jm": 0.01 * k}
+        joints.append(replace(joint, parameters={**values, "fs": 0.2 * k, "fv": 0.3 * k, **own}))
+    return replace(robot, joints=tuple(joints))
+
+
+@pytest.mark.parametrize(("text", "name"), [(URDF, "arm.urdf"), (MODEL, "arm.xml")])
+def test_unchanged_parameters_leave_every_byte(text: str, name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    assert patched(read_robot(tmp_path / name)) == text
+
+
+@pytest.mark.parametrize(("text", "name"), [(URDF, "arm.urdf"), (MODEL, "arm.xml")])
+def test_new_parameters_read_back_and_nothing_else_changes(text: str, name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    robot = heavier(read_robot(tmp_path / name))
+    written = patched(robot, ["Identified -- by elid."])
+    again = robot_from_text(written, name)
+    for ours, theirs in zip(robot.joints, again.joints, strict=True):
+        size = max(abs(ours.parameters.get(n, 0.0)) for n in LINK_PARAMETERS)
+        for key, value in ours.parameters.items():
+            assert theirs.parameters[key] == pytest.approx(value, rel=1e-9, abs=1e-12 * size), (ours.name, key)
+        assert (theirs.limits, theirs.gear_ratio, theirs.xyz) == (ours.limits, ours.gear_ratio, ours.xyz)
+    assert "<!-- Identified - - by elid. -->" in written
+    changed = r"<inertial>.*?</inertial>|<inertial[^>]*/>|<dynamics[^>]*/>|<elid[^>]*/>|<!-- Identified[^>]*-->|\s+"
+    changed += r'|(armature|damping|frictionloss)="[^"]*"'
+    kept = [re.sub(changed, "", t, flags=re.DOTALL) for t in (text, written)]
+    assert kept[0] == kept[1]
+
+
+def test_pinocchio_reads_the_patched_urdf_as_elid_does(tmp_path: Path) -> None:
+    pin = pytest.importorskip("pinocchio")
+    (tmp_path / "arm.urdf").write_text(URDF)
+    robot = heavier(read_robot(tmp_path / "arm.urdf"))
+    model = pin.buildModelFromXML(re.sub(r'(i[xyz]{2}="[^"]*")/>', r"\1 />", patched(robot)))
+    data, full = model.createData(), described(patched(robot))
+    q = np.array([0.3, 0.1, -0.7])
+    theirs = pin.crba(model, data, np.array([q[0], q[1], np.cos(q[2]), np.sin(q[2])]))
+    theirs = np.triu(theirs) + np.triu(theirs, 1).T
+    ours = inertia_matrix(full, np.nan_to_num(full.reference()), q)[:3, :3]
+    np.testing.assert_allclose(ours, theirs, atol=1e-9 * np.abs(ours).max())
+
+
+def test_mujoco_reads_the_patched_mjcf_as_elid_does(tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    (tmp_path / "arm.xml").write_text(held(MODEL))
+    robot = heavier(read_robot(tmp_path / "arm.xml"))
+    compared(rigid(robot), mujoco.MjModel.from_xml_string(patched(robot)))
+
+
+def test_locked_joints_keep_their_own_links(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF)
+    robot = locked(read_robot(tmp_path / "arm.urdf"), {"slide": 0.2})
+    assert patched(robot) == URDF
+    again = locked(robot_from_text(patched(heavier(robot)), "arm.urdf"), {"slide": 0.2})
+    for ours, theirs in zip(in_joint_frames(heavier(robot)).joints, again.joints, strict=True):
+        assert theirs.parameters["m"] == pytest.approx(ours.parameters["m"], rel=1e-12)
+        assert theirs.parameters["Izz"] == pytest.approx(ours.parameters["Izz"], rel=1e-9)
+
+
+def test_what_the_file_cannot_hold_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF)
+    robot = read_robot(tmp_path / "arm.urdf")
+    light = replace(robot.joints[0], parameters={**robot.joints[0].parameters, "m": 0.1})
+    with pytest.raises(RobotError, match=r"link 'upper' would have a mass of -0\.9 kg"):
+        patched(replace(robot, joints=(light, *robot.joints[1:])))
+    (tmp_path / "arm.urdf").write_text(URDF.replace('"slide"', '"glide"'))
+    with pytest.raises(RobotError, match="no joint 'slide' any more"):
+        patched(robot)
