@@ -1,0 +1,156 @@
+"""All robots of three public packages: read, classified as Pinocchio's regressor says, written back the same.
+
+The packages are the extra ``robots`` (330 MB of wheels: example-robot-data, rtb-data, robosuite). Where they are not
+installed these tests skip.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.errors import RobotError
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.model.regressor import Regressor
+from elid_cli.robot.files import read_robot, robot_from_text
+from elid_cli.robot.patch import patched
+from elid_cli.robot.robot import LINK_PARAMETERS, Robot
+from tests.model.test_pinocchio import pinocchio_model
+
+pin = pytest.importorskip("pinocchio", reason="needs the wheel pin (extra: test)")
+
+PACKAGES = {"example-robot-data": ".urdf", "rtb-data": ".urdf", "robosuite": "robot.xml"}
+NO_ROBOT = {"quadrotor_base.urdf": "no joint moves", "iris_simple.urdf": "no joint moves", "ur3.urdf": "no links",
+            "test.urdf": "not well-formed XML"}  # fmt: skip
+"""Files without a moving joint, or that are no URDF: one clear error."""
+ROUNDED = {"anymal-kinova.urdf", "kinova.urdf", "hextilt_flying_arm_5.urdf", "so100.urdf", "so101.urdf", "xarm7.urdf",
+           "al5d_robot.urdf", "puma560_robot.urdf"}  # fmt: skip
+"""Files whose right angles are rounded, so that Pinocchio sees up to three parameters more."""
+MOST = 60
+
+
+def files() -> list[Path]:
+    """Return the robots of the packages that are installed."""
+    found = []
+    for package, ending in PACKAGES.items():
+        try:
+            listed = importlib.metadata.files(package) or []
+        except importlib.metadata.PackageNotFoundError:
+            continue
+        places = sorted(Path(str(file.locate())) for file in listed if str(file).endswith(ending))
+        inside = (place for place in places if ending != "robot.xml" or place.parents[1].name == "robots")
+        found += [place for place in inside if place.is_file()]
+    return found
+
+
+FILES = files()
+pytestmark = pytest.mark.skipif(not FILES, reason="needs the public robots: pip install 'elid[robots]'")
+
+
+def known(robot: Robot) -> Robot:
+    """Return the robot with rigid joints, nothing left open: massless where the file says nothing, no friction."""
+    kept = (*LINK_PARAMETERS, "Ja")
+    joints = (
+        replace(
+            j, transmission="rigid", gear_ratio=None,
+            parameters={"fs": 0.0, "fv": 0.0} | {kind: j.parameters.get(kind, 0.0) for kind in kept},
+        )
+        for j in robot.joints
+    )  # fmt: skip
+    return replace(robot, joints=tuple(joints), effects=())
+
+
+def reference(path: Path, robot: Robot) -> object:
+    """Return Pinocchio's model of a file, joints that elid holds fixed locked; of an MJCF that of elid's frames."""
+    if path.suffix != ".urdf":
+        return pinocchio_model(robot.squared())
+    model = pin.buildModelFromUrdf(str(path))
+    held = [k for k, name in enumerate(model.names) if k and name not in robot.joint_names]
+    model = pin.buildReducedModel(model, held, pin.neutral(model)) if held else model
+    model.gravity.linear = np.array(robot.gravity)
+    return model
+
+
+def states(model: object, robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return (configuration, velocity, acceleration) in Pinocchio's order."""
+    place, v, a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
+    for k, name in enumerate(robot.joint_names):
+        joint = model.joints[model.getJointId(name)]
+        if joint.nq == 2:  # continuous joints are (cos, sin) there
+            place[joint.idx_q : joint.idx_q + 2] = np.cos(q[k]), np.sin(q[k])
+        else:
+            place[joint.idx_q] = q[k]
+        v[joint.idx_v], a[joint.idx_v] = dq[k], ddq[k]
+    return place, v, a
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_a_public_robot(path: Path) -> None:
+    if path.name in NO_ROBOT:
+        with pytest.raises(RobotError, match=NO_ROBOT[path.name]) as caught:
+            read_robot(path)
+        assert len(str(caught.value).splitlines()) <= 3
+        return
+    described = read_robot(path)
+    assert all(joint.gear_ratio != 1.0 for joint in described.joints)
+    assert patched(described).encode() == path.read_bytes()
+    if described.n > MOST:
+        return
+    robot = known(described)
+    model = reference(path, robot)
+    rows = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
+    data, rng = model.createData(), np.random.default_rng(0)
+    instants = 60 + min(13 * robot.n, 200)
+    regressor = []
+    dynamics = Dynamics(robot) if path.suffix == ".urdf" else None
+    for k, (q, dq, ddq) in enumerate(rng.uniform(-np.pi, np.pi, (instants, 3, robot.n))):
+        state = states(model, robot, q, dq, ddq)
+        inertial = pin.computeJointTorqueRegressor(model, data, *state)[rows]
+        regressor.append(np.hstack([inertial, np.diag(ddq), np.diag(np.sign(dq)), np.diag(dq)]))
+        if k < 3 and dynamics is not None:
+            theirs = pin.rnea(model, data, *state)[rows] - model.armature[rows] * ddq
+            ours = dynamics.inverse(q, dq, ddq, q, dq, ddq)[1]
+            np.testing.assert_allclose(ours, theirs, atol=1e-9 * np.abs(theirs).max())
+    count = find_base(Regressor(robot)).count
+    assert 0 <= rank_of(np.array(regressor)) - count <= (3 if path.name in ROUNDED else 0)
+
+
+def rank_of(regressor: np.ndarray) -> int:
+    """Return the rank of a regressor (instants, joints, columns), its rows and columns scaled alike."""
+    triangles = []
+    for row in np.moveaxis(regressor, 1, 0):
+        triangles.append(np.linalg.qr(row / np.abs(row).max(), mode="r"))
+    whole = np.linalg.qr(np.concatenate(triangles), mode="r")
+    norms = np.linalg.norm(whole, axis=0)
+    shown = norms > 1e-9 * norms.max()
+    sizes = np.linalg.svd(whole[:, shown] / norms[shown], compute_uv=False)
+    return int(np.count_nonzero(sizes > 1e-11 * sizes[0]))
+
+
+@pytest.mark.parametrize("path", [p for p in FILES if p.suffix == ".xml"], ids=lambda path: path.parent.name)
+def test_a_public_mjcf_written_back_has_the_same_mass_matrix_in_mujoco(path: Path, tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    robot = read_robot(path)
+    heavier = replace(
+        robot,
+        joints=tuple(replace(j, parameters={**j.parameters, "fv": 0.3, "Ja": 0.125}) for j in robot.joints),
+    )
+    folder = shutil.copytree(path.parent, tmp_path / "robot")  # with its meshes
+    (folder / path.name).write_text(patched(heavier))
+    model = mujoco.MjModel.from_xml_path(str(folder / path.name))
+    again = robot_from_text(patched(heavier), str(path))
+    joints = [model.joint(name) for name in robot.joint_names]
+    places, dofs = ([int(a[0]) for a in each] for each in ([j.qposadr for j in joints], [j.dofadr for j in joints]))
+    data, mass = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    q = np.random.default_rng(1).uniform(-1, 1, robot.n)
+    data.qpos[places] = q
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, mass)
+    ours = Dynamics(known(again)).mass_matrix(q)
+    np.testing.assert_allclose(ours, mass[np.ix_(dofs, dofs)], atol=1e-9 * np.abs(ours).max())
