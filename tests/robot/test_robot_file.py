@@ -220,13 +220,13 @@ def robots(draw) -> Robot:
     dh = draw(st.sampled_from(["standard", "modified", "urdf"]))
     joints = []
     for name in draw(st.lists(names, min_size=1, max_size=4, unique=True)):
-        numbers = iter(draw(st.lists(finite, min_size=8, max_size=8)))
+        numbers = iter(draw(st.lists(finite, min_size=6, max_size=6)))
         geometry = (
             {"xyz": tuple(next(numbers) for _ in range(3)), "rpy": tuple(next(numbers) for _ in range(3))}
             if dh == "urdf"
             else {key: next(numbers) for key in ("a", "alpha", "d", "theta")}
         )
-        gear_ratio = draw(st.sampled_from([next(numbers) or 1.0, None]))
+        gear_ratio = draw(st.none() | st.floats(0.01, 1e5) | st.floats(-1e5, -0.01))
         other = "Jm" if gear_ratio is None else "Ja"
         parameters = draw(st.dictionaries(st.sampled_from([k for k in JOINT_PARAMETERS if k != other]), finite))
         joints.append(
