@@ -184,7 +184,7 @@ def test_a_declared_effect_that_the_log_cannot_show_is_left_out_and_told(tmp_pat
     for verb in ("identify", "validate", "diagnose"):
         done = elid(verb, log, "--robot", robot, "--json")
         assert done.code == 0, done.err
-        assert done.err.count("joint2: the declared backlash needs the link position q: left out") == 1
+        assert done.err.count("joint2: the declared backlash is left out: it needs an elastic transmission") == 1
         assert all(error["spring_rms"] is None for error in done.json["error"].values())
     done = elid("diagnose", log, "--robot", ROBOT, "--only", "backlash")
     assert done.code == 2
