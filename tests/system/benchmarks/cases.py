@@ -252,7 +252,29 @@ def mcap_decode(path: str) -> dict[str, float]:
     return in_turn({"decode": decode}, 1)
 
 
+def simulate(seconds: str) -> dict[str, float]:
+    """CPU seconds of simulating PUMA 560, in plain Python and compiled (compiled before, as the second call finds it)."""
+    from elid_cli.experiment.simulation import SimulationOptions, kernel, run
+    from elid_cli.robot.files import read_robot
+
+    robot, options = read_robot("puma560"), SimulationOptions(duration=float(seconds), seed=2)
+    found = {}
+    for name, worth in (("plain", 10**12), ("first", 0), ("compiled", 0)):
+        kernel.WORTH = worth
+        found |= in_turn({name: lambda: run(robot, options)}, 1)
+    return found
+
+
 CASES: dict[str, Callable[..., dict[str, float]]] = {
     f.__name__: f
-    for f in (rigid_regressor, elastic_reduction, identify_arrays, by_hand, hdf5_arrays, read_and_filter, mcap_decode)
+    for f in (
+        rigid_regressor,
+        elastic_reduction,
+        identify_arrays,
+        by_hand,
+        hdf5_arrays,
+        read_and_filter,
+        mcap_decode,
+        simulate,
+    )
 }

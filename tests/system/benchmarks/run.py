@@ -188,6 +188,21 @@ def start_up(folder: Path) -> Iterator[Row]:
     yield Row("elid --version", f"{1e3 * runs[2]:.0f} ms", "", "", "")
 
 
+def waiting() -> Iterator[Row]:
+    """Yield what users wait for: a simulation, plain and compiled, and diagnoses."""
+    seconds = 20.0
+    found = case("simulate", str(seconds))
+    yield Row(f"simulate {seconds:g} s of PUMA 560, plain Python", f"{found['plain']:.1f} s", f"{seconds:g} s, real time",
+              f"{seconds / found['plain']:.1f}×", "≥ 4×")  # fmt: skip
+    yield Row("the same compiled (the extra `fast`)", f"{found['compiled']:.1f} s", f"{found['plain']:.1f} s, plain",
+              f"{found['plain'] / found['compiled']:.1f}×", "≥ 2.5×",
+              f"{seconds / found['compiled']:.0f}× real time")  # fmt: skip
+    logs = Path(__file__).parents[3] / "sample_logs"
+    for log, robot, goal in (("puma560_load.mcap", "puma560", 6.0), ("planar2_stribeck.h5", "planar2", 4.0)):
+        cpu, peak = elid("diagnose", str(logs / log), "--robot", robot, "--json")
+        yield Row(f"diagnose {log}", f"{cpu:.1f} s, {peak:.0f} MB", "", "", f"≤ {goal:g} s, 400 MB")
+
+
 def main() -> None:
     """Print the table."""
     if sys.argv[1:2] == ["--case"]:
@@ -199,7 +214,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--mcap-minutes", type=float, default=60.0)
     parser.add_argument("--messages", type=int, default=600_000)
-    parser.add_argument("--only", default="", help="regressors, arrays, start, hours or mcap")
+    parser.add_argument("--only", default="", help="regressors, arrays, start, waiting, hours or mcap")
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -210,6 +225,7 @@ def main() -> None:
             "regressors": regressors,
             "arrays": arrays,
             "start": lambda: start_up(folder),
+            "waiting": waiting,
             "hours": lambda: hours(folder, chosen.minutes),
             "mcap": lambda: mcap(folder, chosen.mcap_minutes, chosen.messages),
         }
