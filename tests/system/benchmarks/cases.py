@@ -253,7 +253,7 @@ def mcap_decode(path: str) -> dict[str, float]:
 
 
 def simulate(seconds: str) -> dict[str, float]:
-    """CPU seconds of simulating PUMA 560, in plain Python and compiled (compiled before, as the second call finds it)."""
+    """CPU seconds of simulating PUMA 560, in plain Python and compiled, as a second call finds it."""
     from elid_cli.experiment.simulation import SimulationOptions, kernel, run
     from elid_cli.robot.files import read_robot
 

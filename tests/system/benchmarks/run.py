@@ -192,8 +192,8 @@ def waiting() -> Iterator[Row]:
     """Yield what users wait for: a simulation, plain and compiled, and diagnoses."""
     seconds = 20.0
     found = case("simulate", str(seconds))
-    yield Row(f"simulate {seconds:g} s of PUMA 560, plain Python", f"{found['plain']:.1f} s", f"{seconds:g} s, real time",
-              f"{seconds / found['plain']:.1f}×", "≥ 4×")  # fmt: skip
+    yield Row(f"simulate {seconds:g} s of PUMA 560, plain Python", f"{found['plain']:.1f} s",
+              f"{seconds:g} s, real time", f"{seconds / found['plain']:.1f}×", "≥ 4×")  # fmt: skip
     yield Row("the same compiled (the extra `fast`)", f"{found['compiled']:.1f} s", f"{found['plain']:.1f} s, plain",
               f"{found['plain'] / found['compiled']:.1f}×", "≥ 2.5×",
               f"{seconds / found['compiled']:.0f}× real time")  # fmt: skip
