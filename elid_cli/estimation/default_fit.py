@@ -203,7 +203,8 @@ def solve_with(
         if last or not nuisances:
             break
         spread = data.covariance(solution, nuisances, effects)
-        kept = significant(solution, spread, nuisances, triangles.parameters, data.facts.dt, longest)
+        late = bool(np.any(data.facts.moved))
+        kept = significant(solution, spread, nuisances, triangles.parameters, data.facts.dt, longest, late=late)
         kept = _borne_out(base, data, kept, effects)
         if not (shaping and effects) and len(kept) == len(nuisances):
             break

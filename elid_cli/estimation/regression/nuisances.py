@@ -88,6 +88,8 @@ def significant(
     parameters: int,
     dt: float,
     longest: float = LONGEST,
+    *,
+    late: bool = False,
 ) -> list[ExtraColumns]:
     """Return the nuisances whose coefficient is significant; of the delays all where any or their mean is.
 
@@ -101,6 +103,8 @@ def significant(
         Sample time, s.
     longest
         Longest delay, s, if it is more than a sample: the search for effects names longer ones.
+    late
+        Whether torques have been moved: what is left of their delays stays unknown.
     """
     values, deviations = np.full((2, len(nuisances)), np.nan)
     for k in range(len(nuisances)):
@@ -110,7 +114,7 @@ def significant(
             values[k] = solution.values[parameters + k]
             deviations[k] = np.sqrt(covariance[where[0], where[0]])
     delays = np.array([extra.name == DELAY for extra in nuisances], dtype=bool)
-    firm = beyond_doubt(values, deviations, delays, max(longest, 1.05 * dt))
+    firm = beyond_doubt(values, deviations, delays, max(longest, 1.05 * dt), late=late)
     return [e for e, kept in zip(nuisances, firm, strict=True) if kept]
 
 
@@ -120,7 +124,9 @@ def short_enough(delays: Array, deviations: Array, longest: float) -> NDArray[np
     return short
 
 
-def beyond_doubt(values: Array, deviations: Array, delays: NDArray[np.bool_], longest: float) -> NDArray[np.bool_]:
+def beyond_doubt(
+    values: Array, deviations: Array, delays: NDArray[np.bool_], longest: float, *, late: bool = False
+) -> NDArray[np.bool_]:
     """Return which nuisances stay in the model, (k,).
 
     The channels of a log are sampled alike: where one delay is beyond doubt, or their mean is, every channel has one.
@@ -134,12 +140,14 @@ def beyond_doubt(values: Array, deviations: Array, delays: NDArray[np.bool_], lo
         Those that are delays, s, (k,).
     longest
         Longest delay, s.
+    late
+        Whether there are delays for certain.
     """
     sound = np.isfinite(values) & np.isfinite(deviations)
     kept: NDArray[np.bool_] = sound & (np.abs(values) > SIGNIFICANT * deviations)
     may = delays & sound & short_enough(values, deviations, longest)
     weight = 1.0 / np.square(deviations[may & (deviations > 0)])
     mean = float(weight @ values[may & (deviations > 0)]) if len(weight) else 0.0  # times the weights' sum
-    late = bool(kept[may].any()) or abs(mean) > SIGNIFICANT * float(np.sqrt(weight.sum()))
+    late = late or bool(kept[may].any()) or abs(mean) > SIGNIFICANT * float(np.sqrt(weight.sum()))
     kept[delays] = may[delays] & late
     return kept

@@ -1,0 +1,104 @@
+"""What identify says of a model that is not enough, on logs of the second simulator."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from elid_cli.cli import main
+from elid_cli.estimation.identify import Identification, identify
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
+from tests.system.plain_arms import Laws, Sensors, World, log, random_arm
+
+ROOT = Path(__file__).parents[2]
+
+
+def made(
+    seed: int, sensors: Sensors, law: Callable[[World], np.ndarray] | None = None, rigid: tuple[int, ...] = ()
+) -> tuple[Robot, Recording]:
+    arm = random_arm(np.random.default_rng(seed), 2, rigid)
+    laws = Laws(motor=(law,)) if law else None
+    return arm.described(), log(arm, seed=seed, duration=15.0, sensors=sensors, laws=laws)
+
+
+def told(robot: Robot, recording: Recording) -> Identification:
+    return identify(robot, prepare(recording, robot))
+
+
+def scores(found: Identification) -> np.ndarray:
+    return np.array([(p.estimate - p.reference) / p.std_error for p in found.parameters])
+
+
+def stribeck(world: World) -> np.ndarray:
+    extra = np.zeros_like(world.dtheta)
+    speed = world.dtheta[:, 1]
+    extra[:, 1] = 1.5 * world.arm.coulomb[1] * np.exp(-((speed / 0.2) ** 2)) * np.sign(speed)
+    return extra
+
+
+def load_friction(world: World) -> np.ndarray:
+    extra = np.zeros_like(world.dtheta)
+    extra[:, 1] = 0.08 * np.abs(world.spring[:, 1]) * np.sign(world.dtheta[:, 1])
+    return extra
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.06])
+def test_noise_is_no_lack_whatever_its_memory(memory: float) -> None:
+    for seed in (31, 32):
+        found = told(*made(seed, Sensors(bits=17, torque=0.005, memory=memory)))
+        assert found.model == "sufficient"
+        assert not any(p.bias_possible for p in found.parameters)
+        ratio = max(item.ratio for item in found.noise)
+        assert ratio > 2 if memory else ratio < 1.3
+        assert np.abs(scores(found)).max() < 4
+
+
+def test_a_missing_friction_curve_is_seen_and_marks_friction_only() -> None:
+    found = told(*made(33, Sensors(bits=17), stribeck))
+    assert found.model == "insufficient"
+    assert {(item.joint, item.follows) for item in found.insufficient} <= {
+        ("joint2", "motor speed"), ("joint2", "link speed"),
+    }  # fmt: skip
+    marked = {p.leader for p in found.parameters if p.bias_possible}
+    assert "fs2" in marked
+    assert marked <= {"fs2", "fv2"}
+    wrong = {p.leader for p, z in zip(found.parameters, scores(found), strict=True) if abs(z) > 4}
+    assert wrong <= marked  # what is not marked is right
+
+
+def test_friction_by_load_of_a_rigid_joint_is_seen() -> None:
+    found = told(*made(34, Sensors(bits=17), load_friction, (0, 1)))
+    assert {item.joint for item in found.insufficient} == {"joint2"}
+
+
+@pytest.mark.parametrize(("delay", "rate"), [(1.5, 1000.0), (5.0, 1000.0), (20.0, 1000.0), (1.5, 200.0)])
+def test_a_torque_that_acts_late_bends_nothing(delay: float, rate: float) -> None:
+    found = told(*made(35, Sensors(bits=17, delay=delay, rate=rate)))
+    delays = [n.parameters["delay"] for n in found.nuisances if n.effect == "torque_delay"]
+    assert delays == pytest.approx([delay / rate] * 2, abs=1e-4)
+    assert np.abs(scores(found)).max() < 4
+    assert found.model == "sufficient"
+
+
+def test_gates_know_of_an_insufficient_model(capsys: pytest.CaptureFixture[str]) -> None:
+    lacking, clean = (str(ROOT / "sample_logs" / f"{name}.h5") for name in ("planar2_stribeck", "planar2"))
+
+    def run(*arguments: str) -> tuple[int, dict[str, Any]]:
+        status = main(["identify", "--robot", "planar2", "--json", *arguments])
+        return status, json.loads(capsys.readouterr().out)
+
+    status, answer = run(lacking)
+    assert (status, answer["model"]) == (0, "insufficient")
+    assert {p["name"] for p in answer["base_parameters"] if p["bias_possible"]} == {"fs1", "fs2", "fv1", "fv2"}
+    assert set(answer["noise"]["joint1"]) == {"sum", "motor"}
+    assert run(lacking, "--fail-on-insufficient")[0] == 1
+    assert run(lacking, "--require-independent", "fs1")[0] == 1
+    assert run(lacking, "--require-independent", "K1")[0] == 0
+    assert run(clean, "--fail-on-insufficient")[0] == 0
