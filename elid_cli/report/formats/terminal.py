@@ -236,14 +236,16 @@ def _natural(heads: list[str], rows: list[list[str]]) -> list[int]:
 def fit_spanning(heads: list[str], rows: list[list[str]], width: int) -> list[int] | None:
     """Return widths with all columns but the first at their natural width, and the first at what is left.
 
-    Where that is too little, the other heads fold. Cells that the first column cannot hold do not widen it; None where
-    not even its head fits.
+    Where that is too little, the other heads fold, and then their cells between words. Cells that the first column
+    cannot hold do not widen it; None where not even its head fits.
     """
     least = _longest_word(heads[0])
     columns = list(zip(*rows, strict=True))[1:] or [() for _ in heads[1:]]
-    cells = [max(map(_columns, column), default=0) for column in columns]
-    for wide in (_columns, _longest_word):
-        others = [max(wide(head), most) for head, most in zip(heads[1:], cells, strict=True)]
+    # heads fold before cells do; a cell of one word, such as a number, never folds
+    for head_width, cell_width in ((_columns, _columns), (_longest_word, _columns), (_longest_word, _longest_word)):
+        others = [
+            max(head_width(head), *map(cell_width, column), 0) for head, column in zip(heads[1:], columns, strict=True)
+        ]
         room = width - sum(others) - GAP * len(others)
         if room >= least:
             break

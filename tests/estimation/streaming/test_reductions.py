@@ -177,4 +177,6 @@ def test_students_t_is_that_of_scipy(degrees: float) -> None:
     from scipy.special import stdtrit
 
     for probability in (0.6, 0.975, 0.995):
-        assert student_quantile(degrees, probability) == pytest.approx(stdtrit(degrees, probability), rel=1e-9)
+        assert student_quantile(degrees, probability) == pytest.approx(
+            stdtrit(degrees, probability), rel=1e-8
+        )  # SciPy 1.12 is that exact
