@@ -51,7 +51,7 @@ def result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence
         before=_floored(validations[0].error, before),
         after=last_error,
         effects=(*seen, *effects, *terms),
-        also_possible=_rivals(after, declared, found.steps, effects),
+        also_possible=(*_rivals(after, declared, found.steps, effects), *_rivals_of_skews(robot, found.skews)),
         nuisances=(*_nuisances(after), *(_kept(after, k) for k in range(declared - found.kept, declared))),
         unexplained=unexplained,
         rows_before=rows_before,
@@ -174,6 +174,16 @@ def _errors(state: State, number: int) -> dict[str, float]:
     jacobian = jacobian[:, free]
     spread = np.sqrt(np.maximum(np.einsum("ak,kl,al->a", jacobian, covariance, jacobian), 0.0))
     return {name: float(s) for name, s in zip(names, spread, strict=True) if s > 0}
+
+
+def _rivals_of_skews(robot: Robot, skews: Sequence[Skew]) -> tuple[Rival, ...]:
+    """Return what the torques like as well as a skew that the positions show."""
+    named = effect_that(corrects="link").name
+    return tuple(
+        Rival(name, robot.joint_names[skew.joint], named, skew.share, values, effect_classes()[name].record)
+        for skew in skews
+        for name, values in skew.rivals
+    )
 
 
 def _rivals(state: State, declared: int, steps: Sequence[Step], effects: Sequence[FoundEffect]) -> tuple[Rival, ...]:

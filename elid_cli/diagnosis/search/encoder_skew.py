@@ -8,6 +8,7 @@ to be what is seen.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,6 +46,8 @@ class Skew:
     """The same with the skew."""
     quarters: tuple[float, ...] = ()
     """Part of the deflection's squared error that it takes from each quarter of the log, predicted from the others."""
+    rivals: tuple[tuple[str, Mapping[str, float]], ...] = ()
+    """Effects that the torques like as well, with their values."""
 
 
 def visible_skew(state: State, joint: int) -> Skew | None:
@@ -106,4 +109,7 @@ def link_load(state: State, joint: int, parameters: Array | None = None) -> Arra
     total = log.observation.group(EstimationRow("sum", joint))
     own = {log.model.index.get(StandardParameter(kind, joint)) for kind in MOTOR_PARAMETERS}
     load: Array = np.array([0.0 if int(k) in own else values[k] for k in total.index]) @ total.columns
+    for number, effect in enumerate(state.effects if parameters is None else ()):
+        if effect.place == "link" and total.row in state.columns[number].rows:
+            load = load + state.coefficients(number) @ state.columns[number].rows[total.row]
     return load

@@ -17,6 +17,7 @@ from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects import effect_classes, effect_that, twins_of
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import EffectSpec
 
 NET = 12.0
@@ -41,6 +42,8 @@ EVEN = 0.5
 """Difference in log-likelihood that says nothing."""
 POSSIBLE = 6
 """Supported candidates that are fitted where the present model has impossible parameters."""
+APART = 0.02
+"""Part by which errors left out must differ for the torques to decide between a skew and friction."""
 LOOKS, SETTLED = 4, 0.02
 """Times that a skew seen in the positions is looked at, and part of a sample within which it counts as settled."""
 PAIR_GAIN = 0.1
@@ -116,6 +119,7 @@ def search(
     """
     before = refreshed(fit(log, declared))
     state, seen = _seen_in_positions(before, library)
+    state, seen = _against_friction(before, state, seen, library)
     state, steps = _measurement_first(state, library)
     remaining: list[Candidate] = []
     tried = 0
@@ -251,6 +255,44 @@ def _seen_in_positions(state: State, library: Mapping[str, type[Effect]]) -> tup
             break
         skews = again
     return state, skews
+
+
+def _against_friction(
+    before: State, skewed: State, seen: tuple[Skew, ...], library: Mapping[str, type[Effect]]
+) -> tuple[State, tuple[Skew, ...]]:
+    """Let the torques decide between a skew seen in the positions and what also follows the speed, or name both.
+
+    Losses on the link's side and in the transmission bend a spring with the speed, as a skew seems to.
+    """
+    kept = []
+    for item in seen:
+        rows = [row for row in before.triangles.rows if row.joint == item.joint]
+        unit = {row: before.rms(row) ** -2 for row in rows if before.rms(row) > 0}
+
+        def left(state: State, unit: Mapping[EstimationRow, float] = unit) -> float:
+            return sum(weight * float(state.left_out[row].sum()) for row, weight in unit.items())
+
+        least, rivals = left(skewed), []
+        for name in twins_of(effect_that(corrects="link")):
+            kind = library.get(name)
+            if kind is None or not kind.applies(before.log.model.robot, item.joint):
+                continue
+            other = refreshed(fit(before.log, (*before.effects, kind(item.joint)), before.scene))
+            values = other.named(len(other.effects) - 1)
+            explains = visible_skew(other, item.joint) is None  # with its torque the positions show none
+            if explains and sensible(other.effects[-1], other.scene, values):
+                rivals.append((left(other), name, values))
+        if any(error < (1 - APART) * least for error, _, _ in rivals):
+            continue
+        as_good = tuple((name, values) for error, name, values in rivals if error < (1 + APART) * least)
+        kept.append(replace(item, rivals=as_good))
+    if len(kept) == len(seen):
+        return skewed, tuple(kept)
+    shifts = before.log.shifts
+    for item in kept:
+        shifts = shifts.moved("link", item.joint, before.log.shifts.of("link", item.joint) + item.skew)
+    state = refreshed(fit(before.log.shifted(shifts), before.effects, before.scene)) if kept else before
+    return state, tuple(kept)
 
 
 def _pair(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[State, list[Step]] | None:

@@ -34,6 +34,7 @@ class EncoderSkew(Effect):
     fingerprint = "motor row high with the sum row low, along the link's velocity, not its deflection"
     record = "fast, lightly loaded motion next to slow, loaded motion"
     place = "encoder"
+    twins = ("link_viscous", "transmission_damping")
     elastic_only = True
     amplitudes = (
         Parameter("skew", "s", "age of the link encoder's reading beyond the motor encoder's", low=-0.1, high=0.1),
