@@ -109,7 +109,9 @@ def _lost(robot: Robot, path: str) -> list[EffectSpec]:
     """Return the effects that a file of this name cannot hold."""
     if Path(path).suffix.lower() not in FOREIGN:
         return []
-    springs = "link_spring" if _patches(robot, path) and Path(path).suffix.lower() != ".urdf" else ""
+    from elid_cli.robot.mjcf.read import SPRING
+
+    springs = SPRING if _patches(robot, path) and Path(path).suffix.lower() != ".urdf" else ""
     return [spec for spec in robot.effects if spec.effect != springs]
 
 

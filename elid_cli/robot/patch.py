@@ -19,7 +19,7 @@ from elid_cli.files import LARGEST, read_text
 from elid_cli.robot.files import robot_from_text
 from elid_cli.robot.inertia import about_centre, inertial_parameters, moved, pseudo_inertia
 from elid_cli.robot.locking import locked
-from elid_cli.robot.mjcf.read import MjcfTree, MovingJoint
+from elid_cli.robot.mjcf.read import SPRING, MjcfTree, MovingJoint
 from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot, translation
 from elid_cli.robot.urdf.gears import OWN_PARAMETERS
 from elid_cli.robot.urdf.read import link_inertia
@@ -163,7 +163,7 @@ def _inertial(body: Array, what: str) -> tuple[float, Array, Array]:
 
 def _patch_mjcf(edit: XmlEdit, text: str, robot: Robot, changes: _Changes) -> None:
     tree = MjcfTree(text, robot.source)
-    springs = {spec.joint: spec.parameters for spec in robot.effects if spec.effect == "link_spring"}
+    springs = {spec.joint: spec.parameters for spec in robot.effects if spec.effect == SPRING}
     meshes = [carrier for carrier, _ in tree.meshes]
     places = {(e.tag, e.start): e for e in _all(edit.root)}
     for number, item in enumerate(tree.moving):

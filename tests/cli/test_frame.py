@@ -317,7 +317,7 @@ def test_completion_scripts(elid, shell) -> None:
 
 def test_a_file_to_write_is_named_once(elid) -> None:
     # the first of two was never written, and nothing said so
-    done = elid("identify", "log.csv", "--robot", "planar2", "--write-robot", "a.yaml", "--write-robot", "b.yaml")
+    done = elid("simulate", "--robot", "planar2", "-o", "a.csv", "-o", "b.csv")
     assert done.returncode == 2
-    assert "--write-robot: given 2 times" in done.stderr
+    assert "given 2 times" in done.stderr
     assert elid("diagnose", "none.csv", "--robot", "planar2", "--check", "a.csv", "--check", "b.csv").returncode == 3

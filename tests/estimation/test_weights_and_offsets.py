@@ -84,16 +84,17 @@ def test_noise_of_the_positions_makes_no_offset_of_a_weight() -> None:
 
 def test_where_one_delay_is_beyond_doubt_every_channel_has_one() -> None:
     delay = np.array([True, True, True, True, True, False, False])
-    values = np.array([5e-4, 4e-4, 1e-5, -5e-4, 5e-2, 4.0, 5.0])
+    values = np.array([5e-4, 5e-3, 1e-5, -5e-4, 5e-2, 4.0, 5.0])
     deviations = np.array([5e-5, 1.5e-4, 3e-4, 1.5e-4, 1e-4, 1.5, 1.0])
-    kept = beyond_doubt(values, deviations, delay, 2e-2)
+    kept = beyond_doubt(values, deviations, delay, 1e-3, 2e-2)
     # the fifth is longer than any delay; offsets stand alone
+    assert not beyond_doubt(np.array([-5e-3]), np.array([1e-4]), np.ones(1, dtype=bool), 1e-3, 2e-2)[0]
     assert kept.tolist() == [True, True, True, True, False, False, True]
     none = np.array([1e-4, -1e-4, 5e-5])
-    assert not beyond_doubt(none, np.full(3, 1e-4), np.ones(3, dtype=bool), 2e-2).any()
+    assert not beyond_doubt(none, np.full(3, 1e-4), np.ones(3, dtype=bool), 1e-3, 2e-2).any()
     # none by itself, all together
-    assert beyond_doubt(np.full(4, 3e-4), np.full(4, 1e-4), np.ones(4, dtype=bool), 2e-2).all()
-    assert not beyond_doubt(np.full(2, np.nan), np.full(2, np.nan), np.ones(2, dtype=bool), 2e-2).any()
+    assert beyond_doubt(np.full(4, 3e-4), np.full(4, 1e-4), np.ones(4, dtype=bool), 1e-3, 2e-2).all()
+    assert not beyond_doubt(np.full(2, np.nan), np.full(2, np.nan), np.ones(2, dtype=bool), 1e-3, 2e-2).any()
 
 
 THREE = """

@@ -23,6 +23,8 @@ from elid_cli.model.regressor import EstimationRow
 
 SIGNIFICANT = 4.0
 """Standard deviations a nuisance must differ from zero to be corrected."""
+FAR = 8.0
+"""The same for a delay longer than a sample."""
 LONGEST = 0.02
 """Longest delay of a torque channel, s, that is corrected."""
 DELAY = effect_that(nuisance="delay").name
@@ -114,7 +116,7 @@ def significant(
             values[k] = solution.values[parameters + k]
             deviations[k] = np.sqrt(covariance[where[0], where[0]])
     delays = np.array([extra.name == DELAY for extra in nuisances], dtype=bool)
-    firm = beyond_doubt(values, deviations, delays, max(longest, 1.05 * dt), late=late)
+    firm = beyond_doubt(values, deviations, delays, dt, longest, late=late)
     return [e for e, kept in zip(nuisances, firm, strict=True) if kept]
 
 
@@ -125,7 +127,7 @@ def short_enough(delays: Array, deviations: Array, longest: float) -> NDArray[np
 
 
 def beyond_doubt(
-    values: Array, deviations: Array, delays: NDArray[np.bool_], longest: float, *, late: bool = False
+    values: Array, deviations: Array, delays: NDArray[np.bool_], dt: float, longest: float, *, late: bool = False
 ) -> NDArray[np.bool_]:
     """Return which nuisances stay in the model, (k,).
 
@@ -138,14 +140,20 @@ def beyond_doubt(
         Coefficients and their standard deviations, (k,); NaN where the log does not determine them.
     delays
         Those that are delays, s, (k,).
+    dt
+        Sample time, s.
     longest
-        Longest delay, s.
+        Longest delay beyond a sample, s.
     late
         Whether there are delays for certain.
     """
     sound = np.isfinite(values) & np.isfinite(deviations)
-    kept: NDArray[np.bool_] = sound & (np.abs(values) > SIGNIFICANT * deviations)
-    may = delays & sound & short_enough(values, deviations, longest)
+    size = np.abs(values)
+    # what is longer than a sample, or negative, may be friction that builds up: it must stand far out, or stays out
+    short = size <= 1.05 * dt + 2 * deviations
+    needed = np.where(delays & ~short, FAR, SIGNIFICANT)
+    kept: NDArray[np.bool_] = sound & (size > needed * deviations)
+    may = delays & sound & (short | ((values > 0) & (size <= longest) & (size > FAR * deviations)))
     weight = 1.0 / np.square(deviations[may & (deviations > 0)])
     mean = float(weight @ values[may & (deviations > 0)]) if len(weight) else 0.0  # times the weights' sum
     late = late or bool(kept[may].any()) or abs(mean) > SIGNIFICANT * float(np.sqrt(weight.sum()))

@@ -86,6 +86,8 @@ def reduce_log(
     model = Regressor(robot.stiffened(signals.missing_link).read_behind(signals.link_torque))
     base = find_base(model)
     signals, shown = at_best_cutoff(model, base, signals, EstimateOptions())
+    judgement = None if shown is None else judge_model(shown)
+    del shown  # it holds its columns
     plan = model.estimation
     layout = _layout(model, plan)
     pile = TriangleAccumulator(layout, len(signals.outputs), STRETCHES)
@@ -116,7 +118,7 @@ def reduce_log(
         tuple(scores.made),
         links.systems(),
         reference,
-        None if shown is None else judge_model(shown),
+        judgement,
     )
 
 

@@ -80,9 +80,9 @@ def _sources(dynamics: Dynamics) -> list[tuple[str, str]]:
     for k in range(n):
         place = motor.get(k, k)
         lines += [f"q{k} = x{k}", f"v{k} = x{half + k}", f"w{k} = x{half + place}", f"g{k} = x{k} - x{place}"]
-    nothing = f"return {', '.join(['1e999'] * half)}"
+    nothing = f"return {', '.join(['1e999'] * half)},"
     lines += [line.split("return")[0] + nothing if "return" in line else line for line in statements]
-    lines.append(f"return {', '.join(results)}")
+    lines.append(f"return {', '.join(results)},")  # a tuple of one, too
     return [("accelerations", "\n ".join(lines)), ("advance", _runge_kutta(half, state, torque))]
 
 

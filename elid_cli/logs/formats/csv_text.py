@@ -21,6 +21,8 @@ from elid_cli.errors import LogError
 COMMENTS = ("#", "%", "//")
 SNIFFED = 60
 """Lines that are looked at to tell the dialect."""
+LARGE = 8 << 20
+"""Bytes of a file from which starting Arrow pays."""
 PART = 1 << 22
 """Bytes that are parsed at a time."""
 LONGEST_LINE = 4 << 20
@@ -138,7 +140,7 @@ def parse_blocks(
     from elid_cli.logs.mcap.bulk_decode import GrowingArray
 
     columns = [dialect.names.index(column) for column in wanted]
-    arrow = dialect.separator != " " and importlib.util.find_spec("pyarrow") is not None
+    arrow = size > LARGE and dialect.separator != " " and importlib.util.find_spec("pyarrow") is not None
     parse = _by_arrow if arrow else _by_numpy
     table, done, rest = GrowingArray(len(wanted)), 0, b""
     while True:

@@ -35,6 +35,8 @@ from elid_cli.robot.urdf.xml import Element, parse_xml
 
 MOVING = {"hinge": "revolute", "slide": "prismatic"}
 DEEPEST_INCLUDE = 10
+SPRING = "link_spring"
+"""Effect that `stiffness` and `springref` of a joint stand for."""
 
 
 @dataclass
@@ -237,7 +239,7 @@ class MjcfTree:
             rest = item.element.number("springref", 0.0)
             if item.element.attributes.get("type", "hinge") == "hinge":
                 rest = self.conventions.angle(rest)
-            yield EffectSpec("link_spring", item.name, {"stiffness": stiffness, "preload": -stiffness * rest})
+            yield EffectSpec(SPRING, item.name, {"stiffness": stiffness, "preload": -stiffness * rest})
 
     def _refuse_loops(self) -> None:
         for holder in self.root.all("equality"):

@@ -84,7 +84,7 @@ def scene_of(robot: Robot, samples: int = N, seed: int = 0, motion: Motion | Non
     parameters = np.nan_to_num(robot.reference())
     predicted = torque_of(robot, motion, parameters).sum(axis=0)
     stiffness = np.array([joint.parameters.get("K", np.nan) for joint in robot.joints])
-    load = np.nan_to_num(stiffness) * (motion.theta - motion.q)
+    load = np.where(np.isfinite(stiffness), np.nan_to_num(stiffness) * (motion.theta - motion.q), 0.9 * predicted)
     return Scene(
         robot=robot,
         motion=motion,

@@ -79,7 +79,7 @@ def test_friction_of_the_load_follows_the_spring_or_the_motor(spatial_scene: Sce
     s = spatial_scene
     elastic = 0.1 * np.abs(4000 * (s.motion.theta[:, 0] - s.motion.q[:, 0])) * np.tanh(s.motion.dtheta[:, 0] / 5e-3)
     np.testing.assert_allclose(total("load_friction", s, 0)[EquationRow("motor", 0)], elastic, atol=1e-9)
-    rigid = 0.1 * np.abs(s.tau[:, 1]) * np.tanh(s.motion.dq[:, 1] / 5e-4)  # prismatic
+    rigid = 0.1 * np.abs(s.load[:, 1]) * np.tanh(s.motion.dq[:, 1] / 5e-4)  # prismatic
     np.testing.assert_allclose(total("load_friction", s, 1)[EquationRow("motor", 1)], rigid, atol=1e-9)
 
 

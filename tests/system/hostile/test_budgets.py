@@ -210,6 +210,8 @@ def test_standard_input_without_end() -> None:
     )  # fmt: skip
     yes.kill()
     yes.wait()
+    assert yes.stdout is not None
+    yes.stdout.close()
     assert done.returncode == 3, done
     assert "standard input: more than 1024 MiB" in done.stderr
 
