@@ -23,9 +23,11 @@ from elid_cli.model.regressor import EstimationRow
 
 SIGNIFICANT = 4.0
 """Standard deviations a nuisance must differ from zero to be corrected."""
+LIKELY = 2.0
+"""Standard deviations within which a delay agrees with others."""
 FAR = 8.0
 """The same for a delay longer than a sample."""
-LONGEST = 0.02
+LONGEST = 0.025
 """Longest delay of a torque channel, s, that is corrected."""
 DELAY = effect_that(nuisance="delay").name
 OFFSET = effect_that(nuisance="offset").name
@@ -154,8 +156,17 @@ def beyond_doubt(
     needed = np.where(delays & ~short, FAR, SIGNIFICANT)
     kept: NDArray[np.bool_] = sound & (size > needed * deviations)
     may = delays & sound & (short | ((values > 0) & (size <= longest) & (size > FAR * deviations)))
-    weight = 1.0 / np.square(deviations[may & (deviations > 0)])
-    mean = float(weight @ values[may & (deviations > 0)]) if len(weight) else 0.0  # times the weights' sum
-    late = late or bool(kept[may].any()) or abs(mean) > SIGNIFICANT * float(np.sqrt(weight.sum()))
-    kept[delays] = may[delays] & late
+    here = may & (deviations > 0)
+    if here.any() and not late:
+        # the channels of a log are sampled alike: each agrees with one that is beyond doubt, or with the mean of all
+        weight = 1.0 / np.square(deviations[here])
+        mean, spread = float(weight @ values[here] / weight.sum()), float(1.0 / np.sqrt(weight.sum()))
+        firm = [(float(values[k]), float(deviations[k])) for k in np.flatnonzero(kept & may)]
+        if abs(mean) > SIGNIFICANT * spread:
+            firm.append((mean, spread))
+        agree = [np.abs(values - value) <= LIKELY * np.hypot(deviations, deviation) for value, deviation in firm]
+        may &= np.any(agree, axis=0) if agree else False
+        if longest <= dt:  # a search holds effects against the model: what does not show by itself is none of it
+            may &= size > LIKELY * deviations
+    kept[delays] = may[delays]
     return kept
