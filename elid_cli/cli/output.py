@@ -28,7 +28,7 @@ def check_output(output: Output) -> None:
     for name in output.report:
         formats.check_destination(Path(name))
     if output.plot is not None:
-        formats.check_drawing(Path(output.plot))
+        formats.check_drawing(Path(output.plot), output.plot_format)
 
 
 def pictures_wanted(output: Output) -> bool:

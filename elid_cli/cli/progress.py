@@ -26,7 +26,7 @@ def progress(output: Output, first: str = "reading") -> Iterator[Progress | None
         yield None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
 
     color = wants_color(sys.stderr, output.color)
@@ -38,7 +38,10 @@ def progress(output: Output, first: str = "reading") -> Iterator[Progress | None
         SpinnerColumn(spinner),
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
+        TimeElapsedColumn(),
+        TextColumn("about", style="dim"),
         TimeRemainingColumn(),
+        TextColumn("left", style="dim"),
     )
     with Bars(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bars:
         task = bars.add_task(first, total=None)
@@ -47,9 +50,10 @@ def progress(output: Output, first: str = "reading") -> Iterator[Progress | None
         def advance(stage: str, share: float) -> None:
             nonlocal task
             stage = visible(stage)
-            if bars.tasks[-1].description != stage:
+            # what stands behind a comma is a detail of the same stage, whose clock goes on
+            if bars.tasks[-1].description.partition(",")[0] != stage.partition(",")[0]:
                 bars.remove_task(task)
                 task = bars.add_task(stage, total=1.0)
-            bars.update(task, total=1.0, completed=min(max(share, 0.0), 1.0))
+            bars.update(task, description=stage, total=1.0, completed=min(max(share, 0.0), 1.0))
 
         yield advance

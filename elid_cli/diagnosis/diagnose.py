@@ -91,6 +91,8 @@ def diagnose(
         See `DiagnoseOptions`.
     progress
         Called with a label and the finished part, 0 to 1.
+
+    Ctrl-C during the search ends it: the diagnosis is `partial` then and holds what was found so far.
     """
     options = options or DiagnoseOptions()
     robot = as_observed(robot, signals)
@@ -104,13 +106,20 @@ def diagnose(
     }
     plain = reweighted(to_triangles(log.training, (), log.fold), log.base.count).values[: model.parameters]
     declared = [d.effect for d in declared_effects(model.robot, scene_of(model, signals, plain))]
-    searched = retimed(search(log, declared, library, progress, options.jobs), len(declared))
+    searched = search(log, declared, library, progress, options.jobs)
+    if searched.partial and progress is not None:
+        progress("finishing with what was found; Ctrl-C again stops at once", 0.0)
+    searched = retimed(searched, len(declared))
     found, refuted = _surviving(searched, len(declared))
     known = len(declared) + found.kept
     found = by_known_values(found, known)
-    found = with_whole_curves(found, known, progress, asked=options.accurate)
+    if not found.partial:
+        try:
+            found = with_whole_curves(found, known, progress, asked=options.accurate)
+        except KeyboardInterrupt:
+            found = replace(found, partial=True)
     named, curves = found.after, list[Effect]()
-    if options.lookup:
+    if options.lookup and not found.partial:
         found, curves = _with_curves(found)
     return replace(result(robot, log, found, known, curves, named), refuted=refuted)
 

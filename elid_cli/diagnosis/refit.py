@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -121,6 +121,8 @@ class Contribution:
     rows: str
     without: float
     with_it: float
+    whole_without: float
+    """Without all terms of the curve that the effect is a term of; as `without` where it stands alone."""
 
 
 def contributions(found: Diagnosis) -> tuple[Contribution, ...]:
@@ -129,16 +131,30 @@ def contributions(found: Diagnosis) -> tuple[Contribution, ...]:
     fitted = [e for e in (*found.effects, *found.curves) if e.deflection is None]
     first = len(state.effects) - len(fitted)
     seen = [_seen(effect) for effect in found.effects if effect.deflection is not None]
-    return (*seen, *(_contribution(state, first + k, effect) for k, effect in enumerate(fitted)))
+    places = [(effect.effect, effect.joint) for effect in fitted]
+    return (
+        *seen,
+        *(
+            _contribution(state, first + k, effect, [first + n for n, p in enumerate(places) if p == places[k]])
+            for k, effect in enumerate(fitted)
+        ),
+    )
 
 
 def _seen(effect: FoundEffect) -> Contribution:
     """Return what an effect seen in the positions takes from the deflection, rad."""
     outside, inside = effect.deflection or (float("nan"), float("nan"))
-    return Contribution(effect, effect.joint or "", "deflection", outside, inside)
+    return Contribution(effect, effect.joint or "", "deflection", outside, inside, outside)
 
 
-def _contribution(state: State, number: int, effect: FoundEffect) -> Contribution:
+def without_terms(state: State, numbers: Sequence[int]) -> State:
+    """Return the model without some of its effects, fitted."""
+    for number in sorted(numbers, reverse=True):
+        state = without(state, number)
+    return state
+
+
+def _contribution(state: State, number: int, effect: FoundEffect, terms: Sequence[int]) -> Contribution:
     lacking = without(state, number)
     outside, inside = held_out_triangles(lacking), held_out_triangles(state)
     present = [row for row in state.columns[number].rows if row in inside.rows]
@@ -147,4 +163,8 @@ def _contribution(state: State, number: int, effect: FoundEffect) -> Contributio
     }
     row = min(errors, key=lambda r: errors[r][1] / max(errors[r][0], 1e-300))
     joint = state.log.model.robot.joint_names[row.joint]
-    return Contribution(effect, joint, row.kind, *errors[row])
+    whole = errors[row][0]
+    if len(terms) > 1:
+        bare = without_terms(state, terms)
+        whole = held_out_triangles(bare).rms(bare.solution.values, row)
+    return Contribution(effect, joint, row.kind, *errors[row], whole)

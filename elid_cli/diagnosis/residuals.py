@@ -90,15 +90,15 @@ def words(rows: tuple[RowState, ...]) -> tuple[str, ...]:
             sentences += _sensor_words(joint, {kind: ratio.get((joint, kind), 0.0) for kind in SENSOR_KINDS})
         elif motor is None:
             if total > HIGH:
-                sentences.append(f"{joint}: torque row {total:.1f} times its floor (rigid joint: one row)")
+                sentences.append(f"{joint}: {total:.1f} times the sensors' noise is left (rigid joint: one equation)")
         elif motor > HIGH >= total:
-            sentences.append(f"{joint}: spring path: motor row {motor:.1f} times its floor, sum row at the floor")
+            sentences.append(f"{joint}: the transmission: motor side {motor:.1f} times the noise, whole joint at it")
         elif motor > HIGH and total > HIGH:
             sentences.append(
-                f"{joint}: motor side or torque channel: sum row {total:.1f} and motor row {motor:.1f} times the floor"
+                f"{joint}: motor side or torque channel: whole joint {total:.1f}, motor side {motor:.1f} × noise"
             )
         elif total > HIGH:
-            sentences.append(f"{joint}: link side: sum row {total:.1f} times its floor, motor row at the floor")
+            sentences.append(f"{joint}: link side: whole joint {total:.1f} times the noise, motor side down to it")
     if len(high_sum) > 1:
         sentences.append(f"several joints at once ({', '.join(high_sum)}): payload, gravity, contact or the base, too")
     return tuple(sentences)
@@ -114,8 +114,9 @@ def _sensor_words(joint: str, ratio: Mapping[str, float]) -> list[str]:
         side = where[high[0]]
     else:  # what the rows share is the reading
         side = "joint torque sensor, or more than one side"
-    sizes = ", ".join(f"{kind} row {ratio[kind]:.1f}" for kind in SENSOR_KINDS)
-    return [f"{joint}: {side}: {sizes} times its floor"]
+    named = {"load": "link side", "drive": "drive", "spring": "transmission"}
+    sizes = ", ".join(f"{named[kind]} {ratio[kind]:.1f}" for kind in SENSOR_KINDS)
+    return [f"{joint}: {side}: {sizes} times the noise"]
 
 
 def organise(state: State, row: EstimationRow) -> list[Organised]:

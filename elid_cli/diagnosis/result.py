@@ -125,6 +125,8 @@ class Diagnosis(Shown):
     """The log as identification takes it; None: prepared from the recording with the usual options."""
     curves: tuple[FoundEffect, ...] = ()
     """Smooth curves added by request where no named effect explains the structure."""
+    partial: bool = False
+    """Whether Ctrl-C ended the search: what it had not come to may be missing as well."""
     refuted: tuple[Survival, ...] = ()
     """Effects that the search found and that make some quarter of the log, predicted from the others, worse."""
 

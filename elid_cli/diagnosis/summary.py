@@ -70,6 +70,7 @@ def result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence
         state_before=before,
         state_after=after,
         curves=extra,
+        partial=found.partial,
     )
 
 
@@ -127,7 +128,7 @@ def _term(state: State, number: int, term: Term) -> FoundEffect:
         net=term.net,
         folds=(),
         local=False,
-        summary="term of a friction curve, told by collocation",
+        summary="further term of a friction curve",
         collocated=True,
     )
 

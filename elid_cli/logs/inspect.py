@@ -125,6 +125,12 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     )
 
 
+def guessed_robot(path: str | Path) -> Robot:
+    """Return the joints that a log names itself, as a robot of which nothing else is known (LogError as above)."""
+    source = open_source(path)
+    return _guessed(recognise(source).open(source)[0])
+
+
 def _guessed(raw: RawLog) -> Robot:
     """Return a robot of the joints that a log names, elastic where it has both sides."""
     joints = tuple(Joint(name, transmission="rigid") for name in _joint_names(raw))

@@ -22,6 +22,7 @@ STRIBECK = "stribeck@joint2:amplitude=-0.4,velocity=0.1"
 
 LINES = {
     "info": [f"info {SAMPLES}/planar2.csv", f"info {SAMPLES}/planar2.mcap --robot planar2"],
+    "plot": [f"plot {SAMPLES}/planar2.csv", f"plot {SAMPLES}/planar2.mcap --robot planar2"],
     "identify": [
         f"identify {SAMPLES}/planar2.h5 --robot planar2 --physical",
         f"identify {SAMPLES}/planar2.h5 short.h5 --robot planar2",
@@ -30,7 +31,10 @@ LINES = {
     ],
     "classify": ["classify --robot puma560", f"classify {SAMPLES}/planar2.h5 --robot planar2"],
     "diagnose": ["diagnose short.h5 --robot planar2 --only stribeck --check sensors.h5"],
-    "validate": [f"validate {SAMPLES}/planar2.h5 --robot planar2 --held-out"],
+    "validate": [
+        f"validate {SAMPLES}/planar2.h5 --robot planar2 --held-out",
+        f"validate {SAMPLES}/planar2.h5 short.h5 --robot planar2 --against planar2",
+    ],
     "reduce": [f"reduce {SAMPLES}/planar2.h5 --robot planar2 -o reduced.npz"],
     "simulate": [f"simulate --robot planar2 --duration 1 -o try.csv --effect {STRIBECK}"],
     "excite": ["excite --robot planar2 --duration 4 -o try.csv --for K1"],

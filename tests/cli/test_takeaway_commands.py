@@ -87,7 +87,7 @@ def test_identify_writes_a_page_and_a_folder_of_figures(
     assert text.startswith("<!doctype html>")
     assert "<svg" in text
     names = {path.stem for path in folder.iterdir()}
-    assert {"torque_joint1", "residual_joint2", "springs", "parameters", "classification", "coverage"} <= names
+    assert {"torque_joint1", "residual_joint2", "spring_joint1", "parameters", "classification", "coverage"} <= names
     assert all(f'id="f-{name}"' in text for name in names)
     assert not [path for path in tmp_path.iterdir() if path.suffix == ".part" or path.name.startswith(".")]
 

@@ -117,9 +117,10 @@ def test_the_refined_robot_lacks_nothing_more(answer, elid, place: Place) -> Non
 def test_the_report_goes_from_the_residual_to_the_next_command(report) -> None:
     text = report("stribeck.h5", COLUMNS="80")
     order = (
-        "planar2 · stribeck.h5", "recorded", "what the model leaves", "joint1: spring path", "missing from the model",
-        "stribeck joint1", "amplitude", "not distinguishable here: nothing", "error on the held-out stretches",
-        "after: every row within", "moved by it: fs1",
+        "planar2 · stribeck.h5", "can I trust it?", "what is missing?", "Stribeck at joint1", "what to record next?",
+        "missing from the model", "stribeck joint1", "amplitude", "not distinguishable here: nothing",
+        "error on the held-out stretches", " → good", "what the model leaves", "joint1: the transmission",
+        "parameters that this log tells", "moved by what was missing: fs1", "how it was computed", "recorded",
         f"Next: elid diagnose stribeck.h5 --robot arm.yaml {' '.join(FEW)} --write-robot",
     )  # fmt: skip
     places = [text.find(words) for words in order]
@@ -130,9 +131,9 @@ def test_the_report_goes_from_the_residual_to_the_next_command(report) -> None:
 
 def test_a_sufficient_model_is_called_so_with_its_floor(report) -> None:
     text = report("clean.h5", "--lookup")
-    assert "The model is sufficient: every row is within 1.3 of its noise floor" in " ".join(text.split())
-    assert "× floor" in text
-    assert "missing" not in text
+    assert "Nothing: only the sensors' noise is left" in " ".join(text.split())
+    assert "× noise" in text
+    assert "missing from the model" not in text
     assert text.splitlines()[-1].startswith("Next: elid identify clean.h5")
 
 

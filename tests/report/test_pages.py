@@ -44,14 +44,24 @@ def taken(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_page_of_a_diagnosis_opens_with_what_it_found(taken: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = (taken / "page.html").read_text("utf-8")
-    summary = text[text.index('class="summary"') : text.index("</section>")]
-    for word in ("stribeck", "joint1", "Missing from the model", "Error on the held-out stretches", "N·m"):
-        assert word in summary
-    assert text.index('class="summary"') < text.index("<figure")
+    answers = text[text.index("class=answers") : text.index("</section>")]
+    for word in ("Stribeck at joint1", "Can I trust it?", "What to record next?", "base parameters are known"):
+        assert word in answers
+    assert "→ good" in text[text.index("class=lights") : text.index("<figure")]
+    assert text.count('id="f-effect1"') == 1
+    assert "friction curve" in text
     assert not re.search(r'(src|href)="(?!data:|#)', text), "nothing is fetched"
     assert "sha256" in text[text.index("<footer>") :]
     assert "numpy" in text[text.index("<footer>") :]
-    for key in ("effect1", "torque_joint1", "residual_joint1", "springs", "parameters", "classification", "coverage"):
+    for key in (
+        "effect1",
+        "torque_joint1",
+        "residual_joint1",
+        "spring_joint1",
+        "parameters",
+        "classification",
+        "coverage",
+    ):
         assert f'id="f-{key}"' in text
 
 

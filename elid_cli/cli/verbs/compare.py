@@ -26,14 +26,19 @@ def compare(results: tuple[str, ...], sigmas: float, fail_on_change: bool, outpu
 
     Every result is compared with the first; parameters that moved by more than their uncertainty are listed.
     """
-    from elid_cli.cli.output import LimitError, check_output, emit
+    from elid_cli.cli.output import LimitError, check_output, emit, pictures_wanted
     from elid_cli.estimation.comparison import compare as compare_results
     from elid_cli.estimation.comparison import read_result
     from elid_cli.report.answers.comparison import comparison_report
 
     check_output(output)
     comparisons = compare_results([read_result(result) for result in results])
-    emit(comparison_report(comparisons, sigmas), output)
+    report = comparison_report(comparisons, sigmas)
+    if pictures_wanted(output):
+        from elid_cli.report.figures.build import comparison_figures, with_figures
+
+        report = with_figures(report, comparison_figures(comparisons))
+    emit(report, output)
     moved = {c.other.file: len(c.moved(sigmas)) for c in comparisons if c.moved(sigmas)}
     if fail_on_change and moved:
         raise LimitError("; ".join(f"{file}: {n} parameter{'s' * (n != 1)} moved" for file, n in moved.items()))

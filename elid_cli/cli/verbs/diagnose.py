@@ -135,10 +135,12 @@ def diagnose(
 
             report = with_figures(report, diagnosis_figures(found, told.after, told.contributions, signals))
         refusal = write_found(
-            write_robot, found.written_robot, remarks(told.after) if write_robot else (), told.after, found.after,
+            () if found.partial else write_robot, found.written_robot, remarks(told.after) if write_robot else (), told.after, found.after,
             (lambda plain: identify(plain, signals)) if drop_effects else None, output,
         )  # fmt: skip
     emit(report, output)
+    if found.partial:
+        raise KeyboardInterrupt  # main knows its exit code
     if refusal:
         raise refusal
     _check(told, gates, [*(_lacks(found) if fail_on_effect else ()), *(_leaves(found) if fail_on_unexplained else ())])

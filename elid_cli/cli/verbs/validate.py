@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
 from elid_cli.cli.options import Conditioning, Gates, Output, Reading
 
+if TYPE_CHECKING:
+    from elid_cli.robot.robot import Robot
 
-@verb("elid validate run08.mcap --robot identified.yaml --max-error 5%")
+
+@verb(
+    "elid validate run08.mcap --robot identified.yaml --max-error 5%",
+    "elid validate run08.mcap run09.mcap --robot identified.yaml --against datasheet.yaml --report compared.html",
+)
 @options.logs()
 @options.robot
 @options.reading
 @options.conditioning
 @options.held_out
+@options.option(
+    options.INPUT,
+    "--against",
+    multiple=True,
+    metavar="ROBOT",
+    help="Another robot file to judge on the same logs, beside the first. Repeatable.",
+)
 @options.gathered("gates", Gates, options.max_error)
 @options.output
 def validate(
@@ -21,6 +36,7 @@ def validate(
     reading: Reading,
     conditioning: Conditioning,
     held_out: bool,
+    against: tuple[str, ...],
     gates: Gates,
     output: Output,
 ) -> None:
@@ -33,6 +49,7 @@ def validate(
     check_output(output)
     with progress(output, "reading") as advance:
         from elid_cli.estimation.stretches import search_folds, spans
+        from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
         from elid_cli.estimation.validation.prediction import validate as judge
         from elid_cli.report.answers.validation import validation_report
 
@@ -42,10 +59,26 @@ def validate(
         chosen = search_folds(len(signals.outputs)) < 0 if held_out else None
         found = judge(machine, signals, chosen)
         stretches = () if chosen is None else spans(found.observation.t, chosen)
-        report = validation_report(found, recording, robot, stretches)
+        cases = errors_by_log(machine, signals, recording.files, chosen)
+        if against:
+            named = [(robot, found), *((name, judge(_alike(name, machine), signals, chosen)) for name in against)]
+            cases = (*cases, *(ByLog(name, judged.error) for name, judged in named))
+        report = validation_report(found, recording, robot, stretches, cases)
         if pictures_wanted(output):
             from elid_cli.report.figures.build import validation_figures, with_figures
 
-            report = with_figures(report, validation_figures(found, signals))
+            report = with_figures(report, validation_figures(found, signals, cases))
     emit(motor_rows_told(report, gates, found.error, output), output)
     check_gates(gates, found.error)
+
+
+def _alike(name: str, first: Robot) -> Robot:
+    """Return the robot of that name, with the joints of the first (UsageError where it has others)."""
+    from elid_cli.cli.inputs import load_robot
+    from elid_cli.errors import UsageError
+
+    other = load_robot(name)
+    if other.joint_names != first.joint_names:
+        detail = f"{', '.join(other.joint_names)} against {', '.join(first.joint_names)}"
+        raise UsageError(f"--against {name}: other joints than those of {first.name}", detail=detail)
+    return other

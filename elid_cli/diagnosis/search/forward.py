@@ -93,6 +93,8 @@ class Found:
     """By number of the effect: terms of curves that the collocation told."""
     kept: int = 0
     """How many effects after the declared ones stay in the model without being named."""
+    partial: bool = False
+    """Whether Ctrl-C ended it."""
 
 
 def search(
@@ -122,26 +124,29 @@ def search(
     state, seen = _against_friction(before, state, seen, library)
     state, steps = _measurement_first(state, library)
     remaining: list[Candidate] = []
-    tried = 0
+    tried, partial = 0, False
     refused: set[tuple[str, int]] = set()
-    for number in range(STEPS):
-        candidates = screen(state, library, progress, f"screening, step {number + 1}", jobs)
-        tried = max(tried, len(candidates))
-        chosen = _choose(state, [c for c in candidates if c.key not in refused])
-        remaining = candidates
-        if chosen is None:
-            break
-        grown = refreshed(fit(state.log, (*state.effects, chosen.candidate.effect), state.scene))
-        if not worthwhile(state, grown, chosen.candidate):
-            refused.add(chosen.candidate.key)
-            if len(refused) > REFUSALS:
+    try:
+        for number in range(STEPS):
+            candidates = screen(state, library, progress, f"search {number + 1}", jobs)
+            tried = max(tried, len(candidates))
+            chosen = _choose(state, [c for c in candidates if c.key not in refused])
+            remaining = candidates
+            if chosen is None:
                 break
-            continue
-        state = grown
-        steps.append(chosen)
-    state, steps = _pruned(state, steps, len(declared))
-    state = _polished(state, len(declared))
-    return Found(before, state, tuple(steps), tuple(remaining[:5]), tried, seen)
+            grown = refreshed(fit(state.log, (*state.effects, chosen.candidate.effect), state.scene))
+            if not worthwhile(state, grown, chosen.candidate):
+                refused.add(chosen.candidate.key)
+                if len(refused) > REFUSALS:
+                    break
+                continue
+            state, steps = grown, [*steps, chosen]
+    except KeyboardInterrupt:  # whoever waits no longer gets what is found so far
+        partial = True
+    if not partial:
+        state, steps = _pruned(state, steps, len(declared))
+        state = _polished(state, len(declared))
+    return Found(before, state, tuple(steps), tuple(remaining[:5]), tried, seen, partial=partial)
 
 
 def at_floor(state: State) -> bool:

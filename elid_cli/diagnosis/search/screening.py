@@ -120,7 +120,7 @@ def screen(
     library
         Effects to try.
     progress
-        Called with `label` and the finished part, 0 to 1.
+        Called with `label`, effect and joint, and the finished part, 0 to 1.
     label
         What is being done, for the progress.
     jobs
@@ -133,7 +133,9 @@ def screen(
 
     def tried(number: int) -> tuple[list[Candidate], Fresh]:
         if progress is not None:
-            progress(label, number / len(parts))
+            kind, joint = parts[number][0]
+            name = state.log.model.robot.joint_names[joint]
+            progress(f"{label}, {kind.name.replace('_', ' ')} at {name}", number / len(parts))
         with known.fresh() as fresh:
             best = [_best_shape(state, kind, joint, len(groups)) for kind, joint in parts[number]]
             return _settled([candidate for candidate in best if candidate is not None]), fresh

@@ -157,7 +157,9 @@ class ByLog:
     error: Mapping[str, JointError]
 
 
-def errors_by_log(robot: Robot, signals: Signals, files: Sequence[str]) -> tuple[ByLog, ...]:
+def errors_by_log(
+    robot: Robot, signals: Signals, files: Sequence[str], chosen: NDArray[np.bool_] | None = None
+) -> tuple[ByLog, ...]:
     """Return each log's error, predicted by one robot description; nothing where there is only one log.
 
     Parameters
@@ -168,6 +170,8 @@ def errors_by_log(robot: Robot, signals: Signals, files: Sequence[str]) -> tuple
         The joined logs; `Segment.source` counts the files.
     files
         Names of the logs.
+    chosen
+        Instants to judge, (M,), default all.
 
     """
     if len(files) < 2:
@@ -176,7 +180,7 @@ def errors_by_log(robot: Robot, signals: Signals, files: Sequence[str]) -> tuple
     sources = np.array([segment.source for segment in signals.segments], dtype=np.intp)[observation.stretch]
     judged = []
     for number, file in enumerate(files):
-        here = sources == number
+        here = (sources == number) & (True if chosen is None else chosen)
         if here.any():
             judged.append(ByLog(file, validate(robot, signals, here, observation=observation).error))
     return tuple(judged)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from elid_cli.estimation.comparison import Change, Comparison, SavedResult
+from elid_cli.report.answers.summary import share_text
 from elid_cli.report.tree import (
     Cell,
     Column,
@@ -91,7 +92,9 @@ def _errors(results: Sequence[SavedResult]) -> list[Section]:
     if not joints:
         return []
     columns = (Column("joint", "joint"), *(Column(f"r{k}", f"result {k}", align="right") for k in _numbers(results)))
-    rows: list[tuple[Cell, ...]] = [(joint, *(percent(r.error.get(joint)) for r in results)) for joint in joints]
+    rows: list[tuple[Cell, ...]] = [
+        (joint, *(None if (e := r.error.get(joint)) is None else share_text(e) for r in results)) for joint in joints
+    ]
     return [Table("error", columns, tuple(rows), title="held-out error, share of torque")]
 
 

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 
 from elid_cli.diagnosis import Diagnosis
-from elid_cli.diagnosis.residuals import RowState
+from elid_cli.report.answers.classification import reasons_table
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
 from elid_cli.report.answers.diagnosis_json import diagnosis_payload
 from elid_cli.report.answers.diagnosis_tables import (
     before_after_table,
     effect_sections,
+    further_items,
+    missing_words,
     refuted_section,
     residual_table,
     unexplained_section,
 )
-from elid_cli.report.answers.identification import AT_FLOOR, torque_unit
+from elid_cli.report.answers.identification import base_table, torque_unit
 from elid_cli.report.answers.inputs import (
     Items,
     command,
@@ -25,13 +27,18 @@ from elid_cli.report.answers.inputs import (
     span_words,
     used_items,
 )
-from elid_cli.report.tree import KeyValues, Report, Section, Text, number_text, percent
+from elid_cli.report.answers.summary import answers, parameter_words, record_sections, share_text, trust_words
+from elid_cli.report.tree import KeyValues, Report, Section, Text, number_text
 from elid_cli.signals.recording import Recording
 
 MOVED = 3.0
 """Shift of a base parameter, in standard deviations, that is worth a word."""
 WORSE = 1.1
 """Error after over that before on another log from which it speaks against what was found."""
+PARTIAL = (
+    "stopped by Ctrl-C: this is what the search had found so far; more effects may be missing, and no robot file is"
+    " written"
+)
 NAMED = 5
 """How many moved base parameters are named."""
 
@@ -45,9 +52,14 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
         *nuisance_items(found.robot, found.nuisances),
         *_tried(found),
     )
+    sharper = further_items(told)
+    record, planned = record_sections(told.after, sharper, (recording.files[0], told.robot_argument))
     sections: list[Section] = [
         heading(found.robot, recording),
-        KeyValues("inputs", facts),
+        answers(_trust_words(told), missing_words(told) + _loud_words(told), parameter_words(told.after), record),
+        *([Text("partial", PARTIAL, "warning")] if found.partial else []),
+        *(Text(f"against{k}", line, "warning") for k, line in enumerate(_against(told))),
+        *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *told.after.warnings))),
         *result_sections(told),
         *(
             before_after_table(
@@ -55,21 +67,23 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
             )
             for k, check in enumerate(told.checks)
         ),
-        *(Text(f"against{k}", line, "warning") for k, line in enumerate(_against(told))),
-        *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *told.after.warnings))),
-        *_meaning(told),
+        replace(base_table(told.after), note=_moved_words(told)),
+        *reasons_table(told.after),
+        *planned,
+        KeyValues("inputs", facts, "how it was computed"),
+        Text("next", _next(told), "next"),
     ]
     return Report("diagnose", diagnosis_payload(told), tuple(sections))
 
 
 def result_sections(told: DiagnosisInput) -> list[Section]:
-    """Return what was found: residuals, effects, the error before and after, what stays."""
+    """Return what was found: effects, the error before and after, residuals, what stays."""
     found = told.found
     return [
-        residual_table(found),
-        *([Text("triage", "\n".join(found.triage))] if found.triage else []),
         *effect_sections(told),
         before_after_table("before_after", found.robot, found.before, found.after, "error on the held-out stretches"),
+        residual_table(found),
+        *([Text("triage", "\n".join(found.triage))] if found.triage else []),
         *refuted_section(found),
         *unexplained_section(found),
     ]
@@ -80,69 +94,47 @@ def _tried(found: Diagnosis) -> Items:
     return (("tried", f"{found.tried} {many}; held out of the search: {span_words(found.held_out)}"),)
 
 
-def _meaning(told: DiagnosisInput) -> list[Section]:
-    found = told.found
-    sections: list[Section] = []
-    if found.sufficient:
-        limit = number_text(AT_FLOOR)
-        sticking = any(r.ratio > AT_FLOOR >= r.away for r in found.rows_after)
-        where = " away from reversals" if sticking else ""
-        text = f"The model is sufficient: every row is within {limit} of its noise floor{where}; no effect improves it."
-        if loud := [r for r in found.rows_after if r.high]:
-            text = f"The model is sufficient: no effect improves it. {_loud(told, loud)}"
-        keep = ("--write-robot", f"{found.robot.name}-identified.yaml")
-        line = command("identify", told.recording, told.robot_argument, *keep)
-        return [Text("meaning", text), Text("next", line, "next")]
-    if told.contributions:
-        sections.append(Text("meaning", "\n".join(_outcome(told))))
-    return [*sections, Text("next", _next(told), "next")]
-
-
-def _loud(told: DiagnosisInput, rows: Sequence[RowState]) -> str:
-    """Return in words which rows hold more than white noise that has nothing to do with the motion."""
+def _loud_words(told: DiagnosisInput) -> str:
+    """Return in words which row holds more than white noise that has nothing to do with the motion."""
+    rows = [row for row in told.found.rows_after if row.high]
+    if not rows or told.found.unexplained:
+        return ""
     worst = max(rows, key=lambda row: row.ratio)
     memory = [n.correlation for n in told.after.noise if n.joint == worst.joint]
     lasts = f" and remembers {max(memory) * 1e3:.0f} ms" if memory else ""
     return (
-        f"What is left at {worst.joint}, {number_text(worst.ratio, 2)} times the sensors' white noise, does not follow "
+        f" What is left at {worst.joint}, {number_text(worst.ratio, 2)} times the sensors' white noise, does not follow "
         f"the motion{lasts}: noise of the torque."
     )
 
 
-def _outcome(told: DiagnosisInput) -> list[str]:
-    """Return in words where the model after stands, and what the missing effects had moved."""
-    found = told.found
-    worst = _worst(found)
-    words = [
-        f"after: every row within {number_text(worst, 3)} of its floor"
-        if worst <= AT_FLOOR
-        else f"after: more than the sensors' noise is left, up to {number_text(worst, 3)} times the floor"
-    ]
-    loud = [row for row in found.rows_after if row.high]
-    if loud and not found.unexplained:
-        words.append(_loud(told, loud))
-    moved = [m for m in found.moved if abs(m.deviations) > MOVED]
+def _trust_words(told: DiagnosisInput) -> str:
+    words = trust_words(told.found.robot, told.found.after)
+    verdict, _, rest = words.partition(": ")
+    if not told.contributions or not rest:
+        return words
+    return f"{verdict}, once what is missing is added: {rest}"
+
+
+def _moved_words(told: DiagnosisInput) -> str:
+    """Return what the missing effects had moved, and what is known of the parameters' errors."""
+    words = ["of the model after" if told.contributions else ""]
+    moved = [m for m in told.found.moved if abs(m.deviations) > MOVED]
     if moved:
         named = ", ".join(f"{m.name} {m.deviations:+.0f} sd" for m in moved[:NAMED])
-        words.append(f"moved by it: {named}{f' and {len(moved) - NAMED} more' if len(moved) > NAMED else ''}")
+        words.append(f"moved by what was missing: {named}{f' and {len(moved) - NAMED} more' * (len(moved) > NAMED)}")
     if referenced(told.before):
-        first, last = (percent(m.normalised_mean_error()).value for m in (told.before, told.after))
-        words.append(
-            f"mean error against the robot file's parameters: {number_text(first, 3)} → {number_text(last, 3)} %"
-        )
-    return words
-
-
-def _worst(found: Diagnosis) -> float:
-    """Return the largest held-out error over its floor, as the table before it shows; without floors, of the fit."""
-    pairs = [(e.rms, e.floor) for e in found.after.values()]
-    pairs += [(e.spring_rms, e.spring_floor) for e in found.after.values() if e.spring_rms is not None]
-    ratios = [rms / floor for rms, floor in pairs if floor and rms is not None]
-    return max(ratios) if ratios else max(row.ratio for row in found.rows_after)
+        first, last = (share_text(m.normalised_mean_error()) for m in (told.before, told.after))
+        change = f"{first} → {last}" if told.contributions else last
+        words.append(f"mean error against the robot file's parameters: {change}")
+    return "\n".join(word for word in words if word)
 
 
 def _next(told: DiagnosisInput) -> str:
     found, recording = told.found, told.recording
+    if found.sufficient:
+        keep = ("--write-robot", f"{found.robot.name}-identified.yaml")
+        return command("identify", recording, told.robot_argument, *keep)
     if told.written is not None:
         return command("validate", recording, told.written, "--held-out")
     if told.contributions:

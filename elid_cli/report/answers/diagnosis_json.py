@@ -46,6 +46,7 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
             for (joint, rows), entries in found.organised.items()
             for o in entries
         ],
+        **({"partial": True} if found.partial else {}),
         "sufficient": found.sufficient,
         "tried": found.tried,
         "held_out": [list(span) for span in found.held_out],

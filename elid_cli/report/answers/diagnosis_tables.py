@@ -14,8 +14,9 @@ from elid_cli.estimation.result import JointError
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
-from elid_cli.report.answers.identification import AT_FLOOR, torque_unit
-from elid_cli.report.answers.inputs import effect_text
+from elid_cli.report.answers.identification import LIGHTS, torque_unit
+from elid_cli.report.answers.inputs import Items, effect_text
+from elid_cli.report.answers.summary import AT_FLOOR, light, listed, share_text
 from elid_cli.report.tree import (
     Cell,
     Column,
@@ -69,20 +70,82 @@ NEAR = 0.005
 """Share of the residual that an effect must take away to be called near."""
 STICKING = "reversals"
 """What the residual of a motor that sticks or creeps follows."""
-CURVES = (
-    "gain of a friction curve of several terms: of what the held-out stretches show beyond noise when the trajectory is"
-    " held to the equations of motion, what all terms take together"
-)
+SIDES = {
+    "sum": "whole joint", "motor": "motor side", "load": "link side", "drive": "drive", "spring": "transmission",
+    "deflection": "deflection",
+}  # fmt: skip
+"""Equation of a joint, by its name in JSON -> as people read it."""
+SIDE_NOTES = {
+    "sum": "whole joint: motor torque against link and motor together",
+    "motor": "motor side: with the transmission's torque from the measured deflection",
+    "load": "link side: torque sensor against the bodies",
+    "drive": "drive: motor torque less the sensor's against rotor and friction",
+    "spring": "transmission: torque sensor against the deflection",
+}
+VAGUE_ERROR = 0.1
+"""Relative standard error from which on another log should sharpen an effect's amplitude."""
+
+
+def missing_words(told: DiagnosisInput) -> str:
+    """Return what the model lacks, and what it is worth, in a sentence."""
+    found = told.found
+    named = [c for c in told.contributions if c.effect not in found.curves]
+    left = [u.joint for u in found.unexplained]
+    rest = f" More than noise is left at {listed(list(dict.fromkeys(left)))}, which nothing explains." if left else ""
+    if not named:
+        sticking = any(r.ratio > AT_FLOOR >= r.away for r in found.rows_after)
+        where = " away from reversals" if sticking else ""
+        return rest.strip() or f"Nothing{where}: only the sensors' noise is left, and no effect improves the model."
+    places: dict[str, list[str]] = {}
+    for c in named:
+        places.setdefault(c.effect.effect, []).append(c.effect.joint or found.robot.name)
+    order = [*found.robot.joint_names, found.robot.name].index
+    words = [f"{effect.replace('_', ' ')} at {listed(sorted(set(p), key=order))}" for effect, p in places.items()]
+    said = "; ".join(words) + (f" ({named[0].effect.summary})" if len(places) == 1 else "")
+    gains = {c.joint: _better(found, c) for c in sorted(named, key=lambda c: order(c.joint))}
+    better = listed([f"{number_text(times, 2)} times at {joint}" for joint, times in gains.items() if times > BETTER])
+    worth = f" With {'it' if len(places) == 1 else 'them'} the error is smaller: {better}." if better else ""
+    rivals = ", ".join(dict.fromkeys(whose(r.effect, r.joint) for r in found.also_possible))
+    tied = f" This log cannot tell it from {rivals}." if rivals else ""
+    return f"{said[:1].upper()}{said[1:]}.{worth}{tied}{rest}"
+
+
+BETTER = 1.05
+"""Error before over that after, from which on it is told."""
+
+
+def _better(found: Diagnosis, contribution: Contribution) -> float:
+    """Return how many times smaller the held-out error of the joint is after, in the row the effect explains best."""
+    joint = contribution.joint
+    if contribution.rows in ("sum", "motor") and joint in found.before:
+        field = "rms" if contribution.rows == "sum" else "spring_rms"
+        before, after = (getattr(e[joint], field) for e in (found.before, found.after))
+        if before and after:
+            return float(before / after)
+    return contribution.whole_without / contribution.with_it if contribution.with_it else 0.0
+
+
+def further_items(told: DiagnosisInput) -> Items:
+    """Return what another log should hold: to tell effects apart, and to know those better that were found."""
+    items: list[tuple[str, Cell]] = [
+        (f"{whose(r.effect, r.joint)} or {r.instead_of}", r.separate) for r in told.found.also_possible
+    ]
+    for c in told.contributions:
+        effect = c.effect
+        vague = any(e > VAGUE_ERROR * abs(effect.parameters.get(name, 0.0)) for name, e in effect.std_error.items())
+        if vague and (kind := effect_classes().get(effect.effect)) is not None and kind.record:
+            items.append((whose(effect.effect, effect.joint), kind.record))
+    return tuple(dict(items).items())
 
 
 def residual_table(found: Diagnosis) -> Table:
     """Return the table of what the model leaves in every row, and what it follows."""
     columns = (
         Column("joint", "joint"),
-        Column("rows", "row"),
+        Column("rows", "equation"),
         Column("rms", "residual", align="right"),
-        Column("share", "share", align="right"),
-        Column("ratio", "× floor", align="right"),
+        Column("share", "of torque", align="right"),
+        Column("ratio", "× noise", align="right"),
         Column("follows", "follows"),
     )
     rows: list[tuple[Cell, ...]] = []
@@ -91,23 +154,15 @@ def residual_table(found: Diagnosis) -> Table:
         rows.append(
             (
                 row.joint,
-                row.rows,
+                SIDES.get(row.rows, row.rows),
                 Quantity(row.rms, torque_unit(found.robot, row.joint), 3),
-                percent(row.share),
-                Quantity(row.ratio, digits=3, tone="warn" if high else "good"),
+                share_text(row.share),
+                Quantity(row.ratio, digits=2, tone="warn" if high else "good"),
                 _follows(found.organised.get((row.joint, row.rows), ())) if high else "",
             )
         )
-    kinds = {row.rows for row in found.rows_before}
-    notes = []
-    if "motor" in kinds:
-        notes.append("sum: motor torque against the whole model; motor: with the spring's torque from the deflection")
-    if "spring" in kinds:
-        notes.append(
-            "load: torque sensor against the bodies; drive: motor torque less the sensor's against rotor and friction;"
-            " spring: sensor against the deflection"
-        )
-    return Table("residual", columns, tuple(rows), title="what the model leaves", note="\n".join(notes))
+    return Table("residual", columns, tuple(rows), title="what the model leaves without them" if found.effects
+                 else "what the model leaves")  # fmt: skip
 
 
 def _follows(organised: Sequence[Organised]) -> str:
@@ -136,24 +191,26 @@ def _found(robot: Robot, key: str, title: str, contributions: Sequence[Contribut
     columns = (
         Column("effect", "effect"),
         Column("joint", "joint"),
-        Column("rows", "row"),
+        Column("rows", "equation"),
         Column("error", "held-out error", align="right"),
-        Column("gain", "gain", align="right"),
-        Column("worst_quarter", "worst quarter", align="right"),
+        Column("gain", "explains", align="right"),
+        Column("worst_quarter", "at least", align="right"),
     )
     rows: list[tuple[Cell, ...]] = []
     meanings: list[tuple[str, Cell]] = []
-    places = [(c.effect.effect, c.effect.joint) for c in contributions]
-    # terms of one curve stand together
-    for c in sorted(contributions, key=lambda c: places.index((c.effect.effect, c.effect.joint))):
-        effect, unit = c.effect, _unit(robot, c)
-        error = f"{number_text(c.without, 3)} → {number_text(c.with_it, 3)} {unit}"
-        where = c.joint if effect.joint else f"robot ({c.joint})"
-        told = [gain for gain in effect.quarters if not isnan(gain)]
+    curves: dict[tuple[str, str | None], list[Contribution]] = {}
+    for c in contributions:
+        curves.setdefault((c.effect.effect, c.effect.joint), []).append(c)
+    for (name, joint), terms in curves.items():
+        c = terms[0]
+        error = f"{number_text(c.whole_without, 3)} → {number_text(c.with_it, 3)} {_unit(robot, c)}"
+        told = [gain for term in terms for gain in term.effect.quarters if not isnan(gain)]
         worst = percent(min(told), 2) if told else "–"
-        rows.append((Mark(effect.effect, "warn"), where, c.rows, error, percent(effect.gain, 2), worst))
-        meanings.append((f"{effect.effect} {effect.joint or ''}".strip(), _meaning_of(robot, effect)))
-    note = CURVES if any(c.effect.collocated for c in contributions) else ""
+        where = c.joint if joint else f"robot ({c.joint})"
+        side = SIDES.get(c.rows, c.rows)
+        rows.append((Mark(name, "warn"), where, side, error, percent(c.effect.gain, 2), worst))
+        meanings.append((f"{name} {joint or ''}".strip(), _meaning_of(robot, [term.effect for term in terms])))
+    note = "explains: share of what the joint's error holds beyond noise; at least: in the worst quarter of the log"
     return [Table(key, columns, tuple(rows), title=title, note=note), KeyValues(f"{key}_meaning", tuple(meanings))]
 
 
@@ -164,14 +221,17 @@ def _unit(robot: Robot, contribution: Contribution) -> str:
     return "rad" if unit == "N·m" else "m"
 
 
-def _meaning_of(robot: Robot, effect: FoundEffect) -> str:
+def _meaning_of(robot: Robot, terms: Sequence[FoundEffect]) -> str:
+    """Return what an effect is and its values; of a curve of several terms those of each."""
+    effect = terms[0]
     if curve := curve_words(effect):
         return f"a smooth curve over {curve}; it describes what is left and explains nothing"
-    text = effect_text(robot, effect.effect, effect.joint, effect.parameters, effect.std_error)
+    texts = [effect_text(robot, e.effect, e.joint, e.parameters, e.std_error) for e in terms]
+    text = f"{effect.summary}: {'; and '.join(texts)}"
     absent = [p.name for p in effect_classes()[effect.effect].amplitudes if p.name not in effect.parameters]
     if absent:
         text += f"; taken as 0: {', '.join(absent)}, which this motion shows in sums with the others only"
-    return f"{effect.summary}: {text}"
+    return text
 
 
 def _also_possible(found: Diagnosis) -> list[Section]:
@@ -193,15 +253,16 @@ def before_after_table(
     """Return the error of every row before and after."""
     columns = [
         Column("joint", "joint"),
-        Column("rows", "row"),
+        Column("rows", "equation"),
+        Column("trust", "model"),
         Column("torque_rms", "torque rms", align="right"),
         Column("before", "before", align="right"),
         Column("after", "after", align="right"),
-        Column("relative", "share", align="right"),
+        Column("relative", "of torque", align="right"),
     ]
     floors = any(e.floor for e in after.values())
     if floors:
-        columns.append(Column("floor", "× floor", align="right"))
+        columns.append(Column("floor", "× noise", align="right"))
     rows = []
     for joint, new in after.items():
         old, unit = before[joint], torque_unit(robot, joint)
@@ -214,13 +275,17 @@ def before_after_table(
                 first, last = (float(getattr(sensor, f"{kind}_rms")) for sensor in (old.sensor, new.sensor))
                 sides.append((kind, first, last, last / (new.torque_rms if kind == "drive" else size), None))
         for kind, first, last, share, floor in sides:
-            row: list[Cell] = [joint, kind, Quantity(new.torque_rms, unit, 3), Quantity(first, unit, 3)]
-            row += [Quantity(last, unit, 3), percent(share)]
+            known = light(old).text, light(new)
+            change = known[1] if known[0] == known[1].text else Mark(f"{known[0]} → {known[1].text}", known[1].tone)
+            row: list[Cell] = [joint, SIDES[kind], change if kind == "sum" else "", Quantity(new.torque_rms, unit, 3)]
+            row += [Quantity(first, unit, 3), Quantity(last, unit, 3), share_text(share)]
             if floors:
                 tone: Tone = "warn" if floor and last > AT_FLOOR * floor else "good"
-                row.append(Quantity(last / floor, digits=3, tone=tone) if floor else None)
+                row.append(Quantity(last / floor, digits=2, tone=tone) if floor else None)
             rows.append(tuple(row))
-    return Table(key, tuple(columns), tuple(rows), title=title)
+    seen = [kind for kind, words in SIDES.items() if any(words == row[1] for row in rows)]
+    notes = [LIGHTS, *(SIDE_NOTES[kind] for kind in seen if kind in SIDE_NOTES)]
+    return Table(key, tuple(columns), tuple(rows), title=title, note="\n".join(notes))
 
 
 def refuted_section(found: Diagnosis) -> list[Section]:
@@ -231,7 +296,7 @@ def refuted_section(found: Diagnosis) -> list[Section]:
         (f"{s.effect} {s.joint or ''}".strip(), f"takes from each quarter's error: {s.words}{_kept(s)}")
         for s in found.refuted
     )
-    title = "not named: makes a quarter of the log worse that the others predict"
+    title = "not named: it makes a quarter of the log worse, predicted from the other three"
     return [KeyValues("refuted", items, title=title)]
 
 
@@ -240,12 +305,13 @@ def unexplained_section(found: Diagnosis) -> list[Section]:
     if not found.unexplained:
         return []
     ordered = sorted(found.unexplained, key=lambda u: found.robot.joint_names.index(u.joint))
-    items = tuple((f"{u.joint} {u.rows} row", _left(found.robot, u)) for u in ordered)
+    items = tuple((f"{u.joint} {SIDES.get(u.rows, u.rows)}", _left(found.robot, u)) for u in ordered)
     return [KeyValues("unexplained", items, title="not explained by any effect")]
 
 
 def _left(robot: Robot, item: Unexplained) -> str:
-    size = f"{number_text(item.rms, 3)} {torque_unit(robot, item.joint)}, {number_text(item.ratio, 3)} times its floor"
+    times = f"{number_text(item.ratio, 2)} times the sensors' noise"
+    size = f"{number_text(item.rms, 3)} {torque_unit(robot, item.joint)}, {times}"
     if item.variable == HELD_OUT:
         return f"{size} on the held-out stretches, where the search does not look, and noise elsewhere"
     follows = f"; follows {variable_words(item.variable)} ({share_words(item.share)})" if item.share > FOLLOWS else ""

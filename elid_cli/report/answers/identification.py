@@ -22,6 +22,15 @@ from elid_cli.report.answers.inputs import (
     robot_payload,
     used_items,
 )
+from elid_cli.report.answers.summary import (
+    answers,
+    by_kind,
+    light,
+    parameter_words,
+    record_sections,
+    share_text,
+    trust_words,
+)
 from elid_cli.report.tree import (
     Cell,
     Column,
@@ -32,19 +41,21 @@ from elid_cli.report.tree import (
     Section,
     Table,
     Text,
-    Tone,
     number_text,
     percent,
 )
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 
-AT_FLOOR = 1.3
-"""A held-out error within this factor of the sensors' noise holds no structure worth a search."""
 ODD = 1.5
 """A log whose error is this many times the next worst one's fits worse than the others."""
 LOUD = 1.4
 """A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
+LIGHTS = (
+    "good: only the sensors' noise is left (1 % of the torque where that is not known); fair: within 5 % of the torque;"
+    " poor: worse. × noise: error over what the sensors' noise alone would leave"
+)
+SIDES = "motor side alone: with the spring's torque from the measured deflection"
 SHOWN = 20
 """Base parameters printed without --all."""
 
@@ -73,16 +84,19 @@ def identification_report(
     if written is not None:
         foreign = written.lower().endswith((".urdf", ".xml", ".mjcf"))
         facts += (("written", written if foreign else f"{written}, which predicts as this result does"),)
+    record, further = record_sections(found, (), (recording.files[0], robot_argument))
     sections: list[Section] = [
         heading(found.robot, recording),
-        KeyValues("inputs", facts),
-        base_table(found),
-        error_table("error", found.robot, found.error),
-        *sensor_table("sensors", found.robot, found.error),
-        *_by_log(found.robot, logs),
-        *reasons_table(found),
+        answers(trust_words(found.robot, found.error), _missing_words(found), parameter_words(found), record),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.warnings))),
-        *_meaning(found, recording, robot_argument),
+        error_table("error", found.robot, found.error, "torque of each joint on stretches that the fit never saw"),
+        *sensor_table("sensors", found.robot, found.error),
+        *log_table(found.robot, logs),
+        base_table(found),
+        *reasons_table(found),
+        *further,
+        KeyValues("inputs", facts, "how it was computed"),
+        Text("next", _next(found, recording, robot_argument), "next"),
     ]
     payload = identification_payload(found, recording)
     if logs:
@@ -193,33 +207,41 @@ def base_table(found: Identification) -> Table:
     """Return the base parameters with errors, and with references where the robot file has any."""
     relative = found.relative_error()
     known = any(value == value for value in found.reference)
+    doubtful = any(verdict != "supported" for verdict in found.verdict)
     columns = [
         Column("name", "base parameter", span=True),
         Column("estimate", "value", align="right"),
         Column("std_error", "± sd", align="right"),
-        Column("relative", "rel", "%", align="right"),
+        Column("relative", "± sd", "%", align="right"),
         Column("unit", "unit"),
         *((Column("reference", "ref", align="right"), Column("off", "off", "%", align="right")) if known else ()),
-        Column("verdict", "verdict"),
+        *((Column("verdict", "verdict"),) if doubtful else ()),
     ]
     rows: list[tuple[Cell, ...]] = []
-    for k, name in enumerate(found.base.names):
+    for k in by_kind([item.leader for item in found.parameters]):
+        name = found.base.names[k]
         value, deviation = float(found.estimate[k]), float(found.std_error[k])
-        reference: tuple[Cell, ...] = (
-            (Quantity(float(found.reference[k])), percent(float(relative[k]), 2)) if known else ()
-        )
+        reference: tuple[Cell, ...] = (Quantity(float(found.reference[k])), _small(float(relative[k]))) if known else ()
+        mark = "" if found.verdict[k] == "supported" else verdict_mark(found.verdict[k])
+        verdict: tuple[Cell, ...] = (mark,) if doubtful else ()
         rows.append(
             (
                 name,
                 Quantity(value, resolution=deviation),
                 Quantity(deviation, resolution=deviation),
-                percent(deviation / abs(value) if value else None, 2),
+                _small(deviation / abs(value) if value else None),
                 found.base.units[k],
                 *reference,
-                _mark(found.parameters[k]),
+                *verdict,
             )
         )
-    return Table("base_parameters", tuple(columns), tuple(rows), shown=SHOWN, note=_verdict_note(found))
+    title = "parameters that this log tells, with standard errors"
+    return Table("base_parameters", tuple(columns), tuple(rows), title, SHOWN, _verdict_note(found))
+
+
+def _small(fraction: float | None) -> str:
+    """Return a share in percent, its unit in the column's head."""
+    return "–" if fraction is None else share_text(fraction).removesuffix(" %")
 
 
 def _mark(item: BaseEstimate) -> Cell:
@@ -232,9 +254,8 @@ def _verdict_note(found: Identification) -> str:
     if any(item.bias_possible for item in found.parameters):
         return "bias possible: what the model lacks can move it by more than ± sd says"
     if all(verdict == "supported" for verdict in found.verdict):
-        return "this log supports every one of them"
-    weak = "weak: known to worse than 30 % of itself and of what would show in the torque"
-    return f"{weak}; refused: not known at all; the others this log supports"
+        return "this log tells every one of them"
+    return "weak: known only roughly, to worse than 30 %; refused: not known from this log; the others are known"
 
 
 def error_table(
@@ -243,29 +264,32 @@ def error_table(
     """Return how well each joint's torque is predicted, on data that the fit (if any) never saw."""
     columns = [
         Column("joint", "joint"),
+        Column("trust", "model"),
         Column("torque_rms", "torque rms", align="right"),
         Column("rms", "held-out error" if fitted else "error", align="right"),
-        Column("relative", "share", align="right"),
+        Column("relative", "of torque", align="right"),
     ]
     with_floor = any(e.floor is not None for e in error.values())
     with_spring = any(e.spring_rms is not None for e in error.values())
     if with_floor:
-        columns.append(Column("floor", "× floor", align="right"))
+        columns.append(Column("floor", "× noise", align="right"))
     if with_spring:
         columns += [
-            Column("spring_rms", "motor row alone", align="right"),
-            Column("spring_relative", "share", align="right"),
+            Column("spring_rms", "motor side alone", align="right"),
+            Column("spring_relative", "of torque", align="right"),
         ]
     rows = []
     for name, e in error.items():
         unit = torque_unit(robot, name)
-        row: list[Cell] = [name, Quantity(e.torque_rms, unit, 3), Quantity(e.rms, unit, 3), percent(e.relative)]
+        row: list[Cell] = [name, light(e), Quantity(e.torque_rms, unit, 3), Quantity(e.rms, unit, 3)]
+        row.append(share_text(e.relative))
         if with_floor:
-            row.append(Quantity(e.rms / e.floor, digits=3, tone=_tone(e)) if e.floor else None)
+            row.append(Quantity(e.rms / e.floor, digits=2, tone=light(e).tone) if e.floor else None)
         if with_spring:
-            row += [Quantity(e.spring_rms, unit, 3), percent(e.spring_relative)]
+            share = None if e.spring_relative is None else share_text(e.spring_relative)
+            row += [Quantity(e.spring_rms, unit, 3), share]
         rows.append(tuple(row))
-    return Table(key, tuple(columns), tuple(rows), title=title)
+    return Table(key, tuple(columns), tuple(rows), title=title, note=f"{LIGHTS}; {SIDES}" if with_spring else LIGHTS)
 
 
 def sensor_table(key: str, robot: Robot, error: Mapping[str, JointError]) -> list[Section]:
@@ -292,12 +316,15 @@ def sensor_table(key: str, robot: Robot, error: Mapping[str, JointError]) -> lis
     return [Table(key, columns, tuple(rows), title=title)] if rows else []
 
 
-def _by_log(robot: Robot, logs: Sequence[ByLog]) -> list[Section]:
-    """Return a table of logs by joints; the worst log of each joint stands out where it is well above the others."""
+def log_table(robot: Robot, logs: Sequence[ByLog]) -> list[Section]:
+    """Return a table of logs (or robots) by joints; the worst of each joint stands out where it is well above."""
     if not logs:
         return []
     joints = list(dict.fromkeys(joint for log in logs for joint in log.error))
-    columns = (Column("file", "log"), *(Column(joint, joint, torque_unit(robot, joint), "right") for joint in joints))
+    columns = (
+        Column("file", "judged"),
+        *(Column(joint, joint, torque_unit(robot, joint), "right") for joint in joints),
+    )
     rows: list[tuple[Cell, ...]] = []
     for log in logs:
         cells: list[Cell] = [log.file]
@@ -307,7 +334,7 @@ def _by_log(robot: Robot, logs: Sequence[ByLog]) -> list[Section]:
             odd = error is not None and others and error.rms > ODD * max(others)
             cells.append(Quantity(error.rms if error else None, digits=3, tone="warn" if odd else "plain"))
         rows.append(tuple(cells))
-    return [Table("by_log", columns, tuple(rows), title="error on each log", note=_odd_note(logs, joints))]
+    return [Table("by_log", columns, tuple(rows), title="error of each, side by side", note=_odd_note(logs, joints))]
 
 
 def _odd_note(logs: Sequence[ByLog], joints: Sequence[str]) -> str:
@@ -323,13 +350,9 @@ def torque_unit(robot: Robot, joint: str) -> str:
     return "N·m" if robot.joints[robot.joint_names.index(joint)].revolute else "N"
 
 
-def _tone(error: JointError) -> Tone:
-    return "warn" if error.floor and error.rms > AT_FLOOR * error.floor else "good"
-
-
 def insufficient_words(found: Identification) -> str:
     """Return in words why the model does not suffice, and whom that concerns."""
-    said = f"The model is insufficient: {rows_words(found.insufficient)}."
+    said = f"Something: {rows_words(found.insufficient)}."
     moved = [item.leader for item in found.parameters if item.bias_possible]
     return f"{said} What is missing can move {', '.join(moved)} beyond ± sd." if moved else said
 
@@ -340,24 +363,27 @@ def rows_words(rows: Sequence[Insufficient]) -> str:
     for item in sorted(rows, key=lambda item: item.ratio):
         worst[item.joint] = item
     return "; ".join(
-        f"{joint} {item.rows} row {item.ratio:.2g} × its noise, follows the {item.follows}"
+        f"{joint} leaves {item.ratio:.2g} times the sensors' noise, which follows the {item.follows}"
         for joint, item in worst.items()
     )
 
 
-def _meaning(found: Identification, recording: Recording, robot_argument: str) -> list[Section]:
-    diagnose = Text("next", command("diagnose", recording, robot_argument), "next")
+def _missing_words(found: Identification) -> str:
     if found.model == "insufficient":
-        return [Text("meaning", insufficient_words(found)), diagnose]
+        return f"{insufficient_words(found)} elid diagnose looks for it."
     if found.model == "not judged":
-        return [diagnose]
-    meaning = "The model is sufficient: no joint's residual follows the motion beyond the sensors' noise."
-    loud = [n for n in found.noise if n.ratio > LOUD]
-    if loud:
-        worst = max(loud, key=lambda n: n.ratio)
-        meaning += (
-            f" {worst.joint} holds {worst.ratio:.2g} times the white noise of its sensors: torque noise that remembers "
-            f"{worst.correlation * 1e3:.0f} ms."
+        return "Not looked for: elid diagnose does that."
+    loud = max(found.noise, key=lambda n: n.ratio, default=None)
+    memory = ""
+    if loud is not None and loud.ratio > LOUD:
+        memory = (
+            f" {loud.joint} holds {number_text(loud.ratio, 2)} times the white noise of its sensors: torque noise that"
+            f" remembers {loud.correlation * 1e3:.0f} ms."
         )
-    keep = command("identify", recording, robot_argument, "--write-robot", f"{found.robot.name}-identified.yaml")
-    return [Text("meaning", meaning), Text("next", keep, "next")]
+    return f"Nothing that this log shows: no joint's residual follows the motion beyond the sensors' noise.{memory}"
+
+
+def _next(found: Identification, recording: Recording, robot_argument: str) -> str:
+    if found.model != "sufficient":
+        return command("diagnose", recording, robot_argument)
+    return command("identify", recording, robot_argument, "--write-robot", f"{found.robot.name}-identified.yaml")

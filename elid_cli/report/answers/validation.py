@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from elid_cli.estimation.validation.prediction import Validation
+from elid_cli.estimation.validation.prediction import ByLog, Validation
 from elid_cli.model.effects.declared import as_observed
-from elid_cli.report.answers.identification import error_payload, error_table, sensor_table
+from elid_cli.report.answers.identification import error_payload, error_table, log_table, sensor_table
 from elid_cli.report.answers.inputs import (
     command,
     heading,
@@ -17,14 +17,19 @@ from elid_cli.report.answers.inputs import (
     span_words,
     used_items,
 )
+from elid_cli.report.answers.summary import answers, trust_words
 from elid_cli.report.tree import KeyValues, Report, Section, Text
 from elid_cli.signals.recording import Recording
 
 
 def validation_report(
-    found: Validation, recording: Recording, robot_argument: str, held_out: Sequence[tuple[float, float]] = ()
-) -> Report:
-    """Return the report of one validation, judged on some stretches (first and last time, s) or on the whole log."""
+    found: Validation, recording: Recording, robot_argument: str, held_out: Sequence[tuple[float, float]] = (),
+    cases: Sequence[ByLog] = (),
+) -> Report:  # fmt: skip
+    """Return the report of one validation, judged on some stretches (first and last time, s) or on the whole log.
+
+    `cases` are the errors on each of several logs, and those of other robots.
+    """
     acting = as_observed(found.robot, recording).effects
     effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in acting)
     facts = (
@@ -34,12 +39,16 @@ def validation_report(
         *((("judged on", f"what diagnose holds out: {span_words(held_out)}"),) if held_out else ()),
     )
     payload = {**validation_payload(found), "log": log_payload(recording), "held_out": [list(s) for s in held_out]}
+    if cases:
+        payload["error_by_log"] = [{"file": case.file, "error": error_payload(case.error)} for case in cases]
     sections: tuple[Section, ...] = (
         heading(found.robot, recording),
-        KeyValues("inputs", facts),
-        error_table("error", found.robot, found.error, fitted=False),
-        *sensor_table("sensors", found.robot, found.error),
+        answers(trust_words(found.robot, found.error), "Not looked for: elid diagnose does that.", "", ""),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate(recording.warnings)),
+        error_table("error", found.robot, found.error, "torque of each joint", fitted=False),
+        *sensor_table("sensors", found.robot, found.error),
+        *log_table(found.robot, cases),
+        KeyValues("inputs", facts, "how it was computed"),
         Text("next", command("diagnose", recording, robot_argument), "next"),
     )
     return Report("validate", payload, sections)

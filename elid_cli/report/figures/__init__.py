@@ -1,32 +1,22 @@
-"""Pictures of a report's figures. One file per kind in `plots`, with ``figures(told)`` and ``draw(figure, paper)``.
+"""Pictures of a report's figures. One file per kind in `plots`, with ``figures(told)`` and ``draw(figure)``.
 
-matplotlib is imported only when something is drawn, and pyplot never, so that no display and no global state matter.
+A kind says what is drawn (`drawing`); how is the same for all: as SVG by elid itself, as PNG by matplotlib.
 """
 
 from __future__ import annotations
 
 import importlib
-import io
 import math
 import pkgutil
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 from elid_cli.report.figures import plots
 from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
-
+    from elid_cli.report.figures.drawing import Drawing
     from elid_cli.report.figures.input import FigureInput
-    from elid_cli.report.figures.paint import Paper
-
-SALT = "elid"
-"""Salt of the identifiers in an SVG: the same figure gives the same bytes."""
-RESOLUTION = 150
-"""Dots per inch of a PNG."""
-COLORS = 128
-"""Colours of a PNG."""
 
 
 class Kind(Protocol):
@@ -35,8 +25,8 @@ class Kind(Protocol):
     def figures(self, told: FigureInput) -> Iterable[Figure]:
         """Return the figures of this kind that what was found gives, none where it gives none."""
 
-    def draw(self, figure: Figure, paper: Paper) -> Canvas:
-        """Return the picture, as wide as the paper."""
+    def draw(self, figure: Figure) -> Drawing:
+        """Return the figure as panels of marks."""
 
 
 def kinds() -> tuple[str, ...]:
@@ -54,37 +44,33 @@ def figures_of(told: FigureInput) -> tuple[Figure, ...]:
     return tuple(figure for kind in found for figure in kind.figures(told))
 
 
-def picture(figure: Figure, suffix: str, *, narrow: bool = False) -> bytes:
-    """Return a figure as a file of that format: ``svg`` or ``png``; `narrow` for a telephone's width.
+def panels_of(figure: Figure) -> Drawing:
+    """Return a figure as panels of marks.
+
+    Raises
+    ------
+    KeyError
+        There is no such kind of figure.
+    """
+    if figure.kind not in kinds():
+        raise KeyError(figure.kind)
+    return _kind(figure.kind).draw(figure)
+
+
+def picture(figure: Figure, suffix: str) -> bytes:
+    """Return a figure as a file of that format: ``svg`` or ``png``.
 
     Raises
     ------
     ModuleNotFoundError
-        matplotlib is not installed (extra ``plots``).
+        PNG: matplotlib is not installed (extra ``plots``).
     KeyError
         There is no such kind of figure.
-
     """
-    from elid_cli.report.figures.paint import PAGE, TELEPHONE, settings
+    if suffix == "svg":
+        from elid_cli.report.figures.svg import file
 
-    if figure.kind not in kinds():
-        raise KeyError(figure.kind)
-    import matplotlib
+        return file(panels_of(figure), figure.title).encode("utf-8")
+    from elid_cli.report.figures.raster import png
 
-    stream = io.BytesIO()
-    metadata: dict[str, Any] = {"Date": None, "Creator": None} if suffix == "svg" else {"Software": None}
-    chosen: Any = {**settings(), "svg.hashsalt": f"{SALT}-{figure.key}{narrow:d}"}
-    with matplotlib.rc_context(chosen):
-        drawn = _kind(figure.kind).draw(figure, TELEPHONE if narrow else PAGE)
-        drawn.savefig(stream, format=suffix, metadata=metadata, dpi=RESOLUTION)
-    return stream.getvalue() if suffix == "svg" else _small(stream)
-
-
-def _small(png: io.BytesIO) -> bytes:
-    """Return a PNG with a palette, about a third as large: drawings need few colours."""
-    from PIL import Image  # matplotlib brings it
-
-    small = io.BytesIO()
-    with Image.open(png) as drawn:
-        drawn.convert("RGB").quantize(COLORS, dither=Image.Dither.NONE).save(small, "PNG", optimize=True)
-    return small.getvalue()
+    return png(panels_of(figure))

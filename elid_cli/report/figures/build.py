@@ -7,14 +7,16 @@ from dataclasses import replace
 
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.result import Diagnosis
-from elid_cli.estimation.result import Identification
+from elid_cli.estimation.comparison import Comparison
+from elid_cli.estimation.result import Identification, JointError
 from elid_cli.estimation.validation.noise_floor import noise_floor
-from elid_cli.estimation.validation.prediction import Validation, validate
+from elid_cli.estimation.validation.prediction import ByLog, Validation, validate
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.report.figures import figures_of
 from elid_cli.report.figures.input import FigureInput
 from elid_cli.report.tree import Figure, Report
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
 
 
@@ -25,15 +27,34 @@ def with_figures(report: Report, figures: Sequence[Figure]) -> Report:
     return replace(report, sections=(*sections[:place], *figures, *sections[place:]))
 
 
+def shares(error: Mapping[str, JointError]) -> dict[str, float]:
+    """Return the relative error of each joint."""
+    return {joint: e.relative for joint, e in error.items()}
+
+
 def identification_figures(found: Identification, refined: Robot, signals: Signals) -> tuple[Figure, ...]:
     """Return the figures of an identification; `refined` describes what was found."""
     judged = validate(refined, signals)
-    return figures_of(FigureInput(signals, judged, floor=_floor(found, signals, judged), identified=found))
+    cases = [("held-out error", shares(found.error))]
+    told = FigureInput(signals, judged, floor=_floor(found, signals, judged), identified=found, cases=cases)
+    return figures_of(told)
 
 
-def validation_figures(found: Validation, signals: Signals) -> tuple[Figure, ...]:
-    """Return the figures of a validation."""
-    return figures_of(FigureInput(signals, found))
+def comparison_figures(comparisons: Sequence[Comparison]) -> tuple[Figure, ...]:
+    """Return the figures of saved results."""
+    results = [comparisons[0].first, *(found.other for found in comparisons)]
+    return figures_of(FigureInput(comparisons=comparisons, cases=[(r.file, r.error) for r in results]))
+
+
+def log_figures(recording: Recording, robot: Robot) -> tuple[Figure, ...]:
+    """Return the figures of a log that nothing was fitted to."""
+    return figures_of(FigureInput(recording=recording, described=robot))
+
+
+def validation_figures(found: Validation, signals: Signals, others: Sequence[ByLog] = ()) -> tuple[Figure, ...]:
+    """Return the figures of a validation, compared with other robots or logs where there are any."""
+    cases = [(case.file, shares(case.error)) for case in others] or [("error", shares(found.error))]
+    return figures_of(FigureInput(signals, found, cases=cases))
 
 
 def diagnosis_figures(
@@ -42,7 +63,8 @@ def diagnosis_figures(
     """Return the figures of a diagnosis; `identified` is the model after, `parts` are its `contributions`."""
     floor = found.state_after.floor.rms
     before, after = found.validation_before, found.validation_after
-    return figures_of(FigureInput(signals, after, before, floor, identified, found, parts))
+    cases = [(word, shares(error)) for word, error in (("before", found.before), ("after", found.after))]
+    return figures_of(FigureInput(signals, after, before, floor, identified, found, parts, cases=cases))
 
 
 def _floor(found: Identification, signals: Signals, judged: Validation) -> Mapping[EstimationRow, float] | None:

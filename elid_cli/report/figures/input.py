@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from elid_cli.diagnosis.refit import Contribution
     from elid_cli.diagnosis.result import Diagnosis
+    from elid_cli.estimation.comparison import Comparison
     from elid_cli.estimation.result import Identification
     from elid_cli.estimation.validation.prediction import Validation
     from elid_cli.experiment.excitation import Excitation
     from elid_cli.model.regressor import EstimationRow
     from elid_cli.report.figures.joint_views import JointView
     from elid_cli.robot.robot import Robot
+    from elid_cli.signals.recording import Recording
     from elid_cli.signals.signals import Signals
 
 
@@ -35,12 +37,19 @@ class FigureInput:
     contributions: Sequence[Contribution] = ()
     """What each effect of the diagnosis takes away."""
     excitation: Excitation | None = None
+    recording: Recording | None = None
+    """A log that nothing was fitted to yet, and the robot that it is read for."""
+    described: Robot | None = None
+    cases: Sequence[tuple[str, Mapping[str, float]]] = ()
+    """Errors to compare: a label, and the relative error of each joint."""
+    comparisons: Sequence[Comparison] = ()
+    """Saved results against the first one."""
 
     @property
     def robot(self) -> Robot | None:
         """The robot of the log."""
         known = self.identified or self.judged
-        return None if known is None else known.robot
+        return self.described if known is None else known.robot
 
     @property
     def refused(self) -> frozenset[str]:

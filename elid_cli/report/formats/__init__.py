@@ -10,12 +10,11 @@ import importlib
 import pkgutil
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Protocol, cast
 
 from elid_cli.errors import UsageError, did_you_mean
-from elid_cli.files import check_writable, write_text
-from elid_cli.report.tree import Report, shown
+from elid_cli.files import check_writable, replacing, write_text
+from elid_cli.report.tree import Report, file_name, shown
 
 
 @dataclass(frozen=True)
@@ -101,24 +100,25 @@ def write_report(report: Report, path: Path) -> None:
     write_text(path, format_of(path).render(shown(report), Style(width=120, everything=True)))
 
 
-def check_drawing(folder: Path) -> None:
-    """Refuse early a folder of figures that cannot be made, or figures without a plotting library (UsageError)."""
-    _drawing()
+def check_drawing(folder: Path, suffix: str = "png") -> None:
+    """Refuse early a folder of figures that cannot be made, or PNG without its plotting library (UsageError)."""
+    if suffix == "png":
+        try:
+            importlib.import_module("matplotlib")
+        except ModuleNotFoundError as missing:
+            hint = "--plot-format svg, or pip install 'elid[plots]'"
+            raise UsageError(f"--plot: {missing.name} is not installed", hint=hint) from None
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"{folder}: is not a folder", hint="--plot takes a folder for the figures")
     check_writable((folder if folder.is_dir() else folder.parent) / "figure")
 
 
 def draw(report: Report, folder: Path, suffix: str = "png") -> None:
-    """Write the report's figures into a folder, made if it is missing, one ``png`` or ``svg`` file per figure."""
+    """Write the report's figures into a folder, made if it is missing: one file each, whole or not at all."""
+    from elid_cli.report.figures import kinds, picture
+
     folder.mkdir(exist_ok=True)
-    _drawing().draw(shown(report), folder, suffix)
-
-
-def _drawing() -> ModuleType:
-    """Return `formats/_figures.py`, which draws with matplotlib."""
-    try:
-        importlib.import_module("matplotlib")
-        return importlib.import_module(f"{__name__}._figures")
-    except ModuleNotFoundError as missing:
-        raise UsageError(f"--plot: {missing.name} is not installed", hint="pip install 'elid[plots]'") from None
+    for figure in shown(report).figures:
+        if figure.kind in kinds():
+            with replacing(folder / f"{file_name(figure.key)}.{suffix}") as beside:
+                beside.write_bytes(picture(figure, suffix))

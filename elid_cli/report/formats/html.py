@@ -1,8 +1,8 @@
-"""One self-contained page that opens offline: summary first, figures inline, every table whole."""
+"""One self-contained page that opens offline: four answers first, then what they rest on, all else folded."""
 
 from __future__ import annotations
 
-import base64
+import json
 import platform
 import re
 from collections.abc import Iterable, Sequence
@@ -10,8 +10,9 @@ from html import escape
 from importlib import metadata, resources
 
 from elid_cli import __version__
-from elid_cli.errors import UsageError, visible
+from elid_cli.errors import visible
 from elid_cli.report.formats import Style
+from elid_cli.report.glossary import TERMS, explained
 from elid_cli.report.tree import (
     Cell,
     Column,
@@ -28,69 +29,163 @@ from elid_cli.report.tree import (
 )
 
 SUFFIXES, FIGURES = (".html", ".htm"), True
-LONG = 14
+LONG = 16
 """Rows of a table beyond which it is folded."""
-RESULTS = ("facts", "effects", "effects_meaning", "also_possible", "before_after", "error", "physical")
-"""Tables and facts that belong to the summary."""
-_LARGEST = 600_000
-"""Bytes of an SVG above which a figure goes into the page as PNG."""
+PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("What it rests on", ("figure:effect", "figure:errors", "effects*", "also_possible", "before_after", "error*",
+                          "triage", "by_log")),
+    ("Parameters", ("figure:parameters", "base_parameters", "reasons", "physical*", "std_error")),
+    ("What to record next", ("record", "next")),
+    ("Over time", ("figure:torque", "figure:trajectory", "figure:signals")),
+)  # fmt: skip
+"""Heading -> keys of sections and kinds of figures under it, in that order; what is in none of them is folded."""
+OPEN = 1
+"""Figures over time that are not folded."""
+LESS = "\\u003c"
+"""``<`` inside JSON, where a browser would look for the end of a script."""
+TOOLS = (
+    '<div class=tools role=toolbar aria-label="zoom of all plots over time">'
+    + "".join(f'<button type=button data-do="{do}">{words}</button>' for do, words in (
+        ("in", "zoom in"), ("out", "zoom out"), ("back", "← earlier"), ("on", "later →"), ("all", "whole log"),
+        ("before", "hide before")))
+    + "<span>or drag over a plot; double-click for the whole log</span></div>"
+)  # fmt: skip
+"""What a keyboard can do with plots over time."""
 
 
 def render(report: Report, style: Style) -> str:
     """Return the page; `style` does not matter, since a browser decides."""
     del style
     title = next((s.text for s in report.sections if isinstance(s, Text) and s.role == "heading"), report.command)
-    first, rest = _ordered(report.sections)
-    figures = [section for section in rest if isinstance(section, Figure)]
+    said = [s for s in report.sections if not (isinstance(s, Text) and s.role == "heading")]
     body = [
-        "<header>", f"<p class=kicker>elid {escape(report.command)}</p>", f"<h1>{escape(title)}</h1>",
-        f"<pre class=command>{escape(report.invocation)}</pre>" if report.invocation else "", "</header>",
-        '<section class="summary" aria-label="summary">', *(_section(s) for s in first), "</section>",
-        _contents(figures),
-        *(_section(s) for s in rest),
-        f"<footer>{_origin(report)}</footer>",
+        "<header>", f"<p class=kicker>elid {escape(report.command)}</p>", f"<h1>{escape(title)}</h1>", "</header>",
+        *(_answered(said) if any(s.key == "answers" for s in said) else _plain(said)),
+        f"<footer>{_command(report.invocation)}{_origin(report)}</footer>",
     ]  # fmt: skip
-    sheet = resources.files(__package__).joinpath("page.css").read_text("utf-8")
+    timed = "class=plot " in "".join(body)
+    if any("class=term " in part for part in body):
+        body.insert(-1, _glossary())
+    sheets = [_file("uPlot.min.css"), _file("page.css")] if timed else [_file("page.css")]
+    scripts = "".join(f"<script>\n{_file(name)}</script>\n" for name in ("uPlot.iife.min.js", "page.js") if timed)
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        '<meta name="color-scheme" content="light dark">\n'
-        f"<title>{escape(title)}</title>\n<style>\n{sheet}</style>\n</head>\n<body>\n<main>\n"
+        '<meta name="color-scheme" content="light dark">\n<link rel="icon" href="data:,">\n'
+        f"<title>{escape(title)}</title>\n<style>\n{''.join(sheets)}</style>\n</head>\n<body>\n<main>\n"
         + "\n".join(part for part in body if part)
-        + "\n</main>\n</body>\n</html>\n"
+        + f"\n</main>\n{scripts}</body>\n</html>\n"
     )
 
 
 def fragment(sections: Sequence[Section]) -> str:
     """Return sections as part of somebody else's page, such as a notebook: plain elements in their order."""
-    return "\n".join(_section(section) for section in sections)
+    whole = "\n".join(_section(section) for section in sections)
+    # the glossary that terms lead to stays behind
+    return re.sub(r'<a class=term href="[^"]*"( title="[^"]*")>(.*?)</a>', r"<span\1>\2</span>", whole)
 
 
-def _ordered(sections: Sequence[Section]) -> tuple[list[Section], list[Section]]:
-    """Return (summary, rest): warnings, results and the next command; then facts, tables, figures and long tables.
-
-    Within each of these the report's own order stands.
-    """
-    said = [s for s in sections if not (isinstance(s, Text) and s.role == "heading")]
-    first = [s for s in said if _is_result(s)]
-    following = [s for s in said if isinstance(s, Text) and s.role == "next"]
-    other = [s for s in said if s not in first and s not in following]
-    figures = [s for s in other if isinstance(s, Figure)]
-    folded = [s for s in other if isinstance(s, Table) and len(s.rows) > LONG]
-    short = [s for s in other if s not in figures and s not in folded]
-    first.sort(key=lambda s: not (isinstance(s, Text) and s.role == "warning"))
-    return [*first, *following], [*short, *figures, *folded]
+def _file(name: str) -> str:
+    return resources.files(__package__).joinpath("page", name).read_text("utf-8")
 
 
-def _is_result(section: Section) -> bool:
+def _answered(said: Sequence[Section]) -> list[str]:
+    """Return a page that opens with answers: warnings under them, then the parts, then everything else, folded."""
+    answers = next(s for s in said if s.key == "answers")
+    assert isinstance(answers, KeyValues)
+    warnings = [s for s in said if isinstance(s, Text) and s.role == "warning"]
+    left = [s for s in said if s is not answers and s not in warnings]
+    page = [_answers(answers) + _lights(left), *map(_section, warnings)]
+    for heading, keys in PARTS:
+        chosen = [s for key in keys for s in left if _is(s, key)]
+        left = [s for s in left if s not in chosen]
+        if not chosen:
+            continue
+        inner = "".join(map(_section, chosen))
+        page.append(_over_time(chosen) if keys is PARTS[-1][1] else f"<section><h2>{heading}</h2>{inner}</section>")
+    rest = "".join(_folded(s, True) for s in left)
+    return [*page, f"<section class=rest><h2>Everything else</h2>{rest}</section>"]
+
+
+def _plain(said: Sequence[Section]) -> list[str]:
+    """Return a page in the report's own order, with what is drawn over time at its end."""
+    _, keys = PARTS[-1]
+    timed = [s for s in said if any(_is(s, key) for key in keys)]
+    return [*(_section(s) for s in said if s not in timed), _over_time(timed)]
+
+
+def _over_time(timed: Sequence[Section]) -> str:
+    inner = "".join(_folded(s, k >= OPEN) for k, s in enumerate(timed))
+    return f"<section><h2>{PARTS[-1][0]}</h2>{TOOLS}{inner}</section>" if timed else ""
+
+
+def _is(section: Section, key: str) -> bool:
+    """Whether a section has a key, one that begins like it (``effects*``), or a figure's kind (``figure:torque``)."""
+    head, _, kind = key.partition(":")
+    if kind or isinstance(section, Figure):
+        return head == "figure" and isinstance(section, Figure) and section.kind == kind
+    return section.key.startswith(key[:-1]) if key.endswith("*") else section.key == key
+
+
+def _answers(answers: KeyValues) -> str:
+    cards = "".join(
+        f"<div><h2>{escape(_upper(question))}</h2><p>{escape(cell_text(answer))}</p></div>"
+        for question, answer in answers.items
+    )
+    return f'<section class=answers aria-label="answers">{cards}</section>'
+
+
+def _lights(said: Sequence[Section]) -> str:
+    """Return how far each joint can be trusted, in a word and a colour, from the first table that says it."""
+    table = next((s for s in said if isinstance(s, Table) and any(c.key == "trust" for c in s.columns)), None)
+    if table is None:
+        return ""
+    place = [c.key for c in table.columns].index("trust")
+    items = "".join(
+        f'<li>{escape(cell_text(row[0]))} <span class="{mark.tone}"><i class=light aria-hidden=true></i>'
+        f"{escape(mark.text)}</span></li>"
+        for row in table.rows
+        if isinstance(mark := row[place], Mark)
+    )
+    return f'<ul class=lights aria-label="model of each joint">{items}</ul>'
+
+
+def _folded(section: Section, closed: bool) -> str:
+    """Return a section behind its own name, or as it is where it folds itself or is a sentence."""
     if isinstance(section, Text):
-        return section.role in ("plain", "warning")
-    return section.key in RESULTS and not (isinstance(section, Table) and len(section.rows) > LONG)
+        return _section(section)
+    figure = isinstance(section, Figure)
+    name = section.title if figure else _upper(section.title or section.key.replace("_", " "))
+    inner = _figure(section, titled=False) if isinstance(section, Figure) else _bare(section)
+    return f"<details{'' if closed else ' open'}><summary>{escape(name)}</summary>{inner}</details>"
+
+
+def _glossary() -> str:
+    terms = "".join(
+        f'<dt id="{_term(term)}">{escape(term)}</dt><dd>{escape(meaning)}</dd>' for term, meaning in TERMS.items()
+    )
+    return f"<details id=glossary><summary>What the words mean</summary><dl>{terms}</dl></details>"
+
+
+def _term(term: str) -> str:
+    return "g-" + re.sub(r"[^a-z]", "-", term.lower().replace("×", "x").replace("±", "pm"))
+
+
+def _words(text: str) -> str:
+    """Return a head or a label, with a link to its meaning where the glossary has one."""
+    term = explained(text)
+    if term is None:
+        return escape(text)
+    return f'<a class=term href="#{_term(term)}" title="{escape(TERMS[term])}">{escape(text)}</a>'
+
+
+def _command(line: str) -> str:
+    return f"<pre>{escape(line)}</pre>" if line else ""
 
 
 def _origin(report: Report) -> str:
     """Return what a reader needs to do it again: versions of the programs, and hashes of what was read."""
-    versions = ", ".join(f"{name} {_version(name)}" for name in ("numpy", "scipy", "matplotlib"))
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "scipy"))
     lines = [f"elid {__version__}, Python {platform.python_version()}, {versions}"]
     log = report.payload.get("log") or {}
     hashes = zip(log.get("files", ()), log.get("sha256", ()), strict=False)
@@ -98,33 +193,24 @@ def _origin(report: Report) -> str:
     return "<br>".join(escape(visible(line)) for line in lines)
 
 
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return "not installed"
-
-
-def _contents(figures: Sequence[Figure]) -> str:
-    if len(figures) < 3:
-        return ""
-    links = "".join(f'<li><a href="#{_anchor(f.key)}">{escape(f.title)}</a></li>' for f in figures)
-    return f"<nav><details><summary>{len(figures)} figures</summary><ol>{links}</ol></details></nav>"
-
-
 def _section(section: Section) -> str:
     if isinstance(section, Text):
         return _text(section)
-    if isinstance(section, KeyValues):
-        return _key_values(section)
-    if isinstance(section, Table):
-        return _table(section)
-    return _figure(section)
+    if isinstance(section, Figure):
+        return _figure(section)
+    if isinstance(section, Table) and len(section.rows) > LONG:
+        return _folded(section, True)
+    name = section.title or (section.key.replace("_", " ") if isinstance(section, Table) else "")
+    return (f"<h3>{escape(_upper(name))}</h3>" if name else "") + _bare(section)
+
+
+def _bare(section: KeyValues | Table) -> str:
+    return _key_values(section) if isinstance(section, KeyValues) else _table(section)
 
 
 def _text(section: Text) -> str:
     if section.role == "next":
-        return f"<p class=next>Next</p><pre class=command>{escape(section.text)}</pre>"
+        return f"<p class=next>Next command</p><pre>{escape(section.text)}</pre>"
     if section.role == "code":
         return f"<pre>{escape(section.text)}</pre>"
     kind = "warning" if section.role == "warning" else "meaning"
@@ -132,69 +218,59 @@ def _text(section: Text) -> str:
 
 
 def _key_values(section: KeyValues) -> str:
-    rows = "".join(f"<dt>{escape(label)}</dt><dd>{escape(cell_text(cell))}</dd>" for label, cell in section.items)
-    return f"{_title(section.title)}<dl>{rows}</dl>"
+    rows = "".join(f"<dt>{_words(label)}</dt><dd>{escape(cell_text(cell))}</dd>" for label, cell in section.items)
+    return f"<dl>{rows}</dl>"
 
 
 def _table(section: Table) -> str:
-    head = "".join(_head(column) for column in section.columns)
-    rows = [_row(section.columns, row) for row in section.rows]
-    table = f"<div class=scroll><table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+    head = "".join(f'<th scope=col class="{c.align}">{_words(c.head)}</th>' for c in section.columns)
+    rows = "".join(_row(section.columns, row) for row in section.rows)
+    name = escape(section.title or section.key.replace("_", " "))
+    table = f'<table aria-label="{name}"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
     note = f"<p class=note>{escape(section.note)}</p>" if section.note else ""
-    name = section.title or {"error": "torque error"}.get(section.key, section.key.replace("_", " "))
-    if len(rows) > LONG:
-        return f"<details><summary>{escape(name[:1].upper() + name[1:])} ({len(rows)})</summary>{table}{note}</details>"
-    return f"{_title(name)}{table}{note}"
-
-
-def _head(column: Column) -> str:
-    return f'<th class="{column.align}">{escape(column.head)}</th>'
+    return f'<div class=scroll tabindex=0 role=region aria-label="{name}">{table}</div>{note}'
 
 
 def _row(columns: Iterable[Column], cells: Iterable[Cell]) -> str:
     parts = []
-    for column, cell in zip(columns, cells, strict=True):
+    for number, (column, cell) in enumerate(zip(columns, cells, strict=True)):
+        told = f' data-head="{escape(column.title)}"' if number else ""
         tone = cell.tone if isinstance(cell, Mark | Quantity) else "plain"
         text = escape(cell_text(cell, unit=not column.unit))
-        parts.append(f'<td class="{column.align} {tone}">{text}</td>')
+        light = "<i class=light aria-hidden=true></i>" if column.key == "trust" and text else ""
+        tag = "th scope=row" if number == 0 else "td"
+        parts.append(f'<{tag} class="{column.align} {tone}"{told}>{light}{text}</{tag[:2]}>')
     return f"<tr>{''.join(parts)}</tr>"
 
 
-def _figure(figure: Figure) -> str:
+def _figure(figure: Figure, *, titled: bool = True) -> str:
+    from elid_cli.report.figures import panels_of, svg
+
+    drawn = panels_of(figure)
+    title = f"<h3>{escape(figure.title)}</h3>" if titled else ""
     caption = f"<figcaption>{escape(figure.caption)}</figcaption>" if figure.caption else ""
-    wide, narrow = (_picture(figure, narrow=narrow) for narrow in (False, True))
-    return (
-        f'<figure id="{_anchor(figure.key)}"><h2>{escape(figure.title)}</h2>'
-        f'<div class="paper wide">{wide}</div><div class="paper narrow">{narrow}</div>{caption}</figure>'
+    legend = "".join(
+        f"<li><svg viewBox='0 0 22 10' aria-hidden=true>{svg.swatch(mark)}</svg>{escape(label)}</li>"
+        for mark in drawn.legend()
+        if (label := getattr(mark, "label", ""))
     )
+    kind = "panels wide" if drawn.wide else "panels"
+    pictures = (f"<ul class=legend>{legend}</ul>" if legend else "") + (
+        f'<div class="{kind}">{"".join(svg.panels(drawn, figure.title))}</div>'
+    )
+    if drawn.over_time:
+        from elid_cli.report.figures.timeline import timeline
 
-
-def _picture(figure: Figure, *, narrow: bool) -> str:
-    try:
-        from elid_cli.report.figures import picture
-
-        drawn = picture(figure, "svg", narrow=narrow)
-        if len(drawn) > _LARGEST:
-            data = base64.b64encode(picture(figure, "png", narrow=narrow)).decode("ascii")
-            return f'<img alt="{escape(figure.title)}" src="data:image/png;base64,{data}">'
-    except ModuleNotFoundError as missing:
-        raise UsageError(f"--report: {missing.name} is not installed", hint="pip install 'elid[plots]'") from None
-    return _inline(drawn.decode("utf-8"), figure, "narrow-" if narrow else "")
-
-
-def _inline(svg: str, figure: Figure, variant: str) -> str:
-    """Return an SVG as part of a page: without prologue, its identifiers made unique by the figure's key."""
-    svg = svg[svg.index("<svg") :]
-    prefix = f"{_anchor(figure.key)}-{variant}"
-    svg = re.sub(r'\bid="', f'id="{prefix}', svg)
-    svg = re.sub(r"url\(#", f"url(#{prefix}", svg)
-    svg = re.sub(r'href="#', f'href="#{prefix}', svg)
-    return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(figure.title)}" ', 1)
+        data = json.dumps(timeline(drawn), separators=(",", ":"), allow_nan=False)
+        script = f'<script type="application/json">{data.replace("<", LESS)}</script>'
+        name = escape(figure.title)
+        pictures = f'<div class=plot role=group aria-label="{name}">{script}</div><noscript>{pictures}</noscript>'
+    return f'<figure id="{_anchor(figure.key)}">{title}<div class=paper>{pictures}</div>{caption}</figure>'
 
 
 def _anchor(key: str) -> str:
     return "f-" + re.sub(r"[^A-Za-z0-9_-]", "_", file_name(key))
 
 
-def _title(title: str) -> str:
-    return f"<h2>{escape(title[:1].upper() + title[1:])}</h2>" if title else ""
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]

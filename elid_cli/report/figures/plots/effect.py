@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.report.figures.paint import BLUE, INK, ORANGE, scatter_with_mean
+from elid_cli.report.figures.drawing import Color, Drawing, Line, Panel, alike
+from elid_cli.report.figures.paint import scatter_with_mean
 from elid_cli.report.tree import Figure, number_text
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
-
     from elid_cli.diagnosis.refit import Contribution
     from elid_cli.diagnosis.result import Diagnosis
     from elid_cli.report.figures.input import FigureInput
-    from elid_cli.report.figures.paint import Paper
 
 
 ORDER = 1
+CURVE = 500
+"""Points of a friction curve."""
 _CLEARLY = 0.15
 """Share of a torque's mean square by which two branches must follow a variable better than one."""
 _OF_TIME = 0.6
@@ -47,22 +47,25 @@ class EffectView:
     error_without: float
     """Held-out error of the row, N·m (N)."""
     error_with: float
+    friction: tuple[Array, Array, Array] | None = None
+    """Of a friction curve: motor velocity, the friction of the model before and after there."""
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
-    """Yield a figure of every effect and curve found."""
+    """Yield a figure of every effect and curve found; the terms of one curve are one."""
     caption = (
         "The residual of the model without the effect, all else fitted again, and with it, against the variable that "
         "the effect follows most. Line: mean; band: the middle 90 %."
     )
     for k, view in enumerate(effect_views(told.diagnosis, told.contributions) if told.diagnosis else (), start=1):
-        title = f"{view.effect} of {view.joint}: without and with"
+        name = view.effect.replace("_", " ")
+        title = f"{name[:1].upper()}{name[1:]} at {view.joint}: without and with it"
         yield Figure(f"effect{k}", title, "effect", asdict(view), caption)
 
 
 def effect_views(found: Diagnosis, parts: Sequence[Contribution]) -> tuple[EffectView, ...]:
     """Return a view of every effect and curve found; `parts` are their `contributions`."""
-    from elid_cli.diagnosis.fit.state import without
+    from elid_cli.diagnosis.refit import without_terms
     from elid_cli.estimation.regression.covariance import residuals
     from elid_cli.report.figures.joint_views import variables
 
@@ -71,10 +74,14 @@ def effect_views(found: Diagnosis, parts: Sequence[Contribution]) -> tuple[Effec
     fitted = [part for part in parts if part.rows != "deflection"]
     first = len(state.effects) - len(fitted)
     names = found.robot.joint_names
+    places = [(part.effect.effect, part.effect.joint) for part in fitted]
     views = []
     for k, part in enumerate(fitted):
+        if places.index(places[k]) < k:
+            continue
         joint = names.index(part.joint)
-        rest = without(state, first + k)
+        terms = [first + n for n, place in enumerate(places) if place == places[k]]
+        rest = without_terms(state, terms)
         row = (part.rows, joint)
         before = residuals(rest.log.observation, rest.solution.values, rest.extras)[row]
         after = residuals(state.log.observation, state.solution.values, state.extras)[row]
@@ -94,11 +101,34 @@ def effect_views(found: Diagnosis, parts: Sequence[Contribution]) -> tuple[Effec
                 rising=(np.gradient(values) > 0)[use] if split else None,
                 without=before[use],
                 with_it=after[use],
-                error_without=part.without,
+                error_without=part.whole_without,
                 error_with=part.with_it,
+                friction=_friction(found, joint, terms),
             )
         )
     return tuple(views)
+
+
+def _friction(found: Diagnosis, joint: int, terms: Sequence[int]) -> tuple[Array, Array, Array] | None:
+    """Return (motor velocity, friction before, friction after) of effects that are a friction curve; None of others."""
+    from elid_cli.model.effects.effect import EquationRow
+
+    state = found.state_after
+    effects = [state.effects[k] for k in terms]
+    if not all(type(e).whole_curves(state.scene, joint, e.shape) for e in effects):
+        return None
+    velocity = state.scene.motion.dtheta[:, joint]
+    order = np.argsort(velocity, kind="stable")
+    order = order[np.linspace(0, len(order) - 1, CURVE).astype(int)]
+    curves = []
+    for robot, added in ((found.validation_before.robot, False), (found.refined, True)):
+        known = robot.joints[joint].parameters
+        torque = known.get("fs", 0.0) * state.scene.direction(joint) + known.get("fv", 0.0) * velocity
+        for k, effect in zip(terms, effects, strict=True) if added else ():
+            size, _ = type(effect).coefficients(state.scene, joint, state.named(k))
+            torque = torque + size @ effect.columns(state.scene)[EquationRow("motor", joint)]
+        curves.append(torque[order])
+    return velocity[order], curves[0], curves[1]
 
 
 def _followed(change: Array, choices: dict[str, Array]) -> tuple[str, bool]:
@@ -122,24 +152,28 @@ def _followed(change: Array, choices: dict[str, Array]) -> tuple[str, bool]:
     return max(scores, key=lambda key: scores[key])
 
 
-def draw(figure: Figure, paper: Paper) -> Canvas:
+def draw(figure: Figure) -> Drawing:
     """Draw ``values``, ``without`` and ``with_it`` (M,), the ``variable``, ``unit`` and held-out errors."""
     data = figure.data
-    made = paper.canvas(4.8 if paper.narrow else 2.7)
-    shape = (2, 1) if paper.narrow else (1, 2)
-    left, right = made.subplots(*shape, sharex=True, sharey=True)
-    for axes, key, color, word in ((left, "without", ORANGE, "without"), (right, "with_it", BLUE, "with")):
-        rising = data.get("rising")
+    rising = data.get("rising")
+    sides: tuple[tuple[str, Color, str], ...] = (("without", "orange", "without"), ("with_it", "blue", "with"))
+    panels = []
+    for key, color, word in sides:
         if rising is None:
-            scatter_with_mean(axes, data["values"], data[key], color)
+            marks = scatter_with_mean(data["values"], data[key], color)
         else:
-            scatter_with_mean(axes, data["values"][rising], data[key][rising], color, label="growing")
-            scatter_with_mean(axes, data["values"][~rising], data[key][~rising], INK, dashes="--", label="falling")
-            axes.legend(loc="best")
+            marks = scatter_with_mean(data["values"][rising], data[key][rising], color, label=f"{word} it, growing")
+            marks += scatter_with_mean(data["values"][~rising], data[key][~rising], "ink", dash="5 3",
+                                       label="falling")  # fmt: skip
         error = data["error_without" if key == "without" else "error_with"]
-        axes.set_title(f"{word} it: held-out error {number_text(error, 3)} {data['unit']}")
-        if axes is right or not paper.narrow:
-            axes.set_xlabel(data["variable"])
-        if axes is left or paper.narrow:
-            axes.set_ylabel(f"residual of {data['joint']},\n{data['rows']} row ({data['unit']})")
-    return made
+        title = f"{word} it: held-out error {number_text(error, 3)} {data['unit']}"
+        panels.append(Panel(marks, title, data["variable"], f"residual ({data['unit']})", height=230))
+    panels = list(alike(panels, "x", "y"))
+    if data.get("friction") is not None:
+        x, before, after = data["friction"]
+        lines = [
+            Line(x, before, "orange", "5 3", 1.4, "friction before"),
+            Line(x, after, "blue", "", 1.8, "friction after"),
+        ]
+        panels.append(Panel(lines, "friction curve", data["variable"], f"torque ({data['unit']})", height=230))
+    return Drawing(panels)

@@ -2,75 +2,75 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elid_cli.report.figures.paint import BLUE, GREY, INK, ORANGE
-from elid_cli.report.tree import Figure, number_text
+from elid_cli.report.answers.summary import JOINT_KINDS, by_kind, kind_of, share_text
+from elid_cli.report.figures.drawing import Bars, Dots, Drawing, Mark, Panel, Rule, Words
+from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
-
+    from elid_cli.report.answers.summary import JOINT_KINDS, by_kind, kind_of, share_text
     from elid_cli.report.figures.input import FigureInput
-    from elid_cli.report.figures.paint import Paper
 
 ORDER = 5
-LONGEST, SHORTER = 30, 22
-"""Characters of a name on a page and on a telephone; the table beside the figure has it whole."""
-EDGE = 2.2
+LONGEST = 22
+"""Characters of a name; the table beside the figure has it whole."""
+MOST = 26
+"""Parameters of one panel."""
+EDGE = 2.1
 """Values beyond this many times their scale are drawn at the edge."""
-TYPE = 7.5
-FAR = 100.0
-"""Standard deviation, % of the value, from which on its size says nothing."""
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
     """Yield one figure of all base parameters."""
     if (found := told.identified) is not None:
-        data = {"names": found.base.names, "estimate": found.estimate, "std_error": found.std_error,
+        data = {"names": found.base.names, "leaders": [p.leader for p in found.parameters],
+                "estimate": found.estimate, "std_error": found.std_error,
                 "reference": found.reference, "verdict": found.verdict}  # fmt: skip
-        caption = "Each on the scale of its own value; bars are 95 % intervals, diamonds the robot file's values."
+        caption = "Each on the scale of its own value, beside it its standard error; the table below has the numbers."
         yield Figure("parameters", "Base parameters", "parameters", data, caption)
 
 
-def draw(figure: Figure, paper: Paper) -> Canvas:
-    """Draw ``names``, ``estimate``, ``std_error``, ``reference`` and ``verdict`` of b base parameters."""
+def draw(figure: Figure) -> Drawing:
+    """Draw ``names``, ``leaders``, ``estimate``, ``std_error``, ``reference`` and ``verdict`` of b base parameters."""
     data = figure.data
-    estimate, deviation = np.asarray(data["estimate"]), np.asarray(data["std_error"])
-    reference = np.asarray(data["reference"])
-    longest = SHORTER if paper.narrow else LONGEST
-    names = [name if len(name) <= longest else f"{name[: longest - 1]}…" for name in data["names"]]
-    count = len(names)
-    columns = 1 if count <= 24 or paper.narrow else 2
-    rows = -(-count // columns)
-    made = paper.canvas(0.18 * rows + 0.9)
-    panels = made.subplots(1, columns, squeeze=False, sharex=True)[0]
+    order = by_kind(data["leaders"])
+    drives = [k for k in order if kind_of(data["leaders"][k]) in JOINT_KINDS]
+    bodies = [k for k in order if k not in set(drives)]
+    titled = [("drives and transmissions", drives), ("bodies", bodies)]
+    pieces = [(title, rows[k : k + MOST]) for title, rows in titled for k in range(0, len(rows), MOST)]
+    return Drawing([_panel(data, title, rows) for title, rows in pieces])
+
+
+def _panel(data: Mapping[str, Any], title: str, index: Sequence[int]) -> Panel:
+    estimate, deviation, reference = (
+        np.asarray(data[key], dtype=float)[list(index)] for key in ("estimate", "std_error", "reference")
+    )
     # a value that is nothing but noise is drawn on the scale of its interval, not of itself
     scale = np.fmax(np.fmax(np.abs(estimate), np.abs(np.nan_to_num(reference))), 1.96 * deviation)
     scale = np.where((scale > 0) & np.isfinite(scale), scale, 1.0)
-    for column, axes in enumerate(panels):
-        index = np.arange(column * rows, min((column + 1) * rows, count))
-        y = np.arange(len(index))
-        half = 1.96 * deviation[index] / scale[index]
-        axes.axvline(0.0, color=GREY, linewidth=0.7)
-        axes.errorbar(estimate[index] / scale[index], y, xerr=half, fmt="o", color=BLUE, markersize=3, elinewidth=1.4,
-                      capsize=2, label="estimate, 95 %")  # fmt: skip
-        axes.plot(reference[index] / scale[index], y, "D", color="none", markeredgecolor=ORANGE, markersize=4.5,
-                  markeredgewidth=1.0, label="reference")  # fmt: skip
-        for place, k in zip(y, index, strict=True):
-            if data["verdict"][k] == "refused":
-                axes.text(-EDGE, place, " refused", va="center", fontsize=TYPE, color=INK)
-            elif np.isfinite(deviation[k]) and estimate[k] != 0:
-                share = 100 * deviation[k] / abs(estimate[k])
-                text = f"{number_text(share, 2)} %" if share < FAR else "> 100 %"
-                axes.text(1.02, place, text, va="center", ha="left", fontsize=TYPE, color=GREY,
-                          transform=axes.get_yaxis_transform())  # fmt: skip
-        axes.set_yticks(y, [names[k] for k in index], fontsize=TYPE)
-        axes.set_ylim(rows - 0.5, -0.5)
-        axes.set_xlim(-EDGE, EDGE)
-        axes.set_xlabel("value / its own size")
-        axes.set_title("± sd", fontsize=TYPE, color=GREY, loc="right", x=1.02, ha="left")
-    made.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
-    return made
+    y, x, half = np.arange(float(len(index))), estimate / scale, 1.96 * deviation / scale
+    names = [data["names"][k] for k in index]
+    marks: list[Mark] = [
+        Rule(x=0.0),
+        Bars(y, x - half, x + half, "blue", 2.0),
+        Dots(x, y, "blue", size=6, label="estimate with 95 % interval"),
+        Dots(reference / scale, y, "orange", "d", 9, label="robot file"),
+        Words(y, [_spread(data["verdict"][k], data["estimate"][k], data["std_error"][k]) for k in index]),
+    ]
+    shown = [name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…" for name in names]
+    drawn = np.concatenate([x - half, x + half, reference / scale])
+    drawn = np.clip(drawn[np.isfinite(drawn)], -EDGE, EDGE)
+    limits = (min(-0.12, *(drawn - 0.12)), max(1.12, *(drawn + 0.12))), (len(index) - 0.5, -0.5)
+    return Panel(marks, title, "value / its own size", "", *limits, 44.0 + 17.0 * len(index), ynames=shown)
+
+
+def _spread(verdict: str, estimate: float, deviation: float) -> str:
+    """Return how well a parameter is known: its standard error in percent, or that it is not."""
+    if verdict == "refused" or not np.isfinite(deviation):
+        return "refused"
+    share = deviation / abs(estimate) if estimate else np.inf
+    return f"± {share_text(share)}" if share < 1 else "> 100 %"

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from elid_cli.report.figures.paint import BLUE, ORANGE, bands, scatter_with_mean
+from elid_cli.report.figures.drawing import Drawing, Line, Panel, alike
+from elid_cli.report.figures.paint import bands, scatter_with_mean
 from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
-
     from elid_cli._types import Array
     from elid_cli.report.figures.input import FigureInput
     from elid_cli.report.figures.joint_views import JointView
-    from elid_cli.report.figures.paint import Paper
 
 ORDER = 4
 
@@ -40,19 +38,14 @@ def _followed(view: JointView, residual: Array, before: Array | None, suffix: st
     return Figure(f"residual_{view.joint}{suffix}", title, "residual", data, caption)
 
 
-def draw(figure: Figure, paper: Paper) -> Canvas:
+def draw(figure: Figure) -> Drawing:
     """Draw ``residual`` (M,) against each of ``variables``; ``before`` (M,) is drawn as its mean only."""
-    data = figure.data
-    made, panels = paper.grid(len(data["variables"]), 3, 2.2, sharey=True)
-    for axes, (name, values) in zip(panels, data["variables"].items(), strict=True):
-        scatter_with_mean(axes, values, data["residual"], BLUE)
-        if data.get("before") is not None:
+    data, panels = figure.data, []
+    old = data.get("before") is not None
+    for name, values in data["variables"].items():
+        marks = scatter_with_mean(values, data["residual"], "blue", label="mean after" if old else "mean")
+        if old:
             centre, mean, *_ = bands(values, data["before"])
-            axes.plot(centre, mean, color=ORANGE, linestyle="--", linewidth=1.4, label="mean before")
-        axes.set_xlabel(name)
-    for axes in panels[:: min(2 if paper.narrow else 3, len(panels))]:
-        axes.set_ylabel(f"residual ({data['unit']})")
-    if data.get("before") is not None:
-        panels[0].plot([], [], color=BLUE, linewidth=1.6, label="mean after")
-        made.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
-    return made
+            marks.append(Line(centre, mean, "orange", "5 3", 1.4, "mean before"))
+        panels.append(Panel(marks, "", name, f"residual ({data['unit']})", height=200))
+    return Drawing(alike(panels, "y"))

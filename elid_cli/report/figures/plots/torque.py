@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from elid_cli.report.figures.paint import BEFORE, GREY, INK, MEASURED, ORANGE, envelope
+from elid_cli._types import Array
+from elid_cli.estimation.stretches import spans
+from elid_cli.report.figures.drawing import Drawing, Line, Mark, Panel, Rule, Spans
 from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as Canvas
-
     from elid_cli.report.figures.input import FigureInput
-    from elid_cli.report.figures.paint import Paper
 
 ORDER = 2
+MOTOR_SIDE = "motor side alone, with the spring's torque from the deflection"
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
@@ -26,66 +27,52 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         "Filtered motor torque, measured and predicted with the spring eliminated, and their difference. Grey: "
         "left out, around reversals."
     )
+    held_out = () if told.diagnosis is None else told.diagnosis.held_out
     for view in told.views:
         old = told.views_before.get(view.joint)
-        residuals = [{"name": "residual", "residual": view.residual, "before": None if old is None else old.residual,
-                      "floor": view.floor}]  # fmt: skip
+        residuals = [_part("", view.residual, None if old is None else old.residual, view.floor)]
         if view.spring_residual is not None:
-            residuals.append(
-                {"name": "residual, spring torque from the deflection", "residual": view.spring_residual,
-                 "before": None if old is None else old.spring_residual, "floor": view.spring_floor}
-            )  # fmt: skip
+            before = None if old is None else old.spring_residual
+            residuals.append(_part(MOTOR_SIDE, view.spring_residual, before, view.spring_floor))
         data = {"joint": view.joint, "unit": view.unit, "t": view.t, "measured": view.measured, "used": view.used,
-                "residuals": residuals}  # fmt: skip
+                "held_out": held_out, "residuals": residuals}  # fmt: skip
         yield Figure(f"torque_{view.joint}", f"{view.joint}: torque and residual", "torque", data, caption)
 
 
-def draw(figure: Figure, paper: Paper) -> Canvas:
-    """Draw ``t``, ``measured`` and ``used`` (M,), the ``unit``, and ``residuals``.
+def _part(name: str, residual: Array, before: Array | None, floor: float | None) -> dict[str, Any]:
+    return {"name": name, "residual": residual, "before": before, "floor": floor}
+
+
+def draw(figure: Figure) -> Drawing:
+    """Draw ``t``, ``measured`` and ``used`` (M,), the ``unit``, ``held_out`` stretches and ``residuals``.
 
     Each of these is a dictionary of ``name``, ``residual`` (M,), ``before`` (M,) or None, and ``floor`` or None; the
     first belongs to the torque that is drawn.
     """
     data = figure.data
     t, measured, residuals = data["t"], data["measured"], data["residuals"]
-    made = paper.canvas(2.15 + (1.8 if paper.narrow else 1.35) * len(residuals))
-    top, *under = made.subplots(1 + len(residuals), 1, sharex=True, height_ratios=(1.7, *(1.0 for _ in residuals)))
-    top.plot(*envelope(t, measured), color=MEASURED, linewidth=2.6, label="measured")
-    predicted = measured - residuals[0]["residual"]
-    top.plot(*envelope(t, predicted), color=INK, linestyle=(0, (4, 1.5)), linewidth=0.9, label="predicted")
-    top.set_ylabel(f"torque ({data['unit']})")
-    top.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=2, borderaxespad=0.2)
     used = np.asarray(data["used"], dtype=bool)
-    for number, (axes, part) in enumerate(zip(under, residuals, strict=True)):
-        _residual(axes, t, part, used)
-        handles, labels = axes.get_legend_handles_labels()
-        # what the first panel has explained needs no second time
-        known = 4 if number == 0 else 1 + (part["before"] is not None)
-        axes.legend(handles[:known], labels[:known], loc="lower left", bbox_to_anchor=(0, 1.0),
-                    ncols=(2 if number == 0 else 1) if paper.narrow else 4, borderaxespad=0.2)  # fmt: skip
-        axes.set_ylabel(f"residual ({data['unit']})")
-    under[-1].set_xlabel("time (s)")
-    top.margins(x=0.01)
-    made.align_ylabels()
-    return made
+    shades: list[Mark] = [Spans(spans(t, ~used), "grey", "left out")] if not used.all() else []
+    shades += [Spans(held_out, "green", "held out")] if (held_out := data.get("held_out")) else []
+    torques = [Line(t, measured, "measured", "", 3.0, "measured"),
+               Line(t, measured - residuals[0]["residual"], "ink", "5 2", 1.1, "predicted")]  # fmt: skip
+    panels = [Panel([*shades, *torques], "", "", f"torque ({data['unit']})")]
+    for part in residuals:
+        panels.append(_residual(t, part, shades, used, data["unit"]))
+    panels[-1] = replace(panels[-1], xlabel="time (s)")
+    return Drawing(panels, over_time=True, wide=True)
 
 
-def _residual(axes: Axes, t: Any, part: dict[str, Any], used: Any) -> None:
+def _residual(t: Array, part: Mapping[str, Any], shades: Sequence[Mark], used: NDArray[np.bool_], unit: str) -> Panel:
     residual, before, floor = part["residual"], part["before"], part["floor"]
+    marks: list[Mark] = [*shades]
     if before is not None:
-        axes.plot(*envelope(t, before), color=BEFORE, linewidth=1.2, label="before")
-    if not used.all():
-        axes.plot(*envelope(t, residual), color=GREY, linewidth=0.5)
-    axes.plot(*envelope(t, np.where(used, residual, np.nan)), color=INK, linewidth=0.8, label=part["name"])
+        marks.append(Line(t, before, "before", "", 1.3, "residual before"))
+    marks.append(Line(t, residual, "ink", "", 1.0, "residual" if before is None else "residual after"))
     if floor:
-        for side in (-2 * floor, 2 * floor):
-            name = "± 2 × noise floor" if side > 0 else None
-            axes.axhline(side, color=ORANGE, linewidth=0.8, linestyle="--", label=name)
+        marks += [Rule(y=side * floor, color="orange", dash="5 3", label="± 2 × noise") for side in (-2.0, 2.0)]
     drawn = [values for values in (residual, before) if values is not None]
     shown = [np.abs(values[used & np.isfinite(values)]) for values in drawn]
-    reach = max([2.2 * (floor or 0.0), *(1.15 * float(values.max()) for values in shown if values.size)]) or 1.0
     # what was left out of the fit may be far off and must not set the scale
-    axes.set_ylim(-reach, reach)
-    if not used.all() and used.any():
-        axes.fill_between(t, 0, 1, where=~used, transform=axes.get_xaxis_transform(), color=GREY, alpha=0.2,
-                          linewidth=0, label="left out")  # fmt: skip
+    reach = max([2.2 * (floor or 0.0), *(1.15 * float(v.max()) for v in shown if v.size)]) or 1.0
+    return Panel(marks, part["name"], "", f"residual ({unit})", ylim=(-reach, reach), height=165)

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from elid_cli.report.figures.paint import CYCLE, envelope
+from elid_cli.report.figures.drawing import CYCLE, Drawing, Line, Panel
 from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
-
     from elid_cli.report.figures.input import FigureInput
-    from elid_cli.report.figures.paint import Paper
 
 ORDER = 9
 
@@ -27,20 +24,18 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         yield Figure("trajectory", "Exciting trajectory", "trajectory", data, caption)
 
 
-def draw(figure: Figure, paper: Paper) -> Canvas:
+def draw(figure: Figure) -> Drawing:
     """Draw ``t`` (N,), ``q``, ``dq`` and ``ddq`` (N, n) of ``joints``, ``revolute`` or not."""
     data = figure.data
-    made = paper.canvas(5.6 if paper.narrow else 5.0)
-    panels = made.subplots(3, 1, sharex=True)
     words = {"q": ("position", ""), "dq": ("velocity", "/s"), "ddq": ("acceleration", "/s²")}
     lengths = ("rad",) if all(data["revolute"]) else ("m",) if not any(data["revolute"]) else ("rad", "m")
-    for axes, (key, (word, share)) in zip(panels, words.items(), strict=True):
-        for k, joint in enumerate(data["joints"]):
-            color, dash = CYCLE[k % len(CYCLE)]
-            axes.plot(*envelope(data["t"], data[key][:, k]), color=color, linestyle=dash, linewidth=1.1, label=joint)
-        axes.set_ylabel(f"{word} ({' or '.join(length + share for length in lengths)})")
-    panels[-1].set_xlabel("time (s)")
-    panels[-1].margins(x=0.01)
-    columns = min(len(data["joints"]), 3 if paper.narrow else 7)
-    made.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=columns)
-    return made
+    panels = []
+    for key, (word, share) in words.items():
+        looks = [CYCLE[k % len(CYCLE)] for k in range(len(data["joints"]))]
+        marks = [
+            Line(data["t"], data[key][:, k], color, dash, label=joint)
+            for k, (joint, (color, dash)) in enumerate(zip(data["joints"], looks, strict=True))
+        ]
+        unit = " or ".join(length + share for length in lengths)
+        panels.append(Panel(marks, "", "time (s)" if key == "ddq" else "", f"{word} ({unit})"))
+    return Drawing(panels, over_time=True, wide=True)

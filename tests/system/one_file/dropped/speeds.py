@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from elid_cli.report.figures.drawing import Bars, Drawing, Panel
 from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
-
     from elid_cli.report.figures.input import FigureInput
-    from elid_cli.report.figures.paint import Paper
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
@@ -20,8 +20,8 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         yield Figure("speeds", "How fast the joints moved", "speeds", {"dq": told.signals.motion.dq}, "All instants.")
 
 
-def draw(figure: Figure, paper: Paper) -> Canvas:
-    """Draw a histogram of ``dq`` (N, n)."""
-    made = paper.canvas(2.0)
-    made.subplots().hist(figure.data["dq"], bins=20)
-    return made
+def draw(figure: Figure) -> Drawing:
+    """Draw bars of how often ``dq`` (N, n) lies in each of twenty ranges."""
+    counts, edges = np.histogram(figure.data["dq"], 20)
+    marks = [Bars(edges[:-1], np.zeros(20), counts.astype(float), "blue", 6.0)]
+    return Drawing([Panel(marks, xlabel="instants", ylabel="velocity")])

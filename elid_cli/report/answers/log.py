@@ -1,0 +1,63 @@
+"""The answer of ``elid plot``: what a log looks like before anything is fitted to it."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+from elid_cli.report.answers.inputs import command, heading, log_payload, recorded_items, robot_payload
+from elid_cli.report.figures.plots.signals import gaps, sizes
+from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+
+
+def log_report(recording: Recording, robot: Robot, robot_argument: str | None) -> Report:
+    """Return the report on a recording; `robot_argument` is what ``--robot`` was given, None for a guessed robot."""
+    moved = {joint.name: sizes(recording, joint, k) for k, joint in enumerate(robot.joints)}
+    payload: dict[str, Any] = {
+        **robot_payload(robot),
+        "log": log_payload(recording),
+        "moved": moved,
+        "gaps": [list(gap) for gap in gaps(recording)],
+    }
+    if robot_argument is None:
+        payload |= {"robot": None, "robot_fingerprint": None}
+    line = shlex.join(["elid", "info", *recording.files])
+    if robot_argument is not None:
+        line = command("identify", recording, robot_argument)
+    sections: list[Section] = [
+        heading(robot, recording),
+        KeyValues("inputs", recorded_items(robot, recording)),
+        *(Text(f"warning{k}", warning, "warning") for k, warning in enumerate(recording.warnings)),
+        _table(robot, moved),
+        Text("next", line, "next"),
+    ]
+    return Report("plot", payload, tuple(sections))
+
+
+def _table(robot: Robot, moved: dict[str, dict[str, Any]]) -> Table:
+    columns = (
+        Column("joint", "joint"),
+        Column("least", "from", align="right"),
+        Column("most", "to", align="right"),
+        Column("speed", "speed, 99 %", align="right"),
+        Column("torque", "torque rms", align="right"),
+        Column("deflection", "deflection rms", align="right"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for joint in robot.joints:
+        unit, torque = ("rad", "N·m") if joint.revolute else ("m", "N")
+        size = moved[joint.name]
+        deflection = None if size["deflection"] is None else 1e3 * size["deflection"]
+        rows.append(
+            (
+                joint.name,
+                Quantity(size["least"], unit, 3),
+                Quantity(size["most"], unit, 3),
+                Quantity(size["speed"], f"{unit}/s", 3),
+                Quantity(size["torque"], torque, 3),
+                Quantity(deflection, f"m{unit}", 3),
+            )
+        )
+    return Table("moved", columns, tuple(rows), title="how the joints moved")

@@ -1,0 +1,187 @@
+"""What every report opens with: can I trust the model, what is missing, which parameters do I know, what to record.
+
+All in plain words. The tables below the answers hold the numbers that they are drawn from.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from elid_cli.estimation.result import BaseEstimate, Identification, JointError
+from elid_cli.report.answers.inputs import Items
+from elid_cli.report.tree import KeyValues, Mark, Section, number_text
+from elid_cli.robot.robot import Robot
+
+AT_FLOOR = 1.3
+"""A held-out error within this factor of the sensors' noise holds no structure worth a search."""
+USABLE = 0.05
+"""Share of the torque up to which a prediction is of use although it holds more than noise."""
+CLOSE = 0.01
+"""The same where nothing is known of the sensors' noise."""
+JOINT_KINDS = ("K", "Jm", "Ja", "fs", "fv")
+"""Kinds of the parameters of drive and transmission, in the order in which they are told."""
+KINDS = {"K": "stiffness", "Jm": "motor inertia", "fs": "Coulomb friction", "fv": "viscous friction"}
+"""What is said of how well drives and transmissions are known."""
+TRUST, MISSING, PARAMETERS, RECORD = (
+    "can I trust it?", "what is missing?", "which parameters?", "what to record next?",
+)  # fmt: skip
+NAMED = 6
+"""Names in a sentence, beyond which they are counted."""
+
+
+def answers(trust: str, missing: str, parameters: str, record: str) -> KeyValues:
+    """Return the four answers, one sentence each; an empty one is left out."""
+    told = ((TRUST, trust), (MISSING, missing), (PARAMETERS, parameters), (RECORD, record))
+    return KeyValues("answers", tuple((question, answer) for question, answer in told if answer))
+
+
+def light(error: JointError | None) -> Mark:
+    """Return how far a joint's prediction can be trusted, in a word and a colour."""
+    if error is None:
+        return Mark("no torque", "dim")
+    share, times = error.relative, above_noise(error)
+    if times is not None:
+        if times <= AT_FLOOR:
+            return Mark("good", "good")
+    elif share <= CLOSE:
+        return Mark("good", "good")
+    return Mark("fair", "warn") if share <= USABLE else Mark("poor", "bad")
+
+
+def above_noise(error: JointError) -> float | None:
+    """Return how many times the sensors' noise is left, in the worse of a joint's equations; None: not known."""
+    pairs = ((error.rms, error.floor), (error.spring_rms, error.spring_floor))
+    known = [rms / floor for rms, floor in pairs if rms is not None and floor]
+    return max(known, default=None)
+
+
+def trust_words(robot: Robot, error: Mapping[str, JointError]) -> str:
+    """Return whether the model predicts the motor torques, in a sentence."""
+    if not error:
+        return "Nobody can tell: no joint has a torque in this log."
+    marks = {joint: light(e).text for joint, e in error.items()}
+    shares = {joint: share_text(e.relative) for joint, e in error.items()}
+    worst = max(error, key=lambda joint: error[joint].relative)
+    noise = all(e.floor for e in error.values())
+    silent = [name for name in robot.joint_names if name not in error]
+    but = f" Nothing is known of {listed(silent)}, without torque in this log." if silent else ""
+    if all(mark == "good" for mark in marks.values()):
+        down = "down to the sensors' noise" if noise else "closely"
+        return f"Yes: the torque of every joint is predicted {down}, {shares[worst]} off at worst.{but}"
+    poor = [joint for joint, mark in marks.items() if mark == "poor"]
+    if poor:
+        sizes = ", ".join(f"{joint} is off by {shares[joint]}" for joint in poor[:NAMED])
+        return f"Not at {listed(poor)}: of its torque {sizes}.{but}"
+    fair = [joint for joint, mark in marks.items() if mark == "fair"]
+    times = max(((times, j) for j in fair if (times := above_noise(error[j])) is not None), default=None)
+    left = f"; {times[1]} holds {number_text(times[0], 2)} times the sensors' noise" if times else ""
+    return f"Mostly: every joint's torque is predicted within {shares[worst]}{left}.{but}"
+
+
+def parameter_words(found: Identification) -> str:
+    """Return how many parameters are known, and how well those of drives and transmissions."""
+    counts = {word: found.verdict.count(word) for word in ("supported", "weak", "refused")}
+    known = f"{counts['supported']} of {len(found.verdict)} base parameters are known"
+    rest = [f"{counts['weak']} roughly"] if counts["weak"] else []
+    rest += [f"{counts['refused']} not at all"] if counts["refused"] else []
+    whole = f"All {len(found.verdict)} base parameters are known" if not rest else ", ".join((known, *rest))
+    sizes: list[str] = []
+    for kind, word in (
+        ("K", "stiffness"),
+        ("Jm", "motor inertia"),
+        ("fs", "Coulomb friction"),
+        ("fv", "viscous friction"),
+    ):
+        spreads = [
+            item.std_error / abs(item.estimate)
+            for item in found.parameters
+            if kind_of(item.leader) == kind and item.verdict != "refused" and item.estimate
+        ]
+        if spreads and max(spreads) < 1:
+            sizes.append(f"{word} to {share_text(max(spreads))}")
+    return f"{whole}; {', '.join(sizes)} or better." if sizes else f"{whole}."
+
+
+def record_sections(found: Identification, further: Items, arguments: Sequence[str]) -> tuple[str, list[Section]]:
+    """Return what the next log should hold, in a sentence and as a list with the command that plans its motion.
+
+    Parameters
+    ----------
+    found
+        The parameters after this log.
+    further
+        What else a log should hold: what for, and what; it comes first.
+    arguments
+        The log and the robot as the user named them: what ``elid excite`` aims at.
+    """
+    log, robot = arguments
+    groups: dict[str, list[str]] = {}
+    for item in found.parameters:
+        if item.verdict != "supported":
+            groups.setdefault(_needed(item, found.robot), []).append(item.leader)
+    items = [*further, *((counted(names), need) for need, names in groups.items())]
+    if not items:
+        return "Nothing more for these parameters; a second log would check them (elid validate).", []
+    sentence = f"{_upper(str(items[0][1]))}, for {items[0][0]}{'; more below' if len(items) > 1 else ''}."
+    if groups:
+        plan = shlex.join(["elid", "excite", "--robot", robot, "--after", log, "-o", "next.csv"])
+        items.append(("such a motion", plan))
+    return sentence, [KeyValues("record", tuple(items), "what to record next")]
+
+
+def _needed(item: BaseEstimate, robot: Robot) -> str:
+    """Return what a log must hold to show a base parameter that this one does not."""
+    kind = kind_of(item.leader)
+    joint = robot.joint_names[int(item.leader.removeprefix(kind)) - 1]
+    for known in ("does not move", "do not move", "no torque", "move it into"):
+        if known in item.reason:
+            return {
+                "no torque": f"the torque of {joint}",
+                "move it into": f"more poses of {joint} against gravity",
+            }.get(known, f"motion of {joint}")
+    if "encoder noise" in item.reason:
+        return f"more load on {joint} or finer encoders"
+    return {
+        "K": f"torque of {joint} that varies more: a heavier load, stronger accelerations",
+        "Jm": f"stronger accelerations of the motor of {joint}",
+        "Ja": f"stronger accelerations of {joint}",
+        "fs": f"slow motion of {joint} in both directions",
+        "fv": f"fast and slow motion of {joint} in both directions",
+    }.get(kind, f"stronger accelerations of {joint} and the joints after it, in more poses")
+
+
+def by_kind(names: Sequence[str]) -> list[int]:
+    """Return the order in which base parameters are told, by their leaders: drive and transmission, then the bodies."""
+    places = {kind: k for k, kind in enumerate(JOINT_KINDS)}
+    return sorted(range(len(names)), key=lambda k: (places.get(kind_of(names[k]), len(places)), k))
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def kind_of(name: str) -> str:
+    """Return the kind of a standard parameter: ``K`` of ``K2``."""
+    return name.rstrip("0123456789")
+
+
+def share_text(fraction: float) -> str:
+    """Return a share in percent with two digits, as far as they mean anything."""
+    percent = 100.0 * fraction
+    if not np.isfinite(percent):
+        return "–"
+    return "< 0.01 %" if percent < 0.01 else f"{number_text(percent, 2)} %"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names as a list in words: ``joint1, joint2 and joint3``."""
+    shown = list(names) if len(names) <= NAMED + 1 else [*names[:NAMED], f"{len(names) - NAMED} more"]
+    return "".join(shown) if len(shown) < 2 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+
+
+def counted(names: Sequence[str]) -> str:
+    """Return names, or those of the first few with the number of the others."""
+    return " ".join(names) if len(names) <= NAMED else f"{' '.join(names[:NAMED])} and {len(names) - NAMED} more"

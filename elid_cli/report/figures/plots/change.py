@@ -1,0 +1,56 @@
+"""Parameters of saved results side by side: those that moved most, with their intervals, in each result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from elid_cli.report.figures.drawing import CYCLE, Bars, Dots, Drawing, Mark, Panel, Rule, Words
+from elid_cli.report.tree import Figure, number_text
+
+if TYPE_CHECKING:
+    from elid_cli.report.figures.input import FigureInput
+
+ORDER = 1
+MOST = 20
+"""Parameters that are drawn: those that moved by most standard deviations."""
+
+
+def figures(told: FigureInput) -> Iterator[Figure]:
+    """Yield one figure of the parameters that all results share."""
+    if not told.comparisons:
+        return
+    known = [{c.name: c for c in found.changes if np.isfinite(c.deviations)} for found in told.comparisons]
+    names = [name for name in known[0] if all(name in other for other in known)]
+    names.sort(key=lambda name: -max(abs(other[name].deviations) for other in known))
+    first = [known[0][name].before for name in names[:MOST]]
+    columns = [first, *([other[name].after for name in names[:MOST]] for other in known)]
+    data = {
+        "names": names[:MOST],
+        "files": [told.comparisons[0].first.file, *(found.other.file for found in told.comparisons)],
+        "values": [[e.value for e in column] for column in columns],
+        "std_errors": [[e.std_error or 0.0 for e in column] for column in columns],
+        "deviations": [max((other[name].deviations for other in known), key=abs) for name in names[:MOST]],
+    }
+    caption = "Less the first result, in its own size; bars are 95 % intervals; at the right the largest change in sd."
+    if names:
+        yield Figure("change", "Parameters that moved most", "change", data, caption)
+
+
+def draw(figure: Figure) -> Drawing:
+    """Draw ``values`` and ``std_errors`` (results, parameters) of ``names``, for ``files``, with ``deviations``."""
+    data = figure.data
+    values, spread = np.array(data["values"], dtype=float), 1.96 * np.array(data["std_errors"], dtype=float)
+    count = len(data["names"])
+    scale = np.fmax(np.fmax(np.abs(values).max(axis=0), spread.max(axis=0)), 1e-300)
+    marks: list[Mark] = [Rule(x=0.0)]
+    for number, (file, row, wide) in enumerate(zip(data["files"], values, spread, strict=True)):
+        color, y = CYCLE[number % len(CYCLE)][0], np.arange(float(count)) + 0.22 * (number - (len(values) - 1) / 2)
+        x, half = 100.0 * (row - values[0]) / scale, 100.0 * wide / scale
+        marks += [Bars(y, x - half, x + half, color, 2.0), Dots(x, y, color, size=5, label=file)]
+    told = [f"{number_text(float(d), 2)} sd" for d in data["deviations"]]
+    marks.append(Words(np.arange(float(count)), told))
+    axes = "change (% of its own size)", "", None, (count - 0.5, -0.5), 46.0 + 19.0 * count
+    return Drawing([Panel(marks, "", *axes, ynames=data["names"])])

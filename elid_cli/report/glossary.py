@@ -1,0 +1,37 @@
+"""What elid's and the field's words mean, in a sentence each: a page explains them where they stand."""
+
+from __future__ import annotations
+
+TERMS = {
+    "× noise": "The error over what the noise of the sensors alone would leave in it; 1 means that only noise is left.",
+    "held-out error": "The rms error of the predicted motor torque on stretches of the log that the fit never saw.",
+    "of torque": "The error as a share of the rms of the joint's torque.",
+    "motor side": "The motor's own equation: motor torque less its inertia and friction, against the transmission's "
+    "torque from the measured deflection.",
+    "motor side alone": "The error when the transmission's torque is taken from the measured deflection (motor angle "
+    "less joint angle) instead of from the link's motion.",
+    "whole joint": "Motor and link equation together: the motor torque against the motion of all bodies, without the "
+    "deflection.",
+    "link side": "The link's equation: the joint torque sensor against what the motion of the bodies needs.",
+    "equation": "Every elastic joint has two equations: the motor's, and the link's. Their sum is free of the spring.",
+    "model": "How far the prediction can be trusted: good, fair or poor.",
+    "explains": "Share of the error beyond noise that the effect takes away, on stretches that the search never saw.",
+    "at least": "The same in that quarter of the log in which it is least, predicted from the other three quarters.",
+    "base parameter": "A combination of parameters (masses, first moments, inertias …) that a log can show; the single "
+    "parameters in it cannot be told apart from any motion.",
+    "± sd": "Standard error of the estimate; the true value lies within twice that in 95 % of all logs.",
+    "verdict": "weak: known only roughly, to worse than 30 %; refused: this log does not tell it; empty: known.",
+    "ref": "What the robot file says.",
+    "off": "How far the estimate is from what the robot file says.",
+    "follows": "The variable that the residual goes with, and the share of its variance that it explains.",
+    "residual": "Measured less predicted torque.",
+    "deflection": "Motor angle (at the joint) less joint angle: how far the transmission is wound up.",
+    "torque rms": "The size of the joint's torque: the root of its mean square.",
+}
+"""Term -> explanation; terms are the words of column heads and labels."""
+
+
+def explained(words: str) -> str | None:
+    """Return the term of the glossary that a column's head or a label is, or None."""
+    plain = words.split(" (")[0].strip()
+    return plain if plain in TERMS else None
