@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import re
 import textwrap
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from elid_cli.report.formats import Style
@@ -38,6 +39,8 @@ PASTED = re.compile(r"--[a-z][a-z-]* (?=[\w./])|\w+: \{from: [^{}]*(?:\{[^{}]*\}
 """What a reader pastes out of a sentence: an option with its value, a line of a mapping."""
 INDENT = 2
 GAP = 2
+LONG, BESIDE = 10, 8
+"""Rows from which on a table is two blocks side by side where the terminal is wide, and the columns between them."""
 _STYLE: dict[Tone, str] = {"plain": "", "good": "green", "warn": "yellow", "bad": "bold red", "dim": "dim"}
 
 
@@ -147,13 +150,13 @@ class _Writer:
             self._line((line, _style(cell)))
 
     def _table(self, table: Table) -> None:
-        rows = table.visible(self.style.everything)
-        texts = [
-            [self._said(cell_text(cell, unit=not column.unit)) for column, cell in zip(table.columns, row, strict=True)]
-            for row in rows
-        ]
+        rows: Sequence[Sequence[Cell]] = table.visible(self.style.everything)
+        texts = self._texts(table, rows)
         heads = [self._said(column.head) for column in table.columns]
         width = self.style.width - INDENT
+        if len(rows) >= LONG and not self.style.whole_rows and 2 * _taken(heads, texts) + BESIDE <= width:
+            rows = self._beside(table, heads, width)
+            return self._foot(table, len(rows))
         widths: list[int] | None
         if self.style.whole_rows:
             widths = _natural(heads, texts)
@@ -172,8 +175,39 @@ class _Writer:
                         self._line((" " * INDENT + part, _style(row[0])))
                     cells[0] = ""
                 self._rows([cells], [[_style(cell) for cell in row]], widths, right)
-        if len(rows) < len(table.rows):
-            self._line((" " * INDENT + self._said(f"… ({len(table.rows) - len(rows)} more: {self.style.rest})"), "dim"))
+        return self._foot(table, len(rows))
+
+    def _texts(self, table: Table, rows: Sequence[Sequence[Cell]]) -> list[list[str]]:
+        return [
+            [self._said(cell_text(cell, unit=not column.unit)) for column, cell in zip(table.columns, row, strict=True)]
+            for row in rows
+        ]
+
+    def _beside(self, table: Table, heads: list[str], width: int) -> Sequence[Sequence[Cell]]:
+        """Print a long table as two blocks side by side, twice as many rows as else; return the rows."""
+        rows: Sequence[Sequence[Cell]] = table.rows
+        if not self.style.everything and table.shown is not None and len(rows) > 2 * table.shown + 1:
+            rows = rows[: 2 * table.shown]
+        texts = self._texts(table, rows)
+        widths = _natural(heads, texts)
+        if 2 * _taken(heads, texts) + BESIDE > width:  # the rows further on are wider
+            rows = table.visible(self.style.everything)
+            texts = self._texts(table, rows)
+            widths = _natural(heads, texts)
+        right = [column.align == "right" for column in table.columns]
+        both, sides, none = [*widths, BESIDE - 2 * GAP, *widths], [*right, False, *right], [""] * len(heads)
+        self._rows([[*heads, "", *heads]], [[""] * len(both)], both, sides, "dim")
+        half = -(-len(rows) // 2)
+        looks = [[_style(cell) for cell in row] for row in rows]
+        for k in range(half):
+            other = (texts[k + half], looks[k + half]) if k + half < len(rows) else (none, none)
+            self._rows([[*texts[k], "", *other[0]]], [[*looks[k], "", *other[1]]], both, sides)
+        return rows
+
+    def _foot(self, table: Table, count: int) -> None:
+        """Print how many rows are left out, and the table's note."""
+        if count < len(table.rows):
+            self._line((" " * INDENT + self._said(f"… ({len(table.rows) - count} more: {self.style.rest})"), "dim"))
         for line in self._fold(table.note, self.style.width - INDENT) if table.note else []:
             self._line((" " * INDENT + line, "dim"))
 
@@ -190,7 +224,7 @@ class _Writer:
                     parts.append((" " * GAP, ""))
                 self._line(*parts)
 
-    def _records(self, heads: list[str], texts: list[list[str]], rows: tuple[tuple[Cell, ...], ...]) -> None:
+    def _records(self, heads: list[str], texts: list[list[str]], rows: Sequence[Sequence[Cell]]) -> None:
         """Print every row as lines of ``column: value``."""
         for number, (texts_of_row, row) in enumerate(zip(texts, rows, strict=True)):
             if number:
@@ -258,6 +292,12 @@ def fit_spanning(heads: list[str], rows: list[list[str]], width: int) -> list[in
 def _joined_units(text: str) -> str:
     """Return the text with numbers tied to their units, and what is to be pasted whole: no line ends in them."""
     return PASTED.sub(lambda found: found.group().replace(" ", TIE), UNITS.sub(TIE, text))
+
+
+def _taken(heads: list[str], rows: list[list[str]]) -> int:
+    """Return the columns that a table takes in which nothing folds."""
+    widths = _natural(heads, rows)
+    return sum(widths) + GAP * (len(widths) - 1)
 
 
 def _longest_word(text: str) -> int:
