@@ -255,7 +255,6 @@ def before_after_table(
         Column("joint", "joint"),
         Column("rows", "equation"),
         Column("trust", "model"),
-        Column("torque_rms", "torque rms", align="right"),
         Column("before", "before", align="right"),
         Column("after", "after", align="right"),
         Column("relative", "of torque", align="right"),
@@ -277,7 +276,7 @@ def before_after_table(
         for kind, first, last, share, floor in sides:
             known = light(old).text, light(new)
             change = known[1] if known[0] == known[1].text else Mark(f"{known[0]} → {known[1].text}", known[1].tone)
-            row: list[Cell] = [joint, SIDES[kind], change if kind == "sum" else "", Quantity(new.torque_rms, unit, 3)]
+            row: list[Cell] = [joint, SIDES[kind], change if kind == "sum" else ""]
             row += [Quantity(first, unit, 3), Quantity(last, unit, 3), share_text(share)]
             if floors:
                 tone: Tone = "warn" if floor and last > AT_FLOOR * floor else "good"
