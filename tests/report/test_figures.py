@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import UsageError
+from elid_cli.estimation.comparison import Estimate, SavedResult, compare
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.refined_robot import refined_robot, representative
 from elid_cli.estimation.result import Identification
@@ -24,7 +25,13 @@ from elid_cli.model.regressor import Regressor
 from elid_cli.report import formats
 from elid_cli.report.answers.identification import identification_report
 from elid_cli.report.figures import figures_of, kinds, panels_of, picture
-from elid_cli.report.figures.build import identification_figures, validation_figures, with_figures
+from elid_cli.report.figures.build import (
+    comparison_figures,
+    identification_figures,
+    log_figures,
+    validation_figures,
+    with_figures,
+)
 from elid_cli.report.figures.drawing import CYCLE, PALETTE, tick_texts, ticks
 from elid_cli.report.figures.input import FigureInput
 from elid_cli.report.figures.joint_views import joint_views, organised
@@ -66,9 +73,12 @@ EFFECT = Figure("effect1", "an effect", "effect", {
 
 def every_kind(report: Report, planar: Robot) -> dict[str, Figure]:
     trajectory = excite(planar, ExciteOptions(duration=8.0, rounds=1, starts=1))
-    return {
-        figure.kind: figure for figure in (*report.figures, *figures_of(FigureInput(excitation=trajectory)), EFFECT)
-    }
+    log = simulate(planar, SimulationOptions(duration=3.0, rate=250.0))
+    results = [SavedResult(f, "planar2", {"K1": Estimate(v, 1.0, "N·m/rad")}, {"joint1": v / 1e6})
+               for f, v in (("a.json", 3000.0), ("b.json", 3010.0))]  # fmt: skip
+    others = (*figures_of(FigureInput(excitation=trajectory)), *log_figures(log, planar),
+              *comparison_figures(compare(results)), EFFECT)  # fmt: skip
+    return {figure.kind: figure for figure in (*others, *report.figures)}
 
 
 def test_every_kind_of_figure_is_drawn(report: Report, planar: Robot) -> None:

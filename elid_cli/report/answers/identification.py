@@ -55,7 +55,7 @@ LIGHTS = (
     "good: only the sensors' noise is left (1 % of the torque where that is not known); fair: within 5 % of the torque;"
     " poor: worse. × noise: error over what the sensors' noise alone would leave"
 )
-SIDES = "motor side alone: with the spring's torque from the measured deflection"
+SIDES = "motor side alone: the same, of the motor's equation, with the spring's torque from the deflection"
 SHOWN = 20
 """Base parameters printed without --all."""
 
@@ -274,10 +274,7 @@ def error_table(
     if with_floor:
         columns.append(Column("floor", "× noise", align="right"))
     if with_spring:
-        columns += [
-            Column("spring_rms", "motor side alone", align="right"),
-            Column("spring_relative", "of torque", align="right"),
-        ]
+        columns.append(Column("spring_relative", "motor side alone", align="right"))
     rows = []
     for name, e in error.items():
         unit = torque_unit(robot, name)
@@ -286,8 +283,7 @@ def error_table(
         if with_floor:
             row.append(Quantity(e.rms / e.floor, digits=2, tone=light(e).tone) if e.floor else None)
         if with_spring:
-            share = None if e.spring_relative is None else share_text(e.spring_relative)
-            row += [Quantity(e.spring_rms, unit, 3), share]
+            row.append(None if e.spring_relative is None else share_text(e.spring_relative))
         rows.append(tuple(row))
     return Table(key, tuple(columns), tuple(rows), title=title, note=f"{LIGHTS}; {SIDES}" if with_spring else LIGHTS)
 

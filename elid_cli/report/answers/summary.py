@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
-
-import numpy as np
+from math import isfinite
 
 from elid_cli.estimation.result import BaseEstimate, Identification, JointError
 from elid_cli.report.answers.inputs import Items
@@ -171,7 +170,7 @@ def kind_of(name: str) -> str:
 def share_text(fraction: float) -> str:
     """Return a share in percent with two digits, as far as they mean anything."""
     percent = 100.0 * fraction
-    if not np.isfinite(percent):
+    if not isfinite(percent):
         return "–"
     return "< 0.01 %" if percent < 0.01 else f"{number_text(percent, 2)} %"
 
