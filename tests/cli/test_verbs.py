@@ -63,7 +63,7 @@ def test_identify_finds_the_truth_and_says_it_twice_alike(elid, place: Path) -> 
 
 def test_a_report_goes_from_input_to_next_command(elid, place: Path) -> None:
     lines = on(place, elid, "identify").stdout.splitlines()
-    starts = ("spindle · run 07.csv", "recorded", "used", "parameters", "base parameter", JOINT, "Next: elid")
+    starts = ("spindle · run 07.csv", "can I trust it?", JOINT, "base parameter", "recorded", "used", "Next: elid")
     places = [next(k for k, line in enumerate(lines) if line.lstrip().startswith(start)) for start in starts]
     assert places == sorted(places)
     assert f"'{LOG}' --robot {ROBOT}" in lines[places[-1]]

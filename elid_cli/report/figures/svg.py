@@ -263,11 +263,11 @@ def _path(x: Array, y: Array) -> str:
             drawn = False
         elif not drawn:
             last = (round(a, 1), round(b, 1))
-            parts.append(f"M{last[0]:g} {last[1]:g}l")
+            parts.append(f"M{last[0]:g} {last[1]:g}h0")
             drawn = True
         elif abs(a - last[0]) + abs(b - last[1]) >= 0.5:
             dx, dy = round(a - last[0], 1), round(b - last[1], 1)
-            parts.append(f"{dx:g} {dy:g} ")
+            parts.append(f"l{dx:g} {dy:g}")
             last = (last[0] + dx, last[1] + dy)
     return "".join(parts)
 

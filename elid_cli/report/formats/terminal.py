@@ -291,7 +291,7 @@ def fit_spanning(heads: list[str], rows: list[list[str]], width: int) -> list[in
 
 def _joined_units(text: str) -> str:
     """Return the text with numbers tied to their units, and what is to be pasted whole: no line ends in them."""
-    return PASTED.sub(lambda found: found.group().replace(" ", TIE), UNITS.sub(TIE, text))
+    return PASTED.sub(lambda found: found.group().replace(" ", TIE), UNITS.sub(TIE, text.replace("< ", "<" + TIE)))
 
 
 def _taken(heads: list[str], rows: list[list[str]]) -> int:
