@@ -135,7 +135,8 @@ def diagnose(
 
             report = with_figures(report, diagnosis_figures(found, told.after, told.contributions, signals))
         refusal = write_found(
-            () if found.partial else write_robot, found.written_robot, remarks(told.after) if write_robot else (), told.after, found.after,
+            () if found.partial else write_robot, found.written_robot, remarks(told.after) if write_robot else (),
+            told.after, found.after,
             (lambda plain: identify(plain, signals)) if drop_effects else None, output,
         )  # fmt: skip
     emit(report, output)

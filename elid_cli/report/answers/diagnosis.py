@@ -103,8 +103,8 @@ def _loud_words(told: DiagnosisInput) -> str:
     memory = [n.correlation for n in told.after.noise if n.joint == worst.joint]
     lasts = f" and remembers {max(memory) * 1e3:.0f} ms" if memory else ""
     return (
-        f" What is left at {worst.joint}, {number_text(worst.ratio, 2)} times the sensors' white noise, does not follow "
-        f"the motion{lasts}: noise of the torque."
+        f" What is left at {worst.joint}, {number_text(worst.ratio, 2)} times the sensors' white noise, does not "
+        f"follow the motion{lasts}: noise of the torque."
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from math import isnan
 from typing import Any
@@ -47,6 +47,7 @@ from elid_cli.report.tree import (
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 
+TITLE = "torque of each joint on stretches that the fit never saw"
 ODD = 1.5
 """A log whose error is this many times the next worst one's fits worse than the others."""
 LOUD = 1.4
@@ -85,11 +86,12 @@ def identification_report(
         foreign = written.lower().endswith((".urdf", ".xml", ".mjcf"))
         facts += (("written", written if foreign else f"{written}, which predicts as this result does"),)
     record, further = record_sections(found, (), (recording.files[0], robot_argument))
+    lacking = {item.joint for item in found.insufficient}
     sections: list[Section] = [
         heading(found.robot, recording),
-        answers(trust_words(found.robot, found.error), _missing_words(found), parameter_words(found), record),
+        answers(trust_words(found.robot, found.error, lacking), _missing_words(found), parameter_words(found), record),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.warnings))),
-        error_table("error", found.robot, found.error, "torque of each joint on stretches that the fit never saw"),
+        error_table("error", found.robot, found.error, TITLE, lacking=lacking),
         *sensor_table("sensors", found.robot, found.error),
         *log_table(found.robot, logs),
         base_table(found),
@@ -207,7 +209,7 @@ def base_table(found: Identification) -> Table:
     """Return the base parameters with errors, and with references where the robot file has any."""
     relative = found.relative_error()
     known = any(value == value for value in found.reference)
-    doubtful = any(verdict != "supported" for verdict in found.verdict)
+    doubtful = any(_mark(item) for item in found.parameters)
     columns = [
         Column("name", "base parameter", span=True),
         Column("estimate", "value", align="right"),
@@ -222,8 +224,7 @@ def base_table(found: Identification) -> Table:
         name = found.base.names[k]
         value, deviation = float(found.estimate[k]), float(found.std_error[k])
         reference: tuple[Cell, ...] = (Quantity(float(found.reference[k])), _small(float(relative[k]))) if known else ()
-        mark = "" if found.verdict[k] == "supported" else verdict_mark(found.verdict[k])
-        verdict: tuple[Cell, ...] = (mark,) if doubtful else ()
+        verdict: tuple[Cell, ...] = (_mark(found.parameters[k]),) if doubtful else ()
         rows.append(
             (
                 name,
@@ -259,9 +260,18 @@ def _verdict_note(found: Identification) -> str:
 
 
 def error_table(
-    key: str, robot: Robot, error: Mapping[str, JointError], title: str = "", *, fitted: bool = True
+    key: str,
+    robot: Robot,
+    error: Mapping[str, JointError],
+    title: str = "",
+    *,
+    fitted: bool = True,
+    lacking: Collection[str] = (),
 ) -> Table:
-    """Return how well each joint's torque is predicted, on data that the fit (if any) never saw."""
+    """Return how well each joint's torque is predicted, on data that the fit (if any) never saw.
+
+    `lacking` are joints whose residual follows the motion.
+    """
     columns = [
         Column("joint", "joint"),
         Column("trust", "model"),
@@ -278,10 +288,15 @@ def error_table(
     rows = []
     for name, e in error.items():
         unit = torque_unit(robot, name)
-        row: list[Cell] = [name, light(e), Quantity(e.torque_rms, unit, 3), Quantity(e.rms, unit, 3)]
+        row: list[Cell] = [
+            name,
+            light(e, lacking=name in lacking),
+            Quantity(e.torque_rms, unit, 3),
+            Quantity(e.rms, unit, 3),
+        ]
         row.append(share_text(e.relative))
         if with_floor:
-            row.append(Quantity(e.rms / e.floor, digits=2, tone=light(e).tone) if e.floor else None)
+            row.append(Quantity(e.rms / e.floor, digits=2, tone=mark.tone) if e.floor else None)
         if with_spring:
             row.append(None if e.spring_relative is None else share_text(e.spring_relative))
         rows.append(tuple(row))

@@ -6,7 +6,7 @@ All in plain words. The tables below the answers hold the numbers that they are 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from math import isfinite
 
 from elid_cli.estimation.result import BaseEstimate, Identification, JointError
@@ -37,15 +37,15 @@ def answers(trust: str, missing: str, parameters: str, record: str) -> KeyValues
     return KeyValues("answers", tuple((question, answer) for question, answer in told if answer))
 
 
-def light(error: JointError | None) -> Mark:
-    """Return how far a joint's prediction can be trusted, in a word and a colour."""
+def light(error: JointError | None, *, lacking: bool = False) -> Mark:
+    """Return how far a joint's prediction can be trusted, in a word and a colour; `lacking`: it follows the motion."""
     if error is None:
         return Mark("no torque", "dim")
     share, times = error.relative, above_noise(error)
     if times is not None:
-        if times <= AT_FLOOR:
+        if times <= AT_FLOOR and not lacking:
             return Mark("good", "good")
-    elif share <= CLOSE:
+    elif share <= CLOSE and not lacking:
         return Mark("good", "good")
     return Mark("fair", "warn") if share <= USABLE else Mark("poor", "bad")
 
@@ -57,11 +57,11 @@ def above_noise(error: JointError) -> float | None:
     return max(known, default=None)
 
 
-def trust_words(robot: Robot, error: Mapping[str, JointError]) -> str:
-    """Return whether the model predicts the motor torques, in a sentence."""
+def trust_words(robot: Robot, error: Mapping[str, JointError], lacking: Collection[str] = ()) -> str:
+    """Return whether the model predicts the motor torques, in a sentence; `lacking` as `light` has it, of joints."""
     if not error:
         return "Nobody can tell: no joint has a torque in this log."
-    marks = {joint: light(e).text for joint, e in error.items()}
+    marks = {joint: light(e, lacking=joint in lacking).text for joint, e in error.items()}
     shares = {joint: share_text(e.relative) for joint, e in error.items()}
     worst = max(error, key=lambda joint: error[joint].relative)
     noise = all(e.floor for e in error.values())
