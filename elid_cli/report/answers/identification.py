@@ -287,10 +287,10 @@ def error_table(
         columns.append(Column("spring_relative", "motor side alone", align="right"))
     rows = []
     for name, e in error.items():
-        unit = torque_unit(robot, name)
+        unit, mark = torque_unit(robot, name), light(e, lacking=name in lacking)
         row: list[Cell] = [
             name,
-            light(e, lacking=name in lacking),
+            mark,
             Quantity(e.torque_rms, unit, 3),
             Quantity(e.rms, unit, 3),
         ]
