@@ -36,6 +36,8 @@ POSITIONAL = {"position", "positions", "pos", "q", "theta", "angle", "angles", "
 HEADERLESS = re.compile(r"column\d+")
 BLOCKS = {1: ("q",), 2: ("q", "tau"), 3: ("q", "dq", "tau"), 4: ("q", "dq", "", "tau")}
 """Signals of a table without names, by its columns per joint: accelerations are passed over."""
+MOST = 2000
+"""Channels that a hint is looked for among: every one is compared with every other."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,7 @@ def suggestion(
     units
         Units that the log's header gives, by column.
     """
+    channels = channels[:MOST]
     columns = [channel.source for channel in channels]
     if columns and all(map(HEADERLESS.fullmatch, columns)):
         return "\n".join(_unnamed(columns, len(joints), signals))
