@@ -136,7 +136,7 @@ WORDS = {
     "Comparison": ["result 2 against result 1", "m1 - 4*Izz1"],
     "Diagnosis": ["missing from the model", "link_viscous  joint1", "before", "after"],
     "Excitation": ["use of the limits", "expected ± sd"],
-    "Identification": ["14 base", "K1", "motor row", "joint2"],
+    "Identification": ["14 base", "K1", "joint2"],
     "LogInfo": ["HDF5", "log.h5", "theta"],
     "PhysicalParameters": ["a robot that could be built", "decided by"],
     "Recording": ["at 500 Hz, 2 joints", "log.h5"],
