@@ -26,7 +26,7 @@ joints:
 JOINT = """\
   - {{name: joint{k}, a: 0, alpha: {alpha}, d: {d}, theta: 0, gear_ratio: 0.01, motor_axis: [0, 0, 1],
      limits: {{position: [-2, 2], velocity: 2, acceleration: 8, torque: 300}},
-     parameters: {{m: 2.5, cx: 0.05, cy: 0.02, cz: -0.3, Ixx: 0.08, Iyy: 0.08, Izz: 0.02, Ixy: 0.001, Ixz: 0.002,
+     parameters: {{m: 2.5, cx: 0.05, cy: 0.02, cz: -0.3, Ixx: 1.2, Iyy: 1.2, Izz: 0.9, Ixy: 0.001, Ixz: 0.002,
        Iyz: 0.001, Jm: 0.4, fs: 1.2, fv: 0.8, K: {stiffness}}}}}
 """
 
