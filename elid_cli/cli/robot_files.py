@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from elid_cli.cli.output import note
-from elid_cli.errors import UsageError
+from elid_cli.errors import ElidError, UsageError
 from elid_cli.files import check_suffix, check_writable, write_text
 
 if TYPE_CHECKING:
@@ -26,6 +26,13 @@ def check_described(paths: Sequence[str]) -> None:
         check_writable(Path(path))
 
 
+class Written(NamedTuple):
+    """The robot files that were written, and why others were not: to be raised once the report is out."""
+
+    files: tuple[str, ...]
+    refusal: ElidError | None
+
+
 def write_found(
     paths: Sequence[str],
     refined: Robot,
@@ -34,10 +41,10 @@ def write_found(
     error: Mapping[str, JointError],
     without: Callable[[Robot], Identification] | None,
     output: Output,
-) -> UsageError | None:
-    """Write an identified robot to files; return the error to raise once the report is out.
+) -> Written:
+    """Write an identified robot to files, and say on stderr what they hold that was not found, or do not hold.
 
-    That error: a format cannot hold an effect that was found, and dropping it was not asked for.
+    A file is refused where its format cannot hold an effect that was found, and dropping it was not asked for.
 
     Parameters
     ----------
@@ -53,26 +60,50 @@ def write_found(
     output
         Whether notes are wanted.
     """
+    from elid_cli.estimation.refined_robot import impossible_words
+
     nuisances = {(item.effect, item.joint) for item in found.nuisances}
-    refused: list[tuple[str, list[EffectSpec]]] = []
+    files: list[str] = []
+    refusals: list[ElidError] = []
+    note([said for said in impossible_words(found) if said in remarks], output, "warning")
     for path in paths:
         lost = [spec for spec in _lost(refined, path) if (spec.effect, spec.joint) not in nuisances]
-        if not lost:
-            write_described(refined, path, remarks)
-        elif without is None:
-            refused.append((path, lost))
+        rigid = _without_springs(refined, path)
+        note([f"{path}: {sentence}" for sentence in rigid], output, "left out")
+        try:
+            if not lost:
+                write_described(refined, path, [*remarks, *rigid])
+            elif without is None:
+                raise _refused(path, lost)
+            else:
+                plain, said = _without(refined, lost, error, without)
+                note([f"{path}: {sentence}" for sentence in said], output, "left out")
+                write_described(plain, path, [*remarks[:1], *said, *rigid])
+        except ElidError as refusal:
+            refusals.append(refusal)
         else:
-            plain, said = _without(refined, lost, error, without)
-            note([f"{path}: {sentence}" for sentence in said], output, "left out")
-            write_described(plain, path, [*remarks[:1], *said])
-    for path, lost in refused:
-        names = _named(lost)
-        return UsageError(
-            f"{path}: this format cannot hold {names}",
-            detail="parameters that were found beside an effect are wrong without it",
-            hint=f"--drop-effects writes the fit without it; {Path(path).with_suffix('.yaml')} holds all",
-        )
-    return None
+            files.append(path)
+    return Written(tuple(files), refusals[0] if refusals else None)
+
+
+def _refused(path: str, lost: Sequence[EffectSpec]) -> UsageError:
+    return UsageError(
+        f"{path}: this format cannot hold {_named(lost)}",
+        detail="parameters that were found beside an effect are wrong without it",
+        hint=f"--drop-effects writes the fit without it; {Path(path).with_suffix('.yaml')} holds all",
+    )
+
+
+def _without_springs(robot: Robot, path: str) -> list[str]:
+    """Return in words the stiffnesses that the user's own MJCF, patched, cannot hold: its joints are rigid."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in FOREIGN or suffix == ".urdf" or not _patches(robot, path):
+        return []  # elid's own element of a URDF holds them
+    names = [
+        name for name in robot.parameter_names() if name.kind == "K" and "K" in robot.joints[name.joint].parameters
+    ]
+    beside = Path(robot.source).with_suffix(".elid.yaml").name
+    return [f"{', '.join(names)}: the file's joints are rigid; {beside} or a .yaml holds stiffnesses"] if names else []
 
 
 def _without(

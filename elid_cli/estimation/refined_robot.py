@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -10,11 +10,13 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import consistency
 from elid_cli.model.effects.tilt import levelled
 from elid_cli.model.regressor import Regressor
-from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.robot.parameter import StandardParameter
+from elid_cli.robot.robot import POSITIVE, EffectSpec, Robot
 
 
 def representative(base: BaseParameters, estimate: Array, reference: Array) -> Array:
@@ -43,14 +45,50 @@ def representative(base: BaseParameters, estimate: Array, reference: Array) -> A
 
 def identified_robot(found: Identification) -> Robot:
     """Return the robot with what was found: values nearest to its own, nuisances as effects of the measurement."""
-    standard = representative(found.base, found.base.transform @ found.standard, found.robot.reference())
+    standard = representative(found.base, possible_values(found), found.robot.reference())
     new = [
         *(EffectSpec(e.effect, e.joint, e.parameters) for e in found.effects),
         *(EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances),
     ]
     replaced = {(spec.effect, spec.joint) for spec in new}
     kept = [spec for spec in found.robot.effects if (spec.effect, spec.joint) not in replaced]
-    return refined_robot(found.robot, standard, (*kept, *new))
+    return refined_robot(found.robot, standard, (*kept, *new), _unknown(found))
+
+
+def possible_values(found: Identification) -> Array:
+    """Return the base parameters (b,) of the robot that is written: none negative that no robot has negative.
+
+    Frictions and rotor inertias that came out so beyond doubt are 0, and the others are those of the fit that knows it:
+    the values nearest to the estimate in its own covariance. Negative ones that the log does not show are the
+    reference's, or 0.
+    """
+    values: Array = found.base.transform @ found.standard
+    wrong = np.array([item.reason.startswith(IMPOSSIBLE) for item in found.parameters])
+    if wrong.any():
+        known = np.isfinite(np.diag(found.covariance))
+        pull = found.covariance[np.ix_(known, wrong)] @ np.linalg.pinv(found.covariance[np.ix_(wrong, wrong)])
+        values[known] -= pull @ values[wrong]
+        values[wrong] = 0.0
+    for k in _negative_unseen(found):
+        reference = found.parameters[k].reference
+        values[k] = reference if reference > 0 else 0.0
+    return values
+
+
+def _negative_unseen(found: Identification) -> list[int]:
+    """Return the refused base parameters whose value, there for the prediction alone, no robot has."""
+    values = found.base.transform @ found.standard
+    return [
+        k for k, item in enumerate(found.parameters)
+        if item.verdict == "refused" and item.leader.kind in POSITIVE and values[k] < 0
+        and found.base.classes[item.leader] == "independent"
+    ]  # fmt: skip
+
+
+def _unknown(found: Identification) -> frozenset[StandardParameter]:
+    """Return the stiffnesses that nobody knows: the log gives none that a robot could have, the file none at all."""
+    unseen = (found.parameters[k] for k in _negative_unseen(found))
+    return frozenset(item.leader for item in unseen if item.leader.kind == "K" and not item.reference > 0)
 
 
 def remarks(found: Identification, *, physical: bool = False) -> tuple[str, ...]:
@@ -70,12 +108,23 @@ def remarks(found: Identification, *, physical: bool = False) -> tuple[str, ...]
         if not _could_be_built(found):
             text += " As single values they are not those of real bodies; elid identify --physical gives such."
         lines.append(text)
+    unknown, unseen = _unknown(found), {found.parameters[k].leader for k in _negative_unseen(found)}
     for item in found.parameters:
         if item.verdict == "refused":
             why = item.reason or "this log does not show it"
-            kept = "not from this log" if physical else "no estimate, only what the prediction needs"
-            lines.append(f"{item.leader} is refused: {why}. Its value is {kept}.")
-    return tuple(lines)
+            kept = "Its value is not from this log" if physical or item.leader in unseen else (
+                "Its value is no estimate, only what the prediction needs")  # fmt: skip
+            kept = "It is left out" if item.leader in unknown and not physical else kept
+            lines.append(f"{item.leader} is refused: {why}. {kept}.")
+    return (*lines, *(() if physical else impossible_words(found)))
+
+
+def impossible_words(found: Identification) -> tuple[str, ...]:
+    """Return what is done with values that no robot has: one sentence, or none."""
+    wrong = [f"{item.leader} = {item.estimate:.3g}" for item in found.parameters if item.reason.startswith(IMPOSSIBLE)]
+    if not wrong:
+        return ()
+    return (f"{', '.join(wrong)} came out negative beyond error: written as 0, the others as a fit that knows it.",)
 
 
 def _could_be_built(found: Identification) -> bool:
@@ -85,13 +134,18 @@ def _could_be_built(found: Identification) -> bool:
     return cones.slack(values / cones.scales.sizes) >= 0
 
 
-def refined_robot(robot: Robot, standard: Array, effects: Sequence[EffectSpec]) -> Robot:
-    """Return the robot with standard parameters (p,) and effects in place of its own."""
+def refined_robot(
+    robot: Robot,
+    standard: Array,
+    effects: Sequence[EffectSpec],
+    unknown: Collection[StandardParameter] = (),
+) -> Robot:
+    """Return the robot with standard parameters (p,), but for the unknown ones, and effects in place of its own."""
     values = dict(zip(robot.parameter_names(), standard, strict=True))
     classes = find_base(Regressor(levelled(replace(robot, effects=tuple(effects))))).classes
     joints = []
     for number, joint in enumerate(robot.joints):
-        own = [p for p in values if p.joint == number]
+        own = [p for p in values if p.joint == number and p not in unknown]
         kept = {p.kind: float(values[p]) for p in own if p.kind in joint.parameters or classes[p] != "unidentifiable"}
         joints.append(replace(joint, parameters=MappingProxyType(kept)))
     return replace(robot, joints=tuple(joints), effects=tuple(effects))

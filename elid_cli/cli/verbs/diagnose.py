@@ -117,15 +117,20 @@ def diagnose(
             judged.append(Check(other, before, after))
         if advance is not None:
             advance("judging", 0.5)
+        published = found.identified_after
+        written = write_found(
+            () if found.partial else write_robot, found.written_robot, remarks(published) if write_robot else (),
+            published, found.after, (lambda plain: identify(plain, signals)) if drop_effects else None, output,
+        )  # fmt: skip
         told = DiagnosisInput(
             found,
             found.identified_before,
-            found.identified_after,
+            published,
             found.contributions,
             recording,
             robot,
             judged,
-            next((path for path in write_robot if not path.lower().endswith(FOREIGN)), None),
+            next((path for path in written.files if not path.lower().endswith(FOREIGN)), None),
             lookup,
             only,
         )
@@ -134,16 +139,11 @@ def diagnose(
             from elid_cli.report.figures.build import diagnosis_figures, with_figures
 
             report = with_figures(report, diagnosis_figures(found, told.after, told.contributions, signals))
-        refusal = write_found(
-            () if found.partial else write_robot, found.written_robot, remarks(told.after) if write_robot else (),
-            told.after, found.after,
-            (lambda plain: identify(plain, signals)) if drop_effects else None, output,
-        )  # fmt: skip
     emit(report, output)
     if found.partial:
         raise KeyboardInterrupt  # main knows its exit code
-    if refusal:
-        raise refusal
+    if written.refusal:
+        raise written.refusal
     _check(told, gates, [*(_lacks(found) if fail_on_effect else ()), *(_leaves(found) if fail_on_unexplained else ())])
 
 

@@ -64,34 +64,34 @@ def identify(
         from elid_cli.estimation.identify import EstimateOptions, identify_logs
         from elid_cli.estimation.refined_robot import identified_robot, remarks
         from elid_cli.report.answers.identification import identification_report
+        from elid_cli.report.answers.physical import with_physical
 
         machine = load_robot(robot)
         check_names(gates, machine)
         request = log_request(logs, machine, reading, conditioning, spread, output, advance)
         chosen = EstimateOptions(estimator=fit.estimator, accurate=fit.accurate)
         found, recording, apart, signals = identify_logs(request, chosen, keep_signals=pictures_wanted(output))
-        refined = identified_robot(found)
-        report = identification_report(found, recording, robot, apart, write_robot[0] if write_robot else None)
+        predicting = refined = identified_robot(found)
+        if physical:
+            from elid_cli.estimation.physical.nearest import make_physical
+
+            built = make_physical(found)
+            refined = replace(refined, joints=built.refined_robot().joints)
+        again = replace(request, on_read=None, progress=None)
+        written = write_found(
+            write_robot, refined, remarks(found, physical=physical) if write_robot else (), found, found.error,
+            (lambda plain: identify_logs(replace(again, robot=plain), chosen).found) if drop_effects else None, output,
+        )  # fmt: skip
+        report = identification_report(found, recording, robot, apart, written.files)
         if pictures_wanted(output):
             from elid_cli.report.figures.build import identification_figures, with_figures
 
             signals = signals or samples_of(logs, machine, reading, conditioning, output, advance)
             if signals is not None:
-                report = with_figures(report, identification_figures(found, refined, signals))
+                report = with_figures(report, identification_figures(found, predicting, signals))
         if physical:
-            from elid_cli.estimation.physical.nearest import make_physical
-            from elid_cli.report.answers.physical import with_physical
-
-            built = make_physical(found)
             report = with_physical(report, built, found.base)
-            refined = replace(refined, joints=built.refined_robot().joints)
-        told = remarks(found, physical=physical) if write_robot else ()
-        again = replace(request, on_read=None, progress=None)
-        refusal = write_found(
-            write_robot, refined, told, found, found.error,
-            (lambda plain: identify_logs(replace(again, robot=plain), chosen).found) if drop_effects else None, output,
-        )  # fmt: skip
     emit(motor_rows_told(report, gates, found.error, output), output)
-    if refusal:
-        raise refusal
+    if written.refusal:
+        raise written.refusal
     check_gates(gates, found.error, found.this_log, found)

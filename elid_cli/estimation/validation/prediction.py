@@ -30,7 +30,8 @@ class Validation(Shown):
     robot: Robot
     error: Mapping[str, JointError]
     residual: Mapping[EstimationRow, Array]
-    """Measured minus predicted torque per row group, N·m (N), (M,); the columns of masked instants included."""
+    """Measured minus predicted torque per row group, N·m (N), (M,); the columns of masked instants included. Rows of
+    a spring whose stiffness nobody knows are absent."""
     observation: Observation
     settings: Mapping[str, object] = field(default_factory=dict)
 
@@ -63,7 +64,12 @@ def validate(
     shifts = declared_shifts(robot)
     signals = corrected(signals, shifts)
     observation = observe(model, signals) if observation is None or shifts or turned else observation
-    residual = {group.row: group.target - standard[group.index] @ group.columns for group in observation.groups}
+    springs = {k for k, name in enumerate(model.names) if name.kind == "K" and not np.isfinite(robot.reference()[k])}
+    residual = {
+        group.row: group.target - standard[group.index] @ group.columns
+        for group in observation.groups
+        if springs.isdisjoint(group.index.tolist())
+    }
     if robot.effects:
         scene = scene_of(model, signals, standard)
         for spec in unshifted_robot(robot).effects:
@@ -78,7 +84,8 @@ def validate(
                     hint="elid identify fits declared effects: use its --write-robot",
                 ) from None
             for row, columns in extra_of(kind(joint, shape), scene, signals).rows.items():
-                residual[row] = residual[row] - linear @ columns
+                if row in residual:
+                    residual[row] = residual[row] - linear @ columns
     settings = {"cutoff": signals.filter.cutoff, "rate": signals.rate, "instants": observation.instants}
     return Validation(described, _errors(robot, observation, residual, chosen), residual, observation, settings)
 
@@ -86,12 +93,15 @@ def validate(
 def complete(robot: Robot, base: BaseParameters) -> Array:
     """Return the standard parameters (p,) of a robot file; those that no torque depends on count as 0.
 
+    So does a stiffness that the file does not give: the torque with the spring eliminated is predicted without it.
+
     Raises
     ------
     RobotError
-        A base parameter contains a parameter that the file does not give.
+        A base parameter contains another parameter that the file does not give.
     """
-    unknown = [base.parameters[k] for k in base.leaders[~np.isfinite(base.values(robot.reference()))]]
+    leaders = base.leaders[~np.isfinite(base.values(robot.reference()))]
+    unknown = [base.parameters[k] for k in leaders if base.parameters[k].kind != "K"]
     if unknown:
         more = f" and {len(unknown) - 8} more" if len(unknown) > 8 else ""
         raise RobotError(
@@ -125,7 +135,7 @@ def _errors(
     robot: Robot, observation: Observation, residual: Mapping[EstimationRow, Array], chosen: NDArray[np.bool_] | None
 ) -> dict[str, JointError]:
     errors = {}
-    use = {g.row: g.use if chosen is None else g.use & chosen for g in observation.groups}
+    use = {g.row: g.use if chosen is None else g.use & chosen for g in observation.groups if g.row in residual}
 
     def rms(row: EstimationRow) -> float | None:
         if row not in use or not use[row].any():
@@ -176,7 +186,7 @@ def errors_by_log(
     """
     if len(files) < 2:
         return ()
-    observation = observe(Regressor(robot), signals)
+    observation = observe(Regressor(levelled(as_observed(robot, signals))), signals)
     sources = np.array([segment.source for segment in signals.segments], dtype=np.intp)[observation.stretch]
     judged = []
     for number, file in enumerate(files):

@@ -21,6 +21,10 @@ REFUSED = 1.0
 """Relative standard deviation above which a value says nothing."""
 LEAST_FREEDOM = 3.0
 """Independent instants beyond the parameters of a row, below which a standard error is hardly known itself."""
+DOUBT = 3.0
+"""Standard errors below zero from which a value that no robot has negative is impossible, and no scatter."""
+IMPOSSIBLE = "negative, which no robot's is"
+"""What the reason of such a parameter begins with."""
 TORQUE_SHARE = 0.01
 """A parameter matters on the scale at which it makes this share of a row's torque."""
 
@@ -87,6 +91,9 @@ def judge(
             verdicts.append("refused")
             spread = f"standard deviation {deviation[k]:.2g} against a value of {estimate[k]:.2g}"
             reasons[name] = f"{spread}: {why(members, robot, facts)}"
+        elif impossible(base, k, estimate[k], deviation[k]):
+            verdicts.append("weak")
+            reasons[name] = f"{IMPOSSIBLE}: a sign or a unit is wrong, or an effect is missing"
         elif deviation[k] > WEAK * size:
             verdicts.append("weak")
             of = " of what would show in the torque" if size > abs(estimate[k]) else ""
@@ -150,13 +157,18 @@ def gravity_in_body(joint: int, robot: Robot, q: Array) -> Array:
 
 def suspicious(base: BaseParameters, estimate: Array, deviation: Array, known: NDArray[np.bool_]) -> tuple[str, ...]:
     """Return a sentence for every stiffness, rotor inertia or friction that came out negative beyond doubt."""
-    sentences = []
-    for k, leader in enumerate(base.leaders):
-        name = base.parameters[leader]
-        positive = name.startswith(POSITIVE) and base.classes[name] == "independent"
-        if positive and known[k] and estimate[k] < -3 * deviation[k]:
-            sentences.append(f"{name} = {estimate[k]:.3g} is negative: check signs and units, or an effect is missing")
-    return tuple(sentences)
+    return tuple(
+        f"{base.parameters[leader]} = {estimate[k]:.3g} is negative: check signs and units, or an effect is missing"
+        for k, leader in enumerate(base.leaders)
+        if known[k] and impossible(base, k, estimate[k], deviation[k])
+    )
+
+
+def impossible(base: BaseParameters, k: int, estimate: float, deviation: float) -> bool:
+    """Whether base parameter `k` is a stiffness, rotor inertia or friction that came out negative beyond doubt."""
+    name = base.parameters[base.leaders[k]]
+    positive = name.kind in POSITIVE and base.classes[name] == "independent"
+    return positive and bool(estimate < -DOUBT * deviation)
 
 
 def shortfall(base: BaseParameters, known: NDArray[np.bool_], robot: Robot, facts: SignalFacts) -> str:

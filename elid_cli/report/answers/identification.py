@@ -7,6 +7,7 @@ from dataclasses import asdict
 from math import isnan
 from typing import Any
 
+from elid_cli.estimation.refined_robot import impossible_words
 from elid_cli.estimation.result import BaseEstimate, FittedEffect, Identification, Insufficient, JointError, RowNoise
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.report.answers.classification import class_payload, reasons_table, verdict_mark
@@ -66,7 +67,7 @@ def identification_report(
     recording: Recording,
     robot_argument: str,
     logs: Sequence[ByLog] = (),
-    written: str | None = None,
+    written: Sequence[str] = (),
 ) -> Report:
     """Return the report of one identification.
 
@@ -79,12 +80,13 @@ def identification_report(
     logs
         The result's error on each of several logs.
     written
-        The robot file that is written, if any.
+        The robot files that were written.
     """
     facts = (*recorded_items(found.robot, recording), *used_items(found.settings), *result_items(found))
-    if written is not None:
-        foreign = written.lower().endswith((".urdf", ".xml", ".mjcf"))
-        facts += (("written", written if foreign else f"{written}, which predicts as this result does"),)
+    predicts = "" if impossible_words(found) else ", which predicts as this result does"
+    for path in written:
+        foreign = path.lower().endswith((".urdf", ".xml", ".mjcf"))
+        facts += (("written", path if foreign else f"{path}{predicts}"),)
     record, further = record_sections(found, (), (recording.files[0], robot_argument))
     lacking = {item.joint for item in found.insufficient}
     sections: list[Section] = [

@@ -10,8 +10,10 @@ from collections.abc import Collection, Mapping, Sequence
 from math import isfinite
 
 from elid_cli.estimation.result import BaseEstimate, Identification, JointError
+from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
 from elid_cli.report.answers.inputs import Items
 from elid_cli.report.tree import KeyValues, Mark, Section, number_text
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 
 AT_FLOOR = 1.3
@@ -20,10 +22,10 @@ USABLE = 0.05
 """Share of the torque up to which a prediction is of use although it holds more than noise."""
 CLOSE = 0.01
 """The same where nothing is known of the sensors' noise."""
-JOINT_KINDS = ("K", "Jm", "Ja", "fs", "fv")
-"""Kinds of the parameters of drive and transmission, in the order in which they are told."""
-KINDS = {"K": "stiffness", "Jm": "motor inertia", "fs": "Coulomb friction", "fv": "viscous friction"}
-"""What is said of how well drives and transmissions are known."""
+JOINT_KINDS = {
+    "K": "stiffness", "Jm": "motor inertia", "Ja": "motor inertia", "fs": "Coulomb friction", "fv": "viscous friction",
+}  # fmt: skip
+"""Parameters of drive and transmission in words, in the order in which they are told."""
 TRUST, MISSING, PARAMETERS, RECORD = (
     "can I trust it?", "what is missing?", "which parameters?", "what to record next?",
 )  # fmt: skip
@@ -82,22 +84,22 @@ def trust_words(robot: Robot, error: Mapping[str, JointError], lacking: Collecti
 
 def parameter_words(found: Identification) -> str:
     """Return how many parameters are known, and how well those of drives and transmissions."""
-    counts = {word: found.verdict.count(word) for word in ("supported", "weak", "refused")}
-    known = f"{counts['supported']} of {len(found.verdict)} base parameters are known"
-    rest = [f"{counts['weak']} roughly"] if counts["weak"] else []
-    rest += [f"{counts['refused']} not at all"] if counts["refused"] else []
+    supported = [item for item in found.parameters if item.verdict == "supported"]
+    moved = sum(item.bias_possible for item in supported)
+    counts = {"only if nothing is missing": moved, "roughly": found.verdict.count("weak"),
+              "not at all": found.verdict.count("refused")}  # fmt: skip
+    rest = [f"{count} {words}" for words, count in counts.items() if count]
+    known = f"{len(supported) - moved} of {len(found.verdict)} base parameters are known"
     whole = f"All {len(found.verdict)} base parameters are known" if not rest else ", ".join((known, *rest))
     sizes: list[str] = []
-    for kind, word in (
-        ("K", "stiffness"),
-        ("Jm", "motor inertia"),
-        ("fs", "Coulomb friction"),
-        ("fv", "viscous friction"),
-    ):
+    for word in dict.fromkeys(JOINT_KINDS.values()):
         spreads = [
             item.std_error / abs(item.estimate)
             for item in found.parameters
-            if kind_of(item.leader) == kind and item.verdict != "refused" and item.estimate
+            if JOINT_KINDS.get(item.leader.kind) == word
+            and item.verdict != "refused"
+            and not item.bias_possible
+            and item.estimate
         ]
         if spreads and max(spreads) < 1:
             sizes.append(f"{word} to {share_text(max(spreads))}")
@@ -119,7 +121,7 @@ def record_sections(found: Identification, further: Items, arguments: Sequence[s
     log, robot = arguments
     groups: dict[str, list[str]] = {}
     for item in found.parameters:
-        if item.verdict != "supported":
+        if item.verdict != "supported" and not item.reason.startswith(IMPOSSIBLE):
             groups.setdefault(_needed(item, found.robot), []).append(item.leader)
     items = [*further, *((counted(names), need) for need, names in groups.items())]
     if not items:
@@ -133,8 +135,7 @@ def record_sections(found: Identification, further: Items, arguments: Sequence[s
 
 def _needed(item: BaseEstimate, robot: Robot) -> str:
     """Return what a log must hold to show a base parameter that this one does not."""
-    kind = kind_of(item.leader)
-    joint = robot.joint_names[int(item.leader.removeprefix(kind)) - 1]
+    kind, joint = item.leader.kind, robot.joint_names[item.leader.joint]
     for known in ("does not move", "do not move", "no torque", "move it into"):
         if known in item.reason:
             return {
@@ -152,19 +153,14 @@ def _needed(item: BaseEstimate, robot: Robot) -> str:
     }.get(kind, f"stronger accelerations of {joint} and the joints after it, in more poses")
 
 
-def by_kind(names: Sequence[str]) -> list[int]:
+def by_kind(leaders: Sequence[StandardParameter]) -> list[int]:
     """Return the order in which base parameters are told, by their leaders: drive and transmission, then the bodies."""
     places = {kind: k for k, kind in enumerate(JOINT_KINDS)}
-    return sorted(range(len(names)), key=lambda k: (places.get(kind_of(names[k]), len(places)), k))
+    return sorted(range(len(leaders)), key=lambda k: (places.get(leaders[k].kind, len(places)), k))
 
 
 def _upper(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-def kind_of(name: str) -> str:
-    """Return the kind of a standard parameter: ``K`` of ``K2``."""
-    return name.rstrip("0123456789")
 
 
 def share_text(fraction: float) -> str:

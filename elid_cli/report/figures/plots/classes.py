@@ -9,10 +9,10 @@ import numpy as np
 
 from elid_cli.report.figures.drawing import Cells, Drawing, Panel
 from elid_cli.report.tree import Figure
+from elid_cli.robot.parameter import StandardParameter
+from elid_cli.robot.robot import JOINT_PARAMETERS
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from elid_cli.report.figures.input import FigureInput
 
 
@@ -25,7 +25,6 @@ LOOK = {
     "not excited": ("#b5500a", "x", "not excited by this log"),
 }
 """Class -> colour (lightness falls with what is known), letter, words."""
-STANDARD = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "Jm", "Ja", "fs", "fv", "K")
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
@@ -41,12 +40,14 @@ def figures(told: FigureInput) -> Iterator[Figure]:
 def draw(figure: Figure) -> Drawing:
     """Draw ``classes``, name -> class, for ``joints``."""
     classes, joints = figure.data["classes"], figure.data["joints"]
-    shown = [kind for kind in STANDARD if any(f"{kind}{row + 1}" in classes for row in range(len(joints)))]
+    shown = [
+        kind for kind in JOINT_PARAMETERS if any(StandardParameter(kind, row) in classes for row in range(len(joints)))
+    ]
     found = [
         (column, row, LOOK[classes[name]])
         for row in range(len(joints))
         for column, kind in enumerate(shown)
-        if (name := f"{kind}{row + 1}") in classes
+        if (name := StandardParameter(kind, row)) in classes
     ]
     places = np.array([(column, row) for column, row, _ in found], dtype=float).reshape(-1, 2)
     cells = Cells(places[:, 0], places[:, 1], [look[0] for *_, look in found], [look[1] for *_, look in found])

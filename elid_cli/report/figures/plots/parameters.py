@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elid_cli.report.answers.summary import JOINT_KINDS, by_kind, kind_of, share_text
+from elid_cli.report.answers.summary import JOINT_KINDS, by_kind, share_text
 from elid_cli.report.figures.drawing import Bars, Dots, Drawing, Mark, Panel, Rule, Words
 from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:
-    from elid_cli.report.answers.summary import JOINT_KINDS, by_kind, kind_of, share_text
     from elid_cli.report.figures.input import FigureInput
 
 ORDER = 5
@@ -38,7 +37,7 @@ def draw(figure: Figure) -> Drawing:
     """Draw ``names``, ``leaders``, ``estimate``, ``std_error``, ``reference`` and ``verdict`` of b base parameters."""
     data = figure.data
     order = by_kind(data["leaders"])
-    drives = [k for k in order if kind_of(data["leaders"][k]) in JOINT_KINDS]
+    drives = [k for k in order if data["leaders"][k].kind in JOINT_KINDS]
     bodies = [k for k in order if k not in set(drives)]
     titled = [("drives and transmissions", drives), ("bodies", bodies)]
     pieces = [(title, rows[k : k + MOST]) for title, rows in titled for k in range(0, len(rows), MOST)]

@@ -1,0 +1,95 @@
+"""Values that no robot has: they are not called supported, and no robot file holds them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.cli import main
+from elid_cli.estimation.identify import Identification, identify
+from elid_cli.estimation.refined_robot import identified_robot, remarks
+from elid_cli.estimation.validation.prediction import validate
+from elid_cli.logs.writing import write_recording
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import Signals, prepare
+
+PUSHED = 1.0
+"""Torque that drives joint 2 with its speed, N·m·s/rad: more than its friction holds it back."""
+
+
+def pushed(recording: Recording) -> Recording:
+    """Return a log in which something drives joint 2 the faster it turns."""
+    speed = np.gradient(recording.theta, recording.t, axis=0)
+    return replace(recording, tau=recording.tau - PUSHED * np.array([0.0, 1.0]) * speed)
+
+
+@pytest.fixture(scope="module")
+def driven(planar: Robot, noisy: Recording) -> tuple[Identification, Signals]:
+    signals = prepare(pushed(noisy), planar)
+    return identify(planar, signals), signals
+
+
+def value(found: Identification, name: str) -> float:
+    return next(item.estimate for item in found.parameters if item.leader == name)
+
+
+def test_negative_friction_is_not_supported(driven: tuple[Identification, Signals]) -> None:
+    item = next(item for item in driven[0].parameters if item.leader == "fv2")
+    assert item.estimate < -10 * item.std_error
+    assert item.verdict == "weak"
+    assert item.reason.startswith("negative, which no robot's is")
+    assert any("fv2" in sentence for sentence in driven[0].warnings)
+
+
+def test_the_file_holds_the_nearest_robot_that_could_be(driven: tuple[Identification, Signals]) -> None:
+    found, signals = driven
+    written = identified_robot(found)
+    assert written.joints[1].parameters["fv"] == 0
+    names = [item.leader for item in found.parameters]
+    moved = found.base.values(written.reference()) - found.estimate
+    # the least squares with fv2 known to be 0: what the conditional expectation of a normal distribution says
+    k = names.index("fv2")
+    rest = [j for j in range(len(names)) if j != k]
+    expected = found.covariance[rest, k] / found.covariance[k, k] * -found.estimate[k]
+    np.testing.assert_allclose(moved[rest], expected, rtol=1e-6, atol=1e-9)
+    assert any("fv2" in line and "written as 0" in line for line in remarks(found))
+    assert validate(written, signals).error["joint2"].rms > found.error["joint2"].rms
+
+
+def test_a_stiffness_that_nobody_knows_is_left_out(planar: Robot, noisy: Recording) -> None:
+    signals = prepare(noisy, planar)
+    found = identify(planar, signals)
+    unseen = tuple(
+        replace(p, verdict="refused", reason="why not", reference=np.nan) if p.leader == "K2" else p
+        for p in found.parameters
+    )
+    standard = found.standard.copy()
+    standard[[str(name) for name in found.base.parameters].index("K2")] = -13.3
+    refused = replace(found, parameters=unseen, standard=standard)
+    written = identified_robot(refused)
+    assert "K" not in written.joints[1].parameters
+    assert "K" in written.joints[0].parameters
+    assert any(line == "K2 is refused: why not. It is left out." for line in remarks(refused))
+    judged = validate(written, signals)
+    assert judged.error["joint2"].spring_rms is None  # not predicted without it
+    assert judged.error["joint2"].rms == pytest.approx(validate(identified_robot(found), signals).error["joint2"].rms)
+    known = tuple(replace(p, reference=3000.0) if p.leader == "K2" else p for p in unseen)
+    assert identified_robot(replace(refused, parameters=known)).joints[1].parameters["K"] == pytest.approx(3000.0)
+
+
+def test_the_command_says_what_it_writes(noisy: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, robot = tmp_path / "pushed.csv", tmp_path / "found.yaml"
+    write_recording(pushed(noisy), log)
+    assert main(["identify", str(log), "--robot", "planar2", "--write-robot", str(robot), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert "fv2" in err
+    assert "written as 0" in err
+    assert {e["name"]: e["verdict"] for e in json.loads(out)["base_parameters"]}["fv2"] == "weak"
+    assert read_robot(str(robot)).joints[1].parameters["fv"] == 0
+    assert "written as 0" in robot.read_text("utf-8")
