@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from elid_cli.report.tree import Report, Text
 from elid_cli.robot.parameter import StandardParameter
 
 if TYPE_CHECKING:
-    from elid_cli.estimation.result import Identification, JointError
+    from elid_cli.estimation.result import Identification, Insufficient, JointError
     from elid_cli.robot.robot import Robot
 
 
@@ -57,25 +57,33 @@ def check_gates(
     error: Mapping[str, JointError] | None = None,
     classes: Mapping[str, str] | None = None,
     found: Identification | None = None,
+    broken: Sequence[str] = (),
 ) -> None:
-    """Raise `LimitError` where a limit is broken: joints above ``--max-error``, parameters not independent."""
-    broken = [*broken_gates(gates, error, classes), *(_lacking(gates, found) if found else ())]
+    """Raise `LimitError` where a limit is broken: joints above ``--max-error``, parameters not independent.
+
+    `broken` are limits that the caller found broken.
+    """
+    broken = [*broken_gates(gates, error, classes), *(_lacking(gates, found) if found else ()), *broken]
     if broken:
         raise LimitError("; ".join(broken))
 
 
 def _lacking(gates: Gates, found: Identification) -> list[str]:
     """Return the limits that an insufficient model breaks, in words."""
-    from elid_cli.report.answers.identification import rows_words
-
     broken = [
         f"{item.leader}: bias possible, the model is insufficient"
         for item in found.parameters
         if item.bias_possible and item.leader in gates.require_independent
     ]
-    if gates.fail_on_insufficient and found.model == "insufficient":
-        broken.append(f"the model is insufficient: {rows_words(found.insufficient)}")
-    return broken
+    return [*broken, *lacking(gates, found.insufficient)]
+
+
+def lacking(gates: Gates, insufficient: Sequence[Insufficient]) -> list[str]:
+    """Return the limit that rows break whose residual follows the motion, in words."""
+    from elid_cli.report.answers.summary import rows_words
+
+    wanted = gates.fail_on_insufficient and insufficient
+    return [f"the model is insufficient: {rows_words(insufficient)}"] if wanted else []
 
 
 def broken_gates(

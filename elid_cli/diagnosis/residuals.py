@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.estimation.regression.triangles import full_columns
-from elid_cli.estimation.validation.sufficiency import followed, in_bursts, motion_curves
+from elid_cli.estimation.validation.following import followed, in_bursts, motion_curves
 from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Kind
 
 HIGH = 1.3
@@ -194,7 +194,7 @@ def follows_motion(state: State, row: EstimationRow) -> bool:
     group, residual = state.log.training.group(row), _residual(state, row)
     curves = motion_curves(state.log.signals, row.joint, state.log.model.robot, group.target - residual)
     own = full_columns(group, state.extras, state.log.observation.parameters)[1]
-    return in_bursts(residual, group.use) or followed(residual, group, own, curves).beyond
+    return in_bursts(residual, group.use) or followed(residual, group.use, own, curves).beyond
 
 
 def _residual(state: State, row: EstimationRow) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,9 +14,10 @@ from elid_cli.diagnosis.search.encoder_skew import Skew
 from elid_cli.diagnosis.search.forward import Found, Step, Term
 from elid_cli.diagnosis.search.screening import Candidate
 from elid_cli.diagnosis.unexplained import away_from_changes, unseen
-from elid_cli.estimation.identify import JointError, Nuisance
+from elid_cli.estimation.identify import Nuisance
 from elid_cli.estimation.refined_robot import refined_robot, representative
 from elid_cli.estimation.stretches import spans
+from elid_cli.estimation.validation.cross_validation import floored
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.effect import Channel, Effect
@@ -42,13 +42,13 @@ def result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence
     fitted = {e.joint for e in after.effects if e.corrects == "link"}
     seen = tuple(_seen(robot, after, skew) for skew in found.skews if skew.joint not in fitted)
     extra = tuple(_curve(after, len(after.effects) - len(curves) + k) for k in range(len(curves)))
-    last_error = _floored(validations[1].error, after)
+    last_error = floored(validations[1].error, robot.joint_names, after.floor.rms)
     unexplained = _unexplained(named, rows_of(named), found.remaining)
     unexplained += unseen(away_from_changes(last_error, validations[1], after, chosen), rows_after, unexplained)
     return Diagnosis(
         robot=robot,
         refined=last,
-        before=_floored(validations[0].error, before),
+        before=floored(validations[0].error, robot.joint_names, before.floor.rms),
         after=last_error,
         effects=(*seen, *effects, *terms),
         also_possible=(*_rivals(after, declared, found.steps, effects), *_rivals_of_skews(robot, found.skews)),
@@ -298,15 +298,3 @@ def moved(before: State, after: State) -> tuple[Moved, ...]:
         if k and d > 0
     ]
     return tuple(sorted(shifts, key=lambda m: -abs(m.deviations)))
-
-
-def _floored(errors: Mapping[str, JointError], state: State) -> dict[str, JointError]:
-    names = state.log.model.robot.joint_names
-    return {
-        name: replace(
-            e,
-            floor=state.floor.rms.get(EstimationRow("sum", names.index(name))),
-            spring_floor=state.floor.rms.get(EstimationRow("motor", names.index(name))),
-        )
-        for name, e in errors.items()
-    }

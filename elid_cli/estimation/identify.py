@@ -21,7 +21,15 @@ from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
 from elid_cli.estimation.regression.nuisances import DELAY, SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
-from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, JointError, Nuisance, Verdict
+from elid_cli.estimation.result import (
+    EstimateOptions,
+    FittedEffect,
+    Identification,
+    JointError,
+    Judgement,
+    Nuisance,
+    Verdict,
+)
 from elid_cli.estimation.sanity import physics_warnings
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
@@ -117,10 +125,10 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
     found = with_unseen(_as_described(answer, robot, tilt), whole)
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
-    if options.guards:
-        found = judged_model(found, judge_model(fit))
+    judgement = judge_model(fit) if options.guards else None
+    found = judged_model(found, judgement)
     if options.accurate:
-        return _as_described(_accurate(fit, found, options, refused), robot, tilt)
+        return _as_described(_accurate(fit, found, options, refused, judgement), robot, tilt)
     return found
 
 
@@ -261,7 +269,11 @@ def _as_described(found: Identification, robot: Robot, tilt: Array) -> Identific
 
 
 def _accurate(
-    fit: DefaultFit, found: Identification, options: EstimateOptions, refused: Mapping[str, str]
+    fit: DefaultFit,
+    found: Identification,
+    options: EstimateOptions,
+    refused: Mapping[str, str],
+    judgement: Judgement | None,
 ) -> Identification:
     """Return the collocation's answer where it is accepted, else the default one with the reason."""
     from elid_cli.estimation.collocation.estimator import Refusal, collocate
@@ -283,7 +295,8 @@ def _accurate(
     note = f"--accurate: spline collocation, {answer.steps} steps, knots every {answer.knots * 1e3:.0f} ms"
     if answer.widened > 1.05:
         note += f", standard errors widened by {answer.widened:.2g}"
-    result = assemble(better, options, refused, before=own)
+    # the residual of the default fit's rows says of the model what it says of this one's
+    result = judged_model(assemble(better, options, refused, before=own), judgement)
     worst, label = _worsening(found, result)
     if worst > (NO_WORSE if answer.far else WORSE):
         moved = f"{answer.far} and " if answer.far else ""

@@ -19,6 +19,7 @@ from elid_cli.robot.robot import Robot
 from elid_cli.tables import Shown
 
 Verdict = Literal["supported", "weak", "refused"]
+ModelWord = Literal["sufficient", "insufficient", "not judged"]
 
 
 @dataclass(frozen=True)
@@ -111,8 +112,17 @@ class Judgement:
     noise: tuple[RowNoise, ...]
     insufficient: tuple[Insufficient, ...]
     """The rows whose residual follows the motion."""
-    biased: NDArray[np.bool_]
-    """Base parameters that what is missing can move, (b,)."""
+    biased: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Base parameters that what is missing can move, (b,); none where nothing was fitted."""
+    misfitted: tuple[Insufficient, ...] = ()
+    """Rows of a described robot whose residual follows the motion as other values of its parameters would."""
+
+    @property
+    def model(self) -> ModelWord:
+        """What is said of the model."""
+        if not self.noise:
+            return "not judged"
+        return "insufficient" if self.insufficient else "sufficient"
 
 
 @dataclass(frozen=True)
@@ -194,7 +204,7 @@ class Identification(Shown):
     """The reduced data, for those who fit again under further conditions (`physical`)."""
     weights: Mapping[EstimationRow, float] = field(default_factory=dict)
     """Weight of every row group in the fit: one over its residual rms."""
-    model: Literal["sufficient", "insufficient", "not judged"] = "not judged"
+    model: ModelWord = "not judged"
     """Whether the residual follows the motion beyond the sensors' noise."""
     noise: tuple[RowNoise, ...] = ()
     insufficient: tuple[Insufficient, ...] = ()

@@ -110,6 +110,7 @@ def _diagnosis(found: Diagnosis) -> View:
 
 
 def _validation(found: Validation) -> View:
+    from elid_cli.estimation.validation.sufficiency import judge_prediction
     from elid_cli.report.answers import identification as answer
     from elid_cli.report.answers.validation import validation_payload
 
@@ -119,7 +120,7 @@ def _validation(found: Validation) -> View:
             answer.error_table("error", found.robot, found.error, fitted=False),
             *answer.sensor_table("sensors", found.robot, found.error),
         ],
-        lambda: validation_payload(found),
+        lambda: validation_payload(found, judge_prediction(found)),
         lambda values: [{"joint": joint, **error} for joint, error in values["error"].items()],
     )
 

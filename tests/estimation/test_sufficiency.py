@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,10 @@ import numpy as np
 import pytest
 
 from elid_cli.cli import main
-from elid_cli.estimation.identify import Identification, identify
+from elid_cli.estimation.identify import EstimateOptions, Identification, identify
+from elid_cli.estimation.result import Judgement
+from elid_cli.estimation.validation.prediction import validate
+from elid_cli.estimation.validation.sufficiency import judge_prediction
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
@@ -102,3 +106,42 @@ def test_gates_know_of_an_insufficient_model(capsys: pytest.CaptureFixture[str])
     assert run(lacking, "--require-independent", "fs1")[0] == 1
     assert run(lacking, "--require-independent", "K1")[0] == 0
     assert run(clean, "--fail-on-insufficient")[0] == 0
+
+
+def judged(robot: Robot, recording: Recording) -> Judgement:
+    return judge_prediction(validate(robot, prepare(recording, robot)))
+
+
+def test_a_described_robot_is_told_from_one_that_lacks_something() -> None:
+    sensors = Sensors(bits=17, torque=0.005)
+    robot, recording = made(51, sensors)
+    right = judged(robot, recording)
+    assert (right.model, right.misfitted) == ("sufficient", ())
+
+    first = robot.joints[0]
+    other = replace(first, parameters={**first.parameters, "fs": 1.3 * first.parameters["fs"]})
+    wrong = judged(replace(robot, joints=(other, *robot.joints[1:])), recording)
+    assert (wrong.model, {item.joint for item in wrong.misfitted}) == ("sufficient", {first.name})
+
+    _, lacking = made(51, sensors, stribeck)
+    said = judged(robot, lacking)
+    assert (said.model, {item.joint for item in said.insufficient}) == ("insufficient", {robot.joint_names[1]})
+
+
+def test_validate_says_what_the_residual_follows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = str(ROOT / "sample_logs" / "planar2_stribeck.h5")
+    assert main(["validate", log, "--robot", "planar2", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["model"] == "insufficient"
+    assert all(error["floor"] < error["rms"] for error in told["error"].values())
+    assert {item["joint"] for item in told["insufficient"]} == {"joint1", "joint2"}
+    assert main(["validate", log, "--robot", "planar2", "--fail-on-insufficient"]) == 1
+    assert "the model is insufficient: joint" in capsys.readouterr().err
+
+
+def test_the_accurate_estimate_says_of_the_model_what_the_default_says() -> None:
+    robot, recording = made(52, Sensors(bits=17, torque=0.005), stribeck)
+    signals = prepare(recording, robot)
+    default, accurate = (identify(robot, signals, EstimateOptions(accurate=a)) for a in (False, True))
+    assert default.model == accurate.model == "insufficient"
+    assert [i.joint for i in default.insufficient] == [i.joint for i in accurate.insufficient]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     metavar="ROBOT",
     help="Another robot file to judge on the same logs, beside the first. Repeatable.",
 )
-@options.gathered("gates", Gates, options.max_error)
+@options.gathered("gates", Gates, options.max_error, options.fail_on_insufficient)
 @options.output
 def validate(
     logs: tuple[str, ...],
@@ -41,7 +41,7 @@ def validate(
     output: Output,
 ) -> None:
     """Say how well a robot file, with its parameters and effects, predicts the motor torques of a log."""
-    from elid_cli.cli.gates import check_gates, motor_rows_told
+    from elid_cli.cli.gates import check_gates, lacking, motor_rows_told
     from elid_cli.cli.inputs import diagnosis_conditioning, load_recording, load_robot, load_signals
     from elid_cli.cli.output import check_output, emit, pictures_wanted
     from elid_cli.cli.progress import progress
@@ -51,6 +51,7 @@ def validate(
         from elid_cli.estimation.stretches import search_folds, spans
         from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
         from elid_cli.estimation.validation.prediction import validate as judge
+        from elid_cli.estimation.validation.sufficiency import judge_prediction
         from elid_cli.report.answers.validation import validation_report
 
         machine = load_robot(robot)
@@ -63,13 +64,14 @@ def validate(
         if against:
             named = [(robot, found), *((name, judge(_alike(name, machine), signals, chosen)) for name in against)]
             cases = (*cases, *(ByLog(name, judged.error) for name, judged in named))
-        report = validation_report(found, recording, robot, stretches, cases)
+        said = judge_prediction(found)
+        report = validation_report(found, recording, robot, stretches, cases, said)
         if pictures_wanted(output):
             from elid_cli.report.figures.build import validation_figures, with_figures
 
             report = with_figures(report, validation_figures(found, signals, cases))
     emit(motor_rows_told(report, gates, found.error, output), output)
-    check_gates(gates, found.error)
+    check_gates(gates, found.error, broken=lacking(gates, said.insufficient))
 
 
 def _alike(name: str, first: Robot) -> Robot:

@@ -9,7 +9,7 @@ import numpy as np
 
 from elid_cli.estimation.regression.least_squares import Solution, solve_system
 from elid_cli.estimation.regression.triangles import Triangles, factor_of
-from elid_cli.estimation.result import Identification, JointError, SensorError
+from elid_cli.estimation.result import JointError, SensorError
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
 
@@ -63,15 +63,16 @@ def joint_errors(
     return errors
 
 
-def with_floor(identification: Identification, floor: Mapping[EstimationRow, float]) -> Identification:
-    """Return the identification with the noise floor of each row filled in."""
-    names = {joint.name: k for k, joint in enumerate(identification.robot.joints)}
-    errors = {
+def floored(
+    errors: Mapping[str, JointError], joints: Sequence[str], floor: Mapping[EstimationRow, float]
+) -> dict[str, JointError]:
+    """Return errors by joint with the noise floor of each row filled in."""
+    numbers = {name: k for k, name in enumerate(joints)}
+    return {
         name: replace(
             e,
-            floor=floor.get(EstimationRow("sum", names[name])),
-            spring_floor=floor.get(EstimationRow("motor", names[name])),
+            floor=floor.get(EstimationRow("sum", numbers[name])),
+            spring_floor=floor.get(EstimationRow("motor", numbers[name])),
         )
-        for name, e in identification.error.items()
+        for name, e in errors.items()
     }
-    return replace(identification, error=errors)

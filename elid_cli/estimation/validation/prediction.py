@@ -33,6 +33,17 @@ class Validation(Shown):
     """Measured minus predicted torque per row group, N·m (N), (M,); the columns of masked instants included. Rows of
     a spring whose stiffness nobody knows are absent."""
     observation: Observation
+    signals: Signals
+    """The log."""
+    corrected: Signals
+    """The same with its channels corrected as the description says."""
+    model: Regressor
+    standard: Array
+    """Standard parameters of the description, (p,), SI; 0 where unknown."""
+    effect_columns: Mapping[EstimationRow, tuple[Array, ...]]
+    """Columns of the declared effects, (d, M) each, by row group."""
+    chosen: NDArray[np.bool_] | None = None
+    """Instants that are judged, (M,); None: all."""
     settings: Mapping[str, object] = field(default_factory=dict)
 
 
@@ -58,7 +69,7 @@ def validate(
         If the description holds no parameter values, or an effect lacks some.
     """
     turned = bool(np.any(declared_tilt(robot)))
-    described, robot = robot, levelled(as_observed(robot, signals))
+    described, robot, logged = robot, levelled(as_observed(robot, signals)), signals
     model = Regressor(robot)
     standard = complete(robot, find_base(model))
     shifts = declared_shifts(robot)
@@ -70,6 +81,7 @@ def validate(
         for group in observation.groups
         if springs.isdisjoint(group.index.tolist())
     }
+    acting: dict[EstimationRow, tuple[Array, ...]] = {}
     if robot.effects:
         scene = scene_of(model, signals, standard)
         for spec in unshifted_robot(robot).effects:
@@ -86,8 +98,12 @@ def validate(
             for row, columns in extra_of(kind(joint, shape), scene, signals).rows.items():
                 if row in residual:
                     residual[row] = residual[row] - linear @ columns
+                    acting[row] = (*acting.get(row, ()), columns)
     settings = {"cutoff": signals.filter.cutoff, "rate": signals.rate, "instants": observation.instants}
-    return Validation(described, _errors(robot, observation, residual, chosen), residual, observation, settings)
+    errors = _errors(robot, observation, residual, chosen)
+    return Validation(
+        described, errors, residual, observation, logged, signals, model, standard, acting, chosen, settings
+    )
 
 
 def complete(robot: Robot, base: BaseParameters) -> Array:

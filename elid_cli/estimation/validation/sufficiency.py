@@ -1,15 +1,12 @@
 """Whether a model suffices: residual over noise, whether what is left follows the motion, and whom that may move.
 
-Noise alone, white or with a memory, leaves a residual that has nothing to do with the motion. A residual that follows
-it is predicted, stretch by stretch, from what the other stretches show of smooth curves over the motion: a joint's
-speed, position, load, deflection, the other joints' speeds, and the course of the log. How much of it chance would
-predict is told by the same residual moved round in time against the motion: that keeps its memory and breaks the tie.
+Noise alone, white or with a memory, leaves a residual that has nothing to do with the motion (`following`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,12 +17,14 @@ from elid_cli.estimation.data import sampled, sum_row
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.least_squares import reweighted
-from elid_cli.estimation.regression.observation import RowGroup
+from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
+from elid_cli.estimation.regression.observation import Observation, RowGroup
 from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
-from elid_cli.estimation.result import Identification, Insufficient, Judgement, RowNoise
-from elid_cli.estimation.stretches import STRETCHES, stretch_of
-from elid_cli.estimation.validation.cross_validation import with_floor
-from elid_cli.estimation.validation.noise_floor import propagated
+from elid_cli.estimation.result import Identification, Insufficient, JointError, Judgement, RowNoise
+from elid_cli.estimation.validation.cross_validation import floored
+from elid_cli.estimation.validation.following import followed, memory, motion_curves
+from elid_cli.estimation.validation.noise_floor import Floor, propagated
+from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.model.regressor import EstimationRow, Kind
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts
@@ -33,22 +32,12 @@ from elid_cli.signals.signals import Signals
 
 JUDGED = 24_000
 """Samples of a long log that are judged."""
-ROUNDS = 60
-"""Times that a residual is moved round against the motion."""
-BEYOND, LEAST = 4.0, 0.1
-"""Deviations of what chance predicts, and part of the residual, beyond which it follows the motion."""
 ABOVE = 1.4
 """Residual over noise from which a row is looked at: encoder noise in the columns is part of that noise."""
-PIECES = 4
-"""Pieces per fold: what changes in the course of a log is predicted from before and after."""
 VISIBLE = 0.4
 """Size of what follows the motion, in the size of noise, from which it counts."""
 MATTERS = 2e-5
 """The same as a part of the torque: below it splines and rounding are seen."""
-ALSO = 0.7
-"""Part of the best group's prediction from which another group of curves is taken as possible, too."""
-RIDGE = 1e-4
-"""Damping of the curves' coefficients, of the strongest direction."""
 HIDDEN = 30.0
 """How many times larger than what is seen of it a missing torque may be: the rest hides in the parameters."""
 MOVED, WIDER = 2.0, 3.0
@@ -66,15 +55,20 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
     insufficient = {(i.joint, i.rows): i for one in told for i in sorted(one.insufficient, key=lambda i: i.ratio)}
     biased = np.any([one.biased for one in told], axis=0)
     records = zip(found.parameters, biased.tolist(), strict=True)
-    numbers = {name: k for k, name in enumerate(found.robot.joint_names)}
-    floors = {EstimationRow(item.rows, numbers[item.joint]): item.floor for item in noise}
     return replace(
-        with_floor(found, floors),
+        found,
+        error=above_noise(found.error, found.robot, noise),
         parameters=tuple(replace(item, bias_possible=marked) for item, marked in records),
         noise=noise,
         insufficient=tuple(insufficient.values()),
         model="insufficient" if insufficient else "sufficient",
     )
+
+
+def above_noise(error: Mapping[str, JointError], robot: Robot, noise: Sequence[RowNoise]) -> dict[str, JointError]:
+    """Return errors with what the sensors' noise alone would leave in every row filled in."""
+    numbers = {name: k for k, name in enumerate(robot.joint_names)}
+    return floored(error, robot.joint_names, {EstimationRow(n.rows, numbers[n.joint]): n.floor for n in noise})
 
 
 def _joined(said: Sequence[Judgement]) -> tuple[RowNoise, ...]:
@@ -99,59 +93,93 @@ def judge_model(fit: DefaultFit) -> Judgement:
     fit
         The fit. Of a long log, stretches are judged.
     """
-    nobody = np.zeros(fit.base.count, dtype=bool)
     part = _excerpt(fit)
-    observation, signals = part.observation, part.signals
+    observation = part.observation
     standard = part.solution.values[: fit.model.parameters]
-    floor = propagated(fit.model, signals, observation, replicates=1).floor(standard)
-    left = residuals(observation, part.solution.values, part.extras)
-    noise, insufficient, missing = [], [], list[_Missing]()
-    curves: dict[int, Mapping[str, Array]] = {}
+    floor = propagated(fit.model, part.signals, observation, replicates=1).floor(standard)
+    rows = residuals(observation, part.solution.values, part.extras)
+    left = {g.row: rows[(g.row.kind, g.row.joint)] for g in observation.independent}
+
+    def own(group: RowGroup) -> Array:
+        return full_columns(group, part.extras, observation.parameters)[1]
+
+    seen = _judged_rows(part.signals, observation, left, floor, own)
+    biased = _movable(part, seen) if seen.missing else np.zeros(fit.base.count, dtype=bool)
+    return Judgement(tuple(seen.noise), tuple(seen.insufficient), biased)
+
+
+def judge_prediction(found: Validation) -> Judgement:
+    """Judge the residual of a described robot: against noise with its own values, for what it lacks with any values.
+
+    Values are those of its parameters, and delay and offset of every torque channel.
+
+    Parameters
+    ----------
+    found
+        The prediction. Of a long log that is judged as a whole, stretches are looked at.
+    """
+    segments = excerpts(found.signals.segments, found.signals.dt, JUDGED)
+    if found.chosen is None and sum(map(len, segments)) < sum(map(len, found.signals.segments)):
+        found = validate(found.robot, replace(found.signals, segments=segments))
+    observation, signals = found.observation, found.corrected
+    floor = propagated(found.model, signals, observation, replicates=1).floor(found.standard)
+
+    channels = (*delay_columns(observation), *offset_columns(observation))
+
+    def own(group: RowGroup) -> Array:
+        columns = full_columns(group, channels, observation.parameters)[1]
+        return np.concatenate([columns, *found.effect_columns.get(group.row, ())])
+
+    seen = _judged_rows(signals, observation, found.residual, floor, own, found.chosen)
+    lacking = {(item.joint, item.rows) for item in seen.insufficient}
+    loud = {(item.joint, item.rows) for item in seen.noise if item.ratio > ABOVE} - lacking
+    names = observation.robot.joint_names
+    kept = {row: residual for row, residual in found.residual.items() if (names[row.joint], row.kind) in loud}
+    off = _judged_rows(signals, observation, kept, floor, lambda g: g.columns[:0], found.chosen)
+    return Judgement(tuple(seen.noise), tuple(seen.insufficient), misfitted=tuple(off.insufficient))
+
+
+class _Seen(NamedTuple):
+    """What the rows of one log say."""
+
+    noise: list[RowNoise]
+    insufficient: list[Insufficient]
+    missing: list[_Missing]
+    curves: dict[int, Mapping[str, Array]]
+
+
+def _judged_rows(
+    signals: Signals,
+    observation: Observation,
+    left: Mapping[EstimationRow, Array],
+    floor: Floor,
+    own: Callable[[RowGroup], Array],
+    chosen: NDArray[np.bool_] | None = None,
+) -> _Seen:
+    """Judge the residual of every row; `own` returns the columns of a row that the model could take it with."""
+    robot = observation.robot
+    said = _Seen([], [], [], {})
     for group in observation.independent:
-        row = group.row
-        if row.kind == "link" or group.count < _LEAST:
+        row, use = group.row, group.use if chosen is None else group.use & chosen
+        if row.kind == "link" or row not in left or np.count_nonzero(use) < _LEAST:
             continue
-        residual = left[(row.kind, row.joint)]
-        size = float(np.sqrt(np.mean(residual[group.use] ** 2)))
-        torque = max(float(np.sqrt(np.mean(observation.tau[row.joint][group.use] ** 2))), 1e-300)
+        residual = left[row]
+        size = float(np.sqrt(np.mean(residual[use] ** 2)))
+        torque = max(float(np.sqrt(np.mean(observation.tau[row.joint][use] ** 2))), 1e-300)
         least = max(floor.rms[row], MATTERS * torque)
-        name = fit.model.robot.joint_names[row.joint]
+        name = robot.joint_names[row.joint]
         ratio = size / max(floor.rms[row], 1e-9 * torque)
-        noise.append(RowNoise(name, row.kind, floor.rms[row], ratio, memory(residual, group.use, observation.rate)))
+        said.noise.append(RowNoise(name, row.kind, floor.rms[row], ratio, memory(residual, use, observation.rate)))
         if size < ABOVE * least:
             continue
-        if row.joint not in curves:
-            curves[row.joint] = motion_curves(signals, row.joint, fit.model.robot, group.target - residual)
-        own = full_columns(group, part.extras, observation.parameters)[1]
-        seen_in = followed(residual, group, own, curves[row.joint])
-        seen = size * float(np.sqrt(max(seen_in.share, 0.0)))
-        if seen_in.beyond and seen > VISIBLE * least:
-            insufficient.append(Insufficient(name, row.kind, ratio, seen_in.groups[0], seen_in.share))
-            missing.append(_Missing(row, seen_in.groups, seen))
-    biased = _movable(part, missing, curves) if missing else nobody
-    return Judgement(tuple(noise), tuple(insufficient), biased)
-
-
-def in_bursts(residual: Array, use: NDArray[np.bool_]) -> bool:
-    """Whether most of a residual lies in few instants: something that happened, and no noise."""
-    power = np.sort(residual[use] ** 2)[::-1]
-    return bool(power[: max(1, len(power) // 20)].sum() > 0.5 * power.sum())
-
-
-def memory(residual: Array, use: NDArray[np.bool_], rate: float) -> float:
-    """Return how long a residual remembers, s: the lag at which its correlation falls below 1/e."""
-    values = np.where(use, residual - residual[use].mean(), 0.0)
-    spectrum = np.abs(np.fft.rfft(values, 2 * len(values))) ** 2
-    correlation = np.fft.irfft(spectrum)[: len(values) // 2]
-    if correlation[0] <= 0:
-        return 0.0
-    correlation = correlation / correlation[0]
-    below = np.flatnonzero(correlation < np.exp(-1.0))
-    if not len(below):
-        return len(correlation) / rate
-    last = int(below[0])
-    before, after = correlation[last - 1], correlation[last]
-    return float((last - 1 + (before - np.exp(-1.0)) / (before - after)) / rate)
+        if row.joint not in said.curves:
+            said.curves[row.joint] = motion_curves(signals, row.joint, robot, group.target - residual)
+        found = followed(residual, use, own(group), said.curves[row.joint])
+        seen = size * float(np.sqrt(max(found.share, 0.0)))
+        if found.beyond and seen > VISIBLE * least:
+            said.insufficient.append(Insufficient(name, row.kind, ratio, found.groups[0], found.share))
+            said.missing.append(_Missing(row, found.groups, seen))
+    return said
 
 
 class _Missing(NamedTuple):
@@ -160,18 +188,6 @@ class _Missing(NamedTuple):
     row: EstimationRow
     groups: tuple[str, ...]
     seen: float
-
-
-@dataclass(frozen=True)
-class Followed:
-    """How much of a residual follows the motion."""
-
-    share: float
-    """Part of the residual's variance that the other stretches predict."""
-    beyond: bool
-    """Whether chance would not."""
-    groups: tuple[str, ...]
-    """Groups of curves that predict it, best first."""
 
 
 def _excerpt(fit: DefaultFit) -> DefaultFit:
@@ -190,136 +206,9 @@ def _excerpt(fit: DefaultFit) -> DefaultFit:
     return replace(fit, data=data, nuisances=nuisances, triangles=data.triangles(nuisances))
 
 
-def motion_curves(signals: Signals, joint: int, robot: Robot, load: Array) -> dict[str, Array]:
-    """Return groups of curves over the motion at the fit's instants, (d, M) each, every curve of size 1 or so.
-
-    `load` is the torque that the model predicts, (M,): the measured one holds the noise that is to be told apart.
-    """
-    motion = signals.motion
-    channels = np.nan_to_num(np.stack([motion.theta, motion.q, motion.dtheta, motion.dq, motion.ddtheta]))
-    theta, q, dtheta, dq, ddtheta = signals.decimate(np.ascontiguousarray(channels.transpose(0, 2, 1)))
-
-    def unit(values: Array) -> Array:
-        return values / max(float(np.quantile(np.abs(values), 0.98)), 1e-12)
-
-    def bends(values: Array) -> list[Array]:
-        """Return curves through 0, the first three of which bend near it."""
-        values = unit(values)
-        low = [max(float(np.quantile(np.abs(values), share)), 1e-3) for share in (0.03, 0.1, 0.3)]
-        return [*(np.tanh(values / at) for at in low), values, np.abs(values) * values, values**3]
-
-    speed, place = dtheta[joint], theta[joint]
-    turn = np.pi * (place - place.min()) / max(float(np.ptp(place)), 1e-12)
-    sign, size, ones = bends(speed)[0], unit(load), np.ones_like(speed)
-    groups = {
-        "motor speed": [*bends(speed), ones],
-        "position": [np.cos(k * turn) for k in range(1, 9)] + [np.cos(k * turn) * sign for k in range(1, 4)],
-        "load": [np.abs(size) * sign, size, np.abs(size), np.abs(size) * unit(speed)],
-        "acceleration": bends(ddtheta[joint])[3:],
-    }
-    if robot.joints[joint].elastic:
-        deflection = place - q[joint]
-        groups["deflection"] = [*bends(deflection - deflection.mean()), unit(speed - dq[joint]), ones]
-        groups["link speed"] = bends(dq[joint])
-    course = np.pi * np.linspace(0.0, 1.0, len(speed))
-    groups["time"] = [np.cos(k * course) * v for k in range(1, 5) for v in (ones, sign, size)]
-    others = [k for k in range(robot.n) if k != joint and not signals.still[k]]
-    if others:
-        groups["other joints' speed"] = [unit(dtheta[k]) for k in others]
-    return {name: np.array(values) for name, values in groups.items()}
-
-
-def followed(residual: Array, group: RowGroup, columns: Array, curves: Mapping[str, Array]) -> Followed:
-    """Return how much of a residual follows the motion, by curves at whose cost the model's columns come first."""
-    use = group.use
-    own = _orthonormal(columns[:, use])
-    r = residual[use] - (own @ residual[use]) @ own  # rows share parameters: each alone would fit better
-    fold = stretch_of(len(r), PIECES * STRETCHES) % STRETCHES
-    names = list(curves)
-    parts = [_free(curves[name][:, use], own) for name in names]
-    shares = np.array([_predicted(part, r, fold) for part in parts])
-    everything = np.concatenate(parts)
-    share = max(_predicted(everything, r, fold), float(shares.max()))
-    best = int(np.argmax(shares))
-    moved = [_moved_round(part, r, fold) for part in (everything, parts[best])]
-    beyond = any(
-        value > LEAST and chance.beyond(value) for value, chance in zip((share, shares[best]), moved, strict=True)
-    )
-    order = np.argsort(-shares)
-    also = [k for k in order.tolist() if shares[k] > ALSO * max(shares[best], 1e-12)]
-    return Followed(float(share), bool(beyond), tuple(names[k] for k in also) or (names[best],))
-
-
-def _orthonormal(columns: Array) -> Array:
-    """Return an orthonormal basis of rows (d, M), (r, M)."""
-    size = np.linalg.norm(columns, axis=1)
-    scaled = columns[size > 0] / size[size > 0, None]
-    _, values, basis = np.linalg.svd(scaled, full_matrices=False)
-    if not len(values):
-        return np.zeros((0, columns.shape[1]))
-    found: Array = basis[values > 1e-9 * values[0]]
-    return found
-
-
-def _free(curves: Array, own: Array) -> Array:
-    """Return curves without what the model's own columns explain of them, those that nothing is left of dropped."""
-    left = curves - (curves @ own.T) @ own
-    kept: Array = left[np.linalg.norm(left, axis=1) > 1e-3 * np.linalg.norm(curves, axis=1)]
-    return kept
-
-
-def _predicted(curves: Array, residual: Array, fold: NDArray[np.intp]) -> float:
-    """Return the part of a residual's variance that curves predict from the other stretches."""
-    if not len(curves):
-        return 0.0
-    return float(_shares(curves, residual[:, None], fold)[0])
-
-
-def _shares(curves: Array, values: Array, fold: NDArray[np.intp]) -> Array:
-    """Return the part that curves (d, M) predict of each column of `values` (M, k), stretch by stretch, (k,)."""
-    gram, moment = curves @ curves.T, curves @ values
-    damping = RIDGE * float(np.linalg.norm(gram, 2)) * np.eye(len(gram))
-    error = np.zeros(values.shape[1])
-    for number in range(STRETCHES):
-        out = fold == number
-        part = curves[:, out]
-        fitted = np.linalg.solve(gram - part @ part.T + damping, moment - part @ values[out])
-        error += np.sum((values[out] - part.T @ fitted) ** 2, axis=0)
-    total = np.maximum(np.sum(values**2, axis=0), 1e-300)
-    shares: Array = 1.0 - error / total
-    return shares
-
-
-@dataclass(frozen=True)
-class _Chance:
-    """What chance predicts, as logarithms of what is left: mean, deviation and least."""
-
-    mean: float
-    deviation: float
-    least: float
-
-    def beyond(self, share: float) -> bool:
-        left = float(np.log(max(1.0 - share, 1e-12)))
-        return left < self.mean - BEYOND * self.deviation and left < self.least
-
-
-def _moved_round(curves: Array, residual: Array, fold: NDArray[np.intp]) -> _Chance:
-    """Return what chance predicts of a residual: what is predicted of it moved round against the motion."""
-    if not len(curves):
-        return _Chance(0.0, 0.0, 0.0)
-    count = len(residual)
-    lags = np.unique(np.linspace(0.08 * count, 0.92 * count, ROUNDS).astype(int))
-    moved = np.stack([np.roll(residual, lag) for lag in lags.tolist()], axis=1)
-    left = np.log(1.0 - _shares(curves, moved, fold))
-    return _Chance(float(left.mean()), float(left.std()), float(left.min()))
-
-
-def _movable(
-    fit: DefaultFit,
-    missing: Sequence[tuple[EstimationRow, tuple[str, ...], float]],
-    curves: Mapping[int, Mapping[str, Array]],
-) -> NDArray[np.bool_]:
+def _movable(fit: DefaultFit, seen: _Seen) -> NDArray[np.bool_]:
     """Return the base parameters that the missing torque can move, (b,): those that its curves, as unknowns, do."""
+    missing, curves = seen.missing, seen.curves
     extras, sizes = [], list[float]()
     for joint in sorted({row.joint for row, _, _ in missing}):
         rows = [row for row, _, _ in missing if row.joint == joint]
@@ -338,6 +227,9 @@ def _movable(
     first = triangles.width - len(sizes)
     prior = np.zeros((len(sizes), triangles.width + 1))
     prior[np.arange(len(sizes)), first + np.arange(len(sizes))] = 1.0 / np.array(sizes)
+    if fit.triangles.prior is not None:  # of declared effects, which stand before
+        own = np.insert(fit.triangles.prior, [first], np.zeros((1, len(sizes))), axis=1)
+        prior = np.concatenate([prior, own])
     known = replace(triangles, prior=prior)
     solution = reweighted(known, fit.base.count + triangles.extras)
     transform = np.pad(fit.base.transform, ((0, 0), (0, triangles.extras)))

@@ -27,6 +27,7 @@ from elid_cli.report.answers.summary import (
     answers,
     by_kind,
     light,
+    missing_words,
     parameter_words,
     record_sections,
     share_text,
@@ -51,8 +52,6 @@ from elid_cli.signals.recording import Recording
 TITLE = "torque of each joint on stretches that the fit never saw"
 ODD = 1.5
 """A log whose error is this many times the next worst one's fits worse than the others."""
-LOUD = 1.4
-"""A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 LIGHTS = (
     "good: only the sensors' noise is left (1 % of the torque where that is not known); fair: within 5 % of the torque;"
     " poor: worse. × noise: error over what the sensors' noise alone would leave"
@@ -89,9 +88,11 @@ def identification_report(
         facts += (("written", path if foreign else f"{path}{predicts}"),)
     record, further = record_sections(found, (), (recording.files[0], robot_argument))
     lacking = {item.joint for item in found.insufficient}
+    moved = [item.leader for item in found.parameters if item.bias_possible]
+    missing = missing_words(found.model, found.insufficient, found.noise, moved)
     sections: list[Section] = [
         heading(found.robot, recording),
-        answers(trust_words(found.robot, found.error, lacking), _missing_words(found), parameter_words(found), record),
+        answers(trust_words(found.robot, found.error, lacking), missing, parameter_words(found), record),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.warnings))),
         error_table("error", found.robot, found.error, TITLE, lacking=lacking),
         *sensor_table("sensors", found.robot, found.error),
@@ -121,9 +122,7 @@ def identification_payload(found: Identification, recording: Recording | None = 
         "rank_margin": found.rank_margin,
         "base_parameters": base_payload(found),
         "error": error_payload(found.error),
-        "model": found.model,
-        "noise": noise_payload(found.noise),
-        "insufficient": [asdict(item) for item in found.insufficient],
+        **model_payload(found.model, found.noise, found.insufficient),
         "nuisances": nuisance_payload(found.nuisances),
         "effects": nuisance_payload(found.effects),
         "notes": list(found.notes),
@@ -159,6 +158,11 @@ def base_payload(found: Identification) -> list[dict[str, Any]]:
         }
         for k in range(found.base.count)
     ] + unseen
+
+
+def model_payload(model: str, noise: Sequence[RowNoise], insufficient: Sequence[Insufficient]) -> dict[str, Any]:
+    """Return what JSON says of the model: ``model``, ``noise`` and ``insufficient``."""
+    return {"model": model, "noise": noise_payload(noise), "insufficient": [asdict(item) for item in insufficient]}
 
 
 def noise_payload(noise: Sequence[RowNoise]) -> dict[str, Any]:
@@ -361,39 +365,6 @@ def _odd_note(logs: Sequence[ByLog], joints: Sequence[str]) -> str:
 def torque_unit(robot: Robot, joint: str) -> str:
     """Return the unit of a joint's torque (or force)."""
     return "N·m" if robot.joints[robot.joint_names.index(joint)].revolute else "N"
-
-
-def insufficient_words(found: Identification) -> str:
-    """Return in words why the model does not suffice, and whom that concerns."""
-    said = f"Something: {rows_words(found.insufficient)}."
-    moved = [item.leader for item in found.parameters if item.bias_possible]
-    return f"{said} What is missing can move {', '.join(moved)} beyond ± sd." if moved else said
-
-
-def rows_words(rows: Sequence[Insufficient]) -> str:
-    """Return rows with their residual over noise, the worst of each joint."""
-    worst: dict[str, Insufficient] = {}
-    for item in sorted(rows, key=lambda item: item.ratio):
-        worst[item.joint] = item
-    return "; ".join(
-        f"{joint} leaves {item.ratio:.2g} times the sensors' noise, which follows the {item.follows}"
-        for joint, item in worst.items()
-    )
-
-
-def _missing_words(found: Identification) -> str:
-    if found.model == "insufficient":
-        return f"{insufficient_words(found)} elid diagnose looks for it."
-    if found.model == "not judged":
-        return "Not looked for: elid diagnose does that."
-    loud = max(found.noise, key=lambda n: n.ratio, default=None)
-    memory = ""
-    if loud is not None and loud.ratio > LOUD:
-        memory = (
-            f" {loud.joint} holds {number_text(loud.ratio, 2)} times the white noise of its sensors: torque noise that"
-            f" remembers {loud.correlation * 1e3:.0f} ms."
-        )
-    return f"Nothing that this log shows: no joint's residual follows the motion beyond the sensors' noise.{memory}"
 
 
 def _next(found: Identification, recording: Recording, robot_argument: str) -> str:

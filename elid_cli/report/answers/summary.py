@@ -9,7 +9,7 @@ import shlex
 from collections.abc import Collection, Mapping, Sequence
 from math import isfinite
 
-from elid_cli.estimation.result import BaseEstimate, Identification, JointError
+from elid_cli.estimation.result import BaseEstimate, Identification, Insufficient, JointError, RowNoise
 from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
 from elid_cli.report.answers.inputs import Items
 from elid_cli.report.tree import KeyValues, Mark, Section, number_text
@@ -26,6 +26,8 @@ JOINT_KINDS = {
     "K": "stiffness", "Jm": "motor inertia", "Ja": "motor inertia", "fs": "Coulomb friction", "fv": "viscous friction",
 }  # fmt: skip
 """Parameters of drive and transmission in words, in the order in which they are told."""
+LOUD = 1.4
+"""A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 TRUST, MISSING, PARAMETERS, RECORD = (
     "can I trust it?", "what is missing?", "which parameters?", "what to record next?",
 )  # fmt: skip
@@ -80,6 +82,44 @@ def trust_words(robot: Robot, error: Mapping[str, JointError], lacking: Collecti
     times = max(((times, j) for j in fair if (times := above_noise(error[j])) is not None), default=None)
     left = f"; {times[1]} holds {number_text(times[0], 2)} times the sensors' noise" if times else ""
     return f"Mostly: every joint's torque is predicted within {shares[worst]}{left}.{but}"
+
+
+def missing_words(
+    model: str, insufficient: Sequence[Insufficient], noise: Sequence[RowNoise], moved: Sequence[str] = ()
+) -> str:
+    """Return what the model lacks, in a sentence.
+
+    Parameters
+    ----------
+    model, insufficient, noise
+        What was said of the model, the rows that lack something, and the noise of all.
+    moved
+        Parameters that what is missing can move.
+    """
+    if model == "not judged":
+        return "Not looked for: elid diagnose does that."
+    if model == "insufficient":
+        bias = f" What is missing can move {', '.join(moved)} beyond ± sd." if moved else ""
+        return f"Something: {rows_words(insufficient)}.{bias} elid diagnose looks for it."
+    loud = max(noise, key=lambda n: n.ratio, default=None)
+    memory = ""
+    if loud is not None and loud.ratio > LOUD:
+        memory = (
+            f" {loud.joint} holds {number_text(loud.ratio, 2)} times the white noise of its sensors: torque noise that"
+            f" remembers {loud.correlation * 1e3:.0f} ms."
+        )
+    return f"Nothing that this log shows: no joint's residual follows the motion beyond the sensors' noise.{memory}"
+
+
+def rows_words(rows: Sequence[Insufficient]) -> str:
+    """Return rows with their residual over noise, the worst of each joint."""
+    worst: dict[str, Insufficient] = {}
+    for item in sorted(rows, key=lambda item: item.ratio):
+        worst[item.joint] = item
+    return "; ".join(
+        f"{joint} leaves {number_text(item.ratio, 2)} times the sensors' noise, which follows the {item.follows}"
+        for joint, item in worst.items()
+    )
 
 
 def parameter_words(found: Identification) -> str:

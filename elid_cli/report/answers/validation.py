@@ -3,33 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
+from elid_cli.estimation.result import Judgement, Nuisance
 from elid_cli.estimation.validation.prediction import ByLog, Validation
+from elid_cli.estimation.validation.sufficiency import above_noise
+from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.declared import as_observed
-from elid_cli.report.answers.identification import error_payload, error_table, log_table, sensor_table
+from elid_cli.report.answers.identification import error_payload, error_table, log_table, model_payload, sensor_table
 from elid_cli.report.answers.inputs import (
     command,
     heading,
     log_payload,
+    nuisance_payload,
     recorded_items,
     robot_payload,
     span_words,
     used_items,
 )
-from elid_cli.report.answers.summary import answers, trust_words
+from elid_cli.report.answers.summary import answers, missing_words, rows_words, trust_words
 from elid_cli.report.tree import KeyValues, Report, Section, Text
+from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 
 
 def validation_report(
     found: Validation, recording: Recording, robot_argument: str, held_out: Sequence[tuple[float, float]] = (),
-    cases: Sequence[ByLog] = (),
+    cases: Sequence[ByLog] = (), said: Judgement | None = None,
 ) -> Report:  # fmt: skip
     """Return the report of one validation, judged on some stretches (first and last time, s) or on the whole log.
 
-    `cases` are the errors on each of several logs, and those of other robots.
+    `cases` are the errors on each of several logs, and those of other robots; `said` is what the residual says of the
+    model (`judge_prediction`).
     """
+    said = said or Judgement((), ())
+    error = above_noise(found.error, found.robot, said.noise)
+    lacking = {item.joint for item in said.insufficient}
     acting = as_observed(found.robot, recording).effects
     effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in acting)
     facts = (
@@ -38,14 +48,18 @@ def validation_report(
         ("predicted with", f"the robot file's own values{f' and {effects}' if effects else ''}; nothing was fitted"),
         *((("judged on", f"what diagnose holds out: {span_words(held_out)}"),) if held_out else ()),
     )
-    payload = {**validation_payload(found), "log": log_payload(recording), "held_out": [list(s) for s in held_out]}
+    payload = {
+        **validation_payload(found, said),
+        "log": log_payload(recording),
+        "held_out": [list(s) for s in held_out],
+    }
     if cases:
         payload["error_by_log"] = [{"file": case.file, "error": error_payload(case.error)} for case in cases]
     sections: tuple[Section, ...] = (
         heading(found.robot, recording),
-        answers(trust_words(found.robot, found.error), "Not looked for: elid diagnose does that.", "", ""),
+        answers(trust_words(found.robot, error, lacking), _missing(said), "", ""),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate(recording.warnings)),
-        error_table("error", found.robot, found.error, "torque of each joint", fitted=False),
+        error_table("error", found.robot, error, "torque of each joint", fitted=False, lacking=lacking),
         *sensor_table("sensors", found.robot, found.error),
         *log_table(found.robot, cases),
         KeyValues("inputs", facts, "how it was computed"),
@@ -54,6 +68,31 @@ def validation_report(
     return Report("validate", payload, sections)
 
 
-def validation_payload(found: Validation) -> dict[str, Any]:
+def _missing(said: Judgement) -> str:
+    """Return what the described robot lacks: an effect, or other values of its parameters."""
+    if said.misfitted and not said.insufficient:
+        return f"Other values: {rows_words(said.misfitted)}. Other parameters, a delay or an offset would explain it."
+    return missing_words(said.model, said.insufficient, said.noise)
+
+
+def validation_payload(found: Validation, said: Judgement | None = None) -> dict[str, Any]:
     """Return the JSON object of a validation, without the log and the stretches that it was judged on."""
-    return {**robot_payload(found.robot), "settings": dict(found.settings), "error": error_payload(found.error)}
+    said = said or Judgement((), ())
+    return {
+        **robot_payload(found.robot),
+        "settings": dict(found.settings),
+        "error": error_payload(above_noise(found.error, found.robot, said.noise)),
+        **model_payload(said.model, said.noise, said.insufficient),
+        "misfitted": [asdict(item) for item in said.misfitted],
+        "nuisances": nuisance_payload(_corrected(found.robot)),
+    }
+
+
+def _corrected(robot: Robot) -> list[Nuisance]:
+    """Return what the robot file says of the channels, which were corrected."""
+    kinds = effect_classes()
+    return [
+        Nuisance(spec.effect, spec.joint or "", dict(spec.parameters), {})
+        for spec in robot.effects
+        if kinds[spec.effect].nuisance or kinds[spec.effect].corrects
+    ]

@@ -1,0 +1,198 @@
+"""Whether a residual follows the motion, and by which curves.
+
+A residual that follows the motion is predicted, stretch by stretch, from what the other stretches show of smooth
+curves over it: a joint's speed, position, load, deflection, the other joints' speeds, and the course of the log. How
+much of it chance would predict is told by the same residual moved round in time against the motion: that keeps its
+memory and breaks the tie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.stretches import STRETCHES, stretch_of
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
+
+ROUNDS = 60
+"""Times that a residual is moved round against the motion."""
+BEYOND, LEAST = 4.0, 0.1
+"""Deviations of what chance predicts, and part of the residual, beyond which it follows the motion."""
+PIECES = 4
+"""Pieces per fold: what changes in the course of a log is predicted from before and after."""
+ALSO = 0.7
+"""Part of the best group's prediction from which another group of curves is taken as possible, too."""
+RIDGE = 1e-4
+"""Damping of the curves' coefficients, of the strongest direction."""
+
+
+@dataclass(frozen=True)
+class Followed:
+    """How much of a residual follows the motion."""
+
+    share: float
+    """Part of the residual's variance that the other stretches predict."""
+    beyond: bool
+    """Whether chance would not."""
+    groups: tuple[str, ...]
+    """Groups of curves that predict it, best first."""
+
+
+def motion_curves(signals: Signals, joint: int, robot: Robot, load: Array) -> dict[str, Array]:
+    """Return groups of curves over the motion at the fit's instants, (d, M) each, every curve of size 1 or so.
+
+    `load` is the torque that the model predicts, (M,): the measured one holds the noise that is to be told apart.
+    """
+    motion = signals.motion
+    channels = np.nan_to_num(np.stack([motion.theta, motion.q, motion.dtheta, motion.dq, motion.ddtheta]))
+    theta, q, dtheta, dq, ddtheta = signals.decimate(np.ascontiguousarray(channels.transpose(0, 2, 1)))
+
+    def unit(values: Array) -> Array:
+        return values / max(float(np.quantile(np.abs(values), 0.98)), 1e-12)
+
+    def bends(values: Array) -> list[Array]:
+        """Return curves through 0, the first three of which bend near it."""
+        values = unit(values)
+        low = [max(float(np.quantile(np.abs(values), share)), 1e-3) for share in (0.03, 0.1, 0.3)]
+        return [*(np.tanh(values / at) for at in low), values, np.abs(values) * values, values**3]
+
+    speed, place = dtheta[joint], theta[joint]
+    turn = np.pi * (place - place.min()) / max(float(np.ptp(place)), 1e-12)
+    sign, size, ones = bends(speed)[0], unit(load), np.ones_like(speed)
+    groups = {
+        "motor speed": [*bends(speed), ones],
+        "position": [np.cos(k * turn) for k in range(1, 9)] + [np.cos(k * turn) * sign for k in range(1, 4)],
+        "load": [np.abs(size) * sign, size, np.abs(size), np.abs(size) * unit(speed)],
+        "acceleration": bends(ddtheta[joint])[3:],
+    }
+    if robot.joints[joint].elastic:
+        deflection = place - q[joint]
+        groups["deflection"] = [*bends(deflection - deflection.mean()), unit(speed - dq[joint]), ones]
+        groups["link speed"] = bends(dq[joint])
+    course = np.pi * np.linspace(0.0, 1.0, len(speed))
+    groups["time"] = [np.cos(k * course) * v for k in range(1, 5) for v in (ones, sign, size)]
+    others = [k for k in range(robot.n) if k != joint and not signals.still[k]]
+    if others:
+        groups["other joints' speed"] = [unit(dtheta[k]) for k in others]
+    return {name: np.array(values) for name, values in groups.items()}
+
+
+def followed(residual: Array, use: NDArray[np.bool_], columns: Array, curves: Mapping[str, Array]) -> Followed:
+    """Return how much of a residual follows the motion, by curves at whose cost the model's columns come first.
+
+    Parameters
+    ----------
+    residual, use
+        Residual at M instants, N·m (N), (M,), and which of them count, (M,).
+    columns
+        Columns of the model's unknowns, (d, M): what they could take of the residual is nobody's.
+    curves
+        Groups of curves, (k, M) each: `motion_curves`.
+    """
+    own = _orthonormal(columns[:, use])
+    r = residual[use] - (own @ residual[use]) @ own  # rows share parameters: each alone would fit better
+    fold = stretch_of(len(r), PIECES * STRETCHES) % STRETCHES
+    names = list(curves)
+    parts = [_free(curves[name][:, use], own) for name in names]
+    shares = np.array([_predicted(part, r, fold) for part in parts])
+    everything = np.concatenate(parts)
+    share = max(_predicted(everything, r, fold), float(shares.max()))
+    best = int(np.argmax(shares))
+    moved = [_moved_round(part, r, fold) for part in (everything, parts[best])]
+    beyond = any(
+        value > LEAST and chance.beyond(value) for value, chance in zip((share, shares[best]), moved, strict=True)
+    )
+    order = np.argsort(-shares)
+    also = [k for k in order.tolist() if shares[k] > ALSO * max(shares[best], 1e-12)]
+    return Followed(float(share), bool(beyond), tuple(names[k] for k in also) or (names[best],))
+
+
+def _orthonormal(columns: Array) -> Array:
+    """Return an orthonormal basis of rows (d, M), (r, M)."""
+    size = np.linalg.norm(columns, axis=1)
+    scaled = columns[size > 0] / size[size > 0, None]
+    _, values, basis = np.linalg.svd(scaled, full_matrices=False)
+    if not len(values):
+        return np.zeros((0, columns.shape[1]))
+    found: Array = basis[values > 1e-9 * values[0]]
+    return found
+
+
+def _free(curves: Array, own: Array) -> Array:
+    """Return curves without what the model's own columns explain of them, those that nothing is left of dropped."""
+    left = curves - (curves @ own.T) @ own
+    kept: Array = left[np.linalg.norm(left, axis=1) > 1e-3 * np.linalg.norm(curves, axis=1)]
+    return kept
+
+
+def _predicted(curves: Array, residual: Array, fold: NDArray[np.intp]) -> float:
+    """Return the part of a residual's variance that curves predict from the other stretches."""
+    if not len(curves):
+        return 0.0
+    return float(_shares(curves, residual[:, None], fold)[0])
+
+
+def _shares(curves: Array, values: Array, fold: NDArray[np.intp]) -> Array:
+    """Return the part that curves (d, M) predict of each column of `values` (M, k), stretch by stretch, (k,)."""
+    gram, moment = curves @ curves.T, curves @ values
+    damping = RIDGE * float(np.linalg.norm(gram, 2)) * np.eye(len(gram))
+    error = np.zeros(values.shape[1])
+    for number in range(STRETCHES):
+        out = fold == number
+        part = curves[:, out]
+        fitted = np.linalg.solve(gram - part @ part.T + damping, moment - part @ values[out])
+        error += np.sum((values[out] - part.T @ fitted) ** 2, axis=0)
+    total = np.maximum(np.sum(values**2, axis=0), 1e-300)
+    shares: Array = 1.0 - error / total
+    return shares
+
+
+@dataclass(frozen=True)
+class _Chance:
+    """What chance predicts, as logarithms of what is left: mean, deviation and least."""
+
+    mean: float
+    deviation: float
+    least: float
+
+    def beyond(self, share: float) -> bool:
+        left = float(np.log(max(1.0 - share, 1e-12)))
+        return left < self.mean - BEYOND * self.deviation and left < self.least
+
+
+def _moved_round(curves: Array, residual: Array, fold: NDArray[np.intp]) -> _Chance:
+    """Return what chance predicts of a residual: what is predicted of it moved round against the motion."""
+    if not len(curves):
+        return _Chance(0.0, 0.0, 0.0)
+    count = len(residual)
+    lags = np.unique(np.linspace(0.08 * count, 0.92 * count, ROUNDS).astype(int))
+    moved = np.stack([np.roll(residual, lag) for lag in lags.tolist()], axis=1)
+    left = np.log(1.0 - _shares(curves, moved, fold))
+    return _Chance(float(left.mean()), float(left.std()), float(left.min()))
+
+
+def in_bursts(residual: Array, use: NDArray[np.bool_]) -> bool:
+    """Whether most of a residual lies in few instants: something that happened, and no noise."""
+    power = np.sort(residual[use] ** 2)[::-1]
+    return bool(power[: max(1, len(power) // 20)].sum() > 0.5 * power.sum())
+
+
+def memory(residual: Array, use: NDArray[np.bool_], rate: float) -> float:
+    """Return how long a residual remembers, s: the lag at which its correlation falls below 1/e."""
+    values = np.where(use, residual - residual[use].mean(), 0.0)
+    spectrum = np.abs(np.fft.rfft(values, 2 * len(values))) ** 2
+    correlation = np.fft.irfft(spectrum)[: len(values) // 2]
+    if correlation[0] <= 0:
+        return 0.0
+    correlation = correlation / correlation[0]
+    below = np.flatnonzero(correlation < np.exp(-1.0))
+    if not len(below):
+        return len(correlation) / rate
+    last = int(below[0])
+    before, after = correlation[last - 1], correlation[last]
+    return float((last - 1 + (before - np.exp(-1.0)) / (before - after)) / rate)
