@@ -41,7 +41,7 @@ class Validation(Shown):
     standard: Array
     """Standard parameters of the description, (p,), SI; 0 where unknown."""
     effect_columns: Mapping[EstimationRow, tuple[Array, ...]]
-    """Columns of the declared effects, (d, M) each, by row group."""
+    """Columns of the declared effects, N·m (N) per unit of their amplitudes, (d, M) each, by row group."""
     chosen: NDArray[np.bool_] | None = None
     """Instants that are judged, (M,); None: all."""
     settings: Mapping[str, object] = field(default_factory=dict)
