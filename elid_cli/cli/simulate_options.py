@@ -123,6 +123,11 @@ sensors = gathered(
     option(SENSORS, "--temperature", is_flag=True, help="Log motor temperatures too (a slow warm-up)."),
 )  # fmt: skip
 
+ideal_drives = option(
+    INPUT, "--ideal-drives", is_flag=True,
+    help="Take friction and rotor inertia that the robot file does not give as 0, as a bare URDF needs.",
+)  # fmt: skip
+
 effect = option(
     INPUT, "--effect", "effects", multiple=True, metavar="EFFECT", shell_complete=completing(effects),
     help="Add an effect that the robot file does not declare, such as stribeck@joint1:amplitude=2,velocity=0.05."

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -14,8 +15,10 @@ from elid_cli.model.effects.effect import DIRECTION_WIDTH, direction_widths
 from elid_cli.model.mass_matrix import BLOCKS, NotPositiveError, NumericEquations, ldl_solver, ldl_statements
 from elid_cli.model.regressor import Regressor, inputs_of
 from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
+from elid_cli.robot.ideal import DRIVE
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import MOTOR_PARAMETERS, Robot
+from elid_cli.robot.yaml import quoted
 from elid_cli.signals.motion import Motion, random_motion
 
 Vector = Sequence[float]
@@ -294,5 +297,17 @@ def _unknown(robot: Robot, missing: list[StandardParameter]) -> RobotError:
     return RobotError(
         f"{robot.name}: parameters that its motion depends on are unknown",
         detail="; ".join(parts),
-        hint="give them under the joints' parameters:, or identify first: elid identify … --write-robot FILE.yaml",
+        hint=_where_to_say(robot, by_joint),
     )
+
+
+def _where_to_say(robot: Robot, missing: Mapping[int, Sequence[str]]) -> str:
+    """Return in words how unknown parameters (kinds by joint) are given."""
+    place = "under the joints' parameters:"
+    if robot.source:
+        k, kinds = min(missing.items())
+        line = f"joints: {{{quoted(robot.joints[k].name)}: {{parameters: {{{kinds[0]}: …}}}}}}"
+        place = f"in {Path(robot.source).with_suffix('.elid.yaml')}, {line}"
+    if all(set(kinds) <= set(DRIVE) for kinds in missing.values()) and not robot.elastic[list(missing)].any():
+        return f"give them {place}, or let elid simulate take them as 0: --ideal-drives"
+    return f"give them {place}, or identify first: elid identify … --write-robot FILE.yaml"

@@ -15,6 +15,7 @@ from elid_cli.cli.simulate_options import ControlChoice, MotionChoice, SensorCho
     "elid simulate --robot puma560 -o run.h5 --duration 60 --counts 65536 --motor-side --torque-noise 1%",
 )
 @options.robot
+@simulating.ideal_drives
 @simulating.effect
 @simulating.motion
 @simulating.control
@@ -24,6 +25,7 @@ from elid_cli.cli.simulate_options import ControlChoice, MotionChoice, SensorCho
 @options.output
 def simulate(
     robot: str,
+    ideal_drives: bool,
     effects: tuple[str, ...],
     motion: MotionChoice,
     control: ControlChoice,
@@ -38,7 +40,7 @@ def simulate(
     """
     from pathlib import Path
 
-    from elid_cli.cli.output import check_output, emit
+    from elid_cli.cli.output import check_output, emit, note
     from elid_cli.cli.progress import progress
     from elid_cli.files import check_writable
     from elid_cli.logs.writing import writer_for
@@ -54,8 +56,13 @@ def simulate(
         from elid_cli.experiment import simulation
         from elid_cli.logs import write_recording
         from elid_cli.report.answers.simulation import simulation_report
+        from elid_cli.robot.ideal import with_ideal_drives
 
         machine = load_robot(robot)
+        if ideal_drives:
+            told = len(machine.notes)
+            machine = with_ideal_drives(machine)
+            note(machine.notes[told:], output)
         acting = replace(machine, effects=(*machine.effects, *simulating.effect_specs(effects)))
         chosen = simulating.options_of(machine, motion, control, sensors)
         share = None if advance is None else lambda done: advance("simulating", done)

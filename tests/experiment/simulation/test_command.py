@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.logs import read_recording
 from elid_cli.robot.files import read_robot
+from elid_cli.robot.ideal import with_ideal_drives
 
 SHORT = ("--robot", "planar2", "--duration", "0.5")
 
@@ -93,3 +95,43 @@ def test_errors_are_three_lines_and_leave_no_file(tmp_path: Path, arguments: tup
     assert done.stdout == ""
     assert len(done.stderr.splitlines()) <= 3
     assert list(tmp_path.iterdir()) == []
+
+
+BARE = """<robot name="bare"><link name="base"/>
+<link name="l1"><inertial><origin xyz="0.25 0 0"/><mass value="2"/>
+<inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" velocity="2" effort="50"/></joint></robot>"""
+
+
+def test_a_bare_urdf_moves_by_its_bodies_alone_where_that_is_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "bare.urdf").write_text(BARE)
+    words = ("--robot", "bare.urdf", "-o", "log.csv", "--duration", "1", "--json")
+    refused = elid(*words, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "j1 Ja fs fv" in refused.stderr
+    assert "bare.elid.yaml, joints: {j1: {parameters: {Ja: …}}}" in refused.stderr
+    assert "--ideal-drives" in refused.stderr
+    done = elid(*words, "--ideal-drives", cwd=tmp_path)
+    said = "taken as 0, as the description does not give them: j1 Ja fs fv"
+    assert done.returncode == 0
+    assert said in done.stderr
+    assert said in json.loads(done.stdout)["robot_notes"]
+    log = np.genfromtxt(tmp_path / "log.csv", delimiter=",", names=True, deletechars="")
+    q, ddq = log["q.j1"], np.gradient(np.gradient(log["q.j1"], log["t"]), log["t"])
+    # 0.25 m from the axis: its torque is that of inertia 0.05 + 2·0.25² and of its weight, and nothing else
+    expected = (0.05 + 2 * 0.25**2) * ddq - 2 * 9.81 * 0.25 * np.cos(q)
+    inner = slice(20, -20)
+    assert np.sqrt(np.mean((log["tau.j1"] - expected)[inner] ** 2)) < 0.01 * np.sqrt(np.mean(log["tau.j1"] ** 2))
+
+
+def test_ideal_drives_leave_what_is_given_and_bodies_that_are_unknown(tmp_path: Path) -> None:
+    (tmp_path / "bare.urdf").write_text(BARE.replace('effort="50"/>', 'effort="50"/><dynamics damping="0.7"/>'))
+    robot = with_ideal_drives(read_robot(tmp_path / "bare.urdf"))
+    assert robot.joints[0].parameters["fv"] == 0.7
+    assert "fv" not in robot.notes[-1]
+    (tmp_path / "empty.urdf").write_text(re.sub("<inertial>.*</inertial>", "", BARE, flags=re.DOTALL))
+    done = elid("--robot", "empty.urdf", "-o", "log.csv", "--ideal-drives", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "j1 cx cz Iyy\n" in done.stderr
+    assert not (tmp_path / "log.csv").exists()
