@@ -218,7 +218,7 @@ class Dynamics:
         inputs = inputs_of(Motion(np.zeros(q.shape[0]), q, dq, ddq, q, dq, ddq))
         inputs[7::9] = np.tanh(inputs[5::9] / (_WIDE * self._widths[:, None]))
         out = np.empty((2 * n, q.shape[0]))
-        self._inverse_program.run(inputs, out)
+        self.inverse_program.run(inputs, out)
         total = out[:n] + out[n:]
         rigid = ~self.robot.elastic
         return np.where(rigid, total.T, out[:n].T), total.T.copy()
@@ -241,10 +241,10 @@ class Dynamics:
 
     @cached_property
     def _inverse(self) -> _Function:
-        return self._inverse_program.scalar()
+        return self.inverse_program.scalar()
 
     @cached_property
-    def _inverse_program(self) -> Program:
+    def inverse_program(self) -> Program:
         """Trace the regressor's own rows (`Model.trace`), so that it shares no elimination with `solve`."""
         n = self.robot.n
         graph = Graph(9 * n)

@@ -19,6 +19,7 @@ from elid_cli.estimation.refined_robot import refined_robot, representative
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.experiment.excitation import ExciteOptions, excite
+from elid_cli.experiment.replay import replay
 from elid_cli.experiment.simulation import SimulationOptions, simulate
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import Regressor
@@ -29,6 +30,7 @@ from elid_cli.report.figures.build import (
     comparison_figures,
     identification_figures,
     log_figures,
+    replay_figures,
     validation_figures,
     with_figures,
 )
@@ -77,7 +79,8 @@ def every_kind(report: Report, planar: Robot) -> dict[str, Figure]:
     results = [SavedResult(f, "planar2", {"K1": Estimate(v, 1.0, "N·m/rad")}, {"joint1": v / 1e6})
                for f, v in (("a.json", 3000.0), ("b.json", 3010.0))]  # fmt: skip
     others = (*figures_of(FigureInput(excitation=trajectory)), *log_figures(log, planar),
-              *comparison_figures(compare(results)), EFFECT)  # fmt: skip
+              *comparison_figures(compare(results)),
+              *replay_figures(replay(planar, log)), EFFECT)  # fmt: skip
     return {figure.kind: figure for figure in (*others, *report.figures)}
 
 

@@ -11,6 +11,7 @@ from elid_cli.estimation.comparison import Comparison
 from elid_cli.estimation.result import Identification, JointError
 from elid_cli.estimation.validation.noise_floor import noise_floor
 from elid_cli.estimation.validation.prediction import ByLog, Validation, validate
+from elid_cli.experiment.replay import Replay
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.report.figures import figures_of
 from elid_cli.report.figures.input import FigureInput
@@ -49,6 +50,11 @@ def comparison_figures(comparisons: Sequence[Comparison]) -> tuple[Figure, ...]:
 def log_figures(recording: Recording, robot: Robot) -> tuple[Figure, ...]:
     """Return the figures of a log that nothing was fitted to."""
     return figures_of(FigureInput(recording=recording, described=robot))
+
+
+def replay_figures(found: Replay, other: Replay | None = None) -> tuple[Figure, ...]:
+    """Return the figures of a replay, and of the same log with another robot where there is one."""
+    return figures_of(FigureInput(replays=(found,) if other is None else (found, other)))
 
 
 def validation_figures(found: Validation, signals: Signals, others: Sequence[ByLog] = ()) -> tuple[Figure, ...]:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from elid_cli.estimation.result import Identification
     from elid_cli.estimation.validation.prediction import Validation
     from elid_cli.experiment.excitation import Excitation
+    from elid_cli.experiment.replay import Replay
     from elid_cli.model.regressor import EstimationRow
     from elid_cli.report.figures.joint_views import JointView
     from elid_cli.robot.robot import Robot
@@ -40,6 +41,8 @@ class FigureInput:
     recording: Recording | None = None
     """A log that nothing was fitted to yet, and the robot that it is read for."""
     described: Robot | None = None
+    replays: Sequence[Replay] = ()
+    """A replayed log, and the same with another robot."""
     cases: Sequence[tuple[str, Mapping[str, float]]] = ()
     """Errors to compare: a label, and the relative error of each joint."""
     comparisons: Sequence[Comparison] = ()

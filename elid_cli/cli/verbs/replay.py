@@ -1,0 +1,100 @@
+"""Simulate a described robot under what a log commanded."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from elid_cli.cli import options
+from elid_cli.cli.group import verb
+from elid_cli.cli.options import Output, Reading
+
+if TYPE_CHECKING:
+    from elid_cli.experiment.replay import Replay
+
+SCALES = {"mrad": 1e-3, "rad": 1.0, "deg": 0.017453292519943295, "mm": 1e-3, "m": 1.0}
+
+
+class Distance(click.ParamType):  # type: ignore[type-arg]
+    """An angle or a length: ``5mrad``, ``0.3deg``, ``2mm``; a bare number is in rad or m."""
+
+    name = "distance"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the value in rad or m."""
+        text = str(value).strip()
+        unit = next((name for name in SCALES if text.endswith(name)), "")
+        number = options.Number(above=0).convert(text.removesuffix(unit), param, ctx)
+        return number * SCALES.get(unit, 1.0)
+
+
+@verb(
+    "elid replay run08.h5 --robot identified.xml",
+    "elid replay run08.h5 run09.h5 --robot identified.yaml --against datasheet.yaml --max-error 5mrad",
+)
+@options.logs()
+@options.robot
+@options.reading
+@options.option(
+    options.INPUT, "--against", metavar="ROBOT", help="Another robot file to replay on the same logs, beside the first."
+)
+@options.option(
+    options.FIT, "--horizon", type=options.Number(above=0), metavar="SECONDS",
+    help="Start again from the measured state every so often. Default: once, from the first pose; every 0.5 s where "
+         "the log holds no commands and its torque drives the robot.",
+)  # fmt: skip
+@options.option(
+    options.FIT, "--engine", type=click.Choice(("elid", "mujoco")), default="elid", show_default=True,
+    help="What simulates: elid, or MuJoCo with the exported model where it is installed.",
+)  # fmt: skip
+@options.option(
+    options.GATES, "--max-error", type=Distance(), metavar="DISTANCE",
+    help="Largest mean absolute error of any joint: 5mrad, 0.3deg, 2mm.",
+)  # fmt: skip
+@options.output
+def replay(
+    logs: tuple[str, ...],
+    robot: str,
+    reading: Reading,
+    against: str | None,
+    horizon: float | None,
+    engine: str,
+    max_error: float | None,
+    output: Output,
+) -> None:
+    """Simulate a robot file under what a log commanded, and say how far its positions are from the measured ones.
+    Logs that hold no commands are replayed with their torque, in short pieces.
+    """  # noqa: D205
+    from elid_cli.cli.inputs import load_recording, load_robot
+    from elid_cli.cli.output import LimitError, check_output, emit, pictures_wanted
+    from elid_cli.cli.progress import progress
+
+    check_output(output)
+    with progress(output, "reading") as advance:
+        from elid_cli.experiment.replay import ReplayOptions
+        from elid_cli.experiment.replay import replay as simulate
+        from elid_cli.experiment.replay.replay import pooled
+        from elid_cli.report.answers.replay import replay_report
+
+        chosen = ReplayOptions(horizon, "mujoco" if engine == "mujoco" else "elid")
+        machines = [load_robot(name) for name in (robot, *((against,) if against else ()))]
+        found: list[list[Replay]] = [[] for _ in machines]
+        for log in logs:
+            for machine, replays in zip(machines, found, strict=True):
+                recording = load_recording((log,), machine, reading, output, None, advance, label=log)
+                replays.append(simulate(machine, recording, chosen))
+        report = replay_report(found[0], found[1] if against else (), (robot, against or ""))
+        if pictures_wanted(output):
+            from elid_cli.report.figures.build import replay_figures, with_figures
+
+            report = with_figures(report, replay_figures(found[0][0], found[1][0] if against else None))
+    emit(report, output)
+    sizes = {name: e.mean_abs for name, e in pooled(found[0]).items()}
+    worst = max(sizes, key=lambda name: sizes[name])
+    if max_error is not None and not sizes[worst] <= max_error:
+        beyond = sum(not size <= max_error for size in sizes.values())
+        raise LimitError(
+            f"mean absolute error of {beyond} of {len(sizes)} joints exceeds --max-error {max_error:.3g} (rad or m): "
+            f"{worst} has {sizes[worst]:.3g}"
+        )

@@ -1,0 +1,151 @@
+"""Replay of a log: simulated under its commands, or its torque, from its first pose or restarted every few seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.errors import LogError, UsageError
+from elid_cli.experiment.replay.errors import PositionError, overall, position_errors
+from elid_cli.model.effects.declared import resolve
+from elid_cli.model.effects.shifts import declared_shifts
+from elid_cli.model.rollout import Joints, Linearised, motion_of
+from elid_cli.model.runs import Run, runs_of
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+
+TORQUE_HORIZON = 0.5
+"""Seconds after which a replay of torques starts again: without feedback the smallest error grows."""
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """How to replay."""
+
+    horizon: float | None = None
+    """Seconds after which the simulation starts again from the measured state; None: once for every stretch of the
+    log, or every `TORQUE_HORIZON` where torques drive it."""
+    engine: Literal["elid", "mujoco"] = "elid"
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Simulated and measured motion of a log."""
+
+    robot: Robot
+    recording: Recording
+    error: Mapping[str, PositionError]
+    """Error of the measured positions by joint."""
+    t: Array
+    """Time of every replayed sample, s, (M,)."""
+    measured: Array
+    """Measured positions, rad (m), (M, n); NaN where a joint has none."""
+    simulated: Array
+    """Simulated positions, rad (m), (M, n)."""
+    horizon: float | None
+    driven_by: Literal["commands", "torque"]
+    engine: str
+    left_out: tuple[str, ...] = ()
+    """Declared effects that the replay does not hold."""
+
+    @property
+    def difference(self) -> Array:
+        """Simulated minus measured positions, rad (m), (M, n)."""
+        return self.simulated - self.measured
+
+    @property
+    def mean_abs(self) -> float:
+        """Mean absolute error over all joints, rad (m)."""
+        return overall(self.error)
+
+
+def pooled(replays: Sequence[Replay]) -> Mapping[str, PositionError]:
+    """Return the errors of one robot over several logs together."""
+    return position_errors(replays[0].robot, np.concatenate([item.difference for item in replays]))
+
+
+def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = None) -> Replay:
+    """Replay a log with a described robot.
+
+    Parameters
+    ----------
+    robot
+        Its parameters must be known; its `torque_offset` and `torque_delay` take part, its other effects do not.
+    recording
+        A log with commands and gains, or with torques.
+    options
+        How.
+
+    Raises
+    ------
+    RobotError
+        Parameters that the motion depends on are unknown.
+    LogError
+        The log holds neither commands with gains nor torques, or no position of a joint.
+    UsageError
+        A horizon shorter than a few samples, or MuJoCo is not installed.
+    """
+    options = options or ReplayOptions()
+    by_commands = not np.isnan(recording.commands.get("q_des", np.full((1, robot.n), np.nan))).all(axis=0).any()
+    horizon = options.horizon or (None if by_commands else TORQUE_HORIZON)
+    if horizon is not None and horizon < 5 * recording.dt:
+        raise UsageError(f"--horizon {horizon:g}: shorter than five samples of {recording.dt:g} s")
+    offsets, delays, left_out = _of_channels(robot)
+    runs = runs_of(recording, robot, horizon, delays, commanded=by_commands)
+    if not runs:
+        raise LogError("the log has no stretch that is long enough to be replayed")
+    if options.engine == "mujoco":
+        from elid_cli.experiment.replay.engine import mujoco_motion
+
+        found = mujoco_motion(robot, runs, offsets)
+    else:
+        found = _motion(robot, runs, offsets)
+    t = np.concatenate([run.t for run in runs])
+    measured = np.concatenate([run.measured for run in runs])
+    simulated = np.concatenate(found)
+    order = np.argsort(t, kind="stable")
+    error = position_errors(robot, simulated[order] - measured[order])
+    return Replay(
+        robot, recording, error, t[order], measured[order], simulated[order], horizon,
+        "commands" if by_commands else "torque", options.engine, left_out,
+    )  # fmt: skip
+
+
+def _motion(robot: Robot, runs: list[Run], offsets: Array) -> list[Array]:
+    """Return the simulated positions of the runs, those of one length side by side."""
+    equations = Linearised(robot)
+    own = robot.reference()
+    names = robot.parameter_names()
+
+    def of(kind: str) -> Array:
+        values = {name.joint: float(v) for name, v in zip(names, own, strict=True) if name.kind == kind}
+        return np.nan_to_num([[values.get(k, 0.0) for k in range(robot.n)]])
+
+    joints = Joints(np.zeros((1, robot.n)), of("fs"), of("fv"), offsets[None])
+    found: dict[int, Array] = {}
+    lengths: dict[int, list[int]] = {}
+    for k, run in enumerate(runs):
+        lengths.setdefault(len(run.t), []).append(k)
+    for numbers in lengths.values():
+        together = Run.together([runs[k] for k in numbers], equations.coordinates)
+        x, _ = motion_of(equations, together.start, together.near, together.drives, joints, together.dt)
+        for place, k in enumerate(numbers):
+            found[k] = x[:, place][:, : robot.n]
+    return [found[k] for k in range(len(runs))]
+
+
+def _of_channels(robot: Robot) -> tuple[Array, Array, tuple[str, ...]]:
+    """Return what the robot declares of its drives: offsets, N·m (n,), delays, s (n,), and effects left out."""
+    offsets = np.zeros(robot.n)
+    left = []
+    for spec in robot.effects:
+        kind, joint = resolve(robot, spec)
+        if kind.nuisance == "offset":
+            offsets[joint] = next(iter(spec.parameters.values()))
+        elif kind.corrects is None and not kind.of_channel:
+            left.append(f"{spec.effect} of {spec.joint}" if spec.joint else spec.effect)
+    return offsets, declared_shifts(robot).torque, tuple(left)

@@ -1,0 +1,177 @@
+"""Stretches of a log to be simulated: measured motion, the state that they start from, and what drove them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.errors import LogError
+from elid_cli.model.rollout import STEP, Coordinates, Drives
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+
+SHORTEST = 5
+"""Samples of the shortest stretch that is simulated."""
+STARTING = 7
+"""Samples whose positions give the velocity at the start, where none is logged."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One stretch, or several of one length side by side (then every array has an axis of S stretches before n)."""
+
+    t: Array
+    """Time, s, (N,)."""
+    measured: Array
+    """Measured positions of the driven side, rad (m), (N, n); NaN where missing."""
+    start: tuple[Array, Array]
+    """Positions and velocities of the coordinates at the start, (m,)."""
+    near: Array
+    """The measured motion of the coordinates, gaps filled, (N, m)."""
+    drives: Drives
+    dt: float
+    """Sample time, s."""
+
+    @classmethod
+    def together(cls, runs: Sequence[Run], coordinates: Coordinates) -> Run:
+        """Return runs of one length side by side."""
+        first = runs[0].drives
+        told = np.stack([run.drives.told for run in runs], axis=1)
+        drives = Drives(told, np.stack([run.drives.kp for run in runs]),
+                        np.stack([run.drives.kd for run in runs]), first.limit)  # fmt: skip
+        start = (np.stack([run.start[0] for run in runs]), np.stack([run.start[1] for run in runs]))
+        near = np.stack([run.near for run in runs], axis=1)
+        measured = np.stack([run.measured for run in runs], axis=1)
+        return cls(runs[0].t, measured, start, near, drives, runs[0].dt)
+
+
+def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: Array, *, commanded: bool) -> list[Run]:
+    """Return the stretches of a log, cut every `horizon` s.
+
+    Parameters
+    ----------
+    recording, robot
+        The log and its robot, of n joints.
+    horizon
+        s; None: whole stretches.
+    delays
+        How much later than logged each drive acts, s, (n,).
+    commanded
+        Whether commands drive the robot, else its measured torques.
+
+    Raises
+    ------
+    LogError
+        A joint has no position, or nothing that drives it.
+    """
+    link = _either(recording.q, recording.theta)
+    motor = _either(recording.theta, recording.q)
+    _need(link, robot, "position")
+    told, kp, kd = _told(recording, robot, commanded=commanded)
+    limit = np.array([math.inf if joint.limits.torque is None else joint.limits.torque for joint in robot.joints])
+    elastic = np.array([joint.elastic for joint in robot.joints])
+    speed = _either(recording.dq, recording.dtheta), _either(recording.dtheta, recording.dq)
+    steps = math.ceil(recording.dt / STEP)
+    piece = None if horizon is None else max(round(horizon / recording.dt), SHORTEST)
+    runs = []
+    for segment in recording.segments:
+        edges = (
+            [segment.start, segment.stop]
+            if piece is None
+            else [*range(segment.start, segment.stop, piece), segment.stop]
+        )
+        for a, b in pairwise(edges):
+            stop = min(b + 1, segment.stop) if piece is not None else b
+            part = slice(a, stop)
+            usable = np.isfinite(link[part]).all(axis=0).all() or _mostly(link[part])
+            if stop - a < SHORTEST or not usable or not np.isfinite(told[part]).all():
+                continue
+            t = recording.t[part]
+            x = np.concatenate([_filled(link[part]), _filled(motor[part])[:, elastic]], axis=1)
+            v = np.concatenate(
+                [_speed(speed[0], link, part, recording.dt), _speed(speed[1], motor, part, recording.dt)[elastic]]
+            )
+            acting = _held(told[part], steps, delays / recording.dt, commanded=commanded)
+            drives = Drives(acting, kp[a], kd[a], limit)
+            runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt))
+    return runs
+
+
+def _told(recording: Recording, robot: Robot, *, commanded: bool) -> tuple[Array, Array, Array]:
+    """Return kp q_des + kd dq_des + tau_ff of every sample, and the gains, (N, n)."""
+    if not commanded:
+        _need(recording.tau, robot, "torque")
+        none = np.zeros_like(recording.tau)
+        return recording.tau, none, none
+    parts = {name: recording.commands.get(name) for name in ("q_des", "dq_des", "tau_ff", "kp", "kd")}
+    missing = [name for name in ("q_des", "kp", "kd") if parts[name] is None]
+    if missing:
+        raise LogError(
+            f"the log holds no {' and no '.join(missing)}",
+            hint="give the gains with --kp and --kd, or as control: of the robot file",
+        )
+    for name in ("q_des", "kp", "kd"):
+        _need(parts[name], robot, name)
+    known = {name: np.zeros_like(recording.q) if v is None else np.nan_to_num(v) for name, v in parts.items()}
+    wanted = parts["q_des"]
+    told = known["kp"] * (np.nan if wanted is None else wanted) + known["kd"] * known["dq_des"] + known["tau_ff"]
+    return told, known["kp"], known["kd"]
+
+
+def _need(values: Array | None, robot: Robot, what: str) -> None:
+    for k, name in enumerate(robot.joint_names):
+        if values is None or np.isnan(values[:, k]).all():
+            raise LogError(f"{name} has no {what} in this log: it cannot be replayed")
+
+
+def _either(one: Array | None, other: Array | None) -> Array:
+    """Return a signal, joints that lack it from another one."""
+    if one is None or other is None:
+        found = other if one is None else one
+        return np.full((1, 1), np.nan) if found is None else found
+    return np.where(np.isnan(one).all(axis=0), other, one)
+
+
+def _mostly(values: Array) -> bool:
+    return bool((np.isfinite(values).mean(axis=0) > 0.9).all() and np.isfinite(values[0]).all())
+
+
+def _filled(values: Array) -> Array:
+    filled = values.copy()
+    for column in filled.T:
+        bad = np.isnan(column)
+        if bad.any():
+            column[bad] = np.interp(np.flatnonzero(bad), np.flatnonzero(~bad), column[~bad])
+    return filled
+
+
+def _speed(logged: Array, position: Array, part: slice, dt: float) -> Array:
+    """Return the velocity at a stretch's start, (n,): as logged, or of a parabola through the first samples."""
+    first = position[part][:STARTING]
+    time = np.arange(len(first)) * dt
+    ok = np.isfinite(first).all(axis=1)
+    slope: Array = np.polyfit(time[ok], first[ok], min(2, int(np.count_nonzero(ok)) - 1))[-2]
+    if logged.shape != position.shape:
+        return slope
+    return np.where(np.isfinite(logged[part.start]), logged[part.start], slope)
+
+
+def _held(told: Array, steps: int, late: Array, *, commanded: bool) -> Array:
+    """Return what is told at every step, (K, n): commands held for their sample, torques on a line between samples."""
+    count = (len(told) - 1) * steps
+    place = (np.arange(count) + (0.0 if commanded else 0.5)) / steps
+    found = np.empty((count, told.shape[1]))
+    for k in range(told.shape[1]):
+        at = np.clip(place - late[k], 0.0, len(told) - 1.0)
+        if commanded:
+            index: NDArray[np.intp] = np.floor(at + 1e-9).astype(np.intp)
+            found[:, k] = told[index, k]
+        else:
+            found[:, k] = np.interp(at, np.arange(len(told)), told[:, k])
+    return found

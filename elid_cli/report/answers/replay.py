@@ -1,0 +1,159 @@
+"""The answer of ``elid replay``: how far the simulated robot moves from the measured one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from math import isfinite
+from typing import Any
+
+from elid_cli.experiment.replay.errors import PositionError, overall
+from elid_cli.experiment.replay.replay import Replay, pooled
+from elid_cli.report.answers.inputs import log_payload, robot_payload
+from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
+from elid_cli.robot.robot import Robot
+
+
+def replay_report(
+    replays: Sequence[Replay], against: Sequence[Replay] = (), names: Sequence[str] = ("", ""), command: str = ""
+) -> Report:
+    """Return the report of a replay of several logs.
+
+    Parameters
+    ----------
+    replays
+        One per log.
+    against
+        The same logs with another robot, if any.
+    names
+        Both robots as the user named them.
+    command
+        What to run next.
+    """
+    first, error = replays[0], pooled(replays)
+    before = pooled(against) if against else None
+    robot = first.robot
+    sections: list[Section] = [
+        Text("title", f"{robot.name} · {', '.join(item.recording.files[0] for item in replays)}", "heading"),
+        KeyValues("answers", (("how far off?", _sentence(robot, error, before, names)),)),
+        *(Text(f"warning{k}", line, "warning") for k, line in enumerate(_warnings(first))),
+        _table(robot, error, before),
+    ]
+    if len(replays) > 1:
+        sections.append(_by_log(robot, replays, against))
+    sections.append(KeyValues("inputs", _facts(replays), "how it was computed"))
+    if command:
+        sections.append(Text("next", command, "next"))
+    return Report("replay", replay_payload(replays, against), tuple(sections))
+
+
+def replay_payload(replays: Sequence[Replay], against: Sequence[Replay] = ()) -> dict[str, Any]:
+    """Return the JSON object of a replay."""
+    first, error = replays[0], pooled(replays)
+    payload = {
+        **robot_payload(first.robot),
+        "log": _logs(replays),
+        "driven_by": first.driven_by,
+        "engine": first.engine,
+        "horizon": first.horizon,
+        "left_out": list(first.left_out),
+        "error": _errors(error),
+        "mean_abs": overall(error),
+        "error_by_log": [{"file": item.recording.files[0], "error": _errors(item.error)} for item in replays],
+    }
+    if against:
+        other = pooled(against)
+        payload |= {
+            "against": against[0].robot.name,
+            "before": {"error": _errors(error), "mean_abs": overall(error)},
+            "after": {"error": _errors(other), "mean_abs": overall(other)},
+        }
+    return payload
+
+
+def _logs(replays: Sequence[Replay]) -> dict[str, Any]:
+    logs = [log_payload(item.recording) for item in replays]
+    return {
+        **logs[0],
+        "files": [file for log in logs for file in log["files"]],
+        "sha256": [mark for log in logs for mark in log["sha256"]],
+        "samples": sum(log["samples"] for log in logs),
+        "duration": sum(log["duration"] for log in logs),
+    }
+
+
+def _errors(error: Mapping[str, PositionError]) -> dict[str, dict[str, float | None]]:
+    return {name: {k: v if isfinite(v) else None for k, v in asdict(e).items()} for name, e in error.items()}
+
+
+def _sentence(
+    robot: Robot, error: Mapping[str, PositionError], before: Mapping[str, PositionError] | None, names: Sequence[str]
+) -> str:
+    worst = max(error, key=lambda name: error[name].mean_abs)
+    if not isfinite(error[worst].mean_abs):
+        return f"The simulated {worst} runs away: no replay with this robot. Try --horizon 0.5."
+    unit, scale = _unit(robot, worst)
+    said = f"{number_text(scale * overall(error), 3)} {unit} on average; {worst} is worst with "
+    said += f"{number_text(scale * error[worst].mean_abs, 3)} {unit}."
+    if before is not None:
+        said += f" {names[1]}: {number_text(scale * overall(before), 3)} {unit} on average."
+    return said
+
+
+def _unit(robot: Robot, joint: str) -> tuple[str, float]:
+    return ("mrad" if robot.joints[robot.joint_names.index(joint)].revolute else "mm"), 1e3
+
+
+def _table(robot: Robot, error: Mapping[str, PositionError], other: Mapping[str, PositionError] | None) -> Table:
+    columns = [
+        Column("joint", "joint"),
+        Column("mean_abs", "mean absolute error", align="right"),
+        Column("rms", "rms", align="right"),
+        Column("offset", "constant part", align="right"),
+        *((Column("against", "mean absolute error of the other robot", align="right"),) if other else ()),
+    ]
+    rows: list[tuple[Cell, ...]] = []
+    for name, e in error.items():
+        unit, scale = _unit(robot, name)
+        row: list[Cell] = [name, *(Quantity(scale * v, unit, 3) for v in (e.mean_abs, e.rms, e.offset))]
+        if other:
+            row.append(Quantity(scale * other[name].mean_abs, unit, 3) if name in other else None)
+        rows.append(tuple(row))
+    return Table("error", tuple(columns), tuple(rows), title="simulated minus measured position")
+
+
+def _by_log(robot: Robot, replays: Sequence[Replay], against: Sequence[Replay]) -> Table:
+    columns = [
+        Column("file", "log"), Column("mean_abs", "mean absolute error", align="right"),
+        *((Column("against", "of the other robot", align="right"),) if against else ()),
+    ]  # fmt: skip
+    unit, scale = _unit(robot, robot.joint_names[0])
+    rows: list[tuple[Cell, ...]] = [
+        (item.recording.files[0], Quantity(scale * item.mean_abs, unit, 3),
+         *((Quantity(scale * against[k].mean_abs, unit, 3),) if against else ()))
+        for k, item in enumerate(replays)
+    ]  # fmt: skip
+    return Table("by_log", tuple(columns), tuple(rows), title="of each log")
+
+
+def _facts(replays: Sequence[Replay]) -> tuple[tuple[str, Cell], ...]:
+    first = replays[0]
+    seconds = sum(item.recording.duration for item in replays)
+    drive = "what the log commanded, held for its sample" if first.driven_by == "commands" else "the log's torque"
+    restart = "the first pose of every stretch" if first.horizon is None else (
+        f"the measured state, every {number_text(first.horizon)} s")  # fmt: skip
+    return (
+        ("replayed", f"{number_text(seconds, 3)} s, {sum(len(item.t) for item in replays)} samples"),
+        ("driven by", drive),
+        ("started from", restart),
+        ("simulated by", "MuJoCo, with the exported model" if first.engine == "mujoco" else "elid"),
+    )
+
+
+def _warnings(first: Replay) -> list[str]:
+    said = list(first.recording.warnings)
+    if first.left_out:
+        said.append(f"the replay does not hold {', '.join(first.left_out)}, which the robot file declares")
+    if first.driven_by == "torque":
+        said.append("no commands in the log: its torque drives the robot, and without feedback every error grows")
+    return said

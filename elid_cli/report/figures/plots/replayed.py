@@ -1,0 +1,52 @@
+"""Measured against simulated position of one joint over time, the error under it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from elid_cli.report.figures.drawing import Drawing, Line, Mark, Panel
+from elid_cli.report.tree import Figure
+
+if TYPE_CHECKING:
+    from elid_cli.report.figures.input import FigureInput
+
+ORDER = 2
+
+
+def figures(told: FigureInput) -> Iterator[Figure]:
+    """Yield a figure of every joint of a replay."""
+    if not told.replays:
+        return
+    first, *other = told.replays
+    caption = "Position as measured and as simulated under the same commands, and their difference."
+    for k, joint in enumerate(first.robot.joints):
+        data = {"t": first.t, "unit": "rad" if joint.revolute else "m", "measured": first.measured[:, k],
+                "simulated": first.simulated[:, k], "against": other[0].simulated[:, k] if other else None}  # fmt: skip
+        yield Figure(f"replayed_{joint.name}", f"{joint.name}: measured and simulated", "replayed", data, caption)
+
+
+def draw(figure: Figure) -> Drawing:
+    """Draw ``t``, ``measured``, ``simulated`` and ``against`` (M,) or None, rad or m as ``unit`` says."""
+    data = figure.data
+    t, measured, simulated, against = (data[key] for key in ("t", "measured", "simulated", "against"))
+    unit = data["unit"]
+    moved: list[Mark] = [Line(t, measured, "measured", "", 3.0, "measured"),
+                         Line(t, simulated, "ink", "5 2", 1.1, "simulated")]  # fmt: skip
+    errors: list[Mark] = []
+    if against is not None:
+        errors.append(Line(t, 1e3 * (against - measured), "before", "", 1.3, "error of the other robot"))
+    errors.append(Line(t, 1e3 * (simulated - measured), "ink", "", 1.0, "error"))
+    drawn = [values for values in (simulated, against) if values is not None]
+    sizes = [np.abs(1e3 * (values - measured)) for values in drawn]
+    reach = max([1.15 * float(v[np.isfinite(v)].max(initial=0.0)) for v in sizes]) or 1.0
+    return Drawing(
+        [
+            Panel(moved, "", "", f"position ({unit})"),
+            Panel(errors, "", "time (s)", f"error (m{unit})", ylim=(-reach, reach), height=165),
+        ],
+        over_time=True,
+        wide=True,
+    )

@@ -1,0 +1,214 @@
+"""The replay against an integration that shares no step with it, MuJoCo, and what must hold at rest."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace as changed
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import elid_cli.model.rollout as rollout
+from elid_cli.cli import main
+from elid_cli.errors import LogError, UsageError
+from elid_cli.experiment.replay import ReplayOptions, replay
+from elid_cli.logs.writing import write_recording
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.model.rollout import Joints, Linearised, advance_arrays, motion_of
+from elid_cli.model.runs import runs_of
+from elid_cli.robot.files import read_robot, write_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording, Segment
+
+KP, KD = np.array([400.0, 150.0]), np.array([30.0, 10.0])
+DT = 0.005
+
+
+def rigid(robot: Robot, friction: float = 1.0) -> Robot:
+    joints = [
+        changed(j, transmission="rigid", parameters={
+            **{k: v for k, v in j.parameters.items() if k != "K"}, "fs": friction * 2.0, "fv": 1.5})
+        for j in robot.joints
+    ]  # fmt: skip
+    return changed(robot, joints=tuple(joints))
+
+
+def commanded(robot: Robot, duration: float = 3.0, offset: float = 0.0) -> Recording:
+    """Return a log of the arm under held commands, integrated with an adaptive method of high order."""
+    dynamics = Dynamics(robot, friction_width=1e-3)
+    t = np.arange(round(duration / DT) + 1) * DT
+    wanted = np.stack([0.6 * np.sin(1.3 * t) + 0.3 * np.sin(4.1 * t), 0.5 * np.sin(2.2 * t + 1)], axis=1) - 1.2
+    speed = np.gradient(wanted, DT, axis=0)
+    x, rows = np.concatenate([wanted[0], np.zeros(2)]), [np.concatenate([wanted[0], np.zeros(2)])]
+    for k in range(len(t) - 1):
+
+        def slope(_: float, s: np.ndarray, k: int = k) -> np.ndarray:
+            q, v = s[:2], s[2:]
+            tau = KP * (wanted[k] - q) + KD * (speed[k] - v) - offset
+            a, _ = dynamics.acceleration(q.tolist(), v.tolist(), q.tolist(), v.tolist(), tau.tolist())
+            return np.concatenate([v, a])
+
+        x = solve_ivp(slope, (0.0, DT), x, method="LSODA", rtol=1e-7, atol=1e-9).y[:, -1]
+        rows.append(x)
+    states = np.array(rows)
+    q, v = states[:, :2], states[:, 2:]
+    gains = {"kp": np.tile(KP, (len(t), 1)), "kd": np.tile(KD, (len(t), 1))}
+    return Recording(
+        joints=robot.joint_names, dt=DT, t=t, q=q, theta=q, tau=np.full_like(q, np.nan), dq=v,
+        commands={"q_des": wanted, "dq_des": speed, **gains}, segments=(Segment(0, len(t)),), files=("made.csv",),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def arm() -> Robot:
+    return rigid(read_robot("planar2"))
+
+
+@pytest.fixture(scope="module")
+def log(arm: Robot) -> Recording:
+    return commanded(arm)
+
+
+def test_it_moves_as_an_integration_of_high_order_does(arm: Robot, log: Recording) -> None:
+    found = replay(arm, log)
+    assert (found.driven_by, found.horizon) == ("commands", None)
+    assert np.ptp(found.measured, axis=0).min() > 0.5
+    assert max(e.rms for e in found.error.values()) < 4e-5
+
+
+def test_finer_steps_come_nearer(arm: Robot, log: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    fine = replay(arm, log).mean_abs
+    monkeypatch.setattr("elid_cli.model.runs.STEP", 5.1e-3)
+    assert replay(arm, log).mean_abs > 2.5 * fine
+
+
+def test_wrong_friction_shows(arm: Robot, log: Recording) -> None:
+    assert replay(rigid(arm, 3.0), log).mean_abs > 5 * replay(arm, log).mean_abs
+
+
+def test_a_torque_offset_of_the_file_takes_part(arm: Robot) -> None:
+    from elid_cli.robot.robot import EffectSpec
+
+    log = commanded(arm, 1.5, offset=3.0)
+    told = changed(arm, effects=tuple(EffectSpec("torque_offset", j, {"offset": 3.0}) for j in arm.joint_names))
+    assert replay(told, log).mean_abs < 4e-4
+    assert replay(arm, log).mean_abs > 3e-3
+
+
+def test_friction_holds_a_joint_at_rest(arm: Robot) -> None:
+    still = changed(rigid(arm, 100.0), gravity=(0.0, 0.0, 0.0))  # 200 N·m of friction
+    count = 200
+    q = np.zeros((count, 2))
+    tau = np.tile([150.0, -150.0], (count, 1))
+    log = Recording(joints=arm.joint_names, dt=DT, t=np.arange(count) * DT, q=q, theta=q, tau=tau, dq=q,
+                    segments=(Segment(0, count),), files=("rest",))  # fmt: skip
+    found = replay(still, log, ReplayOptions(horizon=0.9))
+    assert np.abs(found.simulated).max() < 2e-6  # while the friction finds its size
+    assert np.ptp(found.simulated[10:170], axis=0).max() < 1e-9
+
+
+def test_arrays_and_compiled_loops_take_the_same_steps(
+    arm: Robot, log: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("numba")
+    fast = replay(arm, log).simulated
+    monkeypatch.setattr(rollout, "compiled_steps", lambda: None)
+    np.testing.assert_allclose(replay(arm, log).simulated, fast, rtol=0, atol=1e-9)
+    assert advance_arrays is not None
+
+
+def test_an_elastic_arm_swings_as_its_equations_say() -> None:
+    robot = read_robot("planar2")
+    dynamics = Dynamics(robot)
+    x0 = [0.3, -0.2, 0.3, -0.2]
+
+    def slope(_: float, s: np.ndarray) -> np.ndarray:
+        q, theta, v, w = s[:2], s[2:4], s[4:6], s[6:]
+        a, b = dynamics.acceleration(q.tolist(), v.tolist(), theta.tolist(), w.tolist(), [0.0, 0.0])
+        return np.concatenate([v, w, a, b])
+
+    t = np.arange(61) * DT
+    exact = solve_ivp(slope, (0.0, t[-1]), [*x0, 0, 0, 0, 0], t_eval=t, rtol=1e-9, atol=1e-11).y.T
+    log = Recording(joints=robot.joint_names, dt=DT, t=t, q=exact[:, :2], theta=exact[:, 2:4], tau=np.zeros((61, 2)),
+                    dq=exact[:, 4:6], dtheta=exact[:, 6:], segments=(Segment(0, 61),), files=("fall",))  # fmt: skip
+    assert np.abs(exact[-1, :2] - exact[0, :2]).max() > 0.2
+    assert replay(robot, log, ReplayOptions(horizon=10.0)).mean_abs < 1e-3
+
+
+def test_restarts_keep_a_replay_of_torques_near(arm: Robot, log: Recording) -> None:
+    q, v = log.q, log.dq
+    assert v is not None
+    tau = KP * (log.commands["q_des"] - q) + KD * (log.commands["dq_des"] - v)
+    torques = changed(log, tau=tau, commands={})
+    often, seldom = (replay(arm, torques, ReplayOptions(horizon=h)).mean_abs for h in (0.1, 2.0))
+    assert often < 0.2 * seldom
+    assert replay(arm, torques).horizon == 0.5
+
+
+def test_what_is_missing_is_named(arm: Robot, log: Recording) -> None:
+    with pytest.raises(LogError, match="no kp and no kd"):
+        replay(arm, changed(log, commands={"q_des": log.commands["q_des"]}))
+    with pytest.raises(LogError, match="joint1 has no torque"):
+        replay(arm, changed(log, commands={}))
+    with pytest.raises(UsageError, match="--horizon"):
+        replay(arm, log, ReplayOptions(horizon=0.01))
+
+
+ARM = """<mujoco model="arm"><compiler angle="radian"/><option gravity="0 -9.81 0"/><worldbody>
+<body name="one"><joint name="joint1" axis="0 0 1" armature="0.4" damping="1.5" frictionloss="2"/>
+<inertial pos="0.25 0.02 0" mass="8" diaginertia="0.1 0.3 0.3"/>
+<body name="two" pos="0.5 0 0"><joint name="joint2" axis="0 0 1" armature="0.2" damping="1" frictionloss="1"/>
+<inertial pos="0.2 0 0" mass="4" diaginertia="0.05 0.1 0.1"/></body></body></worldbody></mujoco>"""
+
+
+def test_mujoco_moves_the_exported_model_alike(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    (tmp_path / "arm.xml").write_text(ARM)
+    robot = adapted(read_robot(tmp_path / "arm.xml"))
+    log = commanded(robot)
+    ours, theirs = (replay(robot, log, ReplayOptions(engine=engine)) for engine in ("elid", "mujoco"))
+    assert ours.mean_abs < 4e-5
+    assert np.abs(ours.simulated - theirs.simulated).mean() < 3e-4
+
+
+def adapted(robot: Robot) -> Robot:
+    return changed(robot, joints=tuple(changed(j, transmission="rigid") for j in robot.joints))
+
+
+def test_the_command_judges_and_compares(
+    arm: Robot, log: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, good, bad = tmp_path / "run.h5", tmp_path / "good.yaml", tmp_path / "bad.yaml"
+    write_recording(log, file)
+    write_robot(changed(arm, control={"kp": dict(zip(arm.joint_names, KP.tolist(), strict=True)),
+                                      "kd": dict(zip(arm.joint_names, KD.tolist(), strict=True))}), good)  # fmt: skip
+    write_robot(changed(rigid(arm, 3.0), control=read_robot(good).control), bad)
+    line = ["replay", str(file), "--robot", str(good)]
+    assert main([*line, "--against", str(bad), "--max-error", "1mrad", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["driven_by"] == "commands"
+    assert told["after"]["mean_abs"] > 5 * told["before"]["mean_abs"]
+    assert set(told["error"]["joint1"]) == {"rms", "mean_abs", "offset"}
+    assert main([*line, "--max-error", "0.0005deg"]) == 1
+    assert "mrad on average" in capsys.readouterr().out
+    page = tmp_path / "page.html"
+    assert main([*line, "--report", str(page)]) == 0
+    assert "measured and simulated" in page.read_text("utf-8")
+
+
+def test_variants_side_by_side_are_those_alone(arm: Robot, log: Recording) -> None:
+    (run,) = runs_of(log, arm, None, np.zeros(2), commanded=True)
+    equations = Linearised(arm)
+    together = run.together([run], equations.coordinates)
+    values = np.array([[2.0, 2.0], [1.0, 4.0], [3.0, 0.5]])
+    none = np.zeros_like(values)
+    joints = Joints(none, values, 0.5 * values, none)
+    x, v = motion_of(equations, together.start, together.near, together.drives, rollout.one_variant(joints, 0), DT)
+    local = equations.about(x, v)
+    every, _ = rollout.variants_of(equations, local, together.start, together.drives, joints, DT)
+    for k in range(3):
+        one = rollout.one_variant(joints, k)
+        alone, _ = rollout.variants_of(equations, local, together.start, together.drives, one, DT)
+        np.testing.assert_allclose(every[:, k], alone[:, 0], atol=1e-12)
