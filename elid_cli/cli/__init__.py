@@ -69,6 +69,8 @@ def _run(arguments: list[str]) -> int:
             elid.invoke(context)
     except click.exceptions.Exit as end:
         return int(end.exit_code)
+    except click.Abort:  # at a question
+        raise KeyboardInterrupt from None
     except click.ClickException as problem:
         raise usage_error(problem) from None
     return EXIT_DONE

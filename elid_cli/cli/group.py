@@ -25,7 +25,7 @@ from elid_cli.errors import UsageError, did_you_mean, nearest
 from elid_cli.files import refuse_overwriting
 
 PACKAGE = f"{__package__}.verbs"
-ORDER = ("info", "identify", "classify", "diagnose", "validate", "reduce", "simulate", "excite")
+ORDER = ("info", "init", "identify", "classify", "diagnose", "validate", "reduce", "simulate", "excite")
 """Verbs in the order of a first day with elid; any other follows in alphabetical order."""
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 

@@ -179,18 +179,25 @@ TIP, LOCK = "elid.tip", "elid.lock"
 """Where the context keeps `--tip` and `--lock` for `load_robot`, whatever the command."""
 
 
-def _robot(*, required: bool) -> Decorator:
-    def keep(key: str) -> Callable[[click.Context, click.Parameter, Any], None]:
-        return lambda ctx, _, value: ctx.meta.__setitem__(key, value)
+def _kept(key: str) -> Callable[[click.Context, click.Parameter, Any], None]:
+    return lambda ctx, _, value: ctx.meta.__setitem__(key, value)
 
-    robot, tip, lock = _robot_option(required=required), option(
-        INPUT, "--tip", metavar="LINK", expose_value=False, callback=keep(TIP),
+
+def held(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that hold joints."""
+    tip, lock = option(
+        INPUT, "--tip", metavar="LINK", expose_value=False, callback=_kept(TIP),
         help="Keep the one chain that moves this link (or joint); lock all other joints.",
     ), option(
-        INPUT, "--lock", metavar="NAME=VALUE", multiple=True, type=Held(), expose_value=False, callback=keep(LOCK),
+        INPUT, "--lock", metavar="NAME=VALUE", multiple=True, type=Held(), expose_value=False, callback=_kept(LOCK),
         help="Lock a joint at a value in rad or m. Repeatable.",
     )  # fmt: skip
-    return lambda function: robot(tip(lock(function)))
+    return tip(lock(function))
+
+
+def _robot(*, required: bool) -> Decorator:
+    robot = _robot_option(required=required)
+    return lambda function: robot(held(function))
 
 
 def _robot_option(*, required: bool) -> Decorator:

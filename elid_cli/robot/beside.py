@@ -1,21 +1,25 @@
 """The YAML beside a URDF or MJCF: ``arm.elid.yaml`` holds what those formats cannot.
 
 Its keys are ``joints: {NAME: {gear_ratio, transmission, motor_axis, limits, parameters}}``, ``gravity``,
-``description``, ``effects``, ``log`` and ``control``, read and checked as those of a robot description.
+``description``, ``effects``, ``log`` and ``control``, read and checked as those of a robot description, and
+``tip: LINK`` and ``lock: {NAME: VALUE}``, which hold joints as ``--tip`` and ``--lock`` do; ``log`` is of the joints
+that remain. ``elid init`` writes it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from elid_cli.errors import RobotError, did_you_mean
+from elid_cli.errors import RobotError, UsageError, did_you_mean
 from elid_cli.files import read_text
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.schema import MOTOR_KEYS, read_control, read_effects, read_log, read_vector, with_motor
-from elid_cli.robot.yaml import parse_yaml
+from elid_cli.robot.yaml import Value, parse_yaml
 
 SUFFIX = ".elid.yaml"
+KEYS = ("gravity", "description", "effects", "log", "joints", "control", "tip", "lock")
 
 
 def beside_file(path: Path) -> Path:
@@ -36,8 +40,12 @@ def robot_with(robot: Robot, path: Path) -> Robot:
         if not other.exists():
             return robot
         return replace(robot, notes=(*robot.notes, f"{other} is not read: what completes this robot is {path.name}"))
-    keys = ("gravity", "description", "effects", "log", "joints", "control")
-    top = parse_yaml(read_text(path, RobotError), str(path)).fields((), keys)
+    return completed(robot, read_text(path, RobotError), str(path))
+
+
+def completed(robot: Robot, text: str, file: str) -> Robot:
+    """Return the robot completed from the text of such a YAML; `file` names it in errors (RobotError as above)."""
+    top = parse_yaml(text, file).fields((), KEYS)
     joints = list(robot.joints)
     if "joints" in top:
         for key, value in top["joints"].entries():
@@ -54,4 +62,27 @@ def robot_with(robot: Robot, path: Path) -> Robot:
         robot = replace(robot, effects=read_effects(top["effects"], joints))
     if "control" in top:
         robot = replace(robot, control=read_control(top["control"], robot.joint_names))
+    robot = _held(robot, top, file)
     return replace(robot, log=read_log(top["log"])) if "log" in top else robot
+
+
+def _held(robot: Robot, top: Mapping[str, Value], file: str) -> Robot:
+    """Return the robot with the joints locked that ``tip`` and ``lock`` name, and a note that says so."""
+    from elid_cli.robot.locking import beside_chain, locked
+
+    held: dict[str, float] = {}
+    if "tip" in top:
+        try:
+            held = dict.fromkeys(beside_chain(robot, top["tip"].text()), 0.0)
+        except UsageError as fault:
+            raise top["tip"].error(fault.message.removeprefix("--tip "), hint=fault.hint) from None
+    if "lock" in top:
+        for name, value in top["lock"].numbers_by_name():
+            if name not in robot.joint_names:
+                raise top["lock"].error(f"no joint {name!r}", hint=did_you_mean(name, robot.joint_names))
+            held[name] = value
+    if not held:
+        return robot
+    told = ", ".join(f"{name} at {value:g}" for name, value in held.items())
+    robot = locked(robot, held)
+    return replace(robot, notes=(*robot.notes, f"locked as {Path(file).name} says: {told}"))

@@ -34,13 +34,15 @@ def shipped_robots() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))} if folder.is_dir() else {}
 
 
-def read_robot(source: str | Path) -> Robot:
+def read_robot(source: str | Path, *, beside: bool = True) -> Robot:
     """Read a robot description.
 
     Parameters
     ----------
     source
         The bare name of a shipped robot (``puma560``), or a path to a YAML, URDF or MJCF file.
+    beside
+        Whether the YAML beside a URDF or MJCF completes it.
 
     Raises
     ------
@@ -66,7 +68,7 @@ def read_robot(source: str | Path) -> Robot:
         from elid_cli.robot.beside import beside_file, robot_with
 
         robot = replace(_of_xml(text, str(path)), source=str(path))
-        return robot_with(robot, beside_file(path))
+        return robot_with(robot, beside_file(path)) if beside else robot
     return robot_of_yaml(text, str(path))
 
 

@@ -27,6 +27,8 @@ def locked(robot: Robot, values: Mapping[str, float]) -> Robot:
         No joint is left to move.
     """
     for name in values:
+        if name in robot.held:
+            raise UsageError(f"--lock {name}: already locked at {robot.held[name]:g} by the robot's own file")
         if name not in robot.joint_names:
             raise UsageError(f"--lock {name}: no such joint", hint=did_you_mean(name, robot.joint_names))
     if not values:
@@ -86,6 +88,8 @@ def beside_chain(robot: Robot, tip: str) -> tuple[str, ...]:
         raise UsageError(f"--tip {tip}: no such link", hint=did_you_mean(tip, robot.links or robot.joint_names))
     if names[tip] == BASE:
         raise UsageError(f"--tip {tip}: no joint moves it")
+    if names[tip] in robot.held:
+        raise UsageError(f"--tip {tip}: {names[tip]}, which moves it, is locked by the robot's own file")
     chain = robot.ancestors[robot.joint_names.index(names[tip])]
     return tuple(name for k, name in enumerate(robot.joint_names) if k not in chain)
 

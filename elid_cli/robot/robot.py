@@ -289,7 +289,7 @@ class Robot:
         """
         unknown = [j.name for j in self.joints if j.gear_ratio is None and (joints is None or j.name in joints)]
         if unknown:
-            beside = f" in {Path(self.source).with_suffix('.elid.yaml')}" if self.source else ""
+            beside = f" in {Path(self.source).with_suffix('.elid.yaml')} (elid init writes it)" if self.source else ""
             raise RobotError(
                 f"{what} needs the gear ratio of {' '.join(unknown)}",
                 detail=f"the description of {self.name!r} does not give it",

@@ -21,6 +21,7 @@ OPEN = {"settings"}
 STRIBECK = "stribeck@joint2:amplitude=-0.4,velocity=0.1"
 
 LINES = {
+    "init": ["init two.urdf short.h5 --force"],
     "info": [f"info {SAMPLES}/planar2.csv", f"info {SAMPLES}/planar2.mcap --robot planar2"],
     "plot": [f"plot {SAMPLES}/planar2.csv", f"plot {SAMPLES}/planar2.mcap --robot planar2"],
     "identify": [
@@ -55,6 +56,8 @@ def folder(elid: Elid, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for result, log in (("first.json", "planar2.h5"), ("second.json", "planar2_stribeck.h5")):
         done = elid("identify", str(SAMPLES / log), "--robot", "planar2", "--json", cwd=place)
         (place / result).write_text(done.stdout, "utf-8")
+    made = f"identify {SAMPLES}/planar2.h5 --robot planar2 --write-robot two.urdf --quiet"
+    assert elid(*made.split(), cwd=place).returncode == 0
     return place
 
 
