@@ -69,6 +69,46 @@ def test_kukas_state_has_link_positions_and_torque_sensors(tmp_path: Path) -> No
     np.testing.assert_array_equal(log.tau_link, BASE.tau)
 
 
+@pytest.mark.parametrize("encoding", ["cdr", "json"])
+def test_kukas_time_is_the_messages_own(tmp_path: Path, encoding: str) -> None:
+    made = Bag()
+    text = "uint32 time_stamp_sec\nuint32 time_stamp_nano_sec\n"
+    text += "float64[3] measured_joint_position\nfloat64[3] measured_torque\n"
+    language = "ros2msg" if encoding == "cdr" else "jsonschema"
+    made.topic("/lbr/state", "lbr_fri_idl/msg/LBRState", text, encoding=encoding, language=language, shown=None)
+    late = np.random.default_rng(0).integers(0, 10**7, BASE.t.size).tolist()
+    for row, t in enumerate(np.rint(BASE.t * 2e9).astype(int).tolist()):
+        stamp = 10**18 + t
+        seen = {"measured_joint_position": BASE.q[row].tolist(), "measured_torque": BASE.tau[row].tolist()}
+        own = {"time_stamp_sec": stamp // 10**9, "time_stamp_nano_sec": stamp % 10**9}
+        made.add("/lbr/state", stamp + late[row], {**own, **seen})
+    path = tmp_path / "log.mcap"
+    path.write_bytes(made.bytes())
+    log = read(path)
+    np.testing.assert_array_equal(log.q, BASE.q)
+    np.testing.assert_allclose(log.t, 2 * BASE.t, atol=1e-9)
+
+
+def test_frankas_older_state_has_motors_too(tmp_path: Path) -> None:
+    made = Bag()  # a ROS 1 message, which is found in files that were converted: its names are none of ROS 2
+    made.topic("/franka_states", "franka_msgs/FrankaState", "", encoding="json", language="jsonschema")
+    seen = {"q": BASE.q, "dq": BASE.q + 1, "tau_J": BASE.tau, "theta": BASE.theta, "dtheta": BASE.theta + 2}
+    for row, t in enumerate(np.rint(BASE.t * 1e9).astype(int).tolist()):
+        values = {name: values[row].tolist() for name, values in seen.items()}
+        made.add("/franka_states", 10**18 + t, {"header": head(10**18 + t), **values})
+    path = tmp_path / "log.mcap"
+    path.write_bytes(made.bytes())
+    log = read(path)
+    np.testing.assert_array_equal(log.q, BASE.q)
+    np.testing.assert_array_equal(log.theta, BASE.theta)
+    assert log.tau_link is not None
+    assert log.dq is not None
+    assert log.dtheta is not None
+    np.testing.assert_array_equal(log.tau_link, BASE.tau)
+    np.testing.assert_array_equal(log.dq, BASE.q + 1)
+    np.testing.assert_array_equal(log.dtheta, BASE.theta + 2)
+
+
 LEG = tuple(Joint(f"FL_{name}_joint", transmission="rigid") for name in ("hip", "thigh", "calf"))
 MOTOR = f"{RULE}\nMSG: unitree_go/MotorState\nfloat32 q\nfloat32 dq\nfloat32 tau_est\n"
 COMMAND = f"{RULE}\nMSG: unitree_go/MotorCmd\nfloat32 q\nfloat32 dq\nfloat32 tau\nfloat32 kp\nfloat32 kd\n"
@@ -82,7 +122,7 @@ def unitree(folder: Path) -> Path:
         return {"motor_state": motors}
 
     def command(row: int, stamp: int) -> dict[str, Any]:
-        return {"motor_cmd": [{"q": 0.5, "dq": 0.0, "tau": 0.0, "kp": 25.0, "kd": 0.5} for _ in range(20)]}
+        return {"motor_cmd": [{"q": 0.5, "dq": 0.25, "tau": 0.125 * k, "kp": 25.0, "kd": 0.5} for k in range(20)]}
 
     return bag(
         folder,
@@ -97,12 +137,80 @@ def test_unitrees_motors_are_told_by_the_joints_names(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.tau, BASE.tau, atol=1e-5)
     assert log.commands["kp"][0].tolist() == [25.0] * 3
     assert log.commands["q_des"][0].tolist() == [0.5] * 3
+    assert log.commands["dq_des"][0].tolist() == [0.25] * 3
+    assert log.commands["tau_ff"][0].tolist() == [0.375, 0.5, 0.625]
+    assert log.commands["kd"][0].tolist() == [0.5] * 3
 
 
 def test_without_names_that_show_it_the_order_of_motors_must_be_said(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no position") as caught:
         read(unitree(tmp_path), robot=RIGID)
     assert "which are whose says joints:" in caught.value.detail
+
+
+def motors(robot: Robot, schema: str) -> list[int | None]:
+    """Return the motor of every joint of a robot, as its message's profile tells them."""
+    from elid_cli.logs.mapping.profiles.unitree import mapping
+
+    joints = mapping(schema, "/lowstate", robot)["q"]["joints"]
+    return [joints.get(name) for name in robot.joint_names]
+
+
+@pytest.mark.parametrize(
+    ("name", "schema", "joints", "order"),
+    [
+        ("go2", "unitree_go/LowState", ["FL_hip_joint", "FR_calf_joint", "RR_thigh_joint", "RL_hip"], [3, 2, 7, 9]),
+        ("h1", "unitree_go/LowState", ["left_hip_yaw_joint", "torso_joint", "left_elbow_joint"], [7, 6, 19]),
+        ("g1_29dof", "unitree_hg/LowState", ["left_hip_yaw_joint", "right_wrist_yaw_joint"], [2, 28]),
+        ("body", "unitree_hg/LowState", ["left_hip_yaw_joint", "waist_pitch_joint"], [2, 14]),
+        ("h1_2", "unitree_hg/LowState", ["left_hip_yaw_joint", "right_wrist_yaw_joint"], [0, 26]),
+        ("body", "unitree_hg/LowState", ["left_hip_yaw_joint", "torso_joint"], [0, 12]),
+        ("body", "unitree_hg/LowState", ["left_hip_yaw_joint", "left_knee_joint"], [None, None]),
+        ("body", "unitree_hg/LowState", ["left_hip_yaw_joint", "waist_yaw_joint", "head_yaw_joint"], [None] * 3),
+    ],
+)
+def test_the_makers_order_of_motors(name: str, schema: str, joints: list[str], order: list[int | None]) -> None:
+    robot = Robot(name, tuple(Joint(joint, transmission="rigid") for joint in joints))
+    assert motors(robot, schema) == order
+
+
+def test_as_many_motors_as_joints_are_not_taken_in_the_robots_order(tmp_path: Path) -> None:
+    def state(row: int, stamp: int) -> dict[str, Any]:
+        return {"motor_state": [{"q": BASE.q[row, j], "dq": 0.0, "tau_est": BASE.tau[row, j]} for j in range(3)]}
+
+    text = f"unitree_go/MotorState[3] motor_state\n{MOTOR}"
+    path = bag(tmp_path, ("/lowstate", "unitree_go/msg/LowState", text, state))
+    with pytest.raises(LogError, match="no position") as caught:
+        read(path, robot=RIGID)
+    assert "which are whose says joints:" in caught.value.detail
+    told = {
+        signal: {"from": "/lowstate", "field": f"motor_state.{name}", "joints": [2, 1, 0]}
+        for signal, name in (("q", "q"), ("tau", "tau_est"))
+    }
+    np.testing.assert_allclose(read(path, mapping=told, robot=RIGID).q, BASE.q[:, ::-1], atol=1e-6)
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_efforts_that_a_controller_puts_out_stand_for_those_it_does_not_measure(tmp_path: Path, measured: bool) -> None:
+    point = f"{RULE}\nMSG: trajectory_msgs/JointTrajectoryPoint\nfloat64[] positions\nfloat64[] velocities\n"
+    text = f"{HEADER}string[] joint_names\n"
+    text += "".join(f"trajectory_msgs/JointTrajectoryPoint {name}\n" for name in ("reference", "feedback", "output"))
+    text += f"{point}float64[] effort\n{STAMP}"
+
+    def message(row: int, stamp: int) -> dict[str, Any]:
+        told = {"positions": (BASE.q[row] + 0.1).tolist(), "velocities": (BASE.q[row] + 3).tolist(), "effort": []}
+        seen = {"positions": BASE.q[row].tolist(), "velocities": (BASE.q[row] + 2).tolist()}
+        seen["effort"] = (BASE.tau[row] + 1).tolist() if measured else []
+        out = {"positions": [], "velocities": [], "effort": BASE.tau[row].tolist()}
+        names = {"header": head(stamp), "joint_names": list(JOINTS)}
+        return {**names, "reference": told, "feedback": seen, "output": out}
+
+    schema = "control_msgs/msg/JointTrajectoryControllerState"
+    log = read(bag(tmp_path, ("/arm/controller_state", schema, text, message)), robot=RIGID)
+    np.testing.assert_array_equal(log.tau, BASE.tau + measured)
+    assert log.dq is not None
+    np.testing.assert_array_equal(log.dq, BASE.q + 2)
+    np.testing.assert_allclose(log.commands["dq_des"], BASE.q + 3)
 
 
 def test_states_of_a_trajectory_controller(tmp_path: Path) -> None:

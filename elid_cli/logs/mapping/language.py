@@ -57,7 +57,7 @@ class SignalMap:
     """Column pattern, dataset path or topic; or one column per joint."""
     field: str = ""
     joints: Mapping[str, str | int] | None = None
-    """The robot's joint -> its name (or index) in the log; None: the same names."""
+    """The robot's joint -> its name (or index) in the log; None: the same names; empty: not known."""
     factor: tuple[float, ...] | float = 1.0
     """SI value of one unit."""
     unit: str = ""

@@ -310,7 +310,7 @@ def _columns(spec: SignalMap, channel: Channel, robot: Robot) -> tuple[tuple[int
             return f"{channel.address} holds {_listed(channel.labels)}, none of them {_listed(names)}"
         if channel.open_ended:
             pairs = [(name, j) for j, name in enumerate(names) if name is not None]
-    elif channel.width == robot.n:
+    elif channel.width == robot.n and spec.joints != {}:
         pairs = [(j, j) for j in range(robot.n)]
     else:
         which = ", ".join(f"{name}: {k}" for k, name in enumerate(robot.joint_names[: channel.width][:LISTED]))

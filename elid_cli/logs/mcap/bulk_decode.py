@@ -45,7 +45,11 @@ class GrowingArray:
         return self._array
 
 
-STAMPS = (("header.stamp.sec", "header.stamp.nanosec"), ("stamp.sec", "stamp.nanosec"))
+STAMPS = (
+    ("header.stamp.sec", "header.stamp.nanosec"),
+    ("stamp.sec", "stamp.nanosec"),
+    ("time_stamp_sec", "time_stamp_nano_sec"),
+)
 REMEMBERED = 64
 """Layouts of one channel that are tried before a new one is learnt."""
 

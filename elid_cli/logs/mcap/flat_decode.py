@@ -120,8 +120,13 @@ def shape_of(flat: Flat) -> MessageShape:
 
 
 _PARTS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
+_PREFIXES = ("header.stamp", "stamp", "header.timestamp", "timestamp")
 _STAMPS = (*_PARTS, *((whole, "") for whole, _ in _PARTS))
 """Names of a stamp's seconds and nanoseconds; seconds alone where a message has nothing else."""
+_PLACES = (
+    *((f"{prefix}.{whole}", part and f"{prefix}.{part}") for prefix in _PREFIXES for whole, part in _STAMPS),
+    ("time_stamp_sec", "time_stamp_nano_sec"),
+)
 
 
 def stamp_of(flat: Flat) -> int:
@@ -142,11 +147,9 @@ def misstamped(flat: Flat) -> bool:
 
 def _stamp_parts(flat: Flat) -> tuple[float, float] | None:
     """Return the seconds and nanoseconds of the header stamp; None where the message has none."""
-    for prefix in ("header.stamp", "stamp", "header.timestamp", "timestamp"):
-        for whole, part in _STAMPS:
-            if f"{prefix}.{whole}" not in flat or (part and f"{prefix}.{part}" not in flat):
-                continue
-            seconds, parts = flat[f"{prefix}.{whole}"][0], flat[f"{prefix}.{part}"][0] if part else 0.0
+    for whole, part in _PLACES:
+        if whole in flat and (not part or part in flat):
+            seconds, parts = flat[whole][0], flat[part][0] if part else 0.0
             if isinstance(seconds, float) and isinstance(parts, float) and abs(seconds) < 1e10:
                 return seconds, parts
     return None

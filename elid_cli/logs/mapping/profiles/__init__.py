@@ -1,7 +1,7 @@
 """Messages of known makers: which of their fields are which signals. One file per family, found by listing this folder.
 
 A file defines ``SCHEMAS``, names as ``package/Name``, and ``mapping(schema, topic, robot)``, which returns a mapping in
-the language of ``--map``.
+the language of ``--map``, or several where a message may hold a signal in several places, the better one first.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ def known_messages(channels: Sequence[Channel], robot: Robot) -> Iterator[tuple[
     for topic, kind in reversed(topics.items()):
         schema = kind.replace("/msg/", "/")
         if schema in profiles():
-            yield f"{schema} on {topic}", profiles()[schema].mapping(schema, topic, robot)
+            found = profiles()[schema].mapping(schema, topic, robot)
+            for mapping in found if isinstance(found, list) else [found]:
+                yield f"{schema} on {topic}", mapping
 
 
 def fields(topic: str, **places: str) -> dict[str, dict[str, str]]:

@@ -1,4 +1,7 @@
-"""KUKA's fast robot interface: link positions and the joint torque sensors (lbr_fri_ros2_stack)."""
+"""KUKA's fast robot interface: link positions and the joint torque sensors (lbr_fri_ros2_stack).
+
+The times are the message's own, ``time_stamp_sec`` and ``time_stamp_nano_sec``, read like a header stamp.
+"""
 
 from __future__ import annotations
 
