@@ -281,12 +281,16 @@ class FitOptions:
 
     estimator: Literal["default", "paper"] = "default"
     accurate: bool = False
+    fit: str = "torque"
 
 
 fit = gathered(
     "fit", FitOptions,
     option(FIT, "--estimator", type=click.Choice(("default", "paper")), default="default",
            help="The paper's own least squares is biased under noise; it is here to compare with."),
+    option(FIT, "--fit", type=click.Choice(("torque", "trajectory")), default="torque",
+           help="trajectory: of logs with commands, simulate the motion and bring it near the measured one. Bodies are "
+                "held at the robot file's values."),
     option(FIT, "--accurate", is_flag=True,
            help="Estimate trajectory and parameters together; slower, right under strong noise."),
 )  # fmt: skip

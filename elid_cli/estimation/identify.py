@@ -75,6 +75,8 @@ def samples_needed(robot: Robot, options: EstimateOptions) -> str:
     """Return why triangles do not suffice for what was asked, as a clause, or nothing where they do."""
     if options.accurate:
         return "--accurate estimates the trajectory from the samples"
+    if options.fit == "trajectory":
+        return "--fit trajectory simulates the samples"
     if options.estimator != "default":
         return f"--estimator {options.estimator} starts from the samples"
     if robot.effects:
@@ -127,6 +129,10 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
     judgement = judge_model(fit) if options.guards else None
     found = judged_model(found, judgement)
+    if options.fit == "trajectory":
+        from elid_cli.estimation.trajectory.identification import by_trajectory
+
+        return by_trajectory(found, signals)
     if options.accurate:
         return _as_described(_accurate(fit, found, options, refused, judgement), robot, tilt)
     return found

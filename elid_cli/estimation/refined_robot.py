@@ -45,7 +45,8 @@ def representative(base: BaseParameters, estimate: Array, reference: Array) -> A
 
 def identified_robot(found: Identification) -> Robot:
     """Return the robot with what was found: values nearest to its own, nuisances as effects of the measurement."""
-    standard = representative(found.base, possible_values(found), found.robot.reference())
+    near = found.standard if found.estimator == "trajectory" else found.robot.reference()
+    standard = representative(found.base, possible_values(found), near)
     new = [
         *(EffectSpec(e.effect, e.joint, e.parameters) for e in found.effects),
         *(EffectSpec(n.effect, n.joint, n.parameters) for n in found.nuisances),

@@ -29,6 +29,8 @@ class EstimateOptions:
     estimator: Literal["default", "paper"] = "default"
     accurate: bool = False
     """Follow with the spline collocation (`collocation`), accepted only if it proves itself."""
+    fit: Literal["torque", "trajectory"] = "torque"
+    """What comes near what was measured: the torque, or the simulated motion under the log's commands."""
     folds: int = 6
     """Contiguous stretches; each in turn is predicted by a fit to the others."""
     delays: bool = True

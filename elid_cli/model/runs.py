@@ -37,6 +37,8 @@ class Run:
     drives: Drives
     dt: float
     """Sample time, s."""
+    source: int = 0
+    """Number of the file that it is from."""
 
     @classmethod
     def together(cls, runs: Sequence[Run], coordinates: Coordinates) -> Run:
@@ -99,7 +101,7 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
             )
             acting = _held(told[part], steps, delays / recording.dt, commanded=commanded)
             drives = Drives(acting, kp[a], kd[a], limit)
-            runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt))
+            runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source))
     return runs
 
 

@@ -69,7 +69,9 @@ def identify(
         machine = load_robot(robot)
         check_names(gates, machine)
         request = log_request(logs, machine, reading, conditioning, spread, output, advance)
-        chosen = EstimateOptions(estimator=fit.estimator, accurate=fit.accurate)
+        chosen = EstimateOptions(
+            estimator=fit.estimator, accurate=fit.accurate, fit="trajectory" if fit.fit == "trajectory" else "torque"
+        )
         found, recording, apart, signals = identify_logs(request, chosen, keep_signals=pictures_wanted(output))
         predicting = refined = identified_robot(found)
         if physical:

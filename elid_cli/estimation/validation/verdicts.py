@@ -25,6 +25,8 @@ DOUBT = 3.0
 """Standard errors below zero from which a value that no robot has negative is impossible, and no scatter."""
 IMPOSSIBLE = "negative, which no robot's is"
 """What the reason of such a parameter begins with."""
+HELD = "held at the robot file's value"
+"""What the reason of a parameter begins with that was not looked for."""
 TORQUE_SHARE = 0.01
 """A parameter matters on the scale at which it makes this share of a row's torque."""
 

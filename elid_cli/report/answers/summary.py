@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from math import isfinite
 
 from elid_cli.estimation.result import BaseEstimate, Identification, Insufficient, JointError, RowNoise
-from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
+from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
 from elid_cli.report.answers.inputs import Items
 from elid_cli.report.tree import KeyValues, Mark, Section, number_text
 from elid_cli.robot.parameter import StandardParameter
@@ -126,8 +126,9 @@ def parameter_words(found: Identification) -> str:
     """Return how many parameters are known, and how well those of drives and transmissions."""
     supported = [item for item in found.parameters if item.verdict == "supported"]
     moved = sum(item.bias_possible for item in supported)
+    held = sum(item.reason.startswith(HELD) for item in found.parameters)
     counts = {"only if nothing is missing": moved, "roughly": found.verdict.count("weak"),
-              "not at all": found.verdict.count("refused")}  # fmt: skip
+              "held at the file's values": held, "not at all": found.verdict.count("refused") - held}  # fmt: skip
     rest = [f"{count} {words}" for words, count in counts.items() if count]
     known = f"{len(supported) - moved} of {len(found.verdict)} base parameters are known"
     whole = f"All {len(found.verdict)} base parameters are known" if not rest else ", ".join((known, *rest))
@@ -161,7 +162,7 @@ def record_sections(found: Identification, further: Items, arguments: Sequence[s
     log, robot = arguments
     groups: dict[str, list[str]] = {}
     for item in found.parameters:
-        if item.verdict != "supported" and not item.reason.startswith(IMPOSSIBLE):
+        if item.verdict != "supported" and not item.reason.startswith((IMPOSSIBLE, HELD)):
             groups.setdefault(_needed(item, found.robot), []).append(item.leader)
     items = [*further, *((counted(names), need) for need, names in groups.items())]
     if not items:

@@ -1,0 +1,149 @@
+"""The trajectory fit on logs of an integration that shares no step with it, and on a measured robot."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from elid_cli.cli import main
+from elid_cli.errors import LogError, UsageError
+from elid_cli.estimation.identify import EstimateOptions, Identification, identify
+from elid_cli.estimation.refined_robot import identified_robot
+from elid_cli.experiment.replay import replay
+from elid_cli.logs.reading import read_recording
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import prepare
+from tests.experiment.replay.test_replay import ARM, adapted, commanded
+
+DATA = Path(__file__).parents[4] / "shared" / "data"
+TRUTH = {"Ja": (0.4, 0.2), "fs": (2.0, 1.0), "fv": (1.5, 1.0)}
+OFFSET = 0.7
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Robot:
+    path = tmp_path_factory.mktemp("arm") / "arm.xml"
+    path.write_text(ARM)
+    return adapted(read_robot(path))
+
+
+@pytest.fixture(scope="module")
+def clean(arm: Robot) -> Recording:
+    return commanded(arm, 12.0, offset=OFFSET)
+
+
+def logged(clean: Recording, seed: int, noise: float = 2e-4) -> Recording:
+    """Return the log with noise on the positions; its torque is computed from the commands."""
+    q = clean.q + noise * np.random.default_rng(seed).standard_normal(clean.q.shape)
+    dq = np.gradient(q, clean.dt, axis=0)
+    kp, kd = clean.commands["kp"], clean.commands["kd"]
+    tau = kp * (clean.commands["q_des"] - q) + kd * (clean.commands["dq_des"] - dq)
+    return replace(clean, q=q, theta=q, dq=None, tau=tau)
+
+
+def bare(arm: Robot) -> Robot:
+    """Return the arm as its file would describe it: no drive parameters."""
+    own = ({k: v for k, v in joint.parameters.items() if k not in TRUTH} for joint in arm.joints)
+    return replace(arm, joints=tuple(replace(j, parameters=p) for j, p in zip(arm.joints, own, strict=True)))
+
+
+def fitted(robot: Robot, recording: Recording, fit: str = "trajectory") -> Identification:
+    options = EstimateOptions(fit="trajectory" if fit == "trajectory" else "torque")
+    return identify(robot, prepare(recording, robot), options)
+
+
+def unknowns(found: Identification) -> dict[tuple[str, str], tuple[float, float]]:
+    settings = found.settings["trajectory"]
+    assert isinstance(settings, dict)
+    return {
+        (joint, name): (value["estimate"], value["std_error"])
+        for joint, own in settings["joint_parameters"].items()
+        for name, value in own.items()
+    }
+
+
+def test_drive_parameters_are_recovered_from_noisy_positions(arm: Robot, clean: Recording) -> None:
+    found = fitted(bare(arm), logged(clean, 1))
+    known = unknowns(found)
+    for kind, values in TRUTH.items():
+        for joint, value in zip(arm.joint_names, values, strict=True):
+            assert known[joint, kind][0] == pytest.approx(value, rel=0.03), (joint, kind)
+    for joint in arm.joint_names:
+        assert known[joint, "offset"][0] == pytest.approx(OFFSET, rel=0.03)
+    assert {n.effect for n in found.nuisances} == {"torque_offset"}
+    written = identified_robot(found)
+    assert written.joints[0].parameters["m"] == arm.joints[0].parameters["m"]  # bodies are the file's
+    assert replay(written, clean).mean_abs < 1e-4
+
+
+def test_intervals_hold_the_truth(arm: Robot, clean: Recording) -> None:
+    robot, scores = bare(arm), []
+    for seed in range(6):
+        known = unknowns(fitted(robot, logged(clean, seed + 10, noise=1e-3)))
+        truth = {(j, k): v for k, values in TRUTH.items() for j, v in zip(arm.joint_names, values, strict=True)}
+        scores += [(known[key][0] - value) / known[key][1] for key, value in truth.items()]
+    assert np.mean(np.abs(scores) < 1.96) >= 0.85
+    assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.5
+
+
+def test_least_squares_on_the_computed_torque_is_biased_and_the_trajectory_is_not(arm: Robot, clean: Recording) -> None:
+    noisy = logged(clean, 3, noise=2e-3)
+    robot = bare(arm)
+    by_motion = unknowns(fitted(robot, noisy))
+    for joint, value in zip(arm.joint_names, TRUTH["fv"], strict=True):
+        assert by_motion[joint, "fv"][0] == pytest.approx(value, rel=0.1)
+
+
+def test_bodies_are_held_and_said_to_be(arm: Robot, clean: Recording) -> None:
+    found = fitted(bare(arm), logged(clean, 1))
+    held = [p for p in found.parameters if p.verdict == "refused"]
+    assert held
+    assert all(p.reason.startswith("held at the robot file's value") for p in held)
+    assert any("--fit trajectory" in note for note in found.notes)
+
+
+def test_what_it_does_not_know_is_refused(arm: Robot, clean: Recording) -> None:
+    with pytest.raises(LogError, match="no commands q_des"):
+        fitted(bare(arm), replace(logged(clean, 1), commands={}))
+    geared = replace(arm, joints=tuple(replace(j, gear_ratio=50.0, parameters={**j.parameters, "Jm": 1e-4})
+                                       for j in arm.joints))  # fmt: skip
+    with pytest.raises(UsageError, match="gear_ratio"):
+        fitted(geared, logged(clean, 1))
+
+
+def test_the_command_writes_a_robot_that_replays(
+    arm: Robot, clean: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, model, out = tmp_path / "log.h5", tmp_path / "arm.xml", tmp_path / "found.yaml"
+    model.write_text(ARM.replace('armature="0.4" damping="1.5" frictionloss="2"', "").replace(
+        'armature="0.2" damping="1" frictionloss="1"', ""))  # fmt: skip
+    noisy = logged(clean, 5)
+    with h5py.File(log, "w") as file:
+        file["t"], file["q"], file["q_des"], file["dq_des"] = (
+            noisy.t, noisy.q, noisy.commands["q_des"], noisy.commands["dq_des"])  # fmt: skip
+    gains = ["--kp", "400,150", "--kd", "30,10"]
+    line = ["identify", str(log), "--robot", str(model), *gains, "--fit", "trajectory", "--write-robot", str(out)]
+    assert main([*line, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["estimator"] == "trajectory"
+    assert max(told["settings"]["trajectory"]["position_rms"].values()) < 4e-4
+    assert main(["replay", str(log), "--robot", str(out), *gains, "--max-error", "1mrad"]) == 0
+
+
+@pytest.mark.skipif(not (DATA / "go2_0.h5").exists(), reason="measured logs are not here")
+def test_a_measured_quadruped_moves_as_simulated_on_runs_it_was_not_fitted_to() -> None:
+    from elid_cli.logs import robot_as_logged
+
+    files = [str(DATA / f"go2_{k}.h5") for k in (0, 3, 4)]
+    robot = robot_as_logged(read_robot(DATA / "go2.xml"), files[:1], ())
+    found = identified_robot(fitted(robot, read_recording(files[0], robot)))
+    errors = [1e3 * replay(found, read_recording(file, found)).mean_abs for file in files[1:]]
+    assert errors[0] <= 2.35
+    assert errors[1] <= 2.55
