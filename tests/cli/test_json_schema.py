@@ -41,6 +41,7 @@ LINES = {
     "simulate": [f"simulate --robot planar2 --duration 1 -o try.csv --effect {STRIBECK}"],
     "excite": ["excite --robot planar2 --duration 4 -o try.csv --for K1"],
     "compare": ["compare first.json second.json"],
+    "trend": ["trend first.json second.json first.json"],
     "effects": ["effects", "effects stribeck"],
 }
 """Command -> lines whose output is judged."""

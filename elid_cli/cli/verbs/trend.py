@@ -1,0 +1,90 @@
+"""Parameters of one machine over its recordings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from elid_cli.cli import options
+from elid_cli.cli.group import verb
+from elid_cli.cli.options import Conditioning, File, Output, Reading, Spread
+
+if TYPE_CHECKING:
+    from elid_cli.estimation.comparison import SavedResult
+
+
+@verb("elid trend monday.json tuesday.json wednesday.json --fail-on-trend", "elid trend logs/*.mcap --robot arm.yaml")
+@click.argument("recordings", nargs=-1, required=True, type=File(), metavar="LOG|RESULT.json…")
+@options.optional_robot
+@options.option(
+    options.INPUT, "--by", type=click.Choice(("order", "time")), default="order", show_default=True,
+    help="Slopes per recording in the order given, or per hour of the files' modification times.",
+)  # fmt: skip
+@options.option(options.GATES, "--fail-on-trend", is_flag=True, help="Fail when a parameter changes or has changed.")
+@options.reading
+@options.conditioning
+@options.output
+def trend(
+    recordings: tuple[str, ...],
+    robot: str | None,
+    by: str,
+    fail_on_trend: bool,
+    reading: Reading,
+    conditioning: Conditioning,
+    output: Output,
+) -> None:
+    """Say which parameters of a machine change over its recordings, steadily or at once, and which recordings disagree.
+    Recordings are results saved with --json, or logs, which are identified with --robot.
+    """  # noqa: D205
+    from pathlib import Path
+
+    from elid_cli.cli.output import LimitError, check_output, emit
+    from elid_cli.cli.progress import progress
+    from elid_cli.errors import UsageError
+
+    check_output(output)
+    logs = [name for name in recordings if not name.lower().endswith(".json")]
+    if logs and robot is None:
+        raise UsageError(f"trend: {logs[0]} is a log: it is identified first, which needs --robot")
+    with progress(output, "reading") as advance:
+        from elid_cli.estimation.comparison import read_result
+        from elid_cli.estimation.trend.trends import trends_of
+        from elid_cli.report.answers.trend import trend_report
+
+        results = []
+        for k, name in enumerate(recordings):
+            if advance is not None:
+                advance("reading", k / len(recordings))
+            saved = name not in logs
+            results.append(
+                read_result(name) if saved else _identified(name, robot or "", reading, conditioning, output)
+            )
+        robots = list(dict.fromkeys(result.robot for result in results))
+        if len(robots) > 1:
+            raise UsageError(f"trend: results of different robots: {', '.join(robots[:4])}")
+        hours = [Path(name).stat().st_mtime / 3600.0 for name in recordings] if by == "time" else None
+        places = None if hours is None else [value - min(hours) for value in hours]
+        found = trends_of(results, places)
+        report = trend_report(found, "hour" if by == "time" else "recording")
+    emit(report, output)
+    moved = [item.series.name for item in found.of("trend", "step")]
+    if fail_on_trend and moved:
+        raise LimitError(f"{', '.join(moved)}: changed over the recordings")
+
+
+def _identified(log: str, robot: str, reading: Reading, conditioning: Conditioning, output: Output) -> SavedResult:
+    """Return what identification says of one log, as a saved result would."""
+    from elid_cli.cli.inputs import load_robot
+    from elid_cli.cli.routes import log_request
+    from elid_cli.estimation.comparison import Estimate, SavedResult
+    from elid_cli.estimation.identify import identify_logs
+
+    request = log_request((log,), load_robot(robot), reading, conditioning, Spread(), output, None)
+    found = identify_logs(request).found
+    estimates = {
+        item.name: Estimate(None, None, item.unit) if item.verdict == "refused"
+        else Estimate(item.estimate, item.std_error, item.unit)
+        for item in found.parameters
+    }  # fmt: skip
+    return SavedResult(log, found.robot.name, estimates, {})

@@ -1,0 +1,1 @@
+"""Parameters over recordings: spread, slope, steps, and recordings that disagree."""

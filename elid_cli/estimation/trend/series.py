@@ -1,0 +1,145 @@
+"""One parameter over recordings: what its errors explain, and what a line or a step does.
+
+Recordings of one machine scatter more than the standard errors of each say. That spread is estimated from the residual
+about the line or the step itself, so a slope's interval holds it (Student's t; Knapp and Hartung 2003 for the pooled
+mean). A step's p-value counts every place that it could have been at (Bonferroni).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.special import chdtrc, stdtr
+
+from elid_cli._types import Array
+from elid_cli.estimation.regression.long_run import student_quantile
+
+Word = Literal["steady", "trend", "step", "disagrees"]
+LEAST = 3
+"""Recordings on each side of a step, and the least for a line with an error."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A change between two recordings."""
+
+    after: int
+    """Number of the last recording before it."""
+    size: float
+    p: float
+
+
+@dataclass(frozen=True)
+class Series:
+    """What recordings say of one parameter, in its unit."""
+
+    name: str
+    unit: str
+    place: Array
+    """Place of every recording that estimates it on the axis of the slope, (R,): its number, or hours."""
+    values: Array
+    """Estimates, SI of the unit, (R,)."""
+    errors: Array
+    """Standard errors, SI of the unit, (R,)."""
+    mean: float
+    within: float
+    """Standard error of one recording, the root mean square."""
+    between: float
+    """Spread between recordings beyond their errors, as a standard deviation (DerSimonian and Laird 1986)."""
+    slope: float
+    interval: tuple[float, float]
+    """95 % interval of the slope."""
+    slope_p: float
+    step: Step | None
+    heterogeneity_p: float
+    """Chance that the errors alone scatter values as far from their mean."""
+    stands_out: int | None
+    """Number of the recording that is far from all others, if one is."""
+
+
+def series_of(name: str, unit: str, place: Array, values: Array, errors: Array) -> Series:
+    """Return what R recordings say of one parameter.
+
+    Parameters
+    ----------
+    name, unit
+        Of the parameter.
+    place, values, errors
+        Places, estimates and standard errors, (R,).
+    """
+    count = len(values)
+    weights = 1.0 / np.maximum(errors, 1e-300) ** 2
+    plain = float(np.sum(weights * values) / np.sum(weights))
+    q = float(np.sum(weights * (values - plain) ** 2))
+    scale = float(np.sum(weights) - np.sum(weights**2) / np.sum(weights))
+    variance = max((q - (count - 1)) / scale, 0.0) if count > 1 and scale > 0 else 0.0
+    mixed = 1.0 / (errors**2 + variance + 1e-300)
+    mean = float(np.sum(mixed * values) / np.sum(mixed))
+    slope, deviation = _line(place, values, errors)
+    known = count >= LEAST and np.isfinite(deviation)
+    reach = student_quantile(count - 2, 0.975) * deviation if known else math.inf
+    p = _two_sided(slope / deviation, count - 2) if known and deviation > 0 else 1.0
+    return Series(
+        name, unit, place, values, errors, mean, float(np.sqrt(np.mean(errors**2))), math.sqrt(variance), slope,
+        (slope - reach, slope + reach), p, _step(values, errors),
+        float(chdtrc(count - 1, q)) if count > 1 else 1.0, _far(values, errors),
+    )  # fmt: skip
+
+
+def _line(place: Array, values: Array, errors: Array) -> tuple[float, float]:
+    """Return slope and standard error, the spread between recordings taken from the residual about the line."""
+    count = len(values)
+    if count < LEAST or np.ptp(place) == 0:
+        return 0.0, math.inf
+    columns = np.stack([np.ones(count), place - place.mean()], axis=1)
+    weights = np.ones(count)
+    for _ in range(20):
+        gram = columns.T @ (columns * weights[:, None])
+        found = np.linalg.solve(gram, columns.T @ (weights * values))
+        left = values - columns @ found
+        extra = max(float(np.sum(left**2) / (count - 2) - np.mean(errors**2)), 0.0)
+        now = 1.0 / (errors**2 + extra + 1e-300)
+        if np.allclose(now, weights, rtol=1e-6):
+            break
+        weights = now
+    size = max(float(np.sum(weights * left**2) / (count - 2)), 1.0)
+    return float(found[1]), float(np.sqrt(size * np.linalg.inv(gram)[1, 1]))
+
+
+def _two_sided(t: float, freedom: int) -> float:
+    return float(2.0 * stdtr(freedom, -abs(t)))
+
+
+def _step(values: Array, errors: Array) -> Step | None:
+    """Return the most likely step, its p-value over all places where one could be."""
+    count = len(values)
+    places = range(LEAST - 1, count - LEAST)
+    best: Step | None = None
+    for last in places:
+        one, other = values[: last + 1], values[last + 1 :]
+        within = (np.var(one) * len(one) + np.var(other) * len(other)) / (count - 2)
+        # the scatter of a side is no smaller than the errors of its recordings say
+        variance = max(float(within), float(np.mean(errors**2))) * (1 / len(one) + 1 / len(other))
+        size = float(other.mean() - one.mean())
+        p = min(1.0, len(places) * _two_sided(size / math.sqrt(max(variance, 1e-300)), count - 2))
+        if best is None or p < best.p:
+            best = Step(last, size, p)
+    return best
+
+
+def _far(values: Array, errors: Array) -> int | None:
+    """Return the recording that is farthest from the others' mean, where Student's t beyond all of them says so."""
+    count = len(values)
+    if count < LEAST + 1:
+        return None
+    found = []
+    for k in range(count):
+        others, own = np.delete(values, k), np.delete(errors, k)
+        variance = max(float(np.var(others, ddof=1)), float(np.mean(own**2)))
+        deviation = math.sqrt(max(variance * (1 + 1 / len(others)), errors[k] ** 2, 1e-300))
+        found.append(_two_sided((values[k] - others.mean()) / deviation, count - 2))
+    worst = int(np.argmin(found))
+    return worst if count * found[worst] < 0.01 else None

@@ -1,0 +1,96 @@
+"""All parameters of one machine over its recordings, with one rate of false alarms for the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elid_cli.errors import UsageError
+from elid_cli.estimation.comparison import SavedResult
+from elid_cli.estimation.trend.series import LEAST, Series, Word, series_of
+
+FALSE_ALARMS = 0.01
+"""Share of machines on which nothing changes and something is named."""
+
+
+@dataclass(frozen=True)
+class Trend:
+    """One parameter with its verdict."""
+
+    series: Series
+    word: Word
+
+
+@dataclass(frozen=True)
+class Trends:
+    """What the recordings of one machine say together."""
+
+    robot: str
+    files: tuple[str, ...]
+    trends: tuple[Trend, ...]
+
+    def of(self, *words: Word) -> tuple[Trend, ...]:
+        """Return the parameters with these verdicts."""
+        return tuple(item for item in self.trends if item.word in words)
+
+
+def trends_of(results: Sequence[SavedResult], places: Sequence[float] | None = None) -> Trends:
+    """Return every base parameter over recordings.
+
+    A trend or a step is named where its p-value holds among all parameters and both questions (Holm 1979), at
+    `FALSE_ALARMS` for the machine. Of a parameter with neither, recordings disagree where they scatter farther than
+    their standard errors say, judged in the same way.
+
+    Parameters
+    ----------
+    results
+        One per recording, in order.
+    places
+        Place of every recording on the axis of the slopes, such as hours; default its number.
+
+    Raises
+    ------
+    UsageError
+        Fewer than three results, or no parameter in three of them.
+    """
+    if len(results) < LEAST:
+        raise UsageError(f"trend: {len(results)} recordings given, at least {LEAST} are needed")
+    at = np.arange(float(len(results))) if places is None else np.asarray(places, dtype=float)
+    names = list(dict.fromkeys(name for result in results for name in result.parameters))
+    series = []
+    for name in names:
+        found = [(at[k], e.value, e.std_error, e.unit) for k, r in enumerate(results)
+                 if (e := r.parameters.get(name)) and e.value is not None and e.std_error]  # fmt: skip
+        if len(found) >= LEAST:
+            columns = [np.array([row[c] for row in found], dtype=float) for c in range(3)]
+            series.append(series_of(name, found[0][3], columns[0], columns[1], columns[2]))
+    if not series:
+        raise UsageError("trend: no parameter is estimated in three of the results",
+                         detail=", ".join(r.file for r in results[:4]))  # fmt: skip
+    lines = [s.slope_p for s in series]
+    steps = [s.step.p if s.step else 1.0 for s in series]
+    named = _holm([*lines, *steps], FALSE_ALARMS)
+    scattered = _holm([s.heterogeneity_p for s in series], FALSE_ALARMS)
+    trends = []
+    for k, item in enumerate(series):
+        line, step = named[k], named[len(series) + k]
+        word: Word = "steady"
+        if line or step:
+            word = "trend" if line and lines[k] <= steps[k] else "step"
+        elif scattered[k]:
+            word = "disagrees"
+        trends.append(Trend(item, word))
+    return Trends(results[0].robot, tuple(r.file for r in results), tuple(trends))
+
+
+def _holm(p: Sequence[float], level: float) -> list[bool]:
+    """Return which of several hypotheses are rejected, so that a false one is with a chance of at most `level`."""
+    order = np.argsort(p)
+    rejected = [False] * len(p)
+    for rank, k in enumerate(order.tolist()):
+        if p[k] > level / (len(p) - rank):
+            break
+        rejected[k] = True
+    return rejected

@@ -1,0 +1,113 @@
+"""The answer of ``elid trend``: which parameters changed over recordings, and how."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Any
+
+from elid_cli.estimation.trend.trends import Trend, Trends
+from elid_cli.report.answers.summary import counted, share_text
+from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, number_text
+
+WORDS = {
+    "trend": "changes steadily",
+    "step": "changed at once",
+    "disagrees": "recordings disagree",
+    "steady": "steady",
+}
+
+
+def trend_report(found: Trends, axis: str) -> Report:
+    """Return the report on recordings; slopes are per `axis` (``recording`` or ``hour``)."""
+    sections: list[Section] = [
+        Text("title", f"{found.robot} · {len(found.files)} recordings", "heading"),
+        KeyValues("answers", (("what has changed?", _changed(found)), ("what disagrees?", _disagreeing(found)))),
+        _table(found, axis),
+    ]
+    return Report("trend", trend_payload(found, axis), tuple(sections))
+
+
+def trend_payload(found: Trends, axis: str) -> dict[str, Any]:
+    """Return the JSON object of a trend."""
+    return {
+        "robot": found.robot,
+        "files": list(found.files),
+        "slope_per": axis,
+        "parameters": [_entry(item, found.files) for item in found.trends],
+    }
+
+
+def _entry(item: Trend, files: tuple[str, ...]) -> dict[str, Any]:
+    s = item.series
+    step = None if s.step is None else {"after": files[s.step.after], "size": s.step.size, "p": s.step.p}
+    return {
+        "name": s.name,
+        "unit": s.unit,
+        "recordings": len(s.values),
+        "mean": s.mean,
+        "within_session": s.within,
+        "between_sessions": s.between,
+        "slope": s.slope,
+        "slope_interval": [v if isfinite(v) else None for v in s.interval],
+        "slope_p": s.slope_p,
+        "step": step,
+        "stands_out": None if s.stands_out is None else files[s.stands_out],
+        "verdict": item.word,
+    }
+
+
+def _changed(found: Trends) -> str:
+    moved = found.of("trend", "step")
+    if not moved:
+        return (
+            f"Nothing, of {len(found.trends)} parameters: at most one machine in a hundred is called changed by chance."
+        )
+    said = [f"{item.series.name} {_size(item, len(found.files))}" for item in moved[:4]]
+    more = f"; {len(moved) - 4} more below" if len(moved) > 4 else ""
+    return f"{'; '.join(said)}{more}."
+
+
+def _size(item: Trend, count: int) -> str:
+    s = item.series
+    if item.word == "step" and s.step is not None:
+        return f"by {_signed(s.step.size / abs(s.mean))} at once after recording {s.step.after + 1}"
+    reach = float(s.place[-1] - s.place[0])
+    return f"by {_signed(s.slope * reach / abs(s.mean))} from the first to the last"
+
+
+def _signed(share: float) -> str:
+    return f"{'+' if share > 0 else '−'}{share_text(abs(share))}"
+
+
+def _disagreeing(found: Trends) -> str:
+    apart = found.of("disagrees")
+    if not apart:
+        return "No parameter scatters farther than errors, trends and steps explain."
+    names = counted([item.series.name for item in apart])
+    return f"{names}: recordings differ by more than their errors say, and no trend explains it."
+
+
+def _table(found: Trends, axis: str) -> Table:
+    columns = (
+        Column("name", "base parameter", span=True),
+        Column("mean", "mean", align="right"),
+        Column("within", "± within", align="right"),
+        Column("between", "± between", align="right"),
+        Column("slope", f"slope per {axis}", align="right"),
+        Column("reach", "± 95 %", align="right"),
+        Column("unit", "unit"),
+        Column("word", "verdict"),
+    )
+    order = sorted(found.trends, key=lambda item: list(WORDS).index(item.word))
+    rows: list[tuple[Cell, ...]] = []
+    for item in order:
+        s = item.series
+        reach = (s.interval[1] - s.interval[0]) / 2
+        tone = "plain" if item.word == "steady" else "warn"
+        rows.append((
+            s.name, Quantity(s.mean, resolution=s.within), Quantity(s.within, digits=2), Quantity(s.between, digits=2),
+            Quantity(s.slope, digits=2), number_text(reach, 2) if isfinite(reach) else "–", s.unit,
+            Mark(WORDS[item.word], "warn") if tone == "warn" else WORDS[item.word],
+        ))  # fmt: skip
+    note = "within: standard error of one recording; between: spread of recordings beyond that"
+    return Table("parameters", columns, tuple(rows), title="parameters over recordings", shown=20, note=note)

@@ -1,0 +1,101 @@
+"""Trends: what is named on machines that wear, jump or stay as they are."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.cli import main
+from elid_cli.errors import UsageError
+from elid_cli.estimation.comparison import Estimate, SavedResult
+from elid_cli.estimation.trend.series import series_of
+from elid_cli.estimation.trend.trends import trends_of
+from tests.system.reproduce.trend_fleets import WEAR, fleet
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_wear_is_found_and_quiet_machines_are_left_alone() -> None:
+    found = [fleet(seed, 60, WEAR, 20).trends[0].word for seed in range(20)]
+    assert sum(word in ("trend", "step") for word in found) >= 18
+    quiet = [bool(fleet(1000 + seed, 30, 0.0, 20).of("trend", "step")) for seed in range(40)]
+    assert sum(quiet) <= 2
+
+
+def test_a_slope_and_its_interval_are_those_of_least_squares() -> None:
+    rng = np.random.default_rng(4)
+    x = np.arange(30.0)
+    hits = 0
+    for _ in range(200):
+        y = 5.0 + 0.02 * x + 0.1 * rng.standard_normal(30)
+        s = series_of("K1", "N·m/rad", x, y, np.full(30, 0.03))
+        assert s.slope == pytest.approx(np.polyfit(x, y, 1)[0], rel=1e-6)  # equal weights
+        hits += s.interval[0] < 0.02 < s.interval[1]
+    assert 180 <= hits <= 199
+
+
+def test_spread_between_recordings_is_told_from_errors_within() -> None:
+    rng = np.random.default_rng(5)
+    errors = np.full(400, 0.1)
+    values = 3.0 + np.hypot(0.1, 0.3) * rng.standard_normal(400)
+    s = series_of("fv1", "N·m", np.arange(400.0), values, errors)
+    assert s.between == pytest.approx(0.3, rel=0.1)
+    assert s.within == pytest.approx(0.1)
+
+
+def machine(columns: dict[str, np.ndarray], error: float) -> list[SavedResult]:
+    count = len(next(iter(columns.values())))
+    return [
+        SavedResult(f"{k}.json", "arm", {n: Estimate(float(v[k]), error, "N·m") for n, v in columns.items()}, {})
+        for k in range(count)
+    ]
+
+
+def test_a_step_a_disagreement_and_an_odd_recording_have_their_words() -> None:
+    rng = np.random.default_rng(6)
+    noise = 0.01 * rng.standard_normal((4, 24))
+    apart = 0.08 * rng.standard_normal(24)
+    odd = np.zeros(24)
+    odd[7] = 0.2
+    columns = {"jump": 1.0 + 0.1 * (np.arange(24) > 11) + noise[0], "apart": 1.0 + apart + noise[1],
+               "still": 1.0 + noise[2], "odd": 1.0 + odd + noise[3]}  # fmt: skip
+    found = {item.series.name: item for item in trends_of(machine(columns, 0.01)).trends}
+    assert {name: item.word for name, item in found.items()} == {
+        "jump": "step", "apart": "disagrees", "still": "steady", "odd": "disagrees",
+    }  # fmt: skip
+    step = found["jump"].series.step
+    assert step is not None
+    assert (step.after, step.size) == (11, pytest.approx(0.1, abs=0.015))
+    assert found["odd"].series.stands_out == 7
+
+
+def test_the_command_reads_results_and_logs_and_has_a_gate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = str(ROOT / "sample_logs" / "planar2.h5")
+    assert main(["identify", log, "--robot", "planar2", "--json"]) == 0
+    saved = json.loads(capsys.readouterr().out)
+    files = []
+    for k in range(12):
+        entries = [dict(entry) for entry in saved["base_parameters"]]
+        for entry in entries:
+            shift = 0.3 * k if entry["name"] == "K1" else np.random.default_rng(k).standard_normal()
+            entry["estimate"] += shift * entry["std_error"] * (10 if entry["name"] == "K1" else 1)
+        files.append(tmp_path / f"{k:02}.json")
+        files[-1].write_text(json.dumps({**saved, "base_parameters": entries}))
+    line = ["trend", *map(str, files), log, "--robot", "planar2"]
+    assert main([*line[:-3], "--fail-on-trend"]) == 1
+    told = capsys.readouterr()
+    assert "K1" in told.err
+    assert main([*line, "--json"]) == 0
+    found = {item["name"]: item for item in json.loads(capsys.readouterr().out)["parameters"]}
+    assert found["K1"]["recordings"] == 13
+    assert {"between_sessions", "within_session", "slope", "slope_interval"} <= set(found["K1"])
+
+
+def test_what_cannot_be_answered_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(UsageError, match="at least 3"):
+        trends_of(machine({"K1": np.ones(2)}, 0.1))
+    assert main(["trend", str(ROOT / "sample_logs" / "planar2.h5")]) == 2
+    assert "needs --robot" in capsys.readouterr().err
