@@ -21,6 +21,8 @@ from elid_cli.report.tree import Report, Section, Text
 
 SYMBOLS = "·±²→…σ"
 """Characters that a stream must know to be spared the ASCII spelling."""
+BESIDES = 4
+"""Lines of a terminal that a table's title, head, foot and the prompt take."""
 
 
 def check_output(output: Output) -> None:
@@ -52,7 +54,8 @@ def style_of(stream: TextIO, output: Output) -> formats.Style:
     """Return what a stream can show."""
     return formats.Style(
         width=width_of(stream), color=wants_color(stream, output.color), ascii=not _knows(stream, SYMBOLS),
-        everything=output.everything, whole_rows=not is_terminal(stream) and _columns_wanted() is None,
+        everything=output.everything, rows=_rows_of(stream),
+        whole_rows=not is_terminal(stream) and _columns_wanted() is None,
     )  # fmt: skip
 
 
@@ -62,6 +65,11 @@ def width_of(stream: TextIO) -> int:
     if wanted is None:
         wanted = shutil.get_terminal_size((80, 24)).columns if is_terminal(stream) else 80
     return max(wanted, 20)
+
+
+def _rows_of(stream: TextIO) -> int:
+    """Return the rows of a table that a terminal has room for, beside its head and foot; 0 where none is looked at."""
+    return shutil.get_terminal_size((80, 24)).lines - BESIDES if is_terminal(stream) else 0
 
 
 def _columns_wanted() -> int | None:

@@ -79,7 +79,7 @@ def _identification(found: Identification) -> View:
     return View(
         lambda: [
             Text("title", f"{found.robot.name}: {dict(answer.result_items(found))['parameters']}", "heading"),
-            answer.base_table(found),
+            *answer.base_tables(found),
             answer.error_table("error", found.robot, found.error),
             *answer.sensor_table("sensors", found.robot, found.error),
             *(Text(f"warning{k}", line, "warning") for k, line in enumerate(found.warnings)),

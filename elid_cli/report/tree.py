@@ -55,7 +55,15 @@ class Mark:
     tone: Tone = "plain"
 
 
-Cell: TypeAlias = str | bool | int | float | Quantity | Mark | None
+@dataclass(frozen=True)
+class Folded:
+    """A long text with a short form for lines that must end somewhere; whole where nothing is to be left out."""
+
+    text: str
+    short: str
+
+
+Cell: TypeAlias = str | bool | int | float | Quantity | Mark | Folded | None
 
 
 def percent(fraction: float | None, digits: int = 3, tone: Tone = "plain") -> Quantity:
@@ -71,7 +79,7 @@ def cell_text(cell: Cell, *, unit: bool = True) -> str:
         return "yes" if cell else "no"
     if isinstance(cell, str):
         return cell
-    if isinstance(cell, Mark):
+    if isinstance(cell, Mark | Folded):
         return cell.text
     if isinstance(cell, Quantity):
         number = number_text(cell.value, cell.digits, cell.resolution)
@@ -161,11 +169,10 @@ class Table:
             if len(row) != len(self.columns):
                 raise ValueError(f"table {self.key}: {len(row)} cells in a row of {len(self.columns)} columns")
 
-    def visible(self, everything: bool) -> tuple[tuple[Cell, ...], ...]:
-        """Return the rows to print; one row more than `shown` is printed rather than hidden behind a line."""
-        if everything or self.shown is None or len(self.rows) <= self.shown + 1:
-            return self.rows
-        return self.rows[: self.shown]
+    def visible(self, everything: bool, least: int = 0) -> tuple[tuple[Cell, ...], ...]:
+        """Return the rows to print, at least `least`; one row more is printed rather than hidden behind a line."""
+        shown = None if self.shown is None else max(self.shown, least)
+        return self.rows if everything or shown is None or len(self.rows) <= shown + 1 else self.rows[:shown]
 
 
 @dataclass(frozen=True)

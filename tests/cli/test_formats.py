@@ -11,9 +11,11 @@ import pytest
 
 from elid_cli.errors import UsageError
 from elid_cli.report import formats
+from elid_cli.report.answers.classification import folded
 from elid_cli.report.tree import (
     Column,
     Figure,
+    Folded,
     KeyValues,
     Mark,
     Quantity,
@@ -111,6 +113,34 @@ def test_long_tables_say_how_to_see_the_rest(report: Report) -> None:
     assert "row3" not in short
     assert "… (6 more: --all)" in short
     assert "6 more: `--all`" in formats.render(report, "markdown", formats.Style())
+
+
+def test_a_terminal_shows_as_many_rows_as_it_has() -> None:
+    rows = tuple((f"{'a wide' * 9} row {k}",) for k in range(40))
+    table = Report("identify", {}, (Table("t", (Column("name", "name"),), rows, shown=10),))
+    assert "row 30" not in formats.render(table, "terminal", formats.Style(rows=30))
+    assert "row 29" in formats.render(table, "terminal", formats.Style(rows=30))
+    assert "(30 more: --all)" in formats.render(table, "terminal", formats.Style(rows=5))
+    assert "more" not in formats.render(table, "terminal", formats.Style(rows=39))
+
+
+def test_a_long_combination_folds_in_lines_that_must_end_and_nowhere_else() -> None:
+    terms = {f"Izz{k}": 1.0 for k in range(1, 9)}
+    cells = (folded("Izz1 + Izz2", {"Izz1": 1, "Izz2": 1}), folded(LONG, terms))
+    assert cells[0] == "Izz1 + Izz2"
+    assert cells[1] == Folded(LONG, "Izz1 + 7 more")
+    report = Report(
+        "identify", {}, (Table("t", (Column("n", "n"), Column("u", "u")), tuple((c, "kg") for c in cells)),)
+    )
+    short = formats.render(report, "terminal", formats.Style())
+    assert "Izz1 + 7 more  kg" in short
+    assert "Izz1 + Izz2" in short
+    for style in (formats.Style(everything=True, width=2000), formats.Style(whole_rows=True)):
+        assert LONG in formats.render(report, "terminal", style)
+    assert LONG in formats.render(report, "html", formats.Style())
+    assert LONG.replace("*", "") in formats.render(report, "markdown", formats.Style()).replace("\\", "").replace(
+        "*", ""
+    )
 
 
 def test_colour_is_only_there_when_wanted(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -41,7 +41,7 @@ from elid_cli.report.figures.paint import bands, cloud, envelope
 from elid_cli.report.figures.plots.spring import spring_views
 from elid_cli.report.figures.svg import panels
 from elid_cli.report.figures.timeline import packed, thinned
-from elid_cli.report.tree import Figure, Report
+from elid_cli.report.tree import Figure, Report, cell_text
 from elid_cli.robot.robot import Array, EffectSpec, Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
@@ -253,7 +253,7 @@ def test_the_answers_come_first_and_every_figure_is_there(page: str, report: Rep
     assert page.index("What it rests on") < page.index(">Parameters<") < page.index(">Everything else<")
     assert page.count("<figure") == len(report.figures) >= 8
     for row in report.section("base_parameters").rows:  # type: ignore[union-attr]
-        assert str(row[0]) in page
+        assert cell_text(row[0]) in page
 
 
 def test_the_same_report_gives_the_same_page(report: Report, page: str) -> None:

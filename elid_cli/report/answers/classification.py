@@ -17,7 +17,7 @@ from elid_cli.report.answers.inputs import (
     robot_payload,
     used_items,
 )
-from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Report, Section, Table, Text, Tone, number_text
+from elid_cli.report.tree import Cell, Column, Folded, KeyValues, Mark, Report, Section, Table, Text, Tone, number_text
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import JOINT_PARAMETERS, Robot
 from elid_cli.signals.recording import Recording
@@ -30,6 +30,8 @@ WORDS: dict[str, tuple[str, Tone]] = {
     "not excited": ("unseen", "bad"),
 }
 """Class -> word and tone in the grid of joints and parameters."""
+MOST_TERMS = 4
+"""Terms of a combination that a table always shows."""
 LEGEND = "indep.: identifiable by itself; comb.: in a combination only; –: no effect on any torque"
 LEGEND_LOG = f"{LEGEND}; weak: worse than 30 %; unseen: not excited by this log"
 
@@ -133,8 +135,15 @@ def _base_table(base: BaseParameters, found: Identification | None) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for k, name in enumerate(base.names):
         verdict: tuple[Cell, ...] = () if found is None else (verdict_mark(found.verdict[k]),)
-        rows.append((name, base.units[k], *verdict))
+        rows.append((folded(name, base.terms[k]), base.units[k], *verdict))
     return Table("base_parameters", tuple(columns), tuple(rows))
+
+
+def folded(name: str, terms: Mapping[str, float]) -> Cell:
+    """Return a base parameter's name; a combination of many terms folds to its leading one and their number."""
+    if len(terms) <= MOST_TERMS:
+        return name
+    return Folded(name, f"{next(iter(terms))} + {len(terms) - 1} more")
 
 
 def verdict_mark(verdict: str) -> Mark:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from elid_cli.diagnosis import Diagnosis
 from elid_cli.report.answers.classification import reasons_table
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
@@ -17,7 +15,7 @@ from elid_cli.report.answers.diagnosis_tables import (
     residual_table,
     unexplained_section,
 )
-from elid_cli.report.answers.identification import base_table, torque_unit
+from elid_cli.report.answers.identification import base_tables, torque_unit
 from elid_cli.report.answers.inputs import (
     Items,
     command,
@@ -67,7 +65,7 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
             )
             for k, check in enumerate(told.checks)
         ),
-        replace(base_table(told.after), note=_moved_words(told)),
+        *base_tables(told.after, _moved_words(told)),
         *reasons_table(told.after),
         *planned,
         KeyValues("inputs", facts, "how it was computed"),

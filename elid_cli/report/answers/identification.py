@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from math import isnan
 from typing import Any
 
 from elid_cli.estimation.refined_robot import impossible_words
 from elid_cli.estimation.result import BaseEstimate, FittedEffect, Identification, Insufficient, JointError, RowNoise
 from elid_cli.estimation.validation.prediction import ByLog
-from elid_cli.report.answers.classification import class_payload, reasons_table, verdict_mark
+from elid_cli.report.answers.classification import class_payload, folded, reasons_table, verdict_mark
 from elid_cli.report.answers.inputs import (
     Items,
     command,
@@ -24,6 +24,7 @@ from elid_cli.report.answers.inputs import (
     used_items,
 )
 from elid_cli.report.answers.summary import (
+    JOINT_KINDS,
     answers,
     by_kind,
     light,
@@ -97,7 +98,7 @@ def identification_report(
         error_table("error", found.robot, found.error, TITLE, lacking=lacking),
         *sensor_table("sensors", found.robot, found.error),
         *log_table(found.robot, logs),
-        base_table(found),
+        *base_tables(found),
         *reasons_table(found),
         *further,
         KeyValues("inputs", facts, "how it was computed"),
@@ -211,11 +212,27 @@ def _effect_item(robot: Robot, found: FittedEffect) -> tuple[str, Cell]:
     return (found.effect.replace("_", " "), f"{found.joint or 'robot'} {values}")
 
 
-def base_table(found: Identification) -> Table:
-    """Return the base parameters with errors, and with references where the robot file has any."""
+def base_tables(found: Identification, note: str = "") -> list[Table]:
+    """Return the base parameters with errors, and with references where the robot file has any.
+
+    Those of drives and transmissions are a table of their own, which comes first; the `note` is under the last.
+    """
+    ordered = by_kind([item.leader for item in found.parameters])
+    drives = [k for k in ordered if found.parameters[k].leader.kind in JOINT_KINDS]
+    bodies = [k for k in ordered if k not in drives]
+    parts = [
+        ("joint_parameters", "parameters of drives and transmissions, with standard errors", drives),
+        ("base_parameters", "parameters of the bodies, with standard errors", bodies),
+    ]
+    tables = [_base_table(found, key, title, members) for key, title, members in parts if members]
+    note = note or _verdict_note(found)
+    return [*tables[:-1], *(replace(table, note=note) for table in tables[-1:])]
+
+
+def _base_table(found: Identification, key: str, title: str, members: Sequence[int]) -> Table:
     relative = found.relative_error()
     known = any(value == value for value in found.reference)
-    doubtful = any(_mark(item) for item in found.parameters)
+    doubtful = any(_mark(found.parameters[k]) for k in members)
     columns = [
         Column("name", "base parameter", span=True),
         Column("estimate", "value", align="right"),
@@ -226,14 +243,13 @@ def base_table(found: Identification) -> Table:
         *((Column("verdict", "verdict"),) if doubtful else ()),
     ]
     rows: list[tuple[Cell, ...]] = []
-    for k in by_kind([item.leader for item in found.parameters]):
-        name = found.base.names[k]
+    for k in members:
         value, deviation = float(found.estimate[k]), float(found.std_error[k])
         reference: tuple[Cell, ...] = (Quantity(float(found.reference[k])), _small(float(relative[k]))) if known else ()
         verdict: tuple[Cell, ...] = (_mark(found.parameters[k]),) if doubtful else ()
         rows.append(
             (
-                name,
+                folded(found.base.names[k], found.base.terms[k]),
                 Quantity(value, resolution=deviation),
                 Quantity(deviation, resolution=deviation),
                 _small(deviation / abs(value) if value else None),
@@ -242,8 +258,7 @@ def base_table(found: Identification) -> Table:
                 *verdict,
             )
         )
-    title = "parameters that this log tells, with standard errors"
-    return Table("base_parameters", tuple(columns), tuple(rows), title, SHOWN, _verdict_note(found))
+    return Table(key, tuple(columns), tuple(rows), title, SHOWN)
 
 
 def _small(fraction: float | None) -> str:

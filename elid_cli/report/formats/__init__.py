@@ -31,6 +31,8 @@ class Style:
     """Whether long tables are shown whole."""
     whole_rows: bool = False
     """Whether a row of a table is one line, however long."""
+    rows: int = 0
+    """Rows of a long table that there is room for, where that is known; a table may show more."""
     rest: str = "--all"
     """What shows the rows that a long table leaves out."""
 

@@ -34,7 +34,7 @@ LONG = 16
 PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("What it rests on", ("figure:effect", "figure:errors", "effects*", "also_possible", "before_after", "error*",
                           "triage", "by_log")),
-    ("Parameters", ("figure:parameters", "base_parameters", "reasons", "physical*", "std_error")),
+    ("Parameters", ("figure:parameters", "joint_parameters", "base_parameters", "reasons", "physical*", "std_error")),
     ("What to record next", ("record", "next")),
     ("Over time", ("figure:torque", "figure:trajectory", "figure:signals")),
 )  # fmt: skip

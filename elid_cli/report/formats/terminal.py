@@ -18,6 +18,7 @@ from elid_cli.report.formats._ascii import to_ascii
 from elid_cli.report.tree import (
     Cell,
     Figure,
+    Folded,
     KeyValues,
     Mark,
     Quantity,
@@ -150,7 +151,7 @@ class _Writer:
             self._line((line, _style(cell)))
 
     def _table(self, table: Table) -> None:
-        rows: Sequence[Sequence[Cell]] = table.visible(self.style.everything)
+        rows: Sequence[Sequence[Cell]] = table.visible(self.style.everything, self.style.rows)
         texts = self._texts(table, rows)
         heads = [self._said(column.head) for column in table.columns]
         width = self.style.width - INDENT
@@ -179,19 +180,27 @@ class _Writer:
 
     def _texts(self, table: Table, rows: Sequence[Sequence[Cell]]) -> list[list[str]]:
         return [
-            [self._said(cell_text(cell, unit=not column.unit)) for column, cell in zip(table.columns, row, strict=True)]
+            [
+                self._said(self._cell(cell, unit=not column.unit))
+                for column, cell in zip(table.columns, row, strict=True)
+            ]
             for row in rows
         ]
+
+    def _cell(self, cell: Cell, *, unit: bool) -> str:
+        whole = self.style.everything or self.style.whole_rows
+        return cell.short if isinstance(cell, Folded) and not whole else cell_text(cell, unit=unit)
 
     def _beside(self, table: Table, heads: list[str], width: int) -> Sequence[Sequence[Cell]]:
         """Print a long table as two blocks side by side, twice as many rows as else; return the rows."""
         rows: Sequence[Sequence[Cell]] = table.rows
-        if not self.style.everything and table.shown is not None and len(rows) > 2 * table.shown + 1:
-            rows = rows[: 2 * table.shown]
+        shown = None if table.shown is None else max(table.shown, self.style.rows)
+        if not self.style.everything and shown is not None and len(rows) > 2 * shown + 1:
+            rows = rows[: 2 * shown]
         texts = self._texts(table, rows)
         widths = _natural(heads, texts)
         if 2 * _taken(heads, texts) + BESIDE > width:  # the rows further on are wider
-            rows = table.visible(self.style.everything)
+            rows = table.visible(self.style.everything, self.style.rows)
             texts = self._texts(table, rows)
             widths = _natural(heads, texts)
         right = [column.align == "right" for column in table.columns]
