@@ -92,6 +92,24 @@ def read_result(path: str | Path) -> SavedResult:
     UsageError
         No such file, not JSON, or not the JSON of a command that estimates parameters.
     """
+    data = saved_object(path)
+    after = data.get("after")
+    error = after.get("error") if isinstance(after, dict) else data.get("error")
+    parameters = _parameters(data.get("base_parameters"), str(path))
+    if not any(estimate.value is not None for estimate in parameters.values()):
+        detail = f"it was made by elid {data.get('command')}"
+        raise UsageError(f"{path}: holds no estimates", detail=detail, hint="compare results of identify or diagnose")
+    return SavedResult(str(path), str(data.get("robot", "")), parameters, _relative(error))
+
+
+def saved_object(path: str | Path) -> Mapping[str, Any]:
+    """Return the JSON object that a command of elid saved.
+
+    Raises
+    ------
+    UsageError
+        No such file, not JSON, or not of elid.
+    """
     text = read_text(Path(path), UsageError, suffixes=(".json",), most=LARGEST)
     try:
         data = json.loads(text)
@@ -100,13 +118,7 @@ def read_result(path: str | Path) -> SavedResult:
         raise UsageError(f"{where}: not JSON", hint="elid identify LOG --robot ROBOT --json > RESULT.json") from None
     if not isinstance(data, dict) or data.get("schema") != "elid/1":
         raise UsageError(f"{path}: not a result of elid", hint="elid identify LOG --robot ROBOT --json > RESULT.json")
-    after = data.get("after")
-    error = after.get("error") if isinstance(after, dict) else data.get("error")
-    parameters = _parameters(data.get("base_parameters"), str(path))
-    if not any(estimate.value is not None for estimate in parameters.values()):
-        detail = f"it was made by elid {data.get('command')}"
-        raise UsageError(f"{path}: holds no estimates", detail=detail, hint="compare results of identify or diagnose")
-    return SavedResult(str(path), str(data.get("robot", "")), parameters, _relative(error))
+    return data
 
 
 def compare(results: Sequence[SavedResult]) -> tuple[Comparison, ...]:

@@ -27,7 +27,8 @@ def representative(base: BaseParameters, estimate: Array, reference: Array) -> A
     base
         Base parameters of the robot.
     estimate
-        Their values, (b,); NaN where refused: there the reference stands (zero where that is unknown).
+        Their values, (b,), or those of N sets, (N, b); NaN where refused: there the reference stands (zero where that
+        is unknown). The answer is (N, p) then.
     reference
         Reference standard parameters, (p,); NaN where unknown.
     """
@@ -36,10 +37,10 @@ def representative(base: BaseParameters, estimate: Array, reference: Array) -> A
     wanted = np.where(np.isfinite(estimate), estimate, present)
     scale = np.maximum(np.abs(start), 1e-3 * np.maximum(np.abs(start).max(initial=0.0), 1.0))
     weighted = base.transform * scale
-    step = scale * (np.linalg.pinv(weighted, rcond=1e-12) @ (wanted - present))
+    step = scale * (np.linalg.pinv(weighted, rcond=1e-12) @ (wanted - present).T).T
     result: Array = start + step
     # one correction removes the rounding of the pseudo-inverse in the leaders
-    result[base.leaders] += wanted - base.transform @ result
+    result[..., base.leaders] += wanted - (base.transform @ result.T).T
     return result
 
 

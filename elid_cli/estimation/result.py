@@ -236,6 +236,21 @@ class Identification(Shown):
         """Verdicts on the base parameters, (b,)."""
         return tuple(item.verdict for item in self.parameters)
 
+    @cached_property
+    def joint_covariance(self) -> Array:
+        """Covariance of the estimates as given, (b, b): their own standard errors; NaN rows where refused.
+
+        A stiffness that another regression gave in the end goes by itself, without correlations of its own.
+        """
+        fitted = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        known = fitted > 0  # False where NaN
+        unit = np.where(known, self.std_error / np.where(known, fitted, 1.0), 0.0)
+        found: Array = np.where(np.outer(known, known), self.covariance, 0.0) * np.outer(unit, unit)
+        found[np.diag_indices(len(found))] = self.std_error**2
+        refused = ~np.isfinite(self.std_error)
+        found[refused] = found[:, refused] = np.nan
+        return found
+
     @property
     def this_log(self) -> Mapping[str, str]:
         """Class of every standard parameter for this log: as structural, or weak, or not excited."""

@@ -42,6 +42,7 @@ LINES = {
     "excite": ["excite --robot planar2 --duration 4 -o try.csv --for K1"],
     "compare": ["compare first.json second.json"],
     "trend": ["trend first.json second.json first.json"],
+    "sample": ["sample first.json second.json -n 3", "sample first.json -n 3 --robot planar2 -o sets --ranges r.yaml"],
     "effects": ["effects", "effects stribeck"],
 }
 """Command -> lines whose output is judged."""

@@ -112,6 +112,7 @@ def identification_report(
 
 def identification_payload(found: Identification, recording: Recording | None = None) -> dict[str, Any]:
     """Return the JSON object of an identification (docs/reference/json.md), without a log where that is not at hand."""
+    listed = base_payload(found)
     return {
         **robot_payload(found.robot),
         **({} if recording is None else {"log": log_payload(recording)}),
@@ -121,7 +122,8 @@ def identification_payload(found: Identification, recording: Recording | None = 
         "condition": found.condition,
         "rank": found.rank,
         "rank_margin": found.rank_margin,
-        "base_parameters": base_payload(found),
+        "base_parameters": listed,
+        "covariance": covariance_payload(found, len(listed)),
         "error": error_payload(found.error),
         **model_payload(found.model, found.noise, found.insufficient),
         "nuisances": nuisance_payload(found.nuisances),
@@ -159,6 +161,13 @@ def base_payload(found: Identification) -> list[dict[str, Any]]:
         }
         for k in range(found.base.count)
     ] + unseen
+
+
+def covariance_payload(found: Identification, count: int) -> list[list[float | None]]:
+    """Return the matrix ``covariance`` of JSON, a row and a column for each of the `count` listed base parameters."""
+    shown: list[list[float | None]] = found.joint_covariance.tolist()
+    unseen: list[float | None] = [None] * (count - len(shown))
+    return [[*row, *unseen] for row in shown] + [[None] * count for _ in unseen]
 
 
 def model_payload(model: str, noise: Sequence[RowNoise], insufficient: Sequence[Insufficient]) -> dict[str, Any]:

@@ -1,0 +1,73 @@
+"""Draw whole parameter sets from what results say, for simulations that vary them."""
+
+from __future__ import annotations
+
+import click
+
+from elid_cli.cli import options
+from elid_cli.cli.group import verb
+from elid_cli.cli.inputs import load_robot
+from elid_cli.cli.options import File, Output
+
+
+@verb(
+    "elid sample result.json -n 200 -o sets.csv --ranges ranges.yaml",
+    "elid sample monday.json tuesday.json -n 50 --robot go2.xml -o robots",
+)
+@click.argument("results", nargs=-1, required=True, type=File(), metavar="RESULT.json…")
+@options.optional_robot
+@options.option(
+    options.FIT, "-n", "--count", type=click.IntRange(1, 100_000), default=200, show_default=True,
+    help="Number of sets.",
+)  # fmt: skip
+@options.seed
+@options.out(
+    "The sets: a table (.csv, .json, .npz), or with --robot a folder of robot files with their values.",
+    required=False, metavar="FILE|FOLDER",
+)  # fmt: skip
+@options.option(
+    options.OUTPUT, "--ranges", type=File(), metavar="FILE.yaml", help="Write the range of every parameter as YAML."
+)
+@options.output
+def sample(
+    results: tuple[str, ...],
+    robot: str | None,
+    count: int,
+    seed: int,
+    out: str | None,
+    ranges: str | None,
+    output: Output,
+) -> None:
+    """Draw parameter sets from the joint distribution of saved results: correlations kept, nothing that no robot has.
+
+    Of several results the spread between recordings counts as well. What every result refuses is held at its
+    reference. With --robot a set is of all its parameters.
+    """
+    from pathlib import Path
+
+    from elid_cli.cli.output import check_output, emit, note
+    from elid_cli.cli.robot_files import check_sets, write_sets
+    from elid_cli.estimation.sampling.files import RANGES, write_ranges
+    from elid_cli.estimation.sampling.saved import read_distribution
+    from elid_cli.estimation.sampling.sets import sample as draw
+    from elid_cli.files import check_suffix, check_writable
+    from elid_cli.report.answers.sampling import sampling_report, with_samples
+    from elid_cli.report.formats import write_report
+
+    check_output(output)
+    check_sets(out, robot)
+    if ranges is not None:
+        check_suffix(Path(ranges), RANGES, "ranges")
+        check_writable(Path(ranges))
+    found = [read_distribution(result) for result in results]
+    sets = draw(found, count, None if robot is None else load_robot(robot), seed)
+    note(sets.notes, output)
+    written = [name for name in (out, ranges) if name is not None]
+    report = sampling_report(sets, written)
+    if out is not None and Path(out).suffix.lower() == ".json":
+        write_report(with_samples(report, sets), Path(out))
+    elif out is not None:
+        note(write_sets(sets, Path(out)), output, "left out")
+    if ranges is not None:
+        write_ranges(sets, ranges)
+    emit(report if out is not None else with_samples(report, sets), output)

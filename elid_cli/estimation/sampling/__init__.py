@@ -1,0 +1,1 @@
+"""Parameter sets drawn from the joint distribution that saved results tell."""

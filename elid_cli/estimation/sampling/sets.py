@@ -1,0 +1,106 @@
+"""Parameter sets: drawn base parameters, or whole robots that have them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.estimation.sampling.draw import draw_sets
+from elid_cli.estimation.sampling.pool import Distribution, Origin, pooled
+from elid_cli.estimation.sampling.saved import SavedDistribution
+from elid_cli.estimation.sampling.whole import as_identified, other_combinations, whole_sets
+from elid_cli.robot.robot import Robot
+from elid_cli.robot.urdf.write import with_parameters
+
+LOW, HIGH = 2.5, 97.5
+"""Percentiles that ranges reach from and to."""
+ROUNDING = 1e-12
+"""Relative difference of values that are the same."""
+LISTED = 8
+"""Parameters that a note names."""
+
+
+@dataclass(frozen=True)
+class ParameterSets:
+    """Sets of parameters, in SI units."""
+
+    distribution: Distribution
+    names: tuple[str, ...]
+    """Of the parameters, (p,): base parameters, or a robot's standard ones."""
+    units: tuple[str, ...]
+    origin: tuple[Origin, ...]
+    values: Array
+    """(N, p); NaN where nobody knows."""
+    seed: int
+    notes: tuple[str, ...]
+    """What was held or limited, and why."""
+    robot: Robot | None = None
+    """The robot whose parameters these are."""
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Between which the middle 95 % of the sets are, (p,) each."""
+        low, high = np.percentile(self.values, [LOW, HIGH], axis=0)
+        return low, high
+
+    @cached_property
+    def spread(self) -> tuple[Array, Array]:
+        """Mean and standard deviation of the sets, (p,) each; 0 where they differ by rounding."""
+        mean, low, high = self.values.mean(axis=0), self.values.min(axis=0), self.values.max(axis=0)
+        same = high - low <= ROUNDING * np.maximum(np.abs(low), np.abs(high))
+        return np.where(same, low, mean), np.where(same, 0.0, self.values.std(axis=0))
+
+    def robots(self) -> tuple[Robot, ...]:
+        """Return a robot of every set; none without a robot."""
+        return () if self.robot is None else tuple(with_parameters(self.robot, row) for row in self.values)
+
+
+def sample(
+    results: Sequence[SavedDistribution], count: int, robot: Robot | None = None, seed: int = 0
+) -> ParameterSets:
+    """Draw parameter sets from the joint distribution that results of one robot tell.
+
+    Parameters
+    ----------
+    results
+        Of one robot; the spread between several counts.
+    count
+        Number of sets.
+    robot
+        Whole sets of this robot's parameters are wanted, nearest to its values; None: base parameters.
+    seed
+        The same seed gives the same sets.
+
+    Raises
+    ------
+    UsageError
+        Results of unlike robots, or a robot that lacks their joints or parameters.
+    """
+    found = pooled(results)
+    generator = np.random.default_rng(seed)
+    values = draw_sets(found.mean, found.covariance, found.positive, count, generator)
+    notes = _held_words(found)
+    if robot is None:
+        return ParameterSets(found, found.names, found.units, found.origin, values, seed, tuple(notes))
+    robot, base, rows = as_identified(robot, found)
+    if other_combinations(robot, base):
+        notes.append(f"the combinations are not those of {robot.name} as described: its geometry or gears are others")
+    whole, origin, said = whole_sets(robot, base, found, rows, values, generator)
+    return ParameterSets(
+        found, tuple(base.parameters), robot.parameter_units(), origin, whole, seed, (*notes, *said), robot
+    )
+
+
+def _held_words(found: Distribution) -> list[str]:
+    """Return which base parameters are not drawn, in words."""
+    words = []
+    for origin, what in (("held", "held at the reference"), ("unknown", "not known, and left out")):
+        names = [name for name, own in zip(found.names, found.origin, strict=True) if own == origin]
+        if names:
+            more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+            words.append(f"refused by every result, {what}: {', '.join(names[:LISTED])}{more}")
+    return words

@@ -1,0 +1,103 @@
+"""The answer of ``elid sample``: what the drawn sets hold and how far they reach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from elid_cli.estimation.sampling.pool import Distribution
+from elid_cli.estimation.sampling.sets import ParameterSets
+from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text
+
+SHOWN = 20
+ORIGIN = "drawn: from the estimates; split: member of a drawn sum, as the robot file suggests; held: no log shows it"
+
+
+def sampling_report(sets: ParameterSets, written: Sequence[str] = ()) -> Report:
+    """Return the report on drawn sets, with the files that were written."""
+    found, several = sets.distribution, len(sets.distribution.files) > 1
+    facts: list[tuple[str, Cell]] = [("result", file) for file in found.files]
+    facts += [("sets", len(sets.values)), ("seed", sets.seed)]
+    facts += [("note", note) for note in sets.notes] + [("written", path) for path in written]
+    entries = [entry for entry in parameter_payload(sets) if entry["origin"] != "unknown"]
+    marked = any(entry["origin"] != "drawn" or entry["bias_possible"] for entry in entries)
+    columns = (
+        Column("name", "parameter", span=True),
+        Column("mean", "mean", align="right"),
+        Column("std", "± sd", align="right"),
+        Column("low", "2.5 %", align="right"),
+        Column("high", "97.5 %", align="right"),
+        *((Column("between", "between recordings", align="right"),) if several else ()),
+        Column("unit", "unit"),
+        *((Column("origin", "origin"),) if marked else ()),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for entry in entries:
+        spread = entry["std"] or None
+        cells: list[Cell] = [entry["name"]]
+        cells += [Quantity(entry[key], resolution=spread) for key in ("mean", "std", "low", "high")]
+        cells += [Quantity(entry["between"], digits=2)] if several else []
+        rows.append((*cells, entry["unit"], *((_mark(entry),) if marked else ())))
+    title = "range of the sets: the middle 95 %"
+    sections: list[Section] = [
+        Text("title", found.robot, "heading"),
+        Table("parameters", columns, tuple(rows), title, SHOWN, ORIGIN if marked else ""),
+        KeyValues("inputs", tuple(facts), "how they were drawn"),
+    ]
+    if any(entry["bias_possible"] for entry in entries):
+        sections.append(Text("bias", _BIAS, "warning"))
+    return Report("sample", _payload(sets, written), tuple(sections))
+
+
+_BIAS = (
+    "the models of these results lack something that can move parameters by more than their errors say: the sets do "
+    "not reach as far (elid diagnose)"
+)
+
+
+def with_samples(report: Report, sets: ParameterSets) -> Report:
+    """Return the report with the sets themselves in its JSON."""
+    return replace(report, payload={**report.payload, "samples": sets.values})
+
+
+def _mark(entry: dict[str, Any]) -> Cell:
+    if entry["origin"] != "drawn":
+        return Mark(entry["origin"], "dim" if entry["origin"] == "held" else "plain")
+    return Mark("bias possible", "warn") if entry["bias_possible"] else "drawn"
+
+
+def _payload(sets: ParameterSets, written: Sequence[str]) -> dict[str, Any]:
+    found = sets.distribution
+    return {
+        "robot": found.robot,
+        "joints": list(found.joints),
+        "files": list(found.files),
+        "count": len(sets.values),
+        "seed": sets.seed,
+        "parameters": parameter_payload(sets),
+        "written": list(written),
+        "notes": list(sets.notes),
+    }
+
+
+def parameter_payload(sets: ParameterSets) -> list[dict[str, Any]]:
+    """Return the list ``parameters`` of JSON."""
+    low, high = sets.bounds
+    mean, std = sets.spread
+    told = _by_leader(sets.distribution)
+    entries = []
+    for k, name in enumerate(sets.names):
+        between, biased = told.get(name, (float("nan"), False))
+        entries.append({
+            "name": name, "unit": sets.units[k], "origin": sets.origin[k], "mean": float(mean[k]),
+            "std": float(std[k]), "low": float(low[k]), "high": float(high[k]), "between": between,
+            "bias_possible": biased,
+        })  # fmt: skip
+    return entries
+
+
+def _by_leader(found: Distribution) -> dict[str, tuple[float, bool]]:
+    """Return the spread between recordings and whether bias is possible of what base parameters are called."""
+    values = zip(found.names, found.between.tolist(), found.biased.tolist(), strict=True)
+    return {name: (between, biased) for name, between, biased in values}
