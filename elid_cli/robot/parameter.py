@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, NoReturn
 
 
@@ -27,3 +28,9 @@ class StandardParameter(str):
     def __getnewargs__(self) -> Any:
         """Return what a copy in another process is made from."""
         return self.kind, self.joint
+
+
+def parameter_named(name: str) -> StandardParameter | None:
+    """Return the parameter of a name that was read from a file, or None where it is none: ``K2``."""
+    parts = re.fullmatch(r"([A-Za-z]+)([1-9]\d*)", name)
+    return StandardParameter(parts[1], int(parts[2]) - 1) if parts else None

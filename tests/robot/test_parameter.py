@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from elid_cli.robot.files import read_robot
-from elid_cli.robot.parameter import StandardParameter
+from elid_cli.robot.parameter import StandardParameter, parameter_named
 
 PACKAGE = Path(__file__).parents[2] / "elid_cli"
 
@@ -23,6 +23,13 @@ def test_it_is_its_name_with_kind_and_joint() -> None:
     assert json.dumps({stiffness: [stiffness]}) == '{"K12": ["K12"]}'
     for copy in (pickle.loads(pickle.dumps(stiffness)), deepcopy(stiffness)):
         assert (copy, copy.kind, copy.joint) == ("K12", "K", 11)
+
+
+def test_names_of_files_are_read() -> None:
+    read = parameter_named("Ixx12")
+    assert read is not None
+    assert (read, read.kind, read.joint) == ("Ixx12", "Ixx", 11)
+    assert [parameter_named(name) for name in ("K0", "K", "12", "K1 + m2", "")] == [None] * 5
 
 
 def test_it_cannot_be_changed() -> None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.estimation.sampling.saved import SavedDistribution
+from elid_cli.robot.parameter import parameter_named
 from elid_cli.robot.robot import POSITIVE
 
 Origin = Literal["drawn", "split", "held", "unknown"]
@@ -136,5 +137,5 @@ def _between(estimate: Array, known: NDArray[np.bool_], mean: Array, within: Arr
 
 def _positive(terms: Mapping[str, float]) -> bool:
     """Whether a combination is positive in every robot: a sum of frictions, springs, rotors, masses and moments."""
-    kinds = (name.rstrip("0123456789") for name in terms)
+    kinds = (known.kind if (known := parameter_named(name)) else "" for name in terms)
     return all(value > 0 for value in terms.values()) and all(kind in (*POSITIVE, *INERTIAL) for kind in kinds)

@@ -21,6 +21,7 @@ from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import MARGIN, consistency
 from elid_cli.model.effects.tilt import levelled
 from elid_cli.model.regressor import Regressor
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import POSITIVE, Robot
 
 LEAST = 0.2
@@ -47,7 +48,9 @@ def as_identified(robot: Robot, found: Distribution) -> tuple[Robot, BaseParamet
         hint = f"--lock {absent[0]}=0" if absent else "give the robot that was identified"
         raise UsageError(f"{robot.name}: its joints are not those of {found.files[0]}", detail=detail, hint=hint)
     used = {name for terms, drawn in zip(found.terms, found.drawn, strict=True) if drawn for name in terms}
-    springs = [f"K{k + 1}" in used and joint.transmission == "auto" for k, joint in enumerate(robot.joints)]
+    springs = [
+        StandardParameter("K", k) in used and joint.transmission == "auto" for k, joint in enumerate(robot.joints)
+    ]
     joints = zip(robot.joints, springs, strict=True)
     robot = replace(robot, joints=tuple(replace(j, transmission="elastic") if s else j for j, s in joints))
     names = robot.parameter_names()

@@ -14,6 +14,7 @@ from elid_cli.estimation.trajectory.fit import TrajectoryFit, fit_trajectory
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.estimation.validation.verdicts import HELD, REFUSED, WEAK
+from elid_cli.model.effects import effect_that
 from elid_cli.model.regressor import Regressor
 from elid_cli.model.rollout import Linearised
 from elid_cli.model.runs import runs_of
@@ -23,7 +24,6 @@ from elid_cli.signals.signals import Signals
 
 SLOW = 0.1
 """Part of the usual speed below which friction is not looked at for the start."""
-OFFSET = "torque_offset"
 
 
 def by_trajectory(found: Identification, signals: Signals) -> Identification:
@@ -65,10 +65,15 @@ def _suited(robot: Robot) -> Robot:
         )  # fmt: skip
         if why:
             raise UsageError(f"--fit trajectory: {joint.name} {why}", hint="leave --fit out: the torque is fitted")
-    lost = [spec.effect for spec in robot.effects if spec.effect != OFFSET]
+    lost = [spec.effect for spec in robot.effects if spec.effect != _offset()]
     if lost:
         raise UsageError(f"--fit trajectory does not hold the effect {lost[0]} that the robot file declares")
     return robot
+
+
+def _offset() -> str:
+    """Return the name of the effect that a torque offset is."""
+    return effect_that(nuisance="offset").name
 
 
 def _start(robot: Robot, signals: Signals) -> Array:
@@ -105,7 +110,7 @@ def _told(found: Identification, robot: Robot, fit: TrajectoryFit, signals: Sign
     refused = np.array([verdict == "refused" for verdict in verdicts])
     errors = fit.deviation()
     offsets = tuple(
-        Nuisance(OFFSET, joint.name, {"offset": float(fit.values[k, 3])}, {"offset": float(errors[k, 3])})
+        Nuisance(_offset(), joint.name, {"offset": float(fit.values[k, 3])}, {"offset": float(errors[k, 3])})
         for k, joint in enumerate(robot.joints)
     )
     note = (
@@ -169,7 +174,7 @@ def _held_out(
             replace(joint, parameters={**joint.parameters, **dict(zip(PARAMETERS, row[:3].tolist(), strict=True))})
             for joint, row in zip(robot.joints, values, strict=True)
         )
-        offsets = tuple(EffectSpec(OFFSET, joint.name, {"offset": float(row[3])})
+        offsets = tuple(EffectSpec(_offset(), joint.name, {"offset": float(row[3])})
                         for joint, row in zip(robot.joints, values, strict=True))  # fmt: skip
         judged = validate(replace(robot, joints=joints, effects=offsets), signals, inside, observation=observation)
         for name, error in judged.error.items():
