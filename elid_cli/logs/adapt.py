@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from elid_cli.errors import LogError
+from elid_cli.logs.checks.deflection import Sensed, same_position
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.resolve import ReadPlan, resolve
-from elid_cli.logs.reading import layers_of
+from elid_cli.logs.reading import converted, layers_of
+from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.source import open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.robot.locking import locked
 from elid_cli.robot.robot import Robot
 
+SAME = "both logged positions are one, but for sensor noise"
 LISTED = 8
 """Joints that a note names."""
 
@@ -31,8 +34,9 @@ def robot_as_logged(
     """Return the robot with its open questions answered by logs (none: by the description alone).
 
     Joints of a robot from URDF or MJCF that no log holds are locked at 0, or where `hold` says. A transmission ``auto``
-    is elastic where every log holds both positions of its joint, or where K is known and a log holds the motor's
-    position; else it is rigid. What was decided is in `Robot.notes`.
+    is elastic where every log holds both positions of its joint and one of them shows that they differ by more than
+    sensor noise, or where K is known and a log holds the motor's position; else it is rigid. What was decided is in
+    `Robot.notes`.
 
     Parameters
     ----------
@@ -49,10 +53,10 @@ def robot_as_logged(
     auto = [joint.name for joint in robot.joints if joint.transmission == "auto"]
     if not (hold or auto or robot.source):
         return robot
-    sides = [found for log in logs for found in _sides(robot, log, mapping, auto)]
+    parts = [found for log in logs for found in _held(robot, log, mapping, auto)]
     notes = list(robot.notes)
-    absent = [name for name in robot.joint_names if not any(name in link | motor for link, motor in sides)]
-    if sides and robot.source and len(absent) < robot.n:
+    absent = [name for name in robot.joint_names if not any(name in part.link | part.motor for part in parts)]
+    if parts and robot.source and len(absent) < robot.n:
         unheld = [name for name in absent if name not in hold]
         hold |= dict.fromkeys(unheld, 0.0)
         if unheld:
@@ -63,20 +67,30 @@ def robot_as_logged(
     for k, joint in enumerate(joints):
         if joint.transmission == "auto":
             known = "K" in joint.parameters
-            both = bool(sides) and all(joint.name in link & motor for link, motor in sides)
-            spring = known and (not sides or all(joint.name in motor for _, motor in sides))
-            joints[k] = replace(joint, transmission="elastic" if both or spring else "rigid")
+            both = bool(parts) and all(joint.name in part.link & part.motor for part in parts)
+            spring = known and all(joint.name in part.motor for part in parts)
+            elastic = spring or (both and not all(joint.name in part.twice for part in parts))
+            joints[k] = replace(joint, transmission="elastic" if elastic else "rigid")
             reason = "the log holds both positions" if both else "the description gives K"
-            decided.setdefault(f"elastic: {reason}" if both or spring else "rigid", []).append(joint.name)
-    if sides:
+            said = f"elastic: {reason}" if elastic else f"rigid: {SAME}" if both else "rigid"
+            decided.setdefault(said, []).append(joint.name)
+    if parts:
         notes += [f"{_listed(names)} taken as {what}" for what, names in decided.items()]
     return replace(robot, joints=tuple(joints), notes=tuple(notes))
 
 
-def _sides(
-    robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None, auto: Sequence[str]
-) -> Iterable[tuple[frozenset[str], frozenset[str]]]:
-    """Yield the joints of which each part of a log holds (link, motor) positions."""
+@dataclass(frozen=True)
+class _Held:
+    """The joints of which one part of a log holds positions."""
+
+    link: frozenset[str]
+    motor: frozenset[str]
+    twice: frozenset[str] = frozenset()
+    """Of those with both: where they show no deflection (`same_position`)."""
+
+
+def _held(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None, auto: Sequence[str]) -> Iterable[_Held]:
+    """Yield what each part of a log holds; numbers are looked at where an open question is asked of both sides."""
     try:
         source = open_source(log)
         opened = recognise(source).open(source)
@@ -85,9 +99,10 @@ def _sides(
     for raw in opened:
         plan = resolve(raw.channels, layers_of(raw, robot, mapping), robot)
         link, motor = (_placed(plan, signal, robot) for signal in ("q", "theta"))
-        if any(name in link & motor for name in auto):  # recorders fill what they do not know
-            link, motor = (names & _filled(raw, plan, s, robot) for s, names in (("q", link), ("theta", motor)))
-        yield link, motor
+        if any(name in link & motor for name in auto):
+            yield _looked_at(raw, plan, robot, frozenset(auto))
+        else:
+            yield _Held(link, motor)
 
 
 def _placed(plan: ReadPlan, signal: str, robot: Robot) -> frozenset[str]:
@@ -95,16 +110,24 @@ def _placed(plan: ReadPlan, signal: str, robot: Robot) -> frozenset[str]:
     return frozenset(robot.joint_names[j] for js in placement.joints for j in js) if placement else frozenset()
 
 
-def _filled(raw: RawLog, plan: ReadPlan, signal: str, robot: Robot) -> frozenset[str]:
-    """Return the joints whose channel of a signal holds numbers that are not all the same."""
-    placement = plan.placements[signal]
-    found: set[str] = set()
-    for joints, stream in zip(placement.joints, raw.load(placement.picks), strict=True):
-        for j, values in zip(joints, stream.values.T, strict=True):
-            known = values[np.isfinite(values)]
-            if known.size and (known != known[0]).any():
-                found.add(robot.joint_names[j])
-    return frozenset(found)
+def _looked_at(raw: RawLog, plan: ReadPlan, robot: Robot, auto: frozenset[str]) -> _Held:
+    """Return what a part holds by its numbers: recorders fill what they do not know with one value."""
+    torque = next((signal for signal in ("tau", "tau_link") if signal in plan.placements), None)
+    chosen = {s: plan.placements[s] for s in ("q", "theta", torque) if s is not None}
+    streams = raw.load([pick for placement in chosen.values() for pick in placement.picks])
+    seconds = in_seconds(streams, factor=plan.time.factor if plan.time is not None else None, rate=1.0, notes=[])
+    sensed: dict[str, dict[str, Sensed]] = {signal: {} for signal in ("q", "theta", "tau")}
+    for sampled in converted(replace(plan, placements=chosen), streams, seconds, robot):
+        kind = "tau" if sampled.signal == torque else sampled.signal
+        for j, values in zip(sampled.joints, sampled.values.T, strict=True):
+            known = Sensed.of(sampled.t, values)
+            if known.values.size and np.ptp(known.values) > 0:
+                sensed[kind][robot.joint_names[j]] = known
+    link, motor = frozenset(sensed["q"]), frozenset(sensed["theta"])
+    apart = any(placement.spec.add for placement in chosen.values())  # a deflection sensor, which says itself
+    asked = frozenset() if apart else auto & link & motor
+    q, theta, tau = sensed["q"], sensed["theta"], sensed["tau"]
+    return _Held(link, motor, frozenset(n for n in asked if same_position(q[n], theta[n], tau.get(n))))
 
 
 def _count(names: Sequence[str]) -> str:

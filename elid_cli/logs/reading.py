@@ -165,7 +165,7 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     streams = [
         replace(stream, clocks={}) for stream in streams
     ]  # their stamps take as much memory as a joint's signals
-    aligned = align(_converted(plan, streams, seconds, robot), robot.joint_names, name, other)
+    aligned = align(converted(plan, streams, seconds, robot), robot.joint_names, name, other)
     _believable(aligned.dt, name, plan)
     signals = dict(aligned.signals)
     for signal, placement in plan.placements.items():
@@ -191,7 +191,7 @@ def layers_of(raw: RawLog, robot: Robot, mapping: Mapping[str, Any] | None) -> l
     return layers
 
 
-def _converted(plan: ReadPlan, streams: Sequence[Stream], seconds: Sequence[Array], robot: Robot) -> list[Sampled]:
+def converted(plan: ReadPlan, streams: Sequence[Stream], seconds: Sequence[Array], robot: Robot) -> list[Sampled]:
     """Return the streams in SI units at the joint; columns sampled together of one signal become one stream."""
     sampled: list[Sampled] = []
     remaining = iter(zip(streams, seconds, strict=True))

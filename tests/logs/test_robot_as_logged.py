@@ -70,6 +70,22 @@ def test_both_positions_make_a_joint_elastic_and_empty_columns_do_not(arm: Path,
     assert robot.elastic.tolist() == [True, False, True, True, True]
 
 
+def test_a_position_that_is_logged_twice_makes_no_joint_elastic(arm: Path, tmp_path: Path) -> None:
+    columns = waves([f"{s}.axis_{i}" for s in ("q", "theta", "tau") for i in range(1, 6)])
+    noise = np.random.default_rng(3).normal(0, 1e-4, (5, 400))
+    for k in range(5):  # of the third the log shows a spring: 1 mrad under the largest torque
+        deflection = 1e-3 * columns["tau.axis_3"] if k == 2 else 0.05
+        columns[f"theta.axis_{k + 1}"] = columns[f"q.axis_{k + 1}"] + deflection + noise[k]
+    log = csv(tmp_path / "log.csv", columns)
+    robot = robot_as_logged(read_robot(arm), [log])
+    assert robot.elastic.tolist() == [False, False, True, False, False]
+    assert "axis_1, axis_2, axis_4, axis_5 taken as rigid: both logged positions are one, but for sensor noise" in (
+        robot.notes
+    )
+    one = csv(tmp_path / "one.csv", {**columns, "theta.axis_1": columns["q.axis_1"] + 2e-3 * columns["tau.axis_1"]})
+    assert robot_as_logged(read_robot(arm), [log, one]).elastic.tolist() == [True, False, True, False, False]
+
+
 def test_joints_that_the_log_lacks_are_locked(arm: Path, tmp_path: Path) -> None:
     log = csv(tmp_path / "log.csv", waves([f"{s}.axis_{i}" for s in ("q", "tau") for i in (1, 3, 4)]))
     robot = robot_as_logged(read_robot(arm), [log], hold={"axis_2": 0.4})
