@@ -13,12 +13,13 @@ from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.other_shapes import sentences
 from elid_cli.estimation.regression.standard_errors import freedom
-from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, records
+from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, JointError, Nuisance, records
 from elid_cli.estimation.stiffness.link_equation import with_both_regressions, with_link_stiffness
 from elid_cli.estimation.stiffness.noise import stiffness_in_noise, with_pull
 from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.estimation.validation.verdicts import judge, shortfall, suspicious, torque_scale
 from elid_cli.model.effects import effect_classes
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 
@@ -74,7 +75,7 @@ def assemble(
             verdict,
             reasons,
         ),
-        error=held_out(robot, fit.triangles, solution, None if before is None else before.solution),
+        error=_of_delivered(fit, held_out(robot, fit.triangles, solution, None if before is None else before.solution)),
         condition=solution.condition,
         rank_margin=solution.margin,
         rank=int(known.sum()),
@@ -92,6 +93,22 @@ def assemble(
     )
     found = with_both_regressions(fresh, lambda joint: fit.data.two_ways(fresh.standard, joint))
     return with_link_stiffness(found, lambda joint: fit.data.link_stiffness(base, joint))
+
+
+def _of_delivered(fit: DefaultFit, errors: Mapping[str, JointError]) -> dict[str, JointError]:
+    """Return errors as shares of the torque that motors delivered where that is less than what was logged.
+
+    A limit far below the torque would leave next to nothing to predict: of what was logged, the error would be small.
+    """
+    told = dict(errors)
+    items = zip(fit.effects.effects, fit.effects.extras, fit.amplitudes(), strict=True) if fit.effects else ()
+    for item, extra, values in items:
+        name, row = fit.model.robot.joint_names[item.effect.joint], EstimationRow("sum", item.effect.joint)
+        if item.effect.simulated == "motor" and name in told and row in extra.rows:
+            group = fit.observation.group(row)
+            acted = (group.target - values @ extra.rows[row])[group.use]
+            told[name] = told[name].of_torque(float(np.sqrt(np.mean(acted**2))))
+    return told
 
 
 def _deviation(fit: DefaultFit, column: int) -> float:

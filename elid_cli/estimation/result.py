@@ -77,6 +77,11 @@ class JointError:
     sensor: SensorError | None = None
     """The same against the joint's torque sensor, where it has one."""
 
+    def of_torque(self, rms: float) -> JointError:
+        """Return the same error as a share of another torque, N·m (N) rms."""
+        share = None if self.spring_rms is None else self.spring_rms / rms
+        return replace(self, relative=self.rms / rms, spring_relative=share, torque_rms=rms)
+
 
 @dataclass(frozen=True)
 class RowNoise:

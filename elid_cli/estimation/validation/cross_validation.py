@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from elid_cli._types import Array
 from elid_cli.estimation.regression.least_squares import Solution, solve_system
 from elid_cli.estimation.regression.triangles import Triangles, factor_of
 from elid_cli.estimation.result import JointError, SensorError
@@ -17,23 +18,28 @@ from elid_cli.robot.robot import Robot
 def held_out(
     robot: Robot, triangles: Triangles, solution: Solution, before: Solution | None = None
 ) -> dict[str, JointError]:
-    """Return each joint's error on every fold, predicted by a fit to the other folds.
+    """Return each joint's error on every fold, predicted by a fit to the other folds (`fold_fits`)."""
+    squares: dict[EstimationRow, float] = dict.fromkeys(triangles.rows, 0.0)
+    for fold, fitted in enumerate(fold_fits(triangles, solution, before)):
+        for row in triangles.rows:
+            squares[row] += sum(t.squares(fitted) for t in triangles.of(row, [fold]))
+    return joint_errors(robot, triangles, squares)
+
+
+def fold_fits(triangles: Triangles, solution: Solution, before: Solution | None = None) -> Iterator[Array]:
+    """Yield the parameters, (p + e,), that a fit to all other folds gives, fold by fold.
 
     `before` is the triangles' own solution where `solution` was refined from it; the refinement is then added to every
     fold's fit.
     """
     shift = 0.0 if before is None else solution.values - before.values
-    squares: dict[EstimationRow, float] = dict.fromkeys(triangles.rows, 0.0)
     folds = range(triangles.folds)
     parts = [replace(triangles, prior=None).stacked(solution.weights, [fold]) for fold in folds]  # each reduced once
     known = [] if triangles.prior is None else [triangles.prior]
     for fold in folds:
         others = [part for number, part in enumerate(parts) if number != fold or len(parts) == 1]
         system = factor_of(np.concatenate([*others, *known]))
-        fitted = solve_system(system, triangles.parameters, solution.weights, len(solution.basis)).values + shift
-        for row in triangles.rows:
-            squares[row] += sum(t.squares(fitted) for t in triangles.of(row, [fold]))
-    return joint_errors(robot, triangles, squares)
+        yield solve_system(system, triangles.parameters, solution.weights, len(solution.basis)).values + shift
 
 
 def joint_errors(

@@ -15,7 +15,8 @@ from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.result import JointError, SensorError
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import as_observed, resolve
-from elid_cli.model.effects.shifts import corrected, declared_shifts, unshifted_robot
+from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.shifts import corrected, declared_shifts, delivered, unshifted_robot
 from elid_cli.model.effects.tilt import declared_tilt, levelled
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
@@ -73,8 +74,12 @@ def validate(
     model = Regressor(robot)
     standard = complete(robot, find_base(model))
     shifts = declared_shifts(robot)
-    signals = corrected(signals, shifts)
-    observation = observe(model, signals) if observation is None or shifts or turned else observation
+    scene = scene_of(model, signals, standard) if robot.effects else None
+    effects = [] if scene is None else _declared(robot, scene)
+    drives = [(effect, linear) for effect, linear in effects if effect.simulated == "motor"]
+    signals = corrected(delivered(signals, drives), shifts)
+    changed = turned or bool(shifts) or bool(drives)
+    observation = observe(model, signals) if observation is None or changed else observation
     springs = {k for k, name in enumerate(model.names) if name.kind == "K" and not np.isfinite(robot.reference()[k])}
     residual = {
         group.row: group.target - standard[group.index] @ group.columns
@@ -82,28 +87,44 @@ def validate(
         if springs.isdisjoint(group.index.tolist())
     }
     acting: dict[EstimationRow, tuple[Array, ...]] = {}
-    if robot.effects:
+    if scene is not None and signals is not logged:
         scene = scene_of(model, signals, standard)
-        for spec in unshifted_robot(robot).effects:
-            kind, joint = resolve(robot, spec)
-            if kind.turns_gravity:
-                continue
-            try:
-                linear, shape = kind.coefficients(scene, joint, spec.parameters)
-            except KeyError as error:
-                raise RobotError(
-                    f"{robot.name}: effect {spec.effect} has no value for {error.args[0]!r}",
-                    hint="elid identify fits declared effects: use its --write-robot",
-                ) from None
-            for row, columns in extra_of(kind(joint, shape), scene, signals).rows.items():
-                if row in residual:
-                    residual[row] = residual[row] - linear @ columns
-                    acting[row] = (*acting.get(row, ()), columns)
+    for effect, linear in effects:
+        if scene is None or effect.simulated == "motor":
+            continue
+        for row, columns in extra_of(effect, scene, signals).rows.items():
+            if row in residual:
+                residual[row] = residual[row] - linear @ columns
+                acting[row] = (*acting.get(row, ()), columns)
     settings = {"cutoff": signals.filter.cutoff, "rate": signals.rate, "instants": observation.instants}
     errors = _errors(robot, observation, residual, chosen)
     return Validation(
         described, errors, residual, observation, logged, signals, model, standard, acting, chosen, settings
     )
+
+
+def _declared(robot: Robot, scene: Scene) -> list[tuple[Effect, Array]]:
+    """Return the effects that a robot declares with their amplitudes (d,), without shifts in time and tilts.
+
+    Raises
+    ------
+    RobotError
+        An effect lacks a value.
+    """
+    found: list[tuple[Effect, Array]] = []
+    for spec in unshifted_robot(robot).effects:
+        kind, joint = resolve(robot, spec)
+        if kind.turns_gravity:
+            continue
+        try:
+            linear, shape = kind.coefficients(scene, joint, spec.parameters)
+        except KeyError as error:
+            raise RobotError(
+                f"{robot.name}: effect {spec.effect} has no value for {error.args[0]!r}",
+                hint="elid identify fits declared effects: use its --write-robot",
+            ) from None
+        found.append((kind(joint, shape), linear))
+    return found
 
 
 def complete(robot: Robot, base: BaseParameters) -> Array:

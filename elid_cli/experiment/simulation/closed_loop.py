@@ -103,7 +103,7 @@ class Controller:
         torques = list(command)
         for active in self._motors:
             joint = active.effect.joint
-            torques[joint] = active.effect.delivered(torques[joint], active.coefficients)
+            torques[joint] = float(active.effect.delivered(np.array(torques[joint]), active.coefficients))
         return torques
 
     def torque(

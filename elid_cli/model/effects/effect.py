@@ -322,8 +322,12 @@ class Effect(ABC):
         """
         raise NotImplementedError(f"{self.name} does not alter the robot")
 
-    def delivered(self, command: float, coefficients: Array) -> float:
-        """Return the torque (N·m) that the motor delivers while `command` is logged (``simulated = "motor"``)."""
+    def delivered(self, command: Array, coefficients: Array) -> Array:
+        """Return the torque that the motor delivers while `command` is logged (``simulated = "motor"``).
+
+        N·m (N), any shape. It puts the torque channel right, as `corrects` does: what was logged is no part of a
+        prediction, and a prediction is compared with what this returns.
+        """
         raise NotImplementedError(f"{self.name} does not act in the motor")
 
     def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:

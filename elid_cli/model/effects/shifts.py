@@ -1,11 +1,13 @@
-"""Channels that were sampled at other instants than the rest, put right by moving them in time.
+"""Channels put right: those that were sampled at other instants than the rest, and torque that was only asked for.
 
 A skewed link encoder or a late torque is first found through its first-order column and then corrected exactly, by
-interpolation, so that no higher-order remainder is left for another effect to explain.
+interpolation, so that no higher-order remainder is left for another effect to explain. A motor that delivers less
+than was logged is put right as well: a prediction is then of what it delivered, and never made of what was logged.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +15,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.effect import Channel
+from elid_cli.model.effects.effect import Channel, Effect
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
@@ -103,6 +105,24 @@ def corrected(signals: Signals, shifts: Shifts) -> Signals:
                 tau[part, k] = _later(tau[part, k], float(shifts.torque[k]) / signals.dt)
     moved = Motion(motion.t, link[0], link[1], link[2], motion.theta, motion.dtheta, motion.ddtheta)
     return replace(signals, motion=moved, tau=tau)
+
+
+def delivered(signals: Signals, drives: Sequence[tuple[Effect, Array]]) -> Signals:
+    """Return the signals with the torque that motors delivered in place of what was asked of them.
+
+    Parameters
+    ----------
+    signals
+        As logged.
+    drives
+        Effects in motors (``simulated = "motor"``), with their amplitudes (d,).
+    """
+    if not drives:
+        return signals
+    tau = signals.tau.copy()
+    for effect, linear in drives:
+        tau[:, effect.joint] = effect.delivered(tau[:, effect.joint], linear)
+    return replace(signals, tau=tau)
 
 
 def _later(values: Array, samples: float) -> Array:

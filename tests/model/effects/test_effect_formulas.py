@@ -174,7 +174,7 @@ def test_saturation_is_the_torque_beyond_the_limit(planar_scene: Scene) -> None:
     np.testing.assert_allclose(total("saturation", planar_scene)[EquationRow("motor", 0)], excess, atol=1e-9)
     effect = LIBRARY["saturation"](0, (60.0,))
     for command in (-70.0, -60.0, 10.0, 60.0, 81.5):
-        assert effect.delivered(command, np.ones(1)) == pytest.approx(np.clip(command, -60, 60))
+        assert float(effect.delivered(np.array(command), np.ones(1))) == pytest.approx(np.clip(command, -60, 60))
 
 
 def test_knees_are_tried_only_where_torque_is_missing(planar_scene: Scene) -> None:

@@ -83,7 +83,7 @@ class Saturation(Effect):
         tau = scene.tau[:, self.joint]
         return motor_row(self.joint, tau - np.clip(tau, -self.shape[0], self.shape[0]))
 
-    def delivered(self, command: float, coefficients: Array) -> float:
+    def delivered(self, command: Array, coefficients: Array) -> Array:
         """Return the torque that the motor delivers."""
         limit = self.shape[0]
-        return command - float(coefficients[0]) * (command - min(max(command, -limit), limit))
+        return command - float(coefficients[0]) * (command - np.minimum(np.maximum(command, -limit), limit))
