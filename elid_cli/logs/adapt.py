@@ -12,6 +12,7 @@ import numpy as np
 from elid_cli.errors import LogError
 from elid_cli.logs.checks.deflection import Sensed, same_position
 from elid_cli.logs.contract import RawLog
+from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.resolve import ReadPlan, resolve
 from elid_cli.logs.reading import converted, layers_of
 from elid_cli.logs.repair.clocks import in_seconds
@@ -96,7 +97,7 @@ def _held(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None, auto
         opened = recognise(source).open(source)
     except LogError:  # whoever reads it says why
         return
-    for raw in opened:
+    for raw in (reshaped(part, mapping, robot.log) for part in opened):
         plan = resolve(raw.channels, layers_of(raw, robot, mapping), robot)
         link, motor = (_placed(plan, signal, robot) for signal in ("q", "theta"))
         if any(name in link & motor for name in auto):

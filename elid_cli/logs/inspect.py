@@ -11,6 +11,8 @@ from typing import Any
 
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
+from elid_cli.logs.mapping.long_table import KEY as LONG
+from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.resolve import ReadPlan, fits, resolve
 from elid_cli.logs.mapping.suggest import needed, suggestion
 from elid_cli.logs.reading import layers_of
@@ -89,7 +91,7 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     source = open_source(path)
     fmt: LogFormat = recognise(source)
     opened = fmt.open(source)
-    raw = opened[0]
+    raw = reshaped(opened[0], mapping, robot.log if robot is not None else None)
     chosen = robot if robot is not None else _guessed(raw)
     plan = resolve(raw.channels, layers_of(raw, chosen, mapping), chosen)
     taken = {signal: placement.places for signal, placement in plan.placements.items()}
@@ -120,7 +122,8 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
         losses=(*raw.losses, *plan.unfit),
         notes=tuple(dict.fromkeys(notes)),
         reasons={signal: reason for signal, reason in reasons.items() if signal in missing},
-        resolved=({"t": plan.time.written} if plan.time is not None else {})
+        resolved=({LONG: long.written} if (long := getattr(raw, "long", None)) is not None else {})
+        | ({"t": plan.time.written} if plan.time is not None else {})
         | {signal: dict(placement.spec.written or {}) for signal, placement in plan.placements.items()},
     )
 

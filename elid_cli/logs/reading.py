@@ -16,6 +16,7 @@ from elid_cli.logs.checks.required import Checked, check, refuse_mixed
 from elid_cli.logs.checks.units_and_signs import suspicions, written_units
 from elid_cli.logs.contract import RawLog, Stream
 from elid_cli.logs.mapping.language import COMMANDS, parse_mapping
+from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.profiles import known_messages
 from elid_cli.logs.mapping.resolve import Layer, Placement, ReadPlan, resolve
 from elid_cli.logs.mapping.suggest import suggestion
@@ -139,6 +140,7 @@ def _part_name(source: Source, raw: RawLog) -> str:
 
 def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     robot = options.robot
+    raw = reshaped(raw, options.mapping, robot.log)
     plan = resolve(raw.channels, layers_of(raw, robot, options.mapping), robot)
     if not {"q", "theta"} & set(plan.placements):
         check({}, robot, plan, raw, name, strict=options.strict)

@@ -14,9 +14,11 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, did_you_mean
-from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
-from elid_cli.logs.formats.csv_text import Dialect, parse_blocks, parse_columns, sniff
+from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog, Stream
+from elid_cli.logs.formats.csv_text import Dialect, first_rows, parse_blocks, parse_columns, sniff
+from elid_cli.logs.formats.long_form import LongLog, recognised
 from elid_cli.logs.mapping.language import SIGNALS
+from elid_cli.logs.mapping.long_table import LongTable
 from elid_cli.logs.source import Source
 from elid_cli.signals.recording import Recording
 
@@ -67,6 +69,7 @@ class CsvLog:
             self._dialect = sniff(text, source.name)
             mark = 3 if head.startswith(codecs.BOM_UTF8) else 0
             self._first = mark + len(text[: self._dialect.first].encode("utf-8"))
+        self._head = self._text if text is None else text
         names = self._dialect.names
         if len(names) > MOST_COLUMNS:
             raise LogError(f"{source.name}: {len(names)} columns", detail=f"at most {MOST_COLUMNS} are read")
@@ -78,6 +81,15 @@ class CsvLog:
             self.notes.append("no header row: columns are named column1, column2, …")
         self.timeless = True  # without a column for it there is none
         self._time = next((name for name in TIME_NAMES if name in names), "")
+
+    def narrowed(self) -> RawLog:
+        """Return the log in long form where its rows name their channels, else itself."""
+        table = recognised(self._dialect, first_rows(self._head, self._dialect), self._time)
+        return self if table is None else self.in_long_form(table)
+
+    def in_long_form(self, table: LongTable) -> RawLog:
+        """Return the log with one channel per name; LogError where a column is not there."""
+        return LongLog(self._text, self._dialect, table, self._time, self._name, self.canonical, self.in_long_form)
 
     @property
     def canonical(self) -> Sequence[Mapping[str, Any]]:
@@ -223,7 +235,7 @@ FORMAT = LogFormat(
     name="CSV",
     suffixes=(".csv", ".csv.gz"),
     recognise=_recognise,
-    open=lambda source: [CsvLog(source)],
+    open=lambda source: [CsvLog(source).narrowed()],
     write=_write,
     priority=90,
 )

@@ -23,6 +23,8 @@ SNIFFED = 60
 """Lines that are looked at to tell the dialect."""
 LARGE = 8 << 20
 """Bytes of a file from which starting Arrow pays."""
+HEAD = 1 << 16
+"""Characters in which the first rows are looked for."""
 PART = 1 << 22
 """Bytes that are parsed at a time."""
 LONGEST_LINE = 4 << 20
@@ -72,6 +74,8 @@ def sniff(text: str, name: str) -> Dialect:
     )
     rows = [(offset, number, split(line, separator)) for offset, number, line in content]
     numeric = [k for k, row in enumerate(rows) if _is_numeric(row[2], decimal_comma)]
+    if not numeric and separator != " ":
+        numeric = [k for k, row in enumerate(rows) if _is_numeric(row[2], decimal_comma, named=True)]
     if not numeric:
         raise LogError(
             f"{name}: no row of numbers in its first {len(lines)} lines",
@@ -243,6 +247,19 @@ def _tolerant(body: str, dialect: Dialect, columns: Sequence[int], name: str) ->
     return np.array(values, dtype=float), said
 
 
+def first_rows(text: str, dialect: Dialect) -> list[list[str]]:
+    """Return the first rows of numbers as cells."""
+    head = text[dialect.first : dialect.first + HEAD].splitlines()
+    lines = head[:-1] if len(text) > dialect.first + HEAD else head
+    rows = [split(line, dialect.separator) for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    return [row for row in rows if len(row) == len(dialect.names)]
+
+
+def to_number(cell: str, decimal_comma: bool) -> float | None:
+    """Return what a cell says: NaN where it is empty, None where it is text."""
+    return _cell(cell.replace(",", ".") if decimal_comma else cell)
+
+
 def _cell(cell: str) -> float | None:
     if not cell or cell.lower() in ("nan", "na", "n/a", "null", "none", "-"):
         return math.nan
@@ -285,8 +302,8 @@ def _separator(lines: Sequence[str]) -> str:
     return " " if all(len(line.split()) > 1 for line in lines[1:] or lines) else ","
 
 
-def _is_numeric(cells: Iterable[str], decimal_comma: bool) -> bool:
-    """Whether a row is data: mostly numbers or nothing, and at least one number."""
+def _is_numeric(cells: Iterable[str], decimal_comma: bool, *, named: bool = False) -> bool:
+    """Whether a row is data: mostly numbers or nothing, and at least one number; two, where text `names` them."""
     numbers = texts = 0
     for cell in cells:
         value = _cell(cell.replace(",", ".") if decimal_comma else cell)
@@ -294,7 +311,7 @@ def _is_numeric(cells: Iterable[str], decimal_comma: bool) -> bool:
             texts += 1
         elif cell:
             numbers += 1
-    return numbers > 0 and texts <= numbers
+    return numbers > 1 if named else numbers > 0 and texts <= numbers
 
 
 def _header(rows: Sequence[tuple[int, int, list[str]]], width: int) -> tuple[tuple[str, ...] | None, tuple[str, ...]]:

@@ -20,6 +20,8 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.files import read_text
+from elid_cli.logs.mapping.long_table import KEY as LONG
+from elid_cli.logs.mapping.long_table import parse_long
 from elid_cli.robot.robot import Robot
 
 POSITIONS = ("q", "theta", "q_des")
@@ -129,6 +131,9 @@ def parse_mapping(raw: Mapping[str, Any], robot: Robot, where: str) -> tuple[Sig
     signals: SignalMaps = {}
     time: TimeMap | None = None
     for name, spec in raw.items():
+        if name == LONG:
+            parse_long(spec, where)
+            continue
         entry = _entry(name, spec, where)
         if name == "t":
             time = _time(entry, where)
@@ -200,7 +205,7 @@ def _read_map_file(name: str) -> dict[str, Any]:
 
 def _entry(name: Any, spec: Any, where: str) -> Mapping[str, Any]:
     if name != "t" and name not in SIGNALS:
-        raise UsageError(f"{where}: unknown signal {name!r}", hint=did_you_mean(str(name), ("t", *SIGNALS)))
+        raise UsageError(f"{where}: unknown signal {name!r}", hint=did_you_mean(str(name), ("t", *SIGNALS, LONG)))
     if isinstance(spec, str | list):
         spec = {"from": spec}
     if not isinstance(spec, Mapping):

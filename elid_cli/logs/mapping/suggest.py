@@ -191,7 +191,7 @@ def _pairs(joints: Sequence[str], names: Sequence[object]) -> str:
     return ", ".join(f"{joint}: {name}" for joint, name in zip(joints, names, strict=False))
 
 
-def _words(text: str) -> list[str]:
+def words_of(text: str) -> list[str]:
     """Return the words of a name in lower case: of ``actual_qd_0`` and ``MotorPos``, say."""
     return [word.lower() for word in re.findall(r"[A-ZÄÖÜ]?[a-zäöüßéµ]+|[A-ZÄÖÜ]+", text)]
 
@@ -201,11 +201,11 @@ def _score(signal: str, place: _Place) -> float:
     channel = place.channel
     if place.block is not None:
         return float(place.block == signal)
-    words = _words(f"{channel.source}.{channel.field}")
+    words = words_of(f"{channel.source}.{channel.field}")
     if signal not in WORDS or OTHERS[signal] & set(words) or re.search(r"rad_?s$|deg_?s$", channel.address.lower()):
         return 0.0
     position = channel.field and signal in ("q", "theta")
-    if position and not POSITIONAL & set(_words(channel.field)):
+    if position and not POSITIONAL & set(words_of(channel.field)):
         return 0.0
     if signal == "t" and (channel.width > 1 or channel.field or "{" in place.source or place.source.startswith("[")):
         return 0.0
@@ -241,7 +241,7 @@ def _spec(signal: str, place: _Place) -> str:
     unit = place.unit
     if signal == "t":
         unit = unit if unit in ("s", "ms", "us", "ns") else "s"
-    if signal == "tau" and not unit and CURRENTS & set(_words(channel.address)) - {"u", "i"}:
+    if signal == "tau" and not unit and CURRENTS & set(words_of(channel.address)) - {"u", "i"}:
         unit = "A"
     if unit and unit not in (("rad", "m") if signal in ("q", "theta") else ("N.m", "N")):
         parts.append(f"unit: {unit}" if re.fullmatch(r"[\w./:]+", unit) else f'unit: "{unit}"')
