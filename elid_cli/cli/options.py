@@ -319,15 +319,31 @@ fail_on_insufficient = option(
 )  # fmt: skip
 gates = gathered("gates", Gates, max_error, require_independent, fail_on_insufficient)
 
+
+@dataclass(frozen=True)
+class Files:
+    """Which files are written of a robot that was found."""
+
+    write_robot: tuple[str, ...] = ()
+    write_actuators: str | None = None
+    drop_effects: bool = False
+
+
 write_robot = option(
     OUTPUT, "--write-robot", type=File(), multiple=True, metavar="FILE.yaml",
     help="Write a robot file that holds what was found. .urdf, .xml: the robot's own file with new numbers, or a new "
          "one. Repeatable.",
 )  # fmt: skip
+write_actuators = option(
+    OUTPUT, "--write-actuators", type=File(), metavar="FILE.json",
+    help="Write armature, friction, delay and offset of every joint with standard errors, named as simulators "
+         "do, and the effects that a URDF or MJCF cannot hold. .yaml: the same as YAML.",
+)  # fmt: skip
 drop_effects = option(
     OUTPUT, "--drop-effects", is_flag=True,
     help="Write a URDF or MJCF although it cannot hold an effect: the fit without it, and what that costs.",
 )  # fmt: skip
+files = gathered("files", Files, write_robot, write_actuators, drop_effects)
 check = option(
     INPUT, "--check", "checks", multiple=True, type=File(), metavar="LOG",
     help="Another log on which the result is judged. Repeatable.",

@@ -11,7 +11,7 @@ from elid_cli.errors import ElidError, UsageError
 from elid_cli.files import check_suffix, check_writable, write_text
 
 if TYPE_CHECKING:
-    from elid_cli.cli.options import Output
+    from elid_cli.cli.options import Files, Output
     from elid_cli.estimation.result import Identification, JointError
     from elid_cli.estimation.sampling.sets import ParameterSets
     from elid_cli.robot.robot import EffectSpec, Robot
@@ -20,9 +20,12 @@ FOREIGN = (".urdf", ".xml", ".mjcf")
 """Suffixes of formats that hold no effects."""
 
 
-def check_described(paths: Sequence[str]) -> None:
-    """Refuse, before any work is done, files that no robot can be written to (UsageError)."""
-    for path in paths:
+def check_described(files: Files) -> None:
+    """Refuse, before any work is done, files that no robot, or no actuators, can be written to (UsageError)."""
+    if files.write_actuators is not None:
+        check_suffix(Path(files.write_actuators), (".json", ".yaml", ".yml"), "actuators")
+        check_writable(Path(files.write_actuators))
+    for path in files.write_robot:
         check_suffix(Path(path), (".yaml", ".yml", *FOREIGN), "a robot file")
         check_writable(Path(path))
 
@@ -35,63 +38,96 @@ class Written(NamedTuple):
 
 
 def write_found(
-    paths: Sequence[str],
+    files: Files,
     refined: Robot,
     remarks: Sequence[str],
     found: Identification,
     error: Mapping[str, JointError],
-    without: Callable[[Robot], Identification] | None,
+    again: Callable[[Robot], Identification],
     output: Output,
 ) -> Written:
     """Write an identified robot to files, and say on stderr what they hold that was not found, or do not hold.
 
-    A file is refused where its format cannot hold an effect that was found, and dropping it was not asked for.
+    A file is refused where its format cannot hold an effect that was found, the file of actuators does not hold it
+    beside, and dropping it was not asked for.
 
     Parameters
     ----------
-    paths
-        ``.urdf``, ``.xml`` and ``.mjcf`` are patched where the robot came from such a file; else elid's YAML, or a new
-        file of that format.
+    files
+        Robot files: ``.urdf``, ``.xml`` and ``.mjcf`` are patched where the robot came from such a file; else elid's
+        YAML, or a new file of that format. The file of actuators.
     refined, remarks
         The robot with what was found, and sentences about it for the file's comments.
     found, error
         What corrections of the measurement it holds, and its held-out errors.
-    without
-        Identifies again, for a robot without effects (``--drop-effects``); None: effects are not to be dropped.
+    again
+        Identifies again, for a robot without effects (``--drop-effects``).
     output
         Whether notes are wanted.
     """
     from elid_cli.estimation.refined_robot import impossible_words
 
-    nuisances = {(item.effect, item.joint) for item in found.nuisances}
-    files: list[str] = []
-    refusals: list[ElidError] = []
     note([said for said in impossible_words(found) if said in remarks], output, "warning")
-    for path in paths:
-        lost = [spec for spec in _lost(refined, path) if (spec.effect, spec.joint) not in nuisances]
-        rigid = _without_springs(refined, path)
-        note([f"{path}: {sentence}" for sentence in rigid], output, "left out")
+    if files.write_actuators is not None:
+        _write_actuators(found, refined, files.write_actuators)
+    nuisances = {(item.effect, item.joint) for item in found.nuisances}
+    written: list[str] = []
+    refusals: list[ElidError] = []
+    for path in files.write_robot:
+        beyond = _lost(refined, path)
+        lost = [spec for spec in beyond if (spec.effect, spec.joint) not in nuisances and not _beside(spec, files)]
+        said = [*_without_springs(refined, path), *_elsewhere([s for s in beyond if s not in lost], files)]
+        note([f"{path}: {sentence}" for sentence in said], output, "left out")
         try:
             if not lost:
-                write_described(refined, path, [*remarks, *rigid])
-            elif without is None:
+                write_described(refined, path, [*remarks, *said])
+            elif not files.drop_effects:
                 raise _refused(path, lost)
             else:
-                plain, said = _without(refined, lost, error, without)
-                note([f"{path}: {sentence}" for sentence in said], output, "left out")
-                write_described(plain, path, [*remarks[:1], *said, *rigid])
+                plain, cost = _without(refined, lost, error, again)
+                note([f"{path}: {sentence}" for sentence in cost], output, "left out")
+                write_described(plain, path, [*remarks[:1], *cost, *said])
         except ElidError as refusal:
             refusals.append(refusal)
         else:
-            files.append(path)
-    return Written(tuple(files), refusals[0] if refusals else None)
+            written.append(path)
+    return Written(tuple(written), refusals[0] if refusals else None)
+
+
+def _write_actuators(found: Identification, refined: Robot, path: str) -> None:
+    from elid_cli.estimation.actuator_text import actuator_text
+    from elid_cli.estimation.actuators import actuators_of
+
+    write_text(path, actuator_text(actuators_of(found, refined), yaml=Path(path).suffix.lower() in (".yaml", ".yml")))
+
+
+def _beside(spec: EffectSpec, files: Files) -> bool:
+    """Whether the file of actuators holds an effect in a form that a simulator can apply."""
+    from elid_cli.model.effects import effect_classes
+
+    kind = effect_classes()[spec.effect]
+    return files.write_actuators is not None and bool(kind.in_simulators or kind.nuisance == "delay")
+
+
+def _elsewhere(held: Sequence[EffectSpec], files: Files) -> list[str]:
+    """Return in words where effects are that a robot file does without: in the file of actuators, or nowhere."""
+    if not held:
+        return []
+    counts = {spec.effect: sum(other.effect == spec.effect for other in held) for spec in held}
+    words = [f"{count} × {name}" if count > 1 else _named([s for s in held if s.effect == name])
+             for name, count in counts.items()]  # fmt: skip
+    where = files.write_actuators
+    told = f"{Path(where).name} holds it" if where is not None else "--write-actuators FILE.json holds it"
+    return [f"{', '.join(words)}: {told if len(held) == 1 else told.replace('holds it', 'holds them')}"]
 
 
 def _refused(path: str, lost: Sequence[EffectSpec]) -> UsageError:
+    beside = Path(path).with_suffix(".json").name
     return UsageError(
         f"{path}: this format cannot hold {_named(lost)}",
         detail="parameters that were found beside an effect are wrong without it",
-        hint=f"--drop-effects writes the fit without it; {Path(path).with_suffix('.yaml')} holds all",
+        hint=f"{Path(path).with_suffix('.yaml')} holds all; --write-actuators {beside} holds friction beside it; "
+        "--drop-effects writes the fit without",
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from elid_cli.diagnosis.evidence.quarters import Survival
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.residuals import Organised, RowState
-from elid_cli.estimation.result import Identification, JointError, Nuisance
+from elid_cli.estimation.result import FittedEffect, Identification, JointError, Nuisance
 from elid_cli.estimation.validation.prediction import Validation
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
@@ -159,6 +159,12 @@ class Diagnosis(Shown):
     def written_robot(self) -> Robot:
         """The robot with what was found, as ``--write-robot`` writes it."""
         return self._published.robot
+
+    @property
+    def identified_with_effects(self) -> Identification:
+        """`identified_after` with the standard errors of the effects that the search found."""
+        known = (FittedEffect(e.effect, e.joint, e.parameters, e.std_error) for e in self.effects)
+        return replace(self.identified_after, effects=(*self.identified_after.effects, *known))
 
     @cached_property
     def contributions(self) -> tuple[Contribution, ...]:

@@ -16,7 +16,7 @@ parameters that the motion cannot notice are then changed, within the null space
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -27,8 +27,10 @@ from elid_cli.errors import RobotError
 from elid_cli.files import write_text
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.dynamics import Dynamics
+from elid_cli.model.effects.declared import resolve
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.inertia import about_centre, inertial_parameters, pseudo_inertia
+from elid_cli.robot.mjcf.read import SPRING, stiffness_and_rest
 from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot
 from elid_cli.robot.urdf.write import in_joint_frames, origins, with_parameters
 
@@ -183,7 +185,8 @@ def write_mjcf(robot: Robot, path: str | Path, parameters: Array | None = None) 
     Parameters
     ----------
     robot
-        Any convention; its effects are named in a comment and not exported.
+        Any convention. Springs on links are joints' stiffness; its other effects are named in a comment, and not
+        exported.
     path
         The file.
     parameters
@@ -205,8 +208,9 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
     values = known_parameters(robot, parameters)
     full, links = apart(robot, values)
     lines = [f"<mujoco model={quoteattr(robot.name)}>"]
-    if robot.effects:
-        names = ", ".join(effect.effect for effect in robot.effects)
+    beyond = [effect.effect for effect in robot.effects if effect.effect != SPRING]
+    if beyond:
+        names = ", ".join(beyond)
         lines.append(f"  <!-- not in this file, though the robot description has them: {names} -->")
     step = f"{time_step(robot, values):.9g}"
     lines += [
@@ -243,6 +247,7 @@ def time_step(robot: Robot, parameters: Array) -> float:
 def _bodies(robot: Robot, links: list[Array]) -> Iterator[str]:
     """Yield the nested bodies: in each the rotors that ride on it, then the next links."""
     places = origins(robot)
+    springs = {resolve(robot, spec)[1]: spec.parameters for spec in robot.effects if spec.effect == SPRING}
 
     def carried(parent: int, link: Array | None, pad: str) -> Iterator[str]:
         """Yield what a body (-1: the world) carries, its own inertia first, less what stands in for its rotors."""
@@ -256,7 +261,7 @@ def _bodies(robot: Robot, links: list[Array]) -> Iterator[str]:
             rotors += _rotor(robot.joints[k], mass, centre, pad)
         if link is not None:
             yield pad + _inertial(link)
-            yield pad + _link_joint(robot.joints[parent])
+            yield pad + _link_joint(robot.joints[parent], springs.get(parent))
         for k in on:
             end = places[k][:3, 3]
             if link is not None and np.linalg.norm(end) > 1e-6:
@@ -289,7 +294,7 @@ def _inertial(link: Array) -> str:
     return f'<inertial pos="{_spaced(centre)}" mass="{_number(mass)}" fullinertia="{_spaced(order)}"/>'
 
 
-def _link_joint(joint: Joint) -> str:
+def _link_joint(joint: Joint, spring: Mapping[str, float] | None) -> str:
     kind = "hinge" if joint.revolute else "slide"
     limits = f' limited="true" range="{_spaced(joint.limits.position)}"' if joint.limits.position is not None else ""
     motor = ""
@@ -297,6 +302,9 @@ def _link_joint(joint: Joint) -> str:
         own = joint.parameters
         friction = f'frictionloss="{_number(max(own.get("fs", 0.0), 0.0))}" solreffriction="{2 * TIMESTEP} 1"'
         motor = f' armature="{_number(own["Ja"])}" damping="{_number(own.get("fv", 0.0))}" {friction}'
+    if spring is not None:
+        stiffness, rest = stiffness_and_rest(spring)
+        motor += f' stiffness="{_number(stiffness)}" springref="{_number(rest)}"'
     return f'<joint name={quoteattr(joint.name)} type="{kind}" axis="{_spaced(joint.axis)}"{limits}{motor}/>'
 
 

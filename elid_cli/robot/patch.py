@@ -19,7 +19,7 @@ from elid_cli.files import LARGEST, read_text
 from elid_cli.robot.files import robot_from_text
 from elid_cli.robot.inertia import about_centre, inertial_parameters, moved, pseudo_inertia
 from elid_cli.robot.locking import locked
-from elid_cli.robot.mjcf.read import SPRING, MjcfTree, MovingJoint
+from elid_cli.robot.mjcf.read import SPRING, MjcfTree, MovingJoint, stiffness_and_rest
 from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot, translation
 from elid_cli.robot.urdf.gears import OWN_PARAMETERS
 from elid_cli.robot.urdf.read import link_inertia
@@ -163,7 +163,7 @@ def _inertial(body: Array, what: str) -> tuple[float, Array, Array]:
 
 def _patch_mjcf(edit: XmlEdit, text: str, robot: Robot, changes: _Changes) -> None:
     tree = MjcfTree(text, robot.source)
-    springs = {spec.joint: spec.parameters for spec in robot.effects if spec.effect == SPRING}
+    springs = {spec.joint or robot.joint_names[0]: spec.parameters for spec in robot.effects if spec.effect == SPRING}
     meshes = [carrier for carrier, _ in tree.meshes]
     places = {(e.tag, e.start): e for e in _all(edit.root)}
     for number, item in enumerate(tree.moving):
@@ -198,9 +198,9 @@ def _spring(item: MovingJoint, spring: Mapping[str, float] | None, degrees: bool
     """Return the attributes of the spring between a joint's body and the one that carries it."""
     if spring is None:
         return {"stiffness": "0"} if "stiffness" in item.element.attributes else {}
-    rest = -spring["preload"] / spring["stiffness"]
+    stiffness, rest = stiffness_and_rest(spring)
     turning = degrees and item.element.attributes.get("type", "hinge") == "hinge"
-    return {"stiffness": _number(spring["stiffness"]), "springref": _number(math.degrees(rest) if turning else rest)}
+    return {"stiffness": _number(stiffness), "springref": _number(math.degrees(rest) if turning else rest)}
 
 
 def _dynamics(joint: Joint) -> dict[str, str]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -40,5 +42,23 @@ def test_a_file_that_could_not_be_written_is_not_named(tmp_path: Path, capsys: p
     assert not bad.exists()
     assert str(bad) not in told.out
     assert "this format cannot hold stribeck" in told.err
-    assert main([*words, "--write-robot", str(good)]) == 0
-    assert f"--robot {good}" in capsys.readouterr().out
+    assert "--write-actuators found.json" in told.err
+    held = ["--write-robot", str(tmp_path / "found.xml"), "--write-actuators", str(tmp_path / "drives.json")]
+    assert main([*words, "--write-robot", str(good), *held]) == 0
+    told = capsys.readouterr()
+    assert f"--robot {good}" in told.out
+    assert "4 × stribeck, 2 × torque_delay: drives.json holds them" in " ".join(told.err.split())
+    assert "drives.json holds them" in (tmp_path / "found.xml").read_text("utf-8")
+    drives_beside_effects(json.loads((tmp_path / "drives.json").read_text("utf-8")))
+
+
+def drives_beside_effects(told: dict[str, Any]) -> None:
+    """Check that friction at rest holds the fading term of eq. (43), and that its error is larger for it."""
+    assert {(e["effect"], e["as"], e["at"], e["in_mjcf"]) for e in told["effects"]} == {
+        ("stribeck", "friction", "motor", False)
+    }
+    for joint in ("joint1", "joint2"):
+        fading = [e["parameters"] for e in told["effects"] if e["joint"] == joint and e["parameters"]["exponent"] > 0]
+        values = told["actuators"]
+        assert values["friction"][joint] - values["dynamic_friction"][joint] == pytest.approx(fading[0]["amplitude"])
+        assert told["std_error"]["friction"][joint] > told["std_error"]["dynamic_friction"][joint]

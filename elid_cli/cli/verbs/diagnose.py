@@ -8,7 +8,7 @@ import click
 
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
-from elid_cli.cli.options import FIT, GATES, Conditioning, Gates, Output, Reading, completing, effects
+from elid_cli.cli.options import FIT, GATES, Conditioning, Files, Gates, Output, Reading, completing, effects
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -58,8 +58,7 @@ if TYPE_CHECKING:
 @options.option(
     GATES, "--fail-on-unexplained", is_flag=True, help="Fail when the model leaves structure that no effect explains."
 )
-@options.write_robot
-@options.drop_effects
+@options.files
 @options.output
 def diagnose(
     logs: tuple[str, ...],
@@ -74,8 +73,7 @@ def diagnose(
     gates: Gates,
     fail_on_effect: bool,
     fail_on_unexplained: bool,
-    write_robot: tuple[str, ...],
-    drop_effects: bool,
+    files: Files,
     output: Output,
 ) -> None:
     """Find the effect that the model lacks: look at the residual of each joint, try every effect that could have left
@@ -89,7 +87,7 @@ def diagnose(
     from elid_cli.cli.robot_files import FOREIGN, check_described, write_found
 
     check_output(output)
-    check_described(write_robot)
+    check_described(files)
     with progress(output, "reading") as advance:
         from elid_cli.diagnosis import DiagnoseOptions
         from elid_cli.diagnosis import diagnose as search
@@ -119,8 +117,8 @@ def diagnose(
             advance("judging", 0.5)
         published = found.identified_after
         written = write_found(
-            () if found.partial else write_robot, found.written_robot, remarks(published) if write_robot else (),
-            published, found.after, (lambda plain: identify(plain, signals)) if drop_effects else None, output,
+            Files() if found.partial else files, found.written_robot, remarks(published) if files.write_robot else (),
+            found.identified_with_effects, found.after, lambda plain: identify(plain, signals), output,
         )  # fmt: skip
         told = DiagnosisInput(
             found,

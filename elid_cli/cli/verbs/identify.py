@@ -5,7 +5,7 @@ from __future__ import annotations
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
-from elid_cli.cli.options import Conditioning, FitOptions, Gates, Output, Reading, Spread
+from elid_cli.cli.options import Conditioning, Files, FitOptions, Gates, Output, Reading, Spread
 from elid_cli.cli.routes import spread
 
 
@@ -27,8 +27,7 @@ from elid_cli.cli.routes import spread
     "file; --write-robot then writes them.",
 )
 @options.gates
-@options.write_robot
-@options.drop_effects
+@options.files
 @options.output
 def identify(
     logs: tuple[str, ...],
@@ -39,8 +38,7 @@ def identify(
     spread: Spread,
     physical: bool,
     gates: Gates,
-    write_robot: tuple[str, ...],
-    drop_effects: bool,
+    files: Files,
     output: Output,
 ) -> None:
     """Identify the base parameters of a robot from one or more logs: values, standard errors, comparison with the
@@ -59,7 +57,7 @@ def identify(
         from elid_cli.estimation.physical.semidefinite import need_solver
 
         need_solver()
-    check_described(write_robot)
+    check_described(files)
     with progress(output, "reading") as advance:
         from elid_cli.estimation.identify import EstimateOptions, identify_logs
         from elid_cli.estimation.refined_robot import identified_robot, remarks
@@ -81,8 +79,8 @@ def identify(
             refined = replace(refined, joints=built.refined_robot().joints)
         again = replace(request, on_read=None, progress=None)
         written = write_found(
-            write_robot, refined, remarks(found, physical=physical) if write_robot else (), found, found.error,
-            (lambda plain: identify_logs(replace(again, robot=plain), chosen).found) if drop_effects else None, output,
+            files, refined, remarks(found, physical=physical) if files.write_robot else (), found, found.error,
+            lambda plain: identify_logs(replace(again, robot=plain), chosen).found, output,
         )  # fmt: skip
         report = identification_report(found, recording, robot, apart, written.files)
         if pictures_wanted(output):

@@ -176,9 +176,9 @@ class Effect(ABC):
     twins: ClassVar[tuple[str, ...]] = ()
     """Effects that no data, or only special data, can tell apart from this one; see `twins_of`."""
     elastic_only: ClassVar[bool] = False
+    """Whether the effect needs an elastic transmission."""
     of_channel: ClassVar[bool] = False
     """Whether it is in the torque channel, wherever that is read, although it stands in the motor row."""
-    """Whether the effect needs an elastic transmission."""
     whole_robot: ClassVar[bool] = False
     """Whether the effect belongs to no single joint."""
     least_gain: ClassVar[float] = 0.1
@@ -206,6 +206,9 @@ class Effect(ABC):
     positions."""
     always_fitted: ClassVar[str] = ""
     """Why the effect stays in the model where part of the log speaks against naming it; empty: it does not stay."""
+    in_simulators: ClassVar[Literal["", "friction", "torque"]] = ""
+    """How a simulator that lacks the effect applies it from its parameters (docs/how-to/mujoco_effects.py): as a size
+    of dry friction, as a torque; empty: not at all."""
     simulated: ClassVar[Simulated] = "torque"
     """Which of the simulator's hooks brings the effect into a simulated log."""
 

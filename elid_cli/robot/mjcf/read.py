@@ -7,7 +7,7 @@ the inertia of bodies that have nothing but meshes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -37,6 +37,8 @@ MOVING = {"hinge": "revolute", "slide": "prismatic"}
 DEEPEST_INCLUDE = 10
 SPRING = "link_spring"
 """Effect that `stiffness` and `springref` of a joint stand for."""
+SOFTEST = 1e-9
+"""Stiffness per N·m of preload that stands for none."""
 
 
 @dataclass
@@ -303,6 +305,13 @@ def _compiled_inertia(model: object, body: int) -> Array:
 def _placed(position: Array, quaternion: Array) -> Array:
     text = {key: " ".join(map(repr, map(float, value))) for key, value in (("pos", position), ("quat", quaternion))}
     return Conventions().pose(Element("body", text, "", 0))
+
+
+def stiffness_and_rest(spring: Mapping[str, float]) -> tuple[float, float]:
+    """Return the stiffness, N·m/rad (N/m), and the position at rest, rad (m), of a `SPRING` with these parameters."""
+    # a constant torque alone is a spring so soft, and so far from rest, that it is one
+    stiffness = spring["stiffness"] or SOFTEST * max(abs(spring["preload"]), 1.0)
+    return stiffness, -spring["preload"] / stiffness
 
 
 def axis_of(element: Element) -> tuple[float, float, float]:

@@ -1,0 +1,77 @@
+"""Friction and torques that an MJCF cannot hold, from elid's --write-actuators FILE.json, applied in MuJoCo.
+
+mujoco.set_mjcb_passive(Effects(model, "arm.actuators.json")), then mj_step as ever. Copy this file: it needs no elid.
+"""
+
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+# p: parameters; v, x: speed and angle of the motor (of the link for effects at the link), s: rounded direction;
+# bend, rate: q - theta and its rate; load: torque through the transmission. All at the joint.
+LAWS = {
+    "stribeck": lambda p, v, x, s, bend, rate, load: (
+        p["amplitude"] * np.exp(-(max(abs(v) / p["velocity"], 1e-12) ** p.get("exponent", 1)))
+    ),
+    "load_friction": lambda p, v, x, s, bend, rate, load: p["coefficient"] * abs(load),
+    "position_friction": lambda p, v, x, s, bend, rate, load: p["amplitude"] * np.sin(p["order"] * x + p["phase"]),
+    "link_coulomb": lambda p, v, x, s, bend, rate, load: p["friction"],
+    "asymmetric_coulomb": lambda p, v, x, s, bend, rate, load: p["difference"] * abs(s),
+    "quadratic_viscous": lambda p, v, x, s, bend, rate, load: p["amplitude"] * s * abs(v) ** p["power"],
+    "torque_ripple": lambda p, v, x, s, bend, rate, load: p["amplitude"] * np.sin(p["order"] * x + p["phase"]),
+    "link_viscous": lambda p, v, x, s, bend, rate, load: p["friction"] * v,
+    "link_spring": lambda p, v, x, s, bend, rate, load: p["stiffness"] * x + p["preload"],
+    "transmission_damping": lambda p, v, x, s, bend, rate, load: p["damping"] * rate,
+    "cubic_stiffness": lambda p, v, x, s, bend, rate, load: p["cubic"] * bend**3,
+    "backlash": lambda p, v, x, s, bend, rate, load: -p["stiffness"] * np.clip(bend, -p["gap"], p["gap"]),
+}
+
+
+class Effects:
+    """A passive force: dry friction goes into MuJoCo's own frictionloss, which holds a joint at rest."""
+
+    def __init__(self, model, path):
+        told = json.loads(Path(path).read_text("utf-8"))
+        joints = {model.joint(k).name for k in range(model.njnt)}
+        self.effects, self.frictionloss = [], model.dof_frictionloss.copy()
+        constant = {"effect": "", "parameters": {}, "as": "torque", "at": "motor", "in_mjcf": False}
+        offsets = told["actuators"].get("offset", {}).items()
+        for e in told["effects"] + [{**constant, "joint": j, "offset": o} for j, o in offsets if o]:
+            if e["in_mjcf"] or e["joint"] not in joints:
+                continue
+            if e["effect"] and e["effect"] not in LAWS:
+                raise ValueError(f"{e['effect']} of {e['joint']} is no passive force")
+            name, rotor = e["joint"], e["joint"] + "_rotor"
+            turns = told["gear_ratio"].get(name, 1.0) if rotor in joints else 1.0
+            motor = rotor if rotor in joints else name
+            ids = (model.joint(n).id for n in (name, motor))
+            self.effects.append((e, *ids, turns, told["direction_width"][name]))
+
+    def __call__(self, model, data):
+        """Add the torques to data.qfrc_passive, and set the frictionloss of the coming step."""
+        moving = np.zeros(model.nv)
+        mujoco.mj_mulM(model, data, moving, data.qacc)
+        moving += data.qfrc_bias - model.dof_armature * data.qacc
+        friction = self.frictionloss.copy()
+        for e, joint, motor, turns, width in self.effects:
+            dof, own = model.jnt_dofadr[joint], model.jnt_dofadr[motor]
+            q, dq = data.qpos[model.jnt_qposadr[joint]], data.qvel[dof]
+            x, v = data.qpos[model.jnt_qposadr[motor]] / turns, data.qvel[own] / turns
+            bend, rate, load = q - x, dq - v, moving[dof]
+            if joint != motor:  # an elastic joint is a tendon beside a rotor of its own
+                spring = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, model.joint(joint).name + "_transmission")
+                load = -model.tendon_stiffness[spring] * bend if spring >= 0 else load
+            if e["at"] == "link":
+                x, v, own, turns = q, dq, dof, 1.0
+            law = LAWS.get(e["effect"])
+            size = law(e["parameters"], v, x, np.tanh(v / width), bend, rate, load) if law else e["offset"]
+            if e["as"] == "friction":
+                friction[own] += size / abs(turns)
+            elif e["at"] == "spring":
+                data.qfrc_passive[dof] -= size
+                data.qfrc_passive[own] += size / turns
+            else:
+                data.qfrc_passive[own] -= size / turns
+        model.dof_frictionloss[:] = np.maximum(friction, 0.0)
