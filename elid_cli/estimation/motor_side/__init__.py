@@ -1,0 +1,1 @@
+"""Transmission stiffness from motor positions and motor torques alone: the link's position is an unknown."""

@@ -1,0 +1,355 @@
+"""A start for the links' motion: climb in frequency from rigid joints.
+
+Put q = θ - c (s - T s') with s = τ(t - d) - motor row, and ask how far s is from what the link side needs, Y(q) p. That
+residual is taken below a frequency that rises by steps of 1.4 from far below the antiresonance to the end of the band,
+every step starting where the last one ended. All starts without the climb fail (docs/how-to/motor-side.md).
+
+What it takes: signals are band-limited *before* they enter Y, else products rectify the noise of q''; each frequency
+counts by the noise that it would have (Sanathanan and Koerner 1963); friction takes the speed of the whole band; the
+prior on the rotors grows with the misfit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.motor_side.link_side import LinkSide, LinkTerms
+from elid_cli.estimation.motor_side.motor_log import MotorLog
+from elid_cli.estimation.motor_side.operators import KnotSpline, filtered
+from elid_cli.estimation.motor_side.unknowns import (
+    DAMPING_SPREAD,
+    DELAY_SPREAD,
+    LOAD_FRICTION_SPREAD,
+    RotorPrior,
+    Unknowns,
+)
+
+FIRST_RUNG, RATIO, LAST_RUNG = 1.2, 1.4, 1.1
+"""Lowest cut-off, Hz; the least step between cut-offs; the last one over the end of the band."""
+SOFT_START = 8.0
+"""Locked frequency of all joints in a second climb, Hz."""
+_BEYOND = 1.35
+"""Band limit of the signals over the cut-off."""
+_MODEL_ERROR = 0.003
+"""Error of the equations, share of the torque."""
+_LEAST_MASS = 0.05
+"""Least link inertia over the rotor's that weights assume."""
+_FITS = 4.0
+"""A rung above counts while its cost is within this many times the lowest below it."""
+_STEPS = 6
+_SAME = 0.10
+"""Two ends are one where no compliance differs by more than this share."""
+
+
+@dataclass(frozen=True)
+class ClimbEnd:
+    """Where a climb ended."""
+
+    x: Array
+    cost: float
+    """Weighted squared residual per frequency and joint: 1 is noise."""
+    top: float
+    """Highest cut-off that still fitted, Hz."""
+
+
+@dataclass
+class _Band:
+    """Signals and four derivatives below one frequency, (N, n) each."""
+
+    theta: list[Array]
+    tau: list[Array]
+    sign: list[Array]
+    load: list[Array]
+    carried: list[Array]
+    taper: Array
+
+
+class Climb:
+    """The substitution residual of one log and its ascent."""
+
+    def __init__(self, log: MotorLog, unknowns: Unknowns, rotors: RotorPrior, band: float) -> None:
+        self.log, self.unknowns, self.link = log, unknowns, unknowns.link
+        self.rotors, self._end = rotors, band
+        self._spline = KnotSpline(log.t, 2.0 * log.dt)
+        smooth, _ = filtered(log.theta, log.dt, 1.3 * band, 1.6)
+        whole = self._spline.fit(smooth)
+        self._direction, _ = log.direction(*(self._spline.matrices[d] @ whole for d in (1, 2)))
+        self._frequencies = np.fft.rfftfreq(log.count, log.dt)
+        self._scale = 1 / np.sqrt(0.95 * log.count / 2)
+        self._cut = 0.0
+        self._band: _Band
+        self.with_load = True
+        """Whether load friction is an unknown."""
+
+    # ---- signals below a frequency
+
+    def _limit(self, cutoff: float) -> None:
+        """Band-limit all signals for a cut-off, Hz."""
+        cut = max(_BEYOND * cutoff, 5.0)
+        if abs(cut - self._cut) < 0.02 * self._cut:
+            return
+        self._cut, matrices = cut, self._spline.matrices
+        theta, reach = filtered(self.log.theta, self.log.dt, cut)
+        tau, sign = (filtered(y, self.log.dt, cut)[0] for y in (self.log.tau, self._direction))
+        inner = self._spline.fit(theta)
+        rates = [B @ inner for B in matrices]
+        rates.append(matrices[1] @ self._spline.fit(rates[4]))
+        still = [np.zeros_like(theta)] * 4
+        self._band = _Band(rates, self._derivatives(tau, 5), self._derivatives(sign), still, still, self._taper(reach))
+
+    def _derivatives(self, values: Array, count: int = 4) -> list[Array]:
+        coefficients = self._spline.fit(values)
+        return [B @ coefficients for B in self._spline.matrices[:count]]
+
+    def _taper(self, reach: int) -> Array:
+        """Return the window of the stretch, (N, 1): nothing where filters reach beyond it."""
+        count = self.log.count
+        empty, rise = min(reach // 2, count // 20) + 8, max(20, count // 40)
+        edge = np.r_[np.zeros(empty), 0.5 - 0.5 * np.cos(np.pi * (np.arange(rise) + 0.5) / rise)]
+        window = np.ones(count)
+        window[: len(edge)], window[-len(edge) :] = edge, edge[::-1]
+        return window[:, None]
+
+    def _follow(self, x: Array) -> None:
+        """Take what is not linear in the unknowns from where they stand: load friction, what carries the rotors."""
+        for _ in range(2 if self.with_load or self.link.coupled else 0):
+            spring, q = self._parts(x)
+            if self.with_load:
+                load, _ = filtered(self._direction * np.abs(spring[0]), self.log.dt, self._cut)
+                self._band.load = self._derivatives(load)
+            if self.link.coupled:
+                self._band.carried = self._derivatives(self.link.terms(q[0], q[1], q[2]).carried)
+
+    # ---- residual
+
+    def _columns(self) -> dict[str, list[Array]]:
+        """Return the motor row's columns and their three derivatives by the unknown they belong to."""
+        band = self._band
+        one = np.ones_like(band.sign[0])
+        constant = [one, 0 * one, 0 * one, 0 * one]
+        rotor = [a + b for a, b in zip(band.theta[2:6], band.carried, strict=True)]
+        return {
+            "J": rotor, "fv": band.theta[1:5], "fs": band.sign, "offset": constant, "delay": band.tau[1:5],
+            "load": band.load,
+        }  # fmt: skip
+
+    def _parts(self, x: Array) -> tuple[list[Array], list[Array]]:
+        """Return the torque through the transmissions with three derivatives, and q with two."""
+        band, at = self._band, self.unknowns.places
+        columns = self._columns()
+        spring = [
+            band.tau[d] - sum((x[at[name]] * rows[d] for name, rows in columns.items()), np.zeros(())) for d in range(4)
+        ]
+        c, damping = x[at["c"]], x[at["damping"]]
+        q = [band.theta[d] - c * (spring[d] - damping * spring[d + 1]) for d in range(3)]
+        return spring, q
+
+    def _misfit(self, x: Array) -> tuple[Array, LinkTerms, list[Array], list[Array]]:
+        """Return Y(q) p - s, (N, n), the link side's terms, s and q."""
+        spring, q = self._parts(x)
+        terms, at, band = self.link.terms(q[0], q[1], q[2]), self.unknowns.places, self._band
+        needed = terms.columns @ x[at["p"]] + self.link.loads(terms, x[at["J"]], band.theta[1], band.theta[2])
+        return needed - spring[0], terms, spring, q
+
+    def _slopes(self, x: Array) -> Array:
+        """Return the derivatives of the misfit by the unknowns, (N, n, size)."""
+        _, terms, spring, q = self._misfit(x)
+        at, band, n = self.unknowns.places, self._band, self.link.n
+        J, c, damping = x[at["J"]], x[at["c"]], x[at["damping"]]
+        by_motion = self.link.slopes(q, x[at["p"]], J, (band.theta[1], band.theta[2])).torque
+        found = np.zeros((self.log.count, n, self.unknowns.size))
+        found[:, :, at["p"]] = terms.columns
+        if len(terms.by_speed):
+            found[:, :, at["J"]] = (
+                terms.by_speed * band.theta[1][:, None] + terms.by_acceleration * band.theta[2][:, None]
+            )
+        for i in range(n):
+            motions = by_motion[:, :, :, i]
+            for name, rows in self._columns().items():
+                place = at[name][0 if name == "delay" else i]
+                found[:, i, place] += rows[0][:, i]
+                if c[i]:
+                    lagged = [c[i] * (rows[d][:, i] - damping[i] * rows[d + 1][:, i]) for d in range(3)]
+                    found[:, :, place] += _chain(motions, lagged)
+            bent = [spring[d][:, i] - damping[i] * spring[d + 1][:, i] for d in range(3)]
+            found[:, :, at["c"][i]] -= _chain(motions, bent)
+            found[:, :, at["damping"][i]] += _chain(motions, [c[i] * spring[d + 1][:, i] for d in range(3)])
+        return found
+
+    def _mass(self, x: Array) -> Array:
+        """Return each link's mean inertia about its joint, (n,), kept positive."""
+        _, q = self._parts(x)
+        mean = np.diag(self.link.mass(q[0][::40], x[self.unknowns["p"]]).mean(axis=0))
+        acceleration = np.maximum(self._band.theta[2].std(axis=0), 1e-9)
+        least = np.maximum(self.rotors.value, 0.01 * self.log.torque / acceleration)
+        mass: Array = np.maximum(mean, _LEAST_MASS * least)
+        return mass
+
+    def _weights(self, x: Array, cutoff: float) -> Array:
+        """Return one over the noise that the misfit would have at every frequency, (F, n), low-passed."""
+        log, at = self.log, self.unknowns.places
+        c, J, mass = x[at["c"]], x[at["J"]], self._mass(x)
+        f = self._frequencies[:, None]
+        square = (2 * np.pi * f) ** 2
+        by_theta = square * (mass + J) - c * mass * J * square**2
+        by_tau = 1 - c * mass * square
+        variance = (by_theta * log.theta_noise) ** 2 + (by_tau * log.tau_noise) ** 2
+        variance += (_MODEL_ERROR * log.torque) ** 2 * (1 + by_tau**2)
+        weight: Array = 1 / np.sqrt(variance * (1 + (f / cutoff) ** 12))
+        weight[self._frequencies > 1.5 * cutoff] = 0
+        weight[0] *= 0.7
+        return weight
+
+    def _prior(self, x: Array, strength: float, soft: Array | None) -> tuple[Array, Array]:
+        """Return residuals of what is known beforehand, and the unknowns' factors in them, (size,) each."""
+        at = self.unknowns.places
+        factor, mean = np.zeros(self.unknowns.size), np.zeros(self.unknowns.size)
+        factor[at["J"]], mean[at["J"]] = strength / self.rotors.spread, self.rotors.value
+        factor[at["delay"]], factor[at["damping"]] = strength / DELAY_SPREAD, strength / DAMPING_SPREAD
+        factor[at["load"]] = 1 / LOAD_FRICTION_SPREAD
+        if soft is not None:
+            factor[at["c"]] = soft
+        return factor * (x - mean), factor
+
+    def rung(
+        self, x: Array, cutoff: float, free: NDArray[np.bool_], strength: float, soft: Array | None = None
+    ) -> tuple[Array, float]:
+        """Return the unknowns that fit best below a cut-off, and their cost, by Gauss-Newton with damping.
+
+        Parameters
+        ----------
+        x
+            Where to start, (size,).
+        cutoff
+            Hz.
+        free
+            Which unknowns may move.
+        strength
+            How many times as strong as told the prior on rotors, delay and damping is.
+        soft
+            One over the spread of the compliances about zero, (n,), where they are held.
+        """
+        self._limit(cutoff)
+        self._follow(x)
+        bins = max(8, int(np.searchsorted(self._frequencies, 1.5 * cutoff)))
+        weight = self._weights(x, cutoff)[:bins]
+
+        def spectrum(values: Array) -> Array:
+            shape = (-1, *[1] * (values.ndim - 1))
+            taper = self._band.taper.reshape(shape)
+            parts = np.fft.rfft(values * taper, axis=0)[:bins]
+            parts = parts * (self._scale * weight).reshape(bins, -1, *[1] * (values.ndim - 2))
+            return np.concatenate([parts.real, parts.imag]).reshape(2 * bins * self.link.n, *values.shape[2:])
+
+        def residual(at: Array) -> Array:
+            return np.r_[spectrum(self._misfit(at)[0]), self._prior(at, strength, soft)[0]]
+
+        def slopes(at: Array) -> Array:
+            factor = self._prior(at, strength, soft)[1]
+            return np.concatenate([spectrum(self._slopes(at)[:, :, free]), np.diag(factor)[:, free]])
+
+        x, cost = _descend(x, free, residual, slopes)
+        return x, cost / (2 * self.link.n * bins)
+
+    # ---- the climb
+
+    def ascend(self, locked: float | None = None) -> ClimbEnd:
+        """Climb from rigid joints, or from the compliance that a locked frequency, Hz, of every joint means."""
+        unknowns, elastic = self.unknowns, self.link.elastic
+        idle = ["lost", "stribeck", "further", *(() if self.with_load else ("load",))]
+        x = np.zeros(unknowns.size)
+        x[unknowns["J"]], x[unknowns["p"]] = np.where(elastic, self.rotors.value, 0.0), 1e-3
+        x, cost = self.rung(x, FIRST_RUNG, unknowns.free(*idle, "c"), 100.0)
+        if locked is not None:
+            x[unknowns["c"]] = np.where(elastic, 1 / (self._mass(x) * (2 * np.pi * locked) ** 2), 0.0)
+        cost, trace = 1.0, []
+        for cutoff in _rungs(LAST_RUNG * self._end):
+            held = cutoff < 3 * FIRST_RUNG and locked is None
+            soft = 0.5 * self._mass(x) * (2 * np.pi * cutoff) ** 2 if held else None
+            rows = 2 * self.link.n * max(8, int(np.searchsorted(self._frequencies, 1.5 * cutoff)))
+            strength = float(np.sqrt(max(1.0, cost) * max(rows, 20) / 20))
+            x, cost = self.rung(x, cutoff, unknowns.free(*idle), strength, soft)
+            trace.append(ClimbEnd(x, cost, float(cutoff)))
+        return _highest(trace)
+
+    def ends(self) -> list[ClimbEnd]:
+        """Return the distinct ends of climbs from rigid and from soft joints, the best first."""
+        found = []
+        for locked in (None, SOFT_START):
+            try:
+                end = self.ascend(locked)
+            except (np.linalg.LinAlgError, ValueError):
+                continue
+            if np.all(np.isfinite(end.x)):
+                found.append(end)
+        found.sort(key=lambda end: (-round(np.log(end.top) / np.log(RATIO)), end.cost))
+        kept: list[ClimbEnd] = []
+        for end in found:
+            if all(apart(end.x, other.x, self.unknowns) > _SAME for other in kept):
+                kept.append(end)
+        return kept
+
+    def motion(self, end: ClimbEnd) -> Array:
+        """Return the links' positions that an end means, at the log's samples, (N, n)."""
+        self._limit(end.top)
+        self._follow(end.x)
+        return self._parts(end.x)[1][0]
+
+
+def apart(x: Array, other: Array, unknowns: Unknowns) -> float:
+    """Return the largest logarithm of a ratio of two answers' compliances."""
+    place = unknowns["c"][unknowns.link.elastic]
+    here, there = (np.log(np.maximum(v[place], 1e-15)) for v in (x, other))
+    return float(np.max(np.abs(here - there)))
+
+
+def _rungs(top: float) -> Array:
+    count = max(3, int(np.ceil(np.log(top / FIRST_RUNG) / np.log(RATIO))) + 1)
+    return np.exp(np.linspace(np.log(FIRST_RUNG), np.log(top), count))
+
+
+def _highest(trace: list[ClimbEnd]) -> ClimbEnd:
+    """Return the highest rung that still fits: above it rectified noise rules."""
+    lowest = np.minimum.accumulate([max(1.0, rung.cost) for rung in trace])
+    return [rung for rung, least in zip(trace, lowest, strict=True) if rung.cost <= _FITS * least][-1]
+
+
+def _chain(motions: Array, moves: list[Array]) -> Array:
+    """Return what moves of q, q', q'' of one joint do to all rows, (N, n)."""
+    found: Array = sum((motions[d] * moves[d][:, None] for d in range(3)), np.zeros(()))
+    return found
+
+
+def _descend(
+    x: Array, free: NDArray[np.bool_], residual: Callable[[Array], Array], slopes: Callable[[Array], Array]
+) -> tuple[Array, float]:
+    """Return the end of damped Gauss-Newton steps and its squared residual."""
+    r = residual(x)
+    cost, damping = float(r @ r), 1e-3
+    for _ in range(_STEPS):
+        A = slopes(x)
+        normal, gradient = A.T @ A, A.T @ r
+        size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        unit = normal / size / size[:, None]
+        for _ in range(_STEPS):
+            trial = x.copy()
+            trial[free] -= np.linalg.solve(unit + (damping + 1e-10) * np.eye(len(size)), gradient / size) / size
+            moved = residual(trial)
+            now = float(moved @ moved)
+            if np.isfinite(now) and now < cost:
+                break
+            damping = max(10 * damping, 1e-3)
+        else:
+            break
+        fall, x, r, cost, damping = (cost - now) / cost, trial, moved, now, damping / 5
+        if fall < 1e-3:
+            break
+    return x, cost
+
+
+__all__ = ["Climb", "ClimbEnd", "LinkSide", "apart"]

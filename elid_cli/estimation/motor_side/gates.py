@@ -1,0 +1,111 @@
+"""From figures to verdicts: supported, weak or refused, with the gates that a joint did not pass.
+
+The thresholds were frozen before they were tried on fresh simulated logs (docs/how-to/motor-side.md).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elid_cli.estimation.motor_side.refits import Figures
+from elid_cli.estimation.result import Verdict
+
+SURE, CLOSE = 5.0, 0.03
+"""Compliance over its standard error, at least, and standard error over the compliance, at most."""
+MISFIT = 3.0
+GAIN = 2.0
+"""Least cost of a rigid joint over the cost."""
+MOVE, HALVES = 0.03, 0.05
+"""Most that the compliance may move in a refit, and on half of the log."""
+FRICTION_GAIN, FRICTION_MOVE = 1.6, 0.01
+"""Where richer friction lowers the cost by this factor, most that the compliance may move."""
+PULL, PULL_OTHER = 2.5, 5.0
+"""Most that a rotor's inertia may differ from what was told, own and others, in standard deviations."""
+SENSITIVITY = 0.02
+REACH = 1.05
+"""Least ratio of the band's end and the antiresonance."""
+OTHER, OTHER_COST = 0.05, 1.2
+DELAY = 3e-3
+DAMPING = 0.3
+"""Most of 2π antiresonance D/K: beyond, the second order of the damper does not suffice."""
+LOAD = (0.01, 0.3)
+"""Load friction brakes, and stays a friction."""
+
+WORDS = {
+    "sign": "no compliance is seen",
+    "sure": "the compliance is within its error of none",
+    "close": "its standard error is above 3 %",
+    "misfit": "the model does not reach the sensors' noise",
+    "gain": "a rigid joint fits as well",
+    "cut": "it moves with the frequencies that are used",
+    "knots": "it moves with the spline's knots",
+    "friction": "it moves with the form of friction",
+    "spring": "it moves with lost motion in the transmission",
+    "halves": "halves of the log disagree",
+    "rotor": "the rotor's inertia contradicts the robot file",
+    "rotor_told": "it follows the rotor's inertia in the robot file",
+    "other_end": "another stiffness fits as well",
+    "delay": "the torques' delay is too long",
+    "damping": "the transmission's damping is too strong",
+    "load_friction": "load friction has no possible value",
+    "mass": "the links' inertia is not positive",
+    "band": "the motion ends below the antiresonance",
+}
+"""Why a gate was not passed, in words."""
+
+
+def verdict_of(failed: list[str]) -> Verdict:
+    """Return the verdict that failed gates mean."""
+    if not failed:
+        return "supported"
+    return "weak" if failed == ["band"] else "refused"
+
+
+def failed_gates(told: Figures, joint: int) -> list[str]:
+    """Return the names of the gates that a joint does not pass, as in `WORDS`."""
+    return [*_seen(told, joint), *_stable(told, joint), *_possible(told, joint)]
+
+
+def _seen(told: Figures, i: int) -> list[str]:
+    """Return failed gates about what the log shows at all."""
+    c, error = told.compliance[i], told.error[i]
+    if not (np.isfinite(c) and c > 0):
+        return ["sign"]
+    checks = {
+        "sure": c >= SURE * error,
+        "close": error <= CLOSE * c,
+        "band": told.band[i] >= REACH * told.antiresonance[i],
+        "misfit": told.chi <= MISFIT,
+        "gain": told.gain[i] >= GAIN,
+    }
+    return [name for name, passed in checks.items() if not passed]
+
+
+def _stable(told: Figures, i: int) -> list[str]:
+    """Return failed gates about whether other rows, models and starts say the same."""
+    moves = {"cut": told.cut, "knots": told.knots, "friction": told.friction, "spring": told.spring}
+    failed = [name for name, move in moves.items() if not abs(move[i]) < MOVE]
+    if told.friction_gain > FRICTION_GAIN and not abs(told.friction[i]) < FRICTION_MOVE and "friction" not in failed:
+        failed.append("friction")
+    (one, one_error), (two, two_error) = told.halves
+    apart = max(HALVES, 4 * float(np.hypot(one_error[i], two_error[i])))
+    if not (max(abs(one[i]), abs(two[i])) < HALVES and abs(one[i] - two[i]) < apart):
+        failed.append("halves")
+    if np.isfinite(told.other_end[i]) and told.other_end[i] > OTHER and told.other_cost < OTHER_COST:
+        failed.append("other_end")
+    return failed
+
+
+def _possible(told: Figures, i: int) -> list[str]:
+    """Return failed gates about whether the other unknowns have possible values."""
+    pull = np.abs(told.rotor_pull)
+    load, load_error = told.load_friction[i], told.load_friction_error[i]
+    checks = {
+        "rotor": pull[i] <= PULL and pull.max() <= PULL_OTHER,
+        "rotor_told": told.rotor_sensitivity[i] <= SENSITIVITY,
+        "delay": abs(told.delay) <= DELAY,
+        "damping": abs(told.damping[i]) * 2 * np.pi * told.antiresonance[i] <= DAMPING,
+        "load_friction": -LOAD[0] - 3 * load_error < load < LOAD[1],
+        "mass": told.least_mass > 0,
+    }
+    return [name for name, passed in checks.items() if not passed]

@@ -1,0 +1,318 @@
+"""The motor side's equations over an unknown motion of the links: residuals and their derivatives.
+
+The links' motion is a quintic spline of unknown coefficients C (knots, n); what else is unknown is the vector x
+(`Unknowns`). Residuals are of the two signals that were measured, each over its own noise:
+
+    θ - (q + c (s - T s' + T² s'') + b tanh(s / s0)),    τ(t - d) - (J (θ'' + a) + fv θ' + friction + s + offset)
+
+with s = what the link side needs of the transmission and θ in the motor's row as the first equation gives it. Both are
+regular at c = 0, a rigid joint. Torque rows are low-passed: friction's kinks and the spline's errors live above.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.motor_side.link_side import LinkSide, LinkTerms
+from elid_cli.estimation.motor_side.motor_log import STRIBECK_WIDTHS, MotorLog
+from elid_cli.estimation.motor_side.operators import REACH, KnotSpline, low_pass_rows
+from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns, prior_of
+from elid_cli.signals.splines import ORDER
+
+PARTS = ("load", "stribeck", "lost")
+"""Unknowns that are in the model only where they are asked for."""
+_LOAD_ROUNDING = 0.01
+"""Torque within which |s| is rounded off, share of the joint's torque."""
+
+
+@dataclass(frozen=True)
+class Friction:
+    """A further friction of one joint: tanh(v / width), exp'd below a speed or growing with the square of the speed."""
+
+    joint: int
+    kind: str
+    """``bump``, ``square`` or ``wide``."""
+    speed: float
+    """Speed of a bump's decay, or friction's width, rad/s (m/s)."""
+    width: float
+
+    def values(self, v: Array) -> Array:
+        """Return the friction per unit of its amplitude at speeds v."""
+        found: Array
+        if self.kind == "square":
+            found = v * np.abs(v)
+        elif self.kind == "wide":
+            found = np.tanh(v / self.speed)
+        else:
+            found = np.tanh(v / self.width) * np.exp(-((v / self.speed) ** 2))
+        return found
+
+
+@dataclass(frozen=True)
+class Model:
+    """What the unknowns mean at the log's samples, (N, n) each."""
+
+    q: tuple[Array, Array, Array]
+    terms: LinkTerms
+    spring: Array
+    """s, N·m."""
+    lagged: Array
+    """s - T s' + T² s''."""
+    theta: Array
+    speed: Array
+    acceleration: Array
+    sign: Array
+    """Friction's smooth sign."""
+    steep: Array
+    """Derivative of all friction by the motor's speed."""
+    rounded: Array
+    """|s|, rounded off at zero; empty without load friction."""
+    bumps: Array
+    """Stribeck bumps, (bumps, N, n); empty without."""
+    tau: Array
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Derivatives by the coefficients (sparse, one matrix per joint) and by x, (rows, n, size)."""
+
+    theta: list[Any]
+    tau: list[Any]
+    theta_x: Array
+    tau_x: Array
+
+
+class Latent:
+    """The residuals of one log.
+
+    Parameters
+    ----------
+    log, unknowns
+        The log and what is unknown beside the links' motion.
+    spacing
+        Distance of knots, s.
+    rotors
+        What is known of the rotors.
+    parts
+        Which of `PARTS` are in the model.
+    lost_scale
+        Torque s0 over which lost motion is passed, N·m, (n,).
+    further
+        Further frictions.
+    """
+
+    def __init__(
+        self,
+        log: MotorLog,
+        unknowns: Unknowns,
+        spacing: float,
+        rotors: RotorPrior,
+        parts: Sequence[str] = (),
+        lost_scale: Array | None = None,
+        further: Sequence[Friction] = (),
+    ) -> None:
+        self.log, self.unknowns, self.spacing, self.rotors = log, unknowns, spacing, rotors
+        self.link: LinkSide = unknowns.link
+        self.parts, self.further = tuple(parts), tuple(further)
+        self.lost_scale = np.ones(log.n) if lost_scale is None else lost_scale
+        self.spline = KnotSpline(log.t, spacing)
+        self.prior_mean, self.prior_spread = prior_of(unknowns, rotors, log.torque)
+        self.rounding = _LOAD_ROUNDING * log.torque
+        # differences of differences of the positions of later joints reach less far
+        self.edge = REACH * (1 + (log.n if self.link.coupled else 1))
+        self.inner = np.zeros(log.count)
+        self.inner[self.edge : log.count - self.edge] = 1.0
+        columns = (self.spline.first[:, None] + np.arange(ORDER))[:, :, None] * log.n + np.arange(log.n)
+        self._index = columns.reshape(-1)
+        self._ends = np.arange(0, self._index.size + 1, ORDER * log.n)
+        self.rows: Any
+        self.centres: NDArray[np.intp]
+        self.tau_noise: Array
+
+    def filter_torque(self, cutoff: float, floor: float) -> None:
+        """Low-pass the torque rows at `cutoff`, Hz; their noise is at least `floor`, a share of the torque."""
+        self.cutoff = cutoff
+        self.rows, gain, self.centres = low_pass_rows(
+            self.log.count, self.log.dt, cutoff, self.edge
+        )
+        self.tau_noise = np.hypot(self.log.tau_noise * gain, floor * self.log.torque)
+
+    @property
+    def weight(self) -> Array:
+        """One over the noise of every position, (N, n); 0 at the ends, where differences are cut short."""
+        return self.inner[:, None] / self.log.theta_noise
+
+    # ---- the model
+
+    def lag(self, spring: Array, damping: Array | float) -> Array:
+        """Return s - T s' + T² s'': the deflection over the compliance, with a damper beside the spring."""
+        first, second = self.log.short_rates
+        found: Array = spring - damping * (first @ spring) + damping**2 * (second @ spring)
+        return found
+
+    def _transmissions(self, q: tuple[Array, Array, Array], x: Array) -> tuple[LinkTerms, Array, Array, Array]:
+        """Return the link side, s, its lagged form and θ: from the tips on, as rotors load the links below."""
+        at, (first, second) = self.unknowns.places, self.log.rates
+        c, damping, lost, J = x[at["c"]], x[at["damping"]], x[at["lost"]], x[at["J"]]
+        terms = self.link.terms(*q)
+        spring = terms.columns @ x[at["p"]]
+        if not len(terms.by_speed):
+            lagged = self.lag(spring, damping)
+            return terms, spring, lagged, q[0] + c * lagged + lost * np.tanh(spring / self.lost_scale)
+        theta, lagged = q[0].copy(), np.zeros_like(spring)
+        for i in reversed(range(self.log.n)):
+            for j in self.link.behind[i]:
+                spring[:, i] += J[j] * terms.by_speed[:, i, j] * (first @ theta[:, j])
+                spring[:, i] += J[j] * terms.by_acceleration[:, i, j] * (second @ theta[:, j])
+            lagged[:, i] = self.lag(spring[:, i], damping[i])
+            theta[:, i] += c[i] * lagged[:, i] + lost[i] * np.tanh(spring[:, i] / self.lost_scale[i])
+        return terms, spring, lagged, theta
+
+    def model(self, coefficients: Array, x: Array) -> Model:
+        """Return what coefficients (knots, n) and unknowns mean."""
+        at, (first, second) = self.unknowns.places, self.log.rates
+        B = self.spline.matrices
+        q = B[0] @ coefficients, B[1] @ coefficients, B[2] @ coefficients
+        terms, spring, lagged, theta = self._transmissions(q, x)
+        speed, acceleration = first @ theta, second @ theta
+        sign, slope = self.log.direction(speed, acceleration)
+        tau = x[at["J"]] * (acceleration + terms.carried) + x[at["fv"]] * speed + x[at["fs"]] * sign
+        tau += spring + x[at["offset"]]
+        steep = x[at["fv"]] + x[at["fs"]] * slope
+        rounded, bumps = np.zeros((0, self.log.n)), np.zeros((0, 0, self.log.n))
+        if "load" in self.parts:
+            rounded = np.hypot(spring, self.rounding)
+            tau += x[at["load"]] * sign * rounded
+            steep = steep + x[at["load"]] * rounded * slope
+        if "stribeck" in self.parts:
+            bumps, slopes = self.log.bumps(speed, acceleration)
+            size = x[at["stribeck"]].reshape(len(STRIBECK_WIDTHS), 1, -1)
+            tau += (size * bumps).sum(axis=0)
+            steep = steep + (size * slopes).sum(axis=0)
+        for amplitude, friction in zip(x[at["further"]], self.further, strict=True):
+            tau[:, friction.joint] += amplitude * friction.values(speed[:, friction.joint])
+        return Model(q, terms, spring, lagged, theta, speed, acceleration, sign, steep, rounded, bumps, tau)
+
+    def residual(self, coefficients: Array, x: Array) -> tuple[Array, Array, Model]:
+        """Return the residuals of positions (N, n) and torques (rows, n) over their noise, and the model."""
+        now = self.model(coefficients, x)
+        acts = self.log.torque_at(float(x[self.unknowns["delay"][0]]))
+        theta = (self.log.theta - now.theta) * self.weight
+        return theta, (self.rows @ (acts - now.tau)) / self.tau_noise, now
+
+    # ---- derivatives
+
+    def linearised(self, now: Model, x: Array) -> Linearised:
+        """Return the derivatives of θ and of the low-passed τ at a model of x."""
+        at = self.unknowns.places
+        slopes = self.link.slopes(now.q, x[at["p"]], x[at["J"]], (now.speed, now.acceleration))
+        theta, tau = self._by_motion(now, x, slopes.torque, slopes.carried)
+        theta_x, tau_x = self._by_unknowns(now, x)
+        filtered = np.stack([self.rows @ tau_x[:, i] for i in range(self.log.n)], axis=1)
+        return Linearised(theta, [self.rows @ matrix for matrix in tau], theta_x, filtered)
+
+    def _by_motion(self, now: Model, x: Array, torque: Array, carried: Array) -> tuple[list[Any], list[Any]]:
+        """Return d θ_i / d C and d τ_i / d C, before the low-pass, (N, knots n) each."""
+        from scipy.sparse import diags
+
+        at, n = self.unknowns.places, self.log.n
+        (first, second), (short, shorter) = self.log.rates, self.log.short_rates
+        values = [self.spline.values(d) for d in range(3)]
+        theta: list[Any] = [None] * n
+        tau: list[Any] = [None] * n
+        for i in reversed(range(n)):
+            spring = self._sparse(values, torque[:, :, i])
+            for j in self.link.behind[i]:
+                J = x[at["J"][j]]
+                spring = spring + diags(J * now.terms.by_speed[:, i, j]) @ (first @ theta[j])
+                spring = spring + diags(J * now.terms.by_acceleration[:, i, j]) @ (second @ theta[j])
+            own = np.zeros((3, self.log.count, n))
+            own[0, :, i] = 1.0
+            theta[i] = self._sparse(values[:1], own)
+            if self.link.elastic[i]:
+                c, T = x[at["c"][i]], x[at["damping"][i]]
+                theta[i] = theta[i] + c * (spring - T * (short @ spring) + T**2 * (shorter @ spring))
+                if x[at["lost"][i]]:
+                    theta[i] = theta[i] + diags(self._lost_slope(now, x, i)) @ spring
+            tau[i] = diags(now.steep[:, i]) @ (first @ theta[i]) + diags(self._spring_share(now, x, i)) @ spring
+            if self.link.elastic[i]:
+                tau[i] = tau[i] + x[at["J"][i]] * (second @ theta[i])
+                if self.link.coupled:
+                    tau[i] = tau[i] + self._sparse(values, x[at["J"][i]] * carried[:, :, i])
+        return theta, tau
+
+    def _sparse(self, values: Sequence[Array], slopes: Array) -> Any:
+        """Return sum over d of slopes[d] (N, n) times basis values[d] (N, 6) as rows over the coefficients."""
+        from scipy.sparse import csr_matrix
+
+        dense = sum(v[:, :, None] * slopes[d][:, None, :] for d, v in enumerate(values))
+        shape = self.log.count, self.spline.count * self.log.n
+        return csr_matrix((np.asarray(dense).reshape(-1), self._index, self._ends), shape=shape)
+
+    def _lost_slope(self, now: Model, x: Array, joint: int) -> Array:
+        s0, size = self.lost_scale[joint], x[self.unknowns["lost"][joint]]
+        found: Array = size * (1 - np.tanh(now.spring[:, joint] / s0) ** 2) / s0
+        return found
+
+    def _spring_share(self, now: Model, x: Array, joint: int) -> Array:
+        """Return the derivative of a motor's torque by its transmission's, (N,): load friction adds to it."""
+        share = np.ones(self.log.count)
+        if len(now.rounded):
+            load = x[self.unknowns["load"][joint]]
+            share += load * now.sign[:, joint] * now.spring[:, joint] / now.rounded[:, joint]
+        return share
+
+    def _by_unknowns(self, now: Model, x: Array) -> tuple[Array, Array]:
+        """Return d θ / d x and d τ / d x, (N, n, size)."""
+        at, n, (first, second) = self.unknowns.places, self.log.n, self.log.rates
+        theta, tau = np.zeros((2, self.log.count, n, self.unknowns.size))
+        rate = first @ now.tau
+        for i in reversed(range(n)):
+            spring, used = self._spring_by_unknowns(now, x, theta, i)
+            if self.link.elastic[i]:
+                self._deflection_by_unknowns(now, x, spring, theta[:, i], i)
+                used = np.union1d(used, [at[name][i] for name in ("damping", "lost", "c")])
+                here = theta[:, i, used]
+                tau[:, i, used] = x[at["J"][i]] * (second @ here) + now.steep[:, i, None] * (first @ here)
+                tau[:, i, at["J"][i]] += now.acceleration[:, i] + now.terms.carried[:, i]
+            tau[:, i] += self._spring_share(now, x, i)[:, None] * spring
+            tau[:, i, at["fv"][i]], tau[:, i, at["fs"][i]] = now.speed[:, i], now.sign[:, i]
+            tau[:, i, at["offset"][i]], tau[:, i, at["delay"][0]] = 1.0, rate[:, i]
+            if len(now.rounded):
+                tau[:, i, at["load"][i]] = now.sign[:, i] * now.rounded[:, i]
+            if len(now.bumps):
+                tau[:, i, at["stribeck"].reshape(-1, n)[:, i]] = now.bumps[:, :, i].T
+        for place, friction in zip(at["further"], self.further, strict=True):
+            tau[:, friction.joint, place] = friction.values(now.speed[:, friction.joint])
+        return theta, tau
+
+    def _spring_by_unknowns(self, now: Model, x: Array, theta: Array, i: int) -> tuple[Array, NDArray[np.intp]]:
+        """Return d s_i / d x, (N, size), and which columns of it are not empty; later joints' θ is differentiated."""
+        at, (first, second) = self.unknowns.places, self.log.rates
+        spring = np.zeros((self.log.count, self.unknowns.size))
+        spring[:, at["p"]] = now.terms.columns[:, i]
+        for j in self.link.behind[i]:
+            speed, acceleration = now.terms.by_speed[:, i, j], now.terms.by_acceleration[:, i, j]
+            spring += x[at["J"][j]] * (
+                speed[:, None] * (first @ theta[:, j]) + acceleration[:, None] * (second @ theta[:, j])
+            )
+            spring[:, at["J"][j]] += speed * now.speed[:, j] + acceleration * now.acceleration[:, j]
+        used = [np.asarray([at[name][j] for name in ("J", "damping", "lost", "c")]) for j in range(i, self.log.n)]
+        return spring, np.concatenate([at["p"], *used])
+
+    def _deflection_by_unknowns(self, now: Model, x: Array, spring: Array, theta: Array, i: int) -> None:
+        """Write d θ_i / d x, (N, size), into `theta`."""
+        at, (short, shorter) = self.unknowns.places, self.log.short_rates
+        c, T = x[at["c"][i]], x[at["damping"][i]]
+        used = np.flatnonzero(spring.any(axis=0))
+        theta[:, used] = c * self.lag(spring[:, used], T) + self._lost_slope(now, x, i)[:, None] * spring[:, used]
+        s = now.spring[:, i]
+        theta[:, at["c"][i]] += now.lagged[:, i]
+        theta[:, at["damping"][i]] += c * (-(short @ s) + 2 * T * (shorter @ s))
+        theta[:, at["lost"][i]] += np.tanh(s / self.lost_scale[i])

@@ -1,0 +1,235 @@
+"""Least squares over the links' unknown motion and the unknowns together, and what the answer's errors are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.motor_side.latent import PARTS, Latent, Linearised, Model
+from elid_cli.estimation.motor_side.operators import upper_band
+
+HUBER = 4.0
+"""Torque residual in standard deviations beyond which it counts less."""
+_TRIES = 9
+_BLOCKS = 20
+"""Blocks of time whose scores tell of correlated residuals."""
+_SETTLED = 0.1
+"""Move of every compliance, in standard errors, below which iteration may end."""
+
+
+@dataclass(frozen=True)
+class Schur:
+    """Normal equations of the free unknowns with the links' motion eliminated."""
+
+    matrix: Array
+    load: Array
+    scale: Array
+    solved: Array
+    """What moves of the free unknowns, and the gradient (last column), move the coefficients by."""
+
+
+@dataclass(frozen=True)
+class LatentFit:
+    """Where a fit ended."""
+
+    problem: Latent
+    x: Array
+    coefficients: Array
+    model: Model
+    cost: float
+    freedom: int
+    residuals: tuple[Array, Array]
+    """Of positions (N, n) and torques (rows, n), over their noise."""
+    free: NDArray[np.intp]
+    steps: int
+    system: tuple[Any, Array, Array, Schur]
+    """Derivatives by coefficients and by free unknowns, residual, and the undamped Schur complement."""
+
+    @property
+    def chi(self) -> float:
+        """Cost per degree of freedom: 1 is noise."""
+        return self.cost / self.freedom
+
+    @property
+    def compliance(self) -> Array:
+        """C = 1/K of every joint, (n,)."""
+        return self.x[self.problem.unknowns["c"]]
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Inverse of the undamped Schur complement, in unit noise, (size, size); zeros where held."""
+        schur = self.system[3]
+        unit = np.linalg.pinv(schur.matrix * schur.scale[:, None] * schur.scale, hermitian=True)
+        return self._whole(schur.scale[:, None] * unit * schur.scale)
+
+    @cached_property
+    def block_covariance(self) -> Array:
+        """The same from the scores of blocks of time, which keep the residual's correlation."""
+        A, P, r, schur = self.system
+        scores = (P - A @ schur.solved[:, :-1]) * r[:, None]
+        problem, n = self.problem, self.problem.log.n
+        count = problem.log.count
+        block = np.r_[np.tile(np.arange(count) * _BLOCKS // count, n), np.tile(problem.centres * _BLOCKS // count, n)]
+        sums = np.zeros((_BLOCKS, scores.shape[1]))
+        np.add.at(sums, block, scores)
+        sums -= sums.mean(axis=0)
+        inverse = self.covariance[np.ix_(self.free, self.free)]
+        return self._whole(inverse @ (sums.T @ sums) @ inverse * _BLOCKS / (_BLOCKS - 1))
+
+    @cached_property
+    def errors(self) -> Array:
+        """Standard errors of all unknowns, (size,): the larger of the two, the first widened by the misfit."""
+        own = np.diag(self.covariance) * max(1.0, self.chi)
+        found: Array = np.sqrt(np.maximum(np.maximum(own, np.diag(self.block_covariance)), 0.0))
+        return found
+
+    def _whole(self, part: Array) -> Array:
+        whole = np.zeros((len(self.x), len(self.x)))
+        whole[np.ix_(self.free, self.free)] = part
+        return whole
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """How a fit iterates."""
+
+    steps: int = 12
+    tolerance: float = 1e-3
+    robust: bool = True
+    settle: bool = False
+    """Whether it goes on until the compliances have settled."""
+
+
+def fit(
+    problem: Latent, x: Array, coefficients: Array, free: NDArray[np.bool_], how: Iteration | None = None
+) -> LatentFit:
+    """Fit coefficients (knots, n) and the free unknowns from where they stand, by Gauss-Newton with damping.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The normal equations are singular.
+    """
+    return _Descent(problem, free, how or Iteration()).run(x.copy(), coefficients.copy())
+
+
+class _Descent:
+    def __init__(self, problem: Latent, free: NDArray[np.bool_], how: Iteration) -> None:
+        self.problem, self.how = problem, how
+        free = free.copy()
+        for name in PARTS:
+            if name not in problem.parts:
+                free[problem.unknowns[name]] = False
+        self.free = np.flatnonzero(free)
+        spread = problem.prior_spread
+        self.pull = np.where(np.isfinite(spread), 1 / spread**2, 0.0)
+        self.damping = 1e-3
+
+    def _weight(self, tau: Array) -> Array:
+        if not self.how.robust:
+            return np.ones_like(tau)
+        size = np.abs(tau)
+        found: Array = np.where(size > HUBER, HUBER / np.maximum(size, 1e-12), 1.0)
+        return found
+
+    def _cost(self, theta: Array, tau: Array, weight: Array, x: Array) -> float:
+        miss = x - self.problem.prior_mean
+        return float(np.sum(theta**2) + np.sum(weight * tau**2) + np.sum(self.pull * miss**2))
+
+    def run(self, x: Array, coefficients: Array) -> LatentFit:
+        problem = self.problem
+        theta, tau, now = problem.residual(coefficients, x)
+        weight = self._weight(tau)
+        cost, taken = self._cost(theta, tau, weight, x), 0
+        for number in range(self.how.steps):
+            A, P, r = self._stacked(problem.linearised(now, x), theta, tau, weight)
+            normal = _Normal(A, P, r, self.pull[self.free], (x - problem.prior_mean)[self.free])
+            found = None
+            for attempt in range(_TRIES):
+                schur = normal.eliminated(self.damping)
+                if schur is None:
+                    self.damping = max(10 * self.damping, 1e-4)
+                    continue
+                move, unit = normal.move(schur, self.damping)
+                trial = x.copy()
+                trial[self.free] += move
+                there = coefficients + (schur.solved[:, -1] - schur.solved[:, :-1] @ move).reshape(coefficients.shape)
+                after = problem.residual(there, trial)
+                lower = self._cost(after[0], after[1], weight, trial)
+                if np.isfinite(lower) and lower < cost * (1 + 1e-9):
+                    found = attempt
+                    break
+                self.damping = max(10 * self.damping, 1e-8)
+            if found is None:
+                break
+            fall, taken = (cost - lower) / cost, taken + 1
+            coefficients, x, (theta, tau, now) = there, trial, after
+            self.damping = max(self.damping / 8, 1e-10) if found == 0 else self.damping
+            weight = self._weight(tau)
+            cost = self._cost(theta, tau, weight, x)
+            if fall < self.how.tolerance and number > 1 and (not self.how.settle or self._settled(move, schur, unit)):
+                break
+        undamped = normal.eliminated(0.0)
+        if undamped is None:
+            raise np.linalg.LinAlgError("singular")
+        freedom = int(problem.inner.sum()) * theta.shape[1] + tau.size - coefficients.size - len(self.free)
+        return LatentFit(
+            problem, x, coefficients, now, cost, freedom, (theta, tau), self.free, taken, (A, P, r, undamped)
+        )  # fmt: skip
+
+    def _settled(self, move: Array, schur: Schur, unit: Array) -> bool:
+        deviation = schur.scale * np.sqrt(np.abs(np.diag(np.linalg.pinv(unit, hermitian=True))))
+        c = np.isin(self.free, self.problem.unknowns["c"])
+        return bool(np.all(np.abs(move[c]) < _SETTLED * deviation[c]))
+
+    def _stacked(self, slopes: Linearised, theta: Array, tau: Array, weight: Array) -> tuple[Any, Array, Array]:
+        """Return derivatives by coefficients (sparse) and free unknowns, and the residual, all over the noise."""
+        from scipy.sparse import diags, vstack
+
+        problem, size = self.problem, len(self.problem.prior_mean)
+        root = np.sqrt(weight)
+        rows = [diags(problem.weight[:, i]) @ matrix for i, matrix in enumerate(slopes.theta)]
+        rows += [diags(root[:, i] / problem.tau_noise[i]) @ matrix for i, matrix in enumerate(slopes.tau)]
+        by_theta = (slopes.theta_x * problem.weight[:, :, None]).transpose(1, 0, 2).reshape(-1, size)
+        by_tau = (slopes.tau_x * (root / problem.tau_noise)[:, :, None]).transpose(1, 0, 2).reshape(-1, size)
+        residual = np.concatenate([theta.T.ravel(), (tau * root).T.ravel()])
+        return vstack(rows, format="csr"), np.concatenate([by_theta, by_tau])[:, self.free], residual
+
+
+class _Normal:
+    """Normal equations of coefficients (banded) and free unknowns (a border)."""
+
+    def __init__(self, A: Any, P: Array, r: Array, pull: Array, miss: Array) -> None:
+        self._band = upper_band(A.T @ A)
+        self._gradient, self._border = A.T @ r, A.T @ P
+        self._corner = P.T @ P + np.diag(pull)
+        self._edge = P.T @ r - pull * miss
+
+    def eliminated(self, damping: float) -> Schur | None:
+        """Return the Schur complement, or None where the band is not positive definite."""
+        from scipy.linalg import cho_solve_banded, cholesky_banded
+
+        band = self._band.copy()
+        band[-1] = band[-1] * (1 + 1e-11 + 1e-3 * damping) + 1e-14 * band[-1].max()
+        try:
+            factor = cholesky_banded(band, check_finite=False)
+        except np.linalg.LinAlgError:
+            return None
+        sides = np.column_stack([self._border, self._gradient])
+        solved = cho_solve_banded((factor, False), sides, check_finite=False)
+        matrix = self._corner - self._border.T @ solved[:, :-1]
+        load = self._edge - self._border.T @ solved[:, -1]
+        size = np.maximum(np.diag(matrix), 1e-10 * np.diag(self._corner) + 1e-300)
+        return Schur(matrix, load, 1 / np.sqrt(size), solved)
+
+    @staticmethod
+    def move(schur: Schur, damping: float) -> tuple[Array, Array]:
+        """Return the move of the free unknowns and the scaled, damped matrix that gave it."""
+        unit = schur.matrix * schur.scale[:, None] * schur.scale
+        held = unit + (damping + 1e-9) * np.eye(len(unit))
+        return schur.scale * np.linalg.solve(held, schur.scale * schur.load), unit

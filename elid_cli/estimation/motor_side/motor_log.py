@@ -1,0 +1,159 @@
+"""One stretch of motor positions and torques as the motor side's estimation uses it: thinned, its noise and band known.
+
+Noise is what the spectrum shows where nothing moves; the band ends where the positions sink into it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.estimation.motor_side.operators import (
+    FIRST,
+    SECOND,
+    SHORT_FIRST,
+    SHORT_SECOND,
+    stencil,
+    thin,
+)
+
+LOWEST, HIGHEST = 4.0, 70.0
+"""Limits of a band, Hz: below, too little is seen; above, splines would need too many knots."""
+QUIET = (0.55, 0.97)
+"""Part of the spectrum up to the Nyquist frequency that holds noise only."""
+STRIBECK_WIDTHS = (2.5, 6.0, 14.0)
+"""Widths of the friction's bumps, in units of its own width at zero speed."""
+_SUBSAMPLES = 9
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Samples of motors on one even time base, with what their noise is."""
+
+    t: Array
+    """s, (N,)."""
+    theta: Array
+    """rad (m) at the joint, (N, n)."""
+    tau: Array
+    """N·m (N) at the joint, (N, n)."""
+    width: Array
+    """Speed within which friction changes its sign, rad/s (m/s), (n,)."""
+    noise: tuple[Array, Array]
+    """Standard deviations of theta's and tau's white noise, (n,) each."""
+
+    def part(self, part: slice) -> Samples:
+        """Return some of the samples, their noise being what the whole shows."""
+        return replace(self, t=self.t[part], theta=self.theta[part], tau=self.tau[part])
+
+    @property
+    def rate(self) -> float:
+        """Hz."""
+        return (len(self.t) - 1) / float(self.t[-1] - self.t[0])
+
+
+def samples_of(t: Array, theta: Array, tau: Array, width: Array) -> Samples:
+    """Return samples with the noise that their spectra show."""
+    rate = (len(t) - 1) / float(t[-1] - t[0])
+    return Samples(t, theta, tau, width, (noise_of(theta, rate), noise_of(tau, rate)))
+
+
+def noise_of(values: Array, rate: float) -> Array:
+    """Return the standard deviation of white noise of each column (N, n) from the quiet end of its spectrum, (n,)."""
+    from scipy.signal import welch
+
+    size = min(1024, len(values) // 4 * 2)
+    f, power = welch(values - values.mean(axis=0), rate, nperseg=size, axis=0, window="blackmanharris")
+    quiet = (f > QUIET[0] * rate / 2) & (f < QUIET[1] * rate / 2)
+    found: Array = np.sqrt(np.median(power[quiet], axis=0) / 0.97 * rate / 2)
+    return found
+
+
+def band_of(samples: Samples) -> Array:
+    """Return the highest frequency at which each joint's position clearly exceeds its noise, Hz, (n,)."""
+    from scipy.signal import welch
+
+    theta, rate = samples.theta, samples.rate
+    size = min(2048, len(theta) // 2)
+    f, power = welch(theta - theta.mean(axis=0), rate, nperseg=size, axis=0, window="blackmanharris")
+    loud = (power > 6.0 * samples.noise[0] ** 2 / (rate / 2)) & (f < min(HIGHEST, 0.3 * rate))[:, None]
+    highest = [f[np.flatnonzero(column)[-1]] if column.any() else LOWEST for column in loud.T]
+    return np.clip(np.array(highest), LOWEST, HIGHEST)
+
+
+class MotorLog:
+    """A stretch thinned to at most `rate`, Hz, with difference operators and friction's shapes.
+
+    Every sample is a mean under a triangular kernel; friction, which is not linear, is averaged under the same one.
+    """
+
+    def __init__(self, samples: Samples, rate: float) -> None:
+        step = max(1, round(samples.rate / rate))
+        theta_noise, tau_noise = samples.noise
+        self.samples = samples
+        self.theta, gain = thin(samples.theta, step)
+        self.tau, _ = thin(samples.tau, step)
+        self.dt = step / samples.rate
+        self.count, self.n = self.theta.shape
+        self.t = samples.t[0] + (step - 1) / samples.rate + np.arange(self.count) * self.dt
+        self.theta_noise = np.maximum(theta_noise * gain, 1e-9 * self.theta.std(axis=0) + 1e-15)
+        self.tau_noise = np.maximum(tau_noise * gain, 1e-6 * self.tau.std(axis=0) + 1e-12)
+        self.torque = np.maximum(self.tau.std(axis=0), 1e-12)
+        """Standard deviation of the torques, N·m (N), (n,)."""
+        self.width = samples.width
+        self._averaged = _kernel_instants(step, samples.rate)
+
+    @cached_property
+    def rates(self) -> tuple[Any, Any]:
+        """First and second differences over nine samples."""
+        return stencil(self.count, FIRST, 1 / self.dt), stencil(self.count, SECOND, 1 / self.dt**2)
+
+    @cached_property
+    def short_rates(self) -> tuple[Any, Any]:
+        """First and second differences over few samples, for small corrections."""
+        return stencil(self.count, SHORT_FIRST, 1 / self.dt), stencil(self.count, SHORT_SECOND, 1 / self.dt**2)
+
+    @cached_property
+    def _acting(self) -> list[Any]:
+        from scipy.interpolate import CubicSpline
+
+        return [CubicSpline(self.t, column) for column in self.tau.T]
+
+    def torque_at(self, delay: float) -> Array:
+        """Return the torques as they acted `delay` s before, (N, n)."""
+        return self.tau if delay == 0 else np.stack([spline(self.t - delay) for spline in self._acting], axis=1)
+
+    def direction(self, speed: Array, acceleration: Array) -> tuple[Array, Array]:
+        """Return friction's smooth sign of the speed and its slope, each under the thinning kernel, (N, n)."""
+        value, slope = np.zeros((2, *speed.shape))
+        for shift, weight in self._averaged:
+            sign = np.tanh((speed + acceleration * shift) / self.width)
+            value += weight * sign
+            slope += weight * (1 - sign**2) / self.width
+        return value, slope
+
+    def bumps(self, speed: Array, acceleration: Array) -> tuple[Array, Array]:
+        """Return sign(v) exp(-(v/w)²) of every Stribeck width and their slopes, under the kernel, (bumps, N, n)."""
+        value, slope = np.zeros((2, len(STRIBECK_WIDTHS), *speed.shape))
+        for shift, weight in self._averaged:
+            v = speed + acceleration * shift
+            sign = np.tanh(v / self.width)
+            steep = (1 - sign**2) / self.width
+            for k, share in enumerate(STRIBECK_WIDTHS):
+                wide = share * self.width
+                bell = weight * np.exp(-((v / wide) ** 2))
+                value[k] += sign * bell
+                slope[k] += (steep - 2 * v / wide**2 * sign) * bell
+        return value, slope
+
+
+def _kernel_instants(step: int, rate: float) -> list[tuple[float, float]]:
+    """Return instants within the thinning kernel, s from its middle, and their weights."""
+    if step == 1:
+        return [(0.0, 1.0)]
+    place = np.linspace(-1, 1, _SUBSAMPLES)[1:-1]
+    weight = (1 - np.abs(place)) / np.sum(1 - np.abs(place))
+    return list(zip((place * step / rate).tolist(), weight.tolist(), strict=True))

@@ -1,0 +1,142 @@
+"""Linear operators on evenly spaced samples: thinning, derivatives, low-pass, splines of unknown coefficients."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.signals.splines import DEGREE, ORDER, basis
+
+FIRST = (1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
+SECOND = (-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560)
+"""Central differences of eighth order (Fornberg 1988)."""
+SHORT_FIRST = (1 / 12, -2 / 3, 0.0, 2 / 3, -1 / 12)
+SHORT_SECOND = (1.0, -2.0, 1.0)
+REACH = len(FIRST) // 2
+"""Samples at either end where central differences do not reach."""
+_KAISER = 4.5
+
+
+def thin(values: Array, step: int) -> tuple[Array, float]:
+    """Return every `step`-th sample of values (N, n) under a triangular kernel, and the kernel's gain on white noise."""
+    if step == 1:
+        return values.copy(), 1.0
+    kernel = np.bartlett(2 * step + 1)[1:-1]
+    kernel /= kernel.sum()
+    smooth = np.stack([np.convolve(column, kernel, "valid") for column in values.T], axis=1)
+    return smooth[::step], float(np.linalg.norm(kernel))
+
+
+def stencil(count: int, weights: tuple[float, ...], scale: float) -> Any:
+    """Return central differences of `count` samples as a sparse matrix; rows at the ends are cut short."""
+    from scipy.sparse import diags
+
+    reach = len(weights) // 2
+    bands = [np.full(count - abs(k), weights[k + reach] * scale) for k in range(-reach, reach + 1)]
+    return diags(bands, range(-reach, reach + 1), format="csr")
+
+
+def low_pass_rows(count: int, dt: float, cutoff: float, edge: int) -> tuple[Any, float, NDArray[np.intp]]:
+    """Return a low-pass with fewer rows than samples, its gain on white noise, and the samples its rows lie on.
+
+    Zero phase, -6 dB at `cutoff`, Hz. Nothing is made of `edge` samples at either end. Cut-offs near the Nyquist
+    frequency: all other samples.
+    """
+    from scipy.sparse import csr_matrix, identity
+
+    nyquist = 0.5 / dt
+    if cutoff > 0.8 * nyquist:
+        return identity(count, format="csr")[edge : count - edge], 1.0, np.arange(edge, count - edge)
+    kernel = _kernel(int(np.ceil(0.8 / (cutoff * dt))), cutoff / nyquist)
+    reach, step = len(kernel) // 2, max(1, int(1 / (2.9 * cutoff * dt)))
+    centres = np.arange(reach + edge, count - reach - edge, step)
+    index = centres[:, None] + np.arange(-reach, reach + 1)
+    ends = np.arange(0, index.size + 1, len(kernel))
+    matrix = csr_matrix((np.tile(kernel, len(centres)), index.ravel(), ends), shape=(len(centres), count))
+    return matrix, float(np.linalg.norm(kernel)), centres
+
+
+def _kernel(reach: int, share: float) -> Array:
+    from scipy.signal import firwin
+
+    kernel: Array = firwin(2 * reach + 1, share, window=("kaiser", _KAISER))
+    return kernel
+
+
+def filtered(values: Array, dt: float, cutoff: float, width: float = 1.2) -> tuple[Array, int]:
+    """Return values (N, n) under a zero-phase low-pass, ends reflected oddly, and half its length in samples."""
+    from scipy.signal import oaconvolve
+
+    kernel = _kernel(int(width / (cutoff * dt)), min(2 * cutoff * dt, 0.95))
+    reach = min(len(kernel) // 2, len(values) - 2)
+    if reach < 1:
+        return values, 0
+    kernel = kernel[len(kernel) // 2 - reach : len(kernel) // 2 + reach + 1]
+    before, after = 2 * values[0] - values[reach:0:-1], 2 * values[-1] - values[-2 : -reach - 2 : -1]
+    found: Array = oaconvolve(np.concatenate([before, values, after]), kernel[:, None], "valid", axes=0)
+    return found, reach
+
+
+class KnotSpline:
+    """Quintic splines with even knots over samples: contiguous blocks of six basis values per sample.
+
+    Parameters
+    ----------
+    t
+        Time of the samples, s, (N,).
+    spacing
+        Wanted distance of knots, s.
+    """
+
+    def __init__(self, t: Array, spacing: float) -> None:
+        intervals = max(8, round(float(t[-1] - t[0]) / spacing))
+        self.width = float(t[-1] - t[0]) / intervals
+        place = (t - t[0]) / self.width
+        self.first: NDArray[np.intp] = np.clip(place.astype(np.intp), 0, intervals - 1)
+        self.count = intervals + DEGREE
+        self._local = place - self.first
+
+    def values(self, derivative: int) -> Array:
+        """Return the six basis values' derivatives at every sample, (N, 6)."""
+        found: Array = basis(self._local, derivative) / self.width**derivative
+        return found
+
+    @cached_property
+    def matrices(self) -> list[Any]:
+        """Values and four derivatives as sparse matrices, (N, count)."""
+        from scipy.sparse import csr_matrix
+
+        index = self.first[:, None] + np.arange(ORDER)
+        ends = np.arange(0, index.size + 1, ORDER)
+        shape = len(self.first), self.count
+        return [csr_matrix((self.values(d).ravel(), index.ravel(), ends), shape=shape) for d in range(DEGREE)]
+
+    @cached_property
+    def _factor(self) -> Any:
+        from scipy.linalg import cholesky_banded
+
+        return cholesky_banded(upper_band(self.matrices[0].T @ self.matrices[0], DEGREE, 1e-9), check_finite=False)
+
+    def fit(self, values: Array) -> Array:
+        """Return the coefficients (count, n) that come nearest values (N, n)."""
+        from scipy.linalg import cho_solve_banded
+
+        load = self.matrices[0].T @ values
+        found: Array = cho_solve_banded((self._factor, False), load, check_finite=False)
+        return found
+
+
+def upper_band(matrix: Any, width: int | None = None, ridge: float = 0.0) -> Array:
+    """Return a symmetric sparse matrix in upper band storage, its diagonal raised by a share of its largest."""
+    entries = matrix.tocoo()
+    upper = entries.row <= entries.col
+    row, column, data = entries.row[upper], entries.col[upper], entries.data[upper]
+    reach = int((column - row).max()) if width is None else width
+    band = np.zeros((reach + 1, matrix.shape[1]))
+    np.add.at(band, (reach + row - column, column), data)
+    band[reach] += ridge * band[reach].max()
+    return band

@@ -1,0 +1,175 @@
+"""The best fit asked again: other rows, knots, halves of the log, richer friction, lost motion, joints made rigid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.estimation.motor_side.latent import Friction, Latent
+from elid_cli.estimation.motor_side.latent_fit import Iteration, LatentFit, fit
+from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples
+from elid_cli.estimation.motor_side.search import FLOORS, LOST_SHARE, Search
+from elid_cli.estimation.motor_side.unknowns import Unknowns
+
+LOWER_CUT, FINER = 0.75, 0.75
+"""Cut-off of the torque rows over the end of the band, and distance of knots over the first one, of two refits."""
+_SHARPER = 0.4
+"""Torque over which lost motion is passed where the model has some already, share of the transmission's."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What the gates look at; arrays are (n,), moves are shares of the compliance, NaN of rigid joints."""
+
+    compliance: Array
+    error: Array
+    chi: float
+    delay: float
+    damping: Array
+    """T = D/K, s."""
+    rotor: Array
+    """J at the joint, kg·m²."""
+    rotor_pull: Array
+    """Distance of J from what was known, in its standard deviations."""
+    rotor_sensitivity: Array
+    """Share by which the compliance moves with a standard deviation of what was known of a rotor."""
+    load_friction: Array
+    load_friction_error: Array
+    band: Array
+    antiresonance: Array
+    """sqrt(K (M^-1)_ii) / 2π, Hz: motors locked."""
+    resonance: Array
+    """Motor against link, Hz."""
+    least_mass: float
+    """Smallest eigenvalue of the links' mass matrix."""
+    other_end: Array
+    other_cost: float
+    cut: Array
+    knots: Array
+    halves: tuple[tuple[Array, Array], ...]
+    """Per half: move and standard error of the compliance, as shares of it."""
+    friction: Array
+    friction_gain: float
+    spring: Array
+    gain: Array
+    """Cost with one joint made rigid, over the cost."""
+
+
+class _Refits:
+    def __init__(self, found: Search) -> None:
+        self.setting, self.best = found.setting, found.best
+        self.n = self.setting.link.n
+        self._positions = self.best.model.q[0]
+
+    def fitted(
+        self, log: MotorLog | None = None, *, spacing: float = 0.0, cutoff: float = 0.0, parts: Sequence[str] = (),
+        further: Sequence[Friction] = (), lost_scale: Array | None = None, rigid: int | None = None, steps: int = 10,
+    ) -> LatentFit | None:  # fmt: skip
+        """Return a refit from the best fit's end, or None where it fails."""
+        best, setting, log = self.best, self.setting, log or self.best.problem.log
+        unknowns = Unknowns(setting.link, len(further))
+        scale = best.problem.lost_scale if lost_scale is None else lost_scale
+        wanted = tuple(dict.fromkeys([*best.problem.parts, *parts]))
+        problem = Latent(log, unknowns, spacing or setting.spacing, setting.rotors, wanted, scale, further)
+        x, free = np.zeros(unknowns.size), unknowns.free()
+        x[: len(best.x)] = best.x
+        q = np.stack([np.interp(log.t, best.problem.log.t, column) for column in self._positions.T], axis=1)
+        if rigid is not None:
+            x[unknowns["c"][rigid]], free[unknowns["c"][rigid]] = 0.0, False
+            q[:, rigid] = log.theta[:, rigid]
+        problem.filter_torque(cutoff or setting.cutoff, FLOORS[-1][0])
+        try:
+            return fit(problem, x, problem.spline.fit(q), free, Iteration(steps, settle=rigid is None))
+        except (np.linalg.LinAlgError, ValueError):
+            return None
+
+    def move(self, found: LatentFit | None) -> Array:
+        """Return how far a refit moved every compliance, as a share of it, (n,); infinite where it failed."""
+        if found is None:
+            return np.full(self.n, np.inf)
+        with np.errstate(all="ignore"):
+            return np.asarray(found.compliance / self.best.compliance - 1)
+
+    def halves(self) -> tuple[tuple[Array, Array], ...]:
+        samples, log = self.setting.samples, self.best.problem.log
+        middle = len(samples.t) // 2
+        return tuple(self._half(samples.part(part), log) for part in (slice(0, middle), slice(middle, len(samples.t))))
+
+    def _half(self, part: Samples, whole: MotorLog) -> tuple[Array, Array]:
+        log = MotorLog(part, 2 / self.setting.spacing)
+        log.theta_noise, log.tau_noise, log.torque = whole.theta_noise, whole.tau_noise, log.torque
+        found = self.fitted(log, steps=12)
+        if found is None:
+            return np.full(self.n, np.inf), np.zeros(self.n)
+        place = found.problem.unknowns["c"]
+        error = np.sqrt(np.abs(np.diag(found.covariance)[place]) * max(1.0, found.chi))
+        return self.move(found), error / np.abs(self.best.compliance)
+
+    def frictions(self) -> list[Friction]:
+        """Return a bump, a square and a wider friction of every joint."""
+        width, found = self.best.problem.log.width, []
+        for j in range(self.n):
+            typical = 0.1 * float(np.sqrt(np.mean(self.best.model.speed[:, j] ** 2))) + 2 * width[j]
+            found += [
+                Friction(j, "bump", typical, float(width[j])),
+                Friction(j, "square", 1.0, float(width[j])),
+                Friction(j, "wide", 4 * float(width[j]), float(width[j])),
+            ]
+        return found
+
+
+def figures(found: Search, told: Callable[[float], None] | None = None) -> Figures:
+    """Return what the gates look at, from refits of a search's best end."""
+    refits, best, setting = _Refits(found), found.best, found.setting
+    at, x, n = best.problem.unknowns.places, best.x, setting.link.n
+    elastic = np.flatnonzero(setting.link.elastic).tolist()
+    finer = setting.spacing * FINER
+    fine_log = MotorLog(setting.samples, 2 / finer)
+    has_lost = "lost" in best.problem.parts
+    scale = (_SHARPER if has_lost else LOST_SHARE) * best.model.spring.std(axis=0)
+    friction = refits.fitted(further=refits.frictions(), parts=("load",), steps=12)
+    spring = refits.fitted(parts=("lost",), lost_scale=scale, steps=12)
+    gain = np.ones(n)
+    for j in elastic:
+        rigid = refits.fitted(rigid=j, steps=12)
+        gain[j] = 1.0 if rigid is None else rigid.cost / best.cost
+    other, other_cost = _other_end(found)
+    anti, resonance, least = _frequencies(best)
+    prior, V = setting.rotors, best.covariance
+    J = x[at["J"]]
+    with np.errstate(all="ignore"):
+        sensitivity = np.abs(V[np.ix_(at["c"], at["J"])] / prior.spread).max(axis=1) / np.abs(best.compliance)
+        pull = np.where(setting.link.elastic, (J - prior.value) / prior.spread, 0.0)
+    return Figures(
+        best.compliance, best.errors[at["c"]], best.chi, float(x[at["delay"][0]]), x[at["damping"]], J, pull,
+        sensitivity, x[at["load"]], best.errors[at["load"]], setting.bands, anti, resonance, least, other, other_cost,
+        refits.move(refits.fitted(cutoff=LOWER_CUT * setting.band)),
+        refits.move(refits.fitted(fine_log, spacing=finer)),
+        refits.halves(), refits.move(friction), 0.0 if friction is None else best.cost / friction.cost,
+        refits.move(spring), gain,
+    )  # fmt: skip
+
+
+def _other_end(found: Search) -> tuple[Array, float]:
+    """Return how far another end's compliances lie away, as logarithms, and its cost over the best one's."""
+    far, cost = np.full(found.setting.link.n, np.inf), float("inf")
+    c = found.best.compliance
+    for end in found.ends[1:]:
+        apart = np.abs(np.log(np.maximum(end.compliance, 1e-15) / np.maximum(c, 1e-15)))
+        if apart.max() > 0.03:
+            far, cost = apart, end.cost / found.best.cost
+    return far, cost
+
+
+def _frequencies(best: LatentFit) -> tuple[Array, Array, float]:
+    """Return antiresonance and resonance of every joint, Hz, and the mass matrix's smallest eigenvalue."""
+    problem = best.problem
+    M = problem.link.mass(best.model.q[0][::25], best.x[problem.unknowns["p"]])
+    inverse = np.linalg.pinv(M).diagonal(axis1=1, axis2=2).mean(axis=0)
+    c, J = np.maximum(best.compliance, 1e-300), np.maximum(best.x[problem.unknowns["J"]], 1e-300)
+    anti = np.sqrt(np.maximum(inverse, 0) / c) / (2 * np.pi)
+    both = np.sqrt((np.maximum(inverse, 0) + 1 / J) / c) / (2 * np.pi)
+    return anti, both, float(np.linalg.eigvalsh(M).min())

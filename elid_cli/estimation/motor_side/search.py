@@ -1,0 +1,202 @@
+"""From a log to the best fit: climbs, the links' motion first, then everything, and the columns that pay.
+
+Load friction is free from the first floor on; it, Stribeck bumps and lost motion stay only where the cost falls by more
+than they could by chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.estimation.motor_side.climb import Climb, ClimbEnd, apart
+from elid_cli.estimation.motor_side.latent import Latent
+from elid_cli.estimation.motor_side.latent_fit import Iteration, LatentFit, fit
+from elid_cli.estimation.motor_side.link_side import LinkSide
+from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples, band_of
+from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns
+
+FLOORS = ((0.03, 10), (0.01, 10), (0.003, 15))
+"""Least noise of the torque rows, share of the torque, and most steps with it: with none the fit crawls."""
+TORQUE_CUT = 1.2
+"""Cut-off of the torque rows over the end of the band."""
+KNOT_SHARE, KNOTS = 0.2, (0.003, 0.012)
+"""Distance of knots in periods of the band's end, and its limits, s."""
+LOST_SHARE = 0.15
+"""Torque over which lost motion is passed, share of the transmission's."""
+_PAYS = 20.0
+"""Fall of the cost, per further unknown and unit of misfit, from which on a column stays."""
+_STRIBECK_FROM, _LOST_FROM, _CORNERED, _UNFIT = 1.3, 1.3, 2.5, 2.0
+"""Misfits from which on are tried: Stribeck's columns, lost motion, all from the start, a climb without load."""
+_ENDS = 2
+_CLIMB_RATE = 16.0
+"""Sample rate of the climb over the end of the band."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A stretch of log, its robot's link side and what is known of the rotors."""
+
+    samples: Samples
+    link: LinkSide
+    rotors: RotorPrior
+
+    @cached_property
+    def bands(self) -> Array:
+        """Highest frequency at which each joint's position exceeds its noise, Hz, (n,)."""
+        return band_of(self.samples)
+
+    @property
+    def band(self) -> float:
+        """The highest of them, Hz."""
+        return float(self.bands.max())
+
+    @property
+    def spacing(self) -> float:
+        """Distance of knots, s."""
+        return float(np.clip(KNOT_SHARE / self.band, *KNOTS))
+
+    @property
+    def cutoff(self) -> float:
+        """Cut-off of the torque rows, Hz."""
+        return TORQUE_CUT * self.band
+
+    @cached_property
+    def log(self) -> MotorLog:
+        """The stretch with two samples per knot."""
+        return MotorLog(self.samples, 2 / self.spacing)
+
+    @cached_property
+    def unknowns(self) -> Unknowns:
+        """The unknowns."""
+        return Unknowns(self.link)
+
+    def problem(self, parts: Sequence[str], lost_scale: Array | None = None) -> Latent:
+        """Return the latent problem with some of the columns that are optional."""
+        return Latent(self.log, self.unknowns, self.spacing, self.rotors, parts, lost_scale)
+
+
+@dataclass(frozen=True)
+class Search:
+    """Ends of the search, the best first."""
+
+    setting: Setting
+    ends: tuple[LatentFit, ...]
+
+    @property
+    def best(self) -> LatentFit:
+        """The end of least cost."""
+        return self.ends[0]
+
+
+def search(setting: Setting) -> Search:
+    """Fit a log from every start that a climb gives.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        No start leads anywhere.
+    """
+    climb_log = MotorLog(setting.samples, _CLIMB_RATE * setting.band)
+    climb = Climb(climb_log, setting.unknowns, setting.rotors, setting.band)
+    starts = climb.ends()[:_ENDS]
+    ends = [end for start in starts if (end := _from(setting, climb, start)) is not None]
+    if not ends or min(end.chi for end in ends) > _UNFIT:
+        climb.with_load = False
+        ends += _without_load(setting, climb, starts)
+    if not ends:
+        raise np.linalg.LinAlgError("no start leads to a fit")
+    return Search(setting, tuple(sorted(ends, key=lambda end: end.cost)))
+
+
+def _without_load(setting: Setting, climb: Climb, starts: Sequence[ClimbEnd]) -> list[LatentFit]:
+    """Return the fit from a climb without load friction, where it ends elsewhere."""
+    try:
+        start = climb.ascend()
+    except (np.linalg.LinAlgError, ValueError):
+        return []
+    known = [apart(start.x, other.x, setting.unknowns) for other in starts]
+    if not np.all(np.isfinite(start.x)) or any(distance < 0.03 for distance in known):
+        return []
+    end = _from(setting, climb, start)
+    return [] if end is None else [end]
+
+
+def _from(setting: Setting, climb: Climb, start: ClimbEnd) -> LatentFit | None:
+    try:
+        return _Columns(setting, climb, start).best()
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+
+
+class _Columns:
+    """Fits from one start, with more and with fewer columns."""
+
+    def __init__(self, setting: Setting, climb: Climb, start: ClimbEnd) -> None:
+        self.setting, self.unknowns = setting, setting.unknowns
+        motion = climb.motion(start)
+        placed = [np.interp(setting.log.t, climb.log.t, column) for column in motion.T]
+        self.x, self.coefficients = self._motion_first(start.x, np.stack(placed, axis=1))
+
+    def _motion_first(self, x: Array, q: Array) -> tuple[Array, Array]:
+        """Return the start with the links' motion fitted and the parameters held: else the fit leaves a good start."""
+        problem = self.setting.problem(("load",))
+        problem.filter_torque(self.setting.cutoff, 0.1)
+        only = np.zeros(self.unknowns.size, dtype=bool)
+        only[self.unknowns["offset"]] = True
+        held = fit(problem, x, problem.spline.fit(q), only, Iteration(8, 0.05, robust=False))
+        return held.x, held.coefficients
+
+    def level(
+        self, parts: Sequence[str], x: Array, coefficients: Array, floors: Sequence[tuple[float, int]],
+        lost_scale: Array | None = None,
+    ) -> LatentFit:  # fmt: skip
+        """Return the fit with some columns, floor by floor."""
+        problem = self.setting.problem(parts, lost_scale)
+        x = x.copy()
+        for name in {"load", "stribeck", "lost"} - set(parts):
+            x[self.unknowns[name]] = 0.0
+        for floor, steps in floors:
+            problem.filter_torque(self.setting.cutoff, floor)
+            found = fit(problem, x, coefficients, self.unknowns.free(), Iteration(steps, settle=True))
+            x, coefficients = found.x, found.coefficients
+        return found
+
+    def best(self) -> LatentFit:
+        """Return the fit with the columns that pay."""
+        found = self.level(("load",), self.x, self.coefficients, FLOORS)
+        plain = self.level((), found.x, found.coefficients, FLOORS[-1:])
+        if found.chi > _STRIBECK_FROM * min(1.0, plain.chi) or _pays(plain, found):
+            richer = self.level(("load", "stribeck"), found.x, found.coefficients, FLOORS[-2:])
+            found = richer if _pays(found, richer) else found
+        found = found if _pays(plain, found) else plain
+        return self._with_lost_motion(found) if found.chi > _LOST_FROM else found
+
+    def _with_lost_motion(self, found: LatentFit) -> LatentFit:
+        scale = LOST_SHARE * found.model.spring.std(axis=0)
+        richer = self.level((*found.problem.parts, "lost"), found.x, found.coefficients, FLOORS[-1:], scale)
+        if _pays(found, richer) and not _gains_motion(richer):
+            found = richer
+        if found.chi > _CORNERED:
+            fresh = self.level(("load", "stribeck", "lost"), self.x, self.coefficients, FLOORS, scale)
+            if _pays(found, fresh) and fresh.cost < 0.8 * found.cost and not _gains_motion(fresh):
+                found = fresh
+        return found
+
+
+def _pays(fewer: LatentFit, more: LatentFit) -> bool:
+    """Return whether further columns are worth it."""
+    count = max(1, len(more.free) - len(fewer.free))
+    return bool(np.isfinite(more.cost) and fewer.cost - more.cost > _PAYS * count * max(1.0, more.chi))
+
+
+def _gains_motion(found: LatentFit) -> bool:
+    """Return whether lost motion came out clearly negative."""
+    place = found.problem.unknowns["lost"]
+    error = np.sqrt(np.maximum(np.diag(found.covariance)[place], 0) * max(1.0, found.chi))
+    least = -3 * error - 0.02 * np.abs(found.compliance) * found.model.spring.std(axis=0)
+    return bool(np.any(found.x[place] < least))

@@ -1,0 +1,77 @@
+"""What is unknown beside the links' motion, and what is known of it beforehand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.motor_side.link_side import LinkSide
+from elid_cli.estimation.motor_side.motor_log import STRIBECK_WIDTHS
+
+DELAY_SPREAD = DAMPING_SPREAD = 1e-3
+"""Prior standard deviation of the torques' common delay and of transmission damping over stiffness, s."""
+LOAD_FRICTION_SPREAD = 0.15
+"""Prior standard deviation of load friction's coefficient: nearly none."""
+STRIBECK_SPREAD = 0.1
+"""Prior standard deviation of a Stribeck bump, share of the joint's torque."""
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Places of the unknowns in one vector x.
+
+    p (bodies), then per joint J (rotor), fv, fs, offset; one delay; per joint damping over stiffness, lost motion,
+    compliance c = 1/K, load friction; Stribeck bumps (bump by bump); further friction.
+    """
+
+    link: LinkSide
+    further: int = 0
+    places: dict[str, NDArray[np.intp]] = field(init=False)
+    size: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        n = self.link.n
+        sizes = {
+            "p": self.link.count, "J": n, "fv": n, "fs": n, "offset": n, "delay": 1, "damping": n, "lost": n, "c": n,
+            "load": n, "stribeck": n * len(STRIBECK_WIDTHS), "further": self.further,
+        }  # fmt: skip
+        ends = np.cumsum([0, *sizes.values()])
+        places = {name: np.arange(ends[k], ends[k + 1]) for k, name in enumerate(sizes)}
+        object.__setattr__(self, "places", places)
+        object.__setattr__(self, "size", int(ends[-1]))
+
+    def __getitem__(self, name: str) -> NDArray[np.intp]:
+        return self.places[name]
+
+    def free(self, *without: str) -> NDArray[np.bool_]:
+        """Return which unknowns are free: not the named ones, and of rigid joints neither rotor nor transmission."""
+        free = np.ones(self.size, dtype=bool)
+        for name in without:
+            free[self[name]] = False
+        for name in ("J", "damping", "lost", "c"):
+            free[self[name][~self.link.elastic]] = False
+        return free
+
+
+@dataclass(frozen=True)
+class RotorPrior:
+    """What is known of the rotors' inertias as the joints see them, kg·m², (n,) each."""
+
+    value: Array
+    spread: Array
+
+
+def prior_of(unknowns: Unknowns, rotors: RotorPrior, torque: Array) -> tuple[Array, Array]:
+    """Return mean and standard deviation of every unknown, (size,); infinite where nothing is known.
+
+    `torque` is the standard deviation of every joint's torque, (n,).
+    """
+    mean, spread = np.zeros(unknowns.size), np.full(unknowns.size, np.inf)
+    mean[unknowns["J"]], spread[unknowns["J"]] = rotors.value, rotors.spread
+    spread[unknowns["delay"]], spread[unknowns["damping"]] = DELAY_SPREAD, DAMPING_SPREAD
+    spread[unknowns["load"]] = LOAD_FRICTION_SPREAD
+    spread[unknowns["stribeck"]] = np.tile(STRIBECK_SPREAD * torque, len(STRIBECK_WIDTHS))
+    return mean, spread
