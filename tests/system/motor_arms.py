@@ -55,7 +55,8 @@ def inertias(arm: Arm) -> tuple[Array, Array]:
 
 
 def _bent(n: int) -> Array:
-    return np.r_[-np.pi / 2, np.full(n - 1, 0.6)][None]
+    bent: Array = np.r_[-np.pi / 2, np.full(n - 1, 0.6)][None]
+    return bent
 
 
 def _sprung(arm: Arm) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.link_side import LinkSide, LinkTerms
+from elid_cli.estimation.motor_side.link_side import LinkTerms
 from elid_cli.estimation.motor_side.motor_log import MotorLog
 from elid_cli.estimation.motor_side.operators import KnotSpline, filtered
 from elid_cli.estimation.motor_side.unknowns import (
@@ -181,8 +181,8 @@ class Climb:
             found[:, :, at["damping"][i]] += _chain(motions, [c[i] * spring[d + 1][:, i] for d in range(3)])
         return found
 
-    def _mass(self, x: Array) -> Array:
-        """Return each link's mean inertia about its joint, (n,), kept positive."""
+    def mass(self, x: Array) -> Array:
+        """Return each link's mean inertia about its joint, kg·m², (n,), kept positive."""
         _, q = self._parts(x)
         mean = np.diag(self.link.mass(q[0][::40], x[self.unknowns["p"]]).mean(axis=0))
         acceleration = np.maximum(self._band.theta[2].std(axis=0), 1e-9)
@@ -193,7 +193,7 @@ class Climb:
     def _weights(self, x: Array, cutoff: float) -> Array:
         """Return one over the noise that the misfit would have at every frequency, (F, n), low-passed."""
         log, at = self.log, self.unknowns.places
-        c, J, mass = x[at["c"]], x[at["J"]], self._mass(x)
+        c, J, mass = x[at["c"]], x[at["J"]], self.mass(x)
         f = self._frequencies[:, None]
         square = (2 * np.pi * f) ** 2
         by_theta = square * (mass + J) - c * mass * J * square**2
@@ -244,14 +244,19 @@ class Climb:
             taper = self._band.taper.reshape(shape)
             parts = np.fft.rfft(values * taper, axis=0)[:bins]
             parts = parts * (self._scale * weight).reshape(bins, -1, *[1] * (values.ndim - 2))
-            return np.concatenate([parts.real, parts.imag]).reshape(2 * bins * self.link.n, *values.shape[2:])
+            found: Array = np.reshape(
+                np.concatenate([parts.real, parts.imag]), (2 * bins * self.link.n, *values.shape[2:])
+            )
+            return found
 
         def residual(at: Array) -> Array:
-            return np.r_[spectrum(self._misfit(at)[0]), self._prior(at, strength, soft)[0]]
+            found: Array = np.concatenate([spectrum(self._misfit(at)[0]), self._prior(at, strength, soft)[0]])
+            return found
 
         def slopes(at: Array) -> Array:
             factor = self._prior(at, strength, soft)[1]
-            return np.concatenate([spectrum(self._slopes(at)[:, :, free]), np.diag(factor)[:, free]])
+            rows: Array = np.concatenate([spectrum(self._slopes(at)[:, :, free]), np.diag(factor)[:, free]])
+            return rows
 
         x, cost = _descend(x, free, residual, slopes)
         return x, cost / (2 * self.link.n * bins)
@@ -266,11 +271,11 @@ class Climb:
         x[unknowns["J"]], x[unknowns["p"]] = np.where(elastic, self.rotors.value, 0.0), 1e-3
         x, cost = self.rung(x, FIRST_RUNG, unknowns.free(*idle, "c"), 100.0)
         if locked is not None:
-            x[unknowns["c"]] = np.where(elastic, 1 / (self._mass(x) * (2 * np.pi * locked) ** 2), 0.0)
+            x[unknowns["c"]] = np.where(elastic, 1 / (self.mass(x) * (2 * np.pi * locked) ** 2), 0.0)
         cost, trace = 1.0, []
         for cutoff in _rungs(LAST_RUNG * self._end):
             held = cutoff < 3 * FIRST_RUNG and locked is None
-            soft = 0.5 * self._mass(x) * (2 * np.pi * cutoff) ** 2 if held else None
+            soft = 0.5 * self.mass(x) * (2 * np.pi * cutoff) ** 2 if held else None
             rows = 2 * self.link.n * max(8, int(np.searchsorted(self._frequencies, 1.5 * cutoff)))
             strength = float(np.sqrt(max(1.0, cost) * max(rows, 20) / 20))
             x, cost = self.rung(x, cutoff, unknowns.free(*idle), strength, soft)
@@ -310,7 +315,8 @@ def apart(x: Array, other: Array, unknowns: Unknowns) -> float:
 
 def _rungs(top: float) -> Array:
     count = max(3, int(np.ceil(np.log(top / FIRST_RUNG) / np.log(RATIO))) + 1)
-    return np.exp(np.linspace(np.log(FIRST_RUNG), np.log(top), count))
+    found: Array = np.exp(np.linspace(np.log(FIRST_RUNG), np.log(top), count))
+    return found
 
 
 def _highest(trace: list[ClimbEnd]) -> ClimbEnd:
@@ -350,6 +356,3 @@ def _descend(
         if fall < 1e-3:
             break
     return x, cost
-
-
-__all__ = ["Climb", "ClimbEnd", "LinkSide", "apart"]

@@ -5,6 +5,8 @@ The thresholds were frozen before they were tried on fresh simulated logs (docs/
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from elid_cli.estimation.motor_side.refits import Figures
@@ -22,6 +24,10 @@ FRICTION_GAIN, FRICTION_MOVE = 1.6, 0.01
 PULL, PULL_OTHER = 2.5, 5.0
 """Most that a rotor's inertia may differ from what was told, own and others, in standard deviations."""
 SENSITIVITY = 0.02
+TIGHT = 0.003
+"""Standard error, share of the compliance, from which on its valley is looked at away from its bottom."""
+RISES = {"supported": (0.05, 4.0), "weak": (0.1, 9.0)}
+"""By verdict: a share off the compliance, and how much the cost must rise there, in squared standard deviations."""
 REACH = 1.05
 """Least ratio of the band's end and the antiresonance."""
 OTHER, OTHER_COST = 0.05, 1.2
@@ -32,11 +38,12 @@ LOAD = (0.01, 0.3)
 """Load friction brakes, and stays a friction."""
 
 WORDS = {
-    "sign": "no compliance is seen",
+    "sign": "a rigid joint fits as well",
+    "gain": "a rigid joint fits nearly as well",
+    "band": "the motion ends below the antiresonance",
+    "misfit": "the model does not reach the sensors' noise",
     "sure": "the compliance is within its error of none",
     "close": "its standard error is above 3 %",
-    "misfit": "the model does not reach the sensors' noise",
-    "gain": "a rigid joint fits as well",
     "cut": "it moves with the frequencies that are used",
     "knots": "it moves with the spline's knots",
     "friction": "it moves with the form of friction",
@@ -45,20 +52,20 @@ WORDS = {
     "rotor": "the rotor's inertia contradicts the robot file",
     "rotor_told": "it follows the rotor's inertia in the robot file",
     "other_end": "another stiffness fits as well",
+    "valley": "values further off fit nearly as well",
     "delay": "the torques' delay is too long",
     "damping": "the transmission's damping is too strong",
     "load_friction": "load friction has no possible value",
     "mass": "the links' inertia is not positive",
-    "band": "the motion ends below the antiresonance",
 }
-"""Why a gate was not passed, in words."""
+"""Why a gate was not passed, the weightiest first."""
 
 
-def verdict_of(failed: list[str]) -> Verdict:
+def verdict_of(failed: Sequence[str]) -> Verdict:
     """Return the verdict that failed gates mean."""
     if not failed:
         return "supported"
-    return "weak" if failed == ["band"] else "refused"
+    return "weak" if list(failed) == ["band"] else "refused"
 
 
 def failed_gates(told: Figures, joint: int) -> list[str]:

@@ -138,15 +138,14 @@ class Latent:
     def filter_torque(self, cutoff: float, floor: float) -> None:
         """Low-pass the torque rows at `cutoff`, Hz; their noise is at least `floor`, a share of the torque."""
         self.cutoff = cutoff
-        self.rows, gain, self.centres = low_pass_rows(
-            self.log.count, self.log.dt, cutoff, self.edge
-        )
+        self.rows, gain, self.centres = low_pass_rows(self.log.count, self.log.dt, cutoff, self.edge)
         self.tau_noise = np.hypot(self.log.tau_noise * gain, floor * self.log.torque)
 
     @property
     def weight(self) -> Array:
         """One over the noise of every position, (N, n); 0 at the ends, where differences are cut short."""
-        return self.inner[:, None] / self.log.theta_noise
+        found: Array = self.inner[:, None] / self.log.theta_noise
+        return found
 
     # ---- the model
 

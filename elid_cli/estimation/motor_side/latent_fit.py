@@ -149,7 +149,7 @@ class _Descent:
         for number in range(self.how.steps):
             A, P, r = self._stacked(problem.linearised(now, x), theta, tau, weight)
             normal = _Normal(A, P, r, self.pull[self.free], (x - problem.prior_mean)[self.free])
-            found = None
+            done = None
             for attempt in range(_TRIES):
                 schur = normal.eliminated(self.damping)
                 if schur is None:
@@ -162,17 +162,17 @@ class _Descent:
                 after = problem.residual(there, trial)
                 lower = self._cost(after[0], after[1], weight, trial)
                 if np.isfinite(lower) and lower < cost * (1 + 1e-9):
-                    found = attempt
+                    done = attempt, schur, unit
                     break
                 self.damping = max(10 * self.damping, 1e-8)
-            if found is None:
+            if done is None:
                 break
             fall, taken = (cost - lower) / cost, taken + 1
             coefficients, x, (theta, tau, now) = there, trial, after
-            self.damping = max(self.damping / 8, 1e-10) if found == 0 else self.damping
+            self.damping = max(self.damping / 8, 1e-10) if done[0] == 0 else self.damping
             weight = self._weight(tau)
             cost = self._cost(theta, tau, weight, x)
-            if fall < self.how.tolerance and number > 1 and (not self.how.settle or self._settled(move, schur, unit)):
+            if fall < self.how.tolerance and number > 1 and (not self.how.settle or self._settled(move, *done[1:])):
                 break
         undamped = normal.eliminated(0.0)
         if undamped is None:

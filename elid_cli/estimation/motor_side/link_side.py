@@ -22,7 +22,6 @@ from elid_cli.model.terms.base_term import ChainMotion, MotorState
 from elid_cli.model.terms.rigid_body import RigidBody
 from elid_cli.model.terms.rotor import Rotor
 from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
-from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.trigonometry import sine_and_cosine
 
@@ -117,7 +116,8 @@ class LinkSide:
         if not len(terms.by_speed):
             return np.zeros_like(dtheta)
         found: Array = np.einsum("nij,nj->ni", terms.by_speed, J * dtheta)
-        return found + np.einsum("nij,nj->ni", terms.by_acceleration, J * ddtheta)
+        found += np.einsum("nij,nj->ni", terms.by_acceleration, J * ddtheta)
+        return found
 
     def slopes(self, state: Sequence[Array], p: Array, J: Array, motors: tuple[Array, Array]) -> LinkSlopes:
         """Return derivatives by the links' motion from central differences.
@@ -232,7 +232,8 @@ def reflected(robot: Robot) -> Array:
     values = robot.reference()
     index = {name: k for k, name in enumerate(robot.parameter_names())}
     found = np.array([values[index[name]] for name in robot.rotor_names], dtype=float)
-    return found * np.array([(joint.gear_ratio or 1.0) ** 2 for joint in robot.joints])
+    found *= [(joint.gear_ratio or 1.0) ** 2 for joint in robot.joints]
+    return found
 
 
 def _inputs(q: Array, dq: Array, ddq: Array) -> Array:
@@ -242,6 +243,3 @@ def _inputs(q: Array, dq: Array, ddq: Array) -> Array:
         five[2], five[3], five[4] = q[:, k], dq[:, k], ddq[:, k]
         sine_and_cosine(five[2], five[0], five[1])
     return rows
-
-
-__all__ = ["LinkSide", "LinkSlopes", "LinkTerms", "StandardParameter", "reflected"]

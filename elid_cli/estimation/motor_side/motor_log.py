@@ -81,7 +81,8 @@ def band_of(samples: Samples) -> Array:
     f, power = welch(theta - theta.mean(axis=0), rate, nperseg=size, axis=0, window="blackmanharris")
     loud = (power > 6.0 * samples.noise[0] ** 2 / (rate / 2)) & (f < min(HIGHEST, 0.3 * rate))[:, None]
     highest = [f[np.flatnonzero(column)[-1]] if column.any() else LOWEST for column in loud.T]
-    return np.clip(np.array(highest), LOWEST, HIGHEST)
+    found: Array = np.clip(np.array(highest), LOWEST, HIGHEST)
+    return found
 
 
 class MotorLog:

@@ -22,7 +22,7 @@ _KAISER = 4.5
 
 
 def thin(values: Array, step: int) -> tuple[Array, float]:
-    """Return every `step`-th sample of values (N, n) under a triangular kernel, and the kernel's gain on white noise."""
+    """Return every `step`-th sample of values (N, n) under a triangular kernel, and its gain on white noise."""
     if step == 1:
         return values.copy(), 1.0
     kernel = np.bartlett(2 * step + 1)[1:-1]

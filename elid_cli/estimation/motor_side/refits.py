@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,10 @@ from elid_cli.estimation.motor_side.unknowns import Unknowns
 
 LOWER_CUT, FINER = 0.75, 0.75
 """Cut-off of the torque rows over the end of the band, and distance of knots over the first one, of two refits."""
+WIDTHS = (0.4, 2.5)
+"""Factors on the speed within which friction changes its sign, of refits of motion below an antiresonance."""
+PATIENT = Iteration(60, 1e-5)
+"""How a fit iterates along a flat valley, where the cost falls little in a step."""
 _SHARPER = 0.4
 """Torque over which lost motion is passed where the model has some already, share of the transmission's."""
 
@@ -66,7 +70,8 @@ class _Refits:
 
     def fitted(
         self, log: MotorLog | None = None, *, spacing: float = 0.0, cutoff: float = 0.0, parts: Sequence[str] = (),
-        further: Sequence[Friction] = (), lost_scale: Array | None = None, rigid: int | None = None, steps: int = 10,
+        further: Sequence[Friction] = (), lost_scale: Array | None = None, rigid: int | None = None,
+        held: tuple[int, float] | None = None, steps: int = 10,
     ) -> LatentFit | None:  # fmt: skip
         """Return a refit from the best fit's end, or None where it fails."""
         best, setting, log = self.best, self.setting, log or self.best.problem.log
@@ -80,9 +85,12 @@ class _Refits:
         if rigid is not None:
             x[unknowns["c"][rigid]], free[unknowns["c"][rigid]] = 0.0, False
             q[:, rigid] = log.theta[:, rigid]
+        if held is not None:
+            x[unknowns["c"][held[0]]], free[unknowns["c"][held[0]]] = held[1], False
         problem.filter_torque(cutoff or setting.cutoff, FLOORS[-1][0])
+        how = Iteration(steps, settle=rigid is None) if held is None else PATIENT
         try:
-            return fit(problem, x, problem.spline.fit(q), free, Iteration(steps, settle=rigid is None))
+            return fit(problem, x, problem.spline.fit(q), free, how)
         except (np.linalg.LinAlgError, ValueError):
             return None
 
@@ -151,6 +159,29 @@ def figures(found: Search, told: Callable[[float], None] | None = None) -> Figur
         refits.halves(), refits.move(friction), 0.0 if friction is None else best.cost / friction.cost,
         refits.move(spring), gain,
     )  # fmt: skip
+
+
+def rise(found: Search, joint: int, share: float) -> float:
+    """Return the least rise of the cost, in units of the misfit, with a compliance held off by ± a share of it.
+
+    Where a valley of the cost is bent or has neighbours, a standard error from its curvature promises too much.
+    """
+    refits, best = _Refits(found), found.best
+    ends = [refits.fitted(held=(joint, float(best.compliance[joint]) * (1 + sign * share))) for sign in (-1, 1)]
+    costs = [np.inf if end is None else end.cost - best.cost for end in ends]
+    return float(min(costs)) / max(1.0, best.chi)
+
+
+def friction_width(found: Search) -> Array:
+    """Return how far the compliances move where friction changes its sign within other speeds, (n,)."""
+    refits, setting = _Refits(found), found.setting
+    moves = []
+    for factor in WIDTHS:
+        samples = replace(setting.samples, width=factor * setting.samples.width)
+        log = MotorLog(samples, 2 / setting.spacing)
+        log.theta_noise, log.tau_noise = found.best.problem.log.theta_noise, found.best.problem.log.tau_noise
+        moves.append(np.abs(refits.move(refits.fitted(log, steps=15))))
+    return np.asarray(np.max(moves, axis=0))
 
 
 def _other_end(found: Search) -> tuple[Array, float]:

@@ -1,0 +1,196 @@
+"""Stiffness of the transmissions whose links nobody logged: the door of this folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.motor_side.gates import MOVE, RISES, TIGHT, failed_gates, verdict_of
+from elid_cli.estimation.motor_side.link_side import LinkSide
+from elid_cli.estimation.motor_side.refits import Figures, figures, friction_width, rise
+from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint, NextMotion, why
+from elid_cli.estimation.motor_side.rotors import rotors_of
+from elid_cli.estimation.motor_side.search import Search, Setting, search
+from elid_cli.estimation.motor_side.stretch import stretch_of
+from elid_cli.robot.locking import locked
+from elid_cli.robot.parameter import StandardParameter
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+
+LEAST_ERROR, WELL_FITTED = 0.01, 1.2
+"""Least standard error, share of the stiffness, where the cost per degree of freedom is above the second."""
+ASYMMETRY = 0.25
+"""Standard deviation of how differently load friction brakes in driving and back-driving, share of it."""
+RIGID_ERROR = 0.05
+"""Error of the torque up to which a rigid joint counts as a description."""
+DITHER = (2.0, 6.0)
+"""Accelerations of all inertia that a torque multisine should make, rad/s² (m/s²)."""
+PAST, GUESSED_TOP = 1.3, 2.0
+"""Highest frequency of the multisine over the expected antiresonance, or over this log's band where that is unknown."""
+
+
+def hidden_joints(robot: Robot, recording: Recording) -> list[int]:
+    """Return the numbers of the elastic joints of which a log holds the motor's position and torque, not the link's."""
+    seen = [~np.isnan(values).all(axis=0) for values in (recording.theta, recording.tau)]
+    return [int(k) for k in np.flatnonzero(robot.elastic & recording.missing_link & seen[0] & seen[1])]
+
+
+def motor_side(robot: Robot, recording: Recording, still: NDArray[np.bool_]) -> MotorSide | None:
+    """Estimate the stiffness of joints with hidden links, or return None where there are none.
+
+    Other joints count as rigid, but elastic ones, whose links the log holds, count as hidden too.
+
+    Parameters
+    ----------
+    robot
+        As described, n joints.
+    recording
+        One log.
+    still
+        Joints that do not move in it, (n,).
+    """
+    hidden = hidden_joints(robot, recording)
+    if not hidden:
+        return None
+    moving = np.flatnonzero(~still)
+    resting = [k for k in hidden if k not in moving]
+    found = [_unseen(robot, k, "it does not move") for k in resting]
+    asked = [k for k in hidden if k in moving]
+    if asked:
+        answer = _estimated(robot, recording, moving.tolist(), asked)
+        return replace(answer, joints=tuple(sorted((*answer.joints, *found), key=lambda joint: joint.number)))
+    return MotorSide(tuple(found))
+
+
+def _estimated(robot: Robot, recording: Recording, moving: Sequence[int], asked: Sequence[int]) -> MotorSide:
+    """Return what is found of the joints that are asked for."""
+    samples = stretch_of(recording, np.asarray(moving))
+    if isinstance(samples, str):
+        return MotorSide(tuple(_unseen(robot, k, samples) for k in asked))
+    seen = _as_moving(robot, recording, moving, asked)
+    link = LinkSide(seen)
+    with np.errstate(all="ignore"):
+        rotors, total = rotors_of(seen, link, samples)
+        setting = Setting(samples, link, rotors)
+        answer = _answer(setting)
+    joints = [_judged(robot, k, list(moving).index(k), setting, answer, total) for k in asked]
+    seconds = float(samples.t[-1] - samples.t[0])
+    return MotorSide(tuple(joints), float("nan") if answer is None else answer.told.chi, seconds)
+
+
+class _Answer(NamedTuple):
+    """Figures of a fit and the gates that every joint fails."""
+
+    told: Figures
+    failed: list[tuple[str, ...]]
+
+
+def _answer(setting: Setting) -> _Answer | None:
+    """Return what a log says, or None where no fit is found."""
+    try:
+        found = search(setting)
+        told = figures(found)
+        return _Answer(told, _failed(found, told))
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+
+
+def _failed(found: Search, told: Figures) -> list[tuple[str, ...]]:
+    """Return the gates that every joint fails; the last ones, which take further fits, where the others are passed."""
+    widths = None
+    failed = [failed_gates(told, k) for k in range(len(told.compliance))]
+    for k, names in enumerate(failed):
+        verdict = verdict_of(names)
+        if verdict == "weak":
+            widths = friction_width(found) if widths is None else widths
+            if not widths[k] < MOVE:
+                names.append("friction")
+        loose = told.error[k] > TIGHT * told.compliance[k]
+        if verdict_of(names) != "refused" and (loose or verdict == "weak"):
+            share, least = RISES[verdict]
+            if not rise(found, k, share) > least:
+                names.append("valley")
+    return [tuple(names) for names in failed]
+
+
+def _as_moving(robot: Robot, recording: Recording, moving: Sequence[int], asked: Sequence[int]) -> Robot:
+    """Return the robot of the joints that move, elastic where asked for; the others are held where they rest."""
+    theta = np.where(np.isnan(recording.theta), recording.q, recording.theta)
+    joints = [replace(joint, transmission="elastic" if k in asked else "rigid") for k, joint in enumerate(robot.joints)]
+    rest = {
+        joint.name: float(np.nan_to_num(np.nanmean(theta[:, k])))
+        for k, joint in enumerate(robot.joints)
+        if k not in moving
+    }
+    return locked(replace(robot, joints=tuple(joints), effects=()), rest)
+
+
+def _unseen(robot: Robot, number: int, reason: str) -> MotorSideJoint:
+    return MotorSideJoint(
+        robot.joint_names[number], number, "refused", reference=_reference(robot, number), reason=reason
+    )
+
+
+def _reference(robot: Robot, number: int) -> float:
+    index = {name: k for k, name in enumerate(robot.parameter_names())}
+    return float(robot.reference()[index[StandardParameter("K", number)]])
+
+
+def _judged(
+    robot: Robot, number: int, place: int, setting: Setting, answer: _Answer | None, total: Array
+) -> MotorSideJoint:
+    """Return what is said of one joint, which is number `place` among those that move."""
+    motion = _next_motion(_reference(robot, number), setting, place, total)
+    base = replace(_unseen(robot, number, "no fit was found"), band=float(setting.bands[place]), motion=motion)
+    if answer is None:
+        return base
+    told, failed = answer.told, answer.failed[place]
+    verdict = verdict_of(failed)
+    judged = replace(base, verdict=verdict, failed=failed, reason=why(failed), gates=_gates(told, place))
+    if verdict == "refused":
+        return judged
+    c, error = float(told.compliance[place]), float(told.error[place])
+    share = max(error / c, LEAST_ERROR if told.chi > WELL_FITTED else 0.0)
+    systematic = ASYMMETRY * abs(float(told.load_friction[place])) / c
+    anti, resonance = float(told.antiresonance[place]), float(told.resonance[place])
+    return replace(
+        judged, stiffness=1 / c, std_error=float(np.hypot(share / c, systematic)), systematic=systematic,
+        rotor=float(told.rotor[place]), antiresonance=anti, resonance=resonance, rigid_to=rigid_to(anti, resonance),
+        motion=motion if verdict == "weak" else None,
+    )  # fmt: skip
+
+
+def rigid_to(antiresonance: float, resonance: float) -> float:
+    """Return the frequency, Hz, at which a rigid joint's motion per torque is `RIGID_ERROR` off.
+
+    Motor over torque of link, spring and rotor is that of a rigid joint times (1 - (f / antiresonance)²) /
+    (1 - (f / resonance)²).
+    """
+    return float(np.sqrt(RIGID_ERROR / (antiresonance**-2 - (1 - RIGID_ERROR) * resonance**-2)))
+
+
+def _next_motion(reference: float, setting: Setting, place: int, total: Array) -> NextMotion:
+    """Return the motion that would show a stiffness: past its antiresonance, as far as that can be told."""
+    moved = float(total[place])
+    known = bool(np.isfinite(reference) and reference > 0)
+    link = max(moved - float(setting.rotors.value[place]), 0.1 * moved)
+    top = PAST * np.sqrt(reference / link) / (2 * np.pi) if known else GUESSED_TOP * float(setting.bands[place])
+    return NextMotion((DITHER[0] * moved, DITHER[1] * moved), float(top), known)
+
+
+def _gates(told: Figures, i: int) -> dict[str, float]:
+    """Return what the gates looked at of one joint, by name."""
+    halves = [half[0][i] for half in told.halves]
+    figures_ = {
+        "error": told.error[i] / abs(told.compliance[i]), "gain": told.gain[i], "misfit": told.chi,
+        "cut": told.cut[i], "knots": told.knots[i], "friction": told.friction[i], "spring": told.spring[i],
+        "first_half": halves[0], "second_half": halves[1], "rotor_pull": told.rotor_pull[i],
+        "rotor_told": told.rotor_sensitivity[i], "delay": told.delay, "damping": told.damping[i],
+        "load_friction": told.load_friction[i],
+    }  # fmt: skip
+    return {name: float(value) for name, value in figures_.items()}

@@ -1,0 +1,103 @@
+"""What the motor side says of every transmission: a stiffness, or that this log does not show it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from elid_cli.estimation.motor_side.gates import WORDS
+from elid_cli.estimation.result import Verdict
+
+NOT_SHOWN = "not shown by this log"
+TOLD = 2
+"""Gates that a reason names."""
+
+
+@dataclass(frozen=True)
+class NextMotion:
+    """The motion that would show a stiffness."""
+
+    torque: tuple[float, float]
+    """Amplitude of a torque multisine, N·m (N): from, to."""
+    top: float
+    """Its highest frequency, Hz."""
+    known: bool
+    """Whether `top` follows from a stiffness that the robot file gives."""
+
+    @property
+    def words(self) -> str:
+        """The motion as one sentence."""
+        low, high = self.torque
+        why = "1.3 times the antiresonance that the file's K means" if self.known else "a guess: twice this log's band"
+        return (
+            f"10 s at 1 kHz of slow wide motion with a torque multisine of {low:.2g} to {high:.2g} N·m on top, "
+            f"1 Hz to {self.top:.2g} Hz ({why})"
+        )
+
+
+@dataclass(frozen=True)
+class MotorSideJoint:
+    """One transmission whose link position nobody logged."""
+
+    joint: str
+    number: int
+    """From 0."""
+    verdict: Verdict
+    stiffness: float = float("nan")
+    """K, N·m/rad (N/m); NaN where refused."""
+    std_error: float = float("nan")
+    systematic: float = 0.0
+    """Part of the standard error that load friction may hide: it may differ between driving and back-driving."""
+    reference: float = float("nan")
+    """K of the robot file; NaN where unknown."""
+    rotor: float = float("nan")
+    """The rotor's inertia as the joint sees it, kg·m² (kg); NaN where refused."""
+    antiresonance: float = float("nan")
+    """Frequency at which the link swings against the held motor, Hz; NaN where refused."""
+    resonance: float = float("nan")
+    """Frequency at which link and rotor swing against each other, Hz; NaN where refused."""
+    rigid_to: float = float("nan")
+    """Frequency up to which a rigid joint's torque is within 5 %, Hz; NaN where refused."""
+    band: float = float("nan")
+    """Highest frequency of the motor's motion above its noise, Hz."""
+    failed: tuple[str, ...] = ()
+    """Gates that were not passed, as in `gates.WORDS`."""
+    gates: Mapping[str, float] = field(default_factory=dict)
+    """What the gates looked at."""
+    reason: str = ""
+    """Why it is weak or refused."""
+    motion: NextMotion | None = None
+
+    @property
+    def says(self) -> str:
+        """Return the reason with what would show the stiffness, a sentence or two."""
+        if self.verdict == "refused":
+            shown = f"; what would show it: {self.motion.words}" if self.motion else ""
+            return f"{NOT_SHOWN} ({self.reason}){shown}"
+        return self.reason
+
+    @property
+    def relative_error(self) -> float:
+        """|estimate - reference| / |reference|; NaN where either is unknown."""
+        return abs(self.stiffness - self.reference) / abs(self.reference) if self.reference else float("nan")
+
+
+@dataclass(frozen=True)
+class MotorSide:
+    """What the motor side says of every joint whose link position is hidden."""
+
+    joints: tuple[MotorSideJoint, ...]
+    misfit: float = float("nan")
+    """Cost per degree of freedom of the fit: 1 is the sensors' noise."""
+    seconds: float = float("nan")
+    """Length of the stretch that was used, s."""
+
+    def of(self, number: int) -> MotorSideJoint | None:
+        """Return what is said of a joint, counted from 0."""
+        return next((joint for joint in self.joints if joint.number == number), None)
+
+
+def why(failed: tuple[str, ...]) -> str:
+    """Return the weightiest failed gates in words: others follow from them."""
+    weightiest = sorted(failed, key=list(WORDS).index)
+    return "; ".join(WORDS[name] for name in weightiest[:TOLD])

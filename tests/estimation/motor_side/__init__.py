@@ -1,0 +1,1 @@
+"""Tests of the stiffness from motor positions and torques alone."""

@@ -1,0 +1,112 @@
+"""Stiffness from motor positions and torques alone: right where it is said, refused where the log does not show it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elid_cli.estimation.motor_side.estimate import motor_side, rigid_to
+from elid_cli.estimation.motor_side.link_side import LinkSide, reflected
+from elid_cli.estimation.motor_side.result import MotorSideJoint
+from tests.system.motor_arms import Case, inertias, motor_log, random_motor_arm, told_robot
+from tests.system.plain_arms import Arm, motion, random_arm
+
+
+def arm_of(seed: int, n: int = 1, rigid: tuple[int, ...] = ()) -> Arm:
+    return random_motor_arm(np.random.default_rng([seed, 77]), n, rigid)
+
+
+def found_of(arm: Arm, seed: int, case: Case, *, all_elastic: bool = False) -> tuple[MotorSideJoint, ...]:
+    """Return what is said of an arm's log; `all_elastic`: its robot file says elastic even where it is rigid."""
+    log, robot = motor_log(arm, seed, case), told_robot(arm, seed, elastic=all_elastic)
+    if all_elastic:
+        log = replace(log, q=np.full_like(log.q, np.nan))
+    found = motor_side(robot, log, np.zeros(arm.n, dtype=bool))
+    assert found is not None
+    return found.joints
+
+
+def test_motion_past_the_resonance_shows_the_stiffness() -> None:
+    arm = arm_of(1)
+    (joint,) = found_of(arm, 1, Case(signal_to_noise=70.0))
+    link, rotor = inertias(arm)
+    assert joint.verdict == "supported"
+    assert joint.stiffness == pytest.approx(arm.stiffness[0], rel=0.005)
+    assert abs(joint.stiffness - arm.stiffness[0]) < 4 * joint.std_error
+    assert joint.rotor == pytest.approx(rotor[0], rel=0.01)  # the file is up to 20 % off
+    assert joint.antiresonance == pytest.approx(np.sqrt(arm.stiffness[0] / link[0]) / (2 * np.pi), rel=0.01)
+    assert joint.antiresonance > joint.rigid_to > 0
+    assert not joint.failed
+
+
+def test_a_hidden_joint_behind_a_rigid_one_with_coupled_rotors() -> None:
+    arm = arm_of(0, 2, rigid=(0,))
+    (joint,) = found_of(arm, 0, Case(duration=6.0))
+    assert (joint.joint, joint.verdict) == ("joint2", "supported")
+    assert joint.stiffness == pytest.approx(arm.stiffness[1], rel=0.005)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.05])
+def test_a_rigid_arm_is_refused_without_a_number(friction: float) -> None:
+    arm = arm_of(2, rigid=(0,))
+    case = Case(signal_to_noise=70.0, duration=6.0, load_friction=np.array([friction]))
+    (joint,) = found_of(arm, 2, case, all_elastic=True)
+    assert joint.verdict == "refused"
+    assert np.isnan([joint.stiffness, joint.std_error, joint.antiresonance, joint.resonance, joint.rigid_to]).all()
+    assert joint.says.startswith("not shown by this log (")
+
+
+def test_a_flat_valley_is_no_stiffness() -> None:
+    arm = arm_of(3)  # standard error 2.7 %, and 16 % off
+    (joint,) = found_of(arm, 3, Case(kind="smooth", signal_to_noise=60.0))
+    assert (joint.verdict, joint.failed) == ("refused", ("band", "valley"))
+
+
+def test_smooth_motion_under_noise_is_refused_and_told_what_would_show_it() -> None:
+    arm = arm_of(3)
+    (joint,) = found_of(arm, 3, Case(kind="smooth", signal_to_noise=40.0))
+    assert joint.verdict == "refused"
+    assert np.isnan(joint.stiffness)
+    assert joint.motion is not None
+    low, high = joint.motion.torque
+    moved = sum(float(v[0]) for v in inertias(arm))
+    assert low == pytest.approx(2 * moved, rel=0.3)
+    assert high == pytest.approx(3 * low)
+    assert "torque multisine" in joint.says
+
+
+def test_what_cannot_be_estimated_is_said() -> None:
+    arm = arm_of(0)
+    log, robot = motor_log(arm, 0, Case(duration=3.0)), told_robot(arm, 0)
+    still = motor_side(robot, log, np.ones(1, dtype=bool))
+    assert still is not None
+    assert still.joints[0].says == "not shown by this log (it does not move)"
+    slow = motor_side(robot, replace(log, dt=0.05), np.zeros(1, dtype=bool))
+    assert slow is not None
+    assert "too slowly" in slow.joints[0].says
+    gaps = log.theta.copy()
+    gaps[::400] = np.nan
+    holes = motor_side(robot, replace(log, theta=gaps), np.zeros(1, dtype=bool))
+    assert holes is not None
+    assert "no 2 s" in holes.joints[0].says
+    assert motor_side(robot, replace(log, q=log.theta + 1e-3), np.zeros(1, dtype=bool)) is None
+
+
+def test_the_link_side_with_its_rotors_gives_the_torque_of_another_simulator() -> None:
+    arm = random_arm(np.random.default_rng(1), 3, (1,))
+    robot, world = arm.described(), motion(arm, 1, 2.0, 250.0)
+    link = LinkSide(robot)
+    terms = link.terms(world.q, world.dq, world.ddq)
+    needed = world.spring.copy()  # a rigid joint's own rotor goes with its link
+    needed[:, 1] += arm.rotor[1] * arm.gear[1] * (world.ddq[:, 0] + arm.gear[1] * world.ddtheta[:, 1])
+    needed -= link.loads(terms, reflected(robot) * link.elastic, world.dtheta, world.ddtheta)
+    p = np.linalg.lstsq(terms.columns.reshape(-1, link.count), needed.ravel(), rcond=None)[0]
+    assert np.abs(terms.columns @ p - needed).max() < 1e-9 * np.abs(needed).max()
+    assert np.allclose(terms.carried[:, 2] * arm.gear[2], world.ddq[:, :2].sum(axis=1))
+
+
+def test_a_rigid_joint_is_five_per_cent_off_where_it_is_said() -> None:
+    f = rigid_to(8.0, 12.0)
+    assert (1 - (f / 8) ** 2) / (1 - (f / 12) ** 2) == pytest.approx(0.95)
