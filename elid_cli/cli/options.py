@@ -175,6 +175,18 @@ class Held(click.ParamType):  # type: ignore[type-arg]
             self.fail(f"{value!r}: {fault}; write NAME=VALUE, in rad or m", param, ctx)
 
 
+class CarriedType(click.ParamType):  # type: ignore[type-arg]
+    """A payload: ``KG@JOINT`` or ``KG@JOINT:X,Y,Z``."""
+
+    name = "payload"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the `Payload`."""
+        from elid_cli.estimation.drive_gains.payload import parse_payload
+
+        return parse_payload(str(value))
+
+
 TIP, LOCK = "elid.tip", "elid.lock"
 """Where the context keeps `--tip` and `--lock` for `load_robot`, whatever the command."""
 

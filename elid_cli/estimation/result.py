@@ -143,6 +143,19 @@ class Nuisance:
 
 
 @dataclass(frozen=True)
+class DriveGain:
+    """What a drive's logged torque is to be multiplied by, from a pair of logs with a known payload in one of them."""
+
+    joint: str
+    gain: float | None
+    """N·m (N) at the joint per unit of the torque as it was mapped; None where refused."""
+    std_error: float | None
+    interval: tuple[float, float] | None
+    """Of 95 %: that of one over the gain, which is what least squares estimate, turned over."""
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
 class FittedEffect:
     """An effect that the robot file declares, with the parameters that this log gives it."""
 
@@ -218,6 +231,10 @@ class Identification(Shown):
     """The rows that make the model insufficient."""
     published: Mapping[str, JointError] = field(default_factory=dict)
     """Of a diagnosis: the held-out error at identification's cut-off, where the parameters are from."""
+    drive_gains: tuple[DriveGain, ...] = ()
+    """Of a pair of logs with a known payload: the gain of every drive; the rest is found with them."""
+    gain_map: str = ""
+    """The mapping of the torque with these gains in it; empty where one of them is refused."""
     hidden: Mapping[str, str] = field(default_factory=dict)
     """Standard parameters of the robot as described that logs of this kind do not show, with the reason."""
 

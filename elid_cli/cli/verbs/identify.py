@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
 from elid_cli.cli.options import Conditioning, Files, FitOptions, Gates, Output, Reading, Spread
 from elid_cli.cli.routes import spread
 
+if TYPE_CHECKING:
+    from elid_cli.estimation.drive_gains.payload import Payload
+    from elid_cli.estimation.identify import EstimateOptions, Identified
+    from elid_cli.estimation.request import LogRequest
+    from elid_cli.estimation.result import Identification
+    from elid_cli.robot.robot import Robot
+
 
 @verb(
     "elid identify run07.mcap --robot puma560",
     "elid identify *.mcap --robot puma560 --write-robot mine.yaml --report report.html",
+    "elid identify empty.mcap loaded.mcap --robot arm.urdf --payload 2.805@joint6",
 )
 @options.logs()
 @options.robot
@@ -26,6 +36,14 @@ from elid_cli.cli.routes import spread
     help="Also find all parameters of a robot that could be built, what the log leaves open from the robot "
     "file; --write-robot then writes them.",
 )
+@options.option(
+    options.FIT,
+    "--payload",
+    type=options.CarriedType(),
+    metavar="KG@JOINT",
+    help="The second of two logs was recorded with this mass on the joint's body: find the gains of the drives, whose "
+    "torque may be a current or a share. KG@JOINT:X,Y,Z also gives its centre, m in the joint's frame.",
+)
 @options.gates
 @options.files
 @options.output
@@ -37,6 +55,7 @@ def identify(
     fit: FitOptions,
     spread: Spread,
     physical: bool,
+    payload: Payload | None,
     gates: Gates,
     files: Files,
     output: Output,
@@ -59,7 +78,7 @@ def identify(
         need_solver()
     check_described(files)
     with progress(output, "reading") as advance:
-        from elid_cli.estimation.identify import EstimateOptions, identify_logs
+        from elid_cli.estimation.identify import EstimateOptions
         from elid_cli.estimation.refined_robot import identified_robot, remarks
         from elid_cli.report.answers.identification import identification_report
         from elid_cli.report.answers.physical import with_physical
@@ -70,7 +89,7 @@ def identify(
         chosen = EstimateOptions(
             estimator=fit.estimator, accurate=fit.accurate, fit="trajectory" if fit.fit == "trajectory" else "torque"
         )
-        found, recording, apart, signals = identify_logs(request, chosen, keep_signals=pictures_wanted(output))
+        found, recording, apart, signals = _identified(request, chosen, payload, pictures_wanted(output))
         predicting = refined = identified_robot(found)
         if physical:
             from elid_cli.estimation.physical.nearest import make_physical
@@ -78,15 +97,21 @@ def identify(
             built = make_physical(found)
             refined = replace(refined, joints=built.refined_robot().joints)
         again = replace(request, on_read=None, progress=None)
+
+        def without_effects(plain: Robot) -> Identification:
+            return _identified(replace(again, robot=plain), chosen, payload, False).found
+
         written = write_found(
             files, refined, remarks(found, physical=physical) if files.write_robot else (), found, found.error,
-            lambda plain: identify_logs(replace(again, robot=plain), chosen).found, output,
+            without_effects, output,
         )  # fmt: skip
         report = identification_report(found, recording, robot, apart, written.files)
         if pictures_wanted(output):
             from elid_cli.report.figures.build import identification_figures, with_figures
 
-            signals = signals or samples_of(logs, machine, reading, conditioning, output, advance)
+            signals = (
+                signals if payload or signals else samples_of(logs, machine, reading, conditioning, output, advance)
+            )
             if signals is not None:
                 report = with_figures(report, identification_figures(found, predicting, signals))
         if physical:
@@ -95,3 +120,14 @@ def identify(
     if written.refusal:
         raise written.refusal
     check_gates(gates, found.error, found.this_log, found)
+
+
+def _identified(request: LogRequest, chosen: EstimateOptions, payload: Payload | None, keep: bool) -> Identified:
+    """Identify from the logs, or from the pair of them that a payload makes."""
+    if payload is None:
+        from elid_cli.estimation.identify import identify_logs
+
+        return identify_logs(request, chosen, keep_signals=keep)
+    from elid_cli.estimation.drive_gains.identification import identify_with_payload
+
+    return identify_with_payload(request, chosen, payload, keep_signals=keep)

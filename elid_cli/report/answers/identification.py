@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from math import isnan
@@ -11,6 +12,7 @@ from elid_cli.estimation.refined_robot import impossible_words
 from elid_cli.estimation.result import BaseEstimate, FittedEffect, Identification, Insufficient, JointError, RowNoise
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.report.answers.classification import class_payload, folded, reasons_table, verdict_mark
+from elid_cli.report.answers.drive_gains import gains_payload, gains_table
 from elid_cli.report.answers.inputs import (
     Items,
     command,
@@ -96,6 +98,7 @@ def identification_report(
         answers(trust_words(found.robot, found.error, lacking), missing, parameter_words(found), record),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.warnings))),
         error_table("error", found.robot, found.error, TITLE, lacking=lacking),
+        *gains_table(found.drive_gains),
         *sensor_table("sensors", found.robot, found.error),
         *log_table(found.robot, logs),
         *base_tables(found),
@@ -128,6 +131,7 @@ def identification_payload(found: Identification, recording: Recording | None = 
         **model_payload(found.model, found.noise, found.insufficient),
         "nuisances": nuisance_payload(found.nuisances),
         "effects": nuisance_payload(found.effects),
+        **gains_payload(found.drive_gains),
         "notes": list(found.notes),
         "warnings": list(found.warnings),
     }
@@ -392,6 +396,11 @@ def torque_unit(robot: Robot, joint: str) -> str:
 
 
 def _next(found: Identification, recording: Recording, robot_argument: str) -> str:
+    if found.drive_gains:
+        first = replace(recording, files=recording.files[:1])  # the other one has the payload
+        if found.gain_map:
+            return command("identify", first, robot_argument, "--map", found.gain_map)
+        return shlex.join(["elid", "excite", "--robot", robot_argument, "-o", "exciting.csv"])
     if found.model != "sufficient":
         return command("diagnose", recording, robot_argument)
     return command("identify", recording, robot_argument, "--write-robot", f"{found.robot.name}-identified.yaml")

@@ -1,0 +1,49 @@
+"""The gains of the drives that a pair of logs with a known payload tells, as a table and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from elid_cli.estimation.result import DriveGain
+from elid_cli.report.answers.classification import verdict_mark
+from elid_cli.report.answers.summary import share_text
+from elid_cli.report.tree import Cell, Column, Quantity, Section, Table
+
+NOTE = (
+    "torque at the joint, N·m (N), is the torque as the mapping gives it times the gain; refused: the pair of logs "
+    "does not tell it, and the joint counts as one without torque"
+)
+
+
+def gains_table(gains: Sequence[DriveGain]) -> list[Section]:
+    """Return the gains with their intervals; nothing where none was asked for."""
+    columns = (
+        Column("joint", "joint"),
+        Column("gain", "gain", align="right"),
+        Column("std_error", "± sd", align="right"),
+        Column("relative", "± sd", "%", align="right"),
+        Column("low", "95 % from", align="right"),
+        Column("high", "to", align="right"),
+        Column("verdict", "verdict"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for item in gains:
+        if item.gain is None or item.std_error is None or item.interval is None:
+            rows.append((item.joint, None, None, None, None, None, verdict_mark(item.verdict)))
+            continue
+        gain, deviation, low, high = (
+            Quantity(value, resolution=item.std_error) for value in (item.gain, item.std_error, *item.interval)
+        )
+        share = share_text(item.std_error / abs(item.gain)).removesuffix(" %")
+        rows.append((item.joint, gain, deviation, share, low, high, verdict_mark(item.verdict)))
+    title = "gains of the drives, with standard errors"
+    return [Table("drive_gains", columns, tuple(rows), title, note=NOTE)] if rows else []
+
+
+def gains_payload(gains: Sequence[DriveGain]) -> dict[str, Any]:
+    """Return the key ``drive_gains`` of JSON; nothing where none was asked for."""
+    if not gains:
+        return {}
+    return {"drive_gains": [asdict(item) for item in gains]}
