@@ -142,8 +142,7 @@ _KNOWN = ("files", "sha256", "repairs", "notes", "warnings")
 def is_triangle_file(path: str | Path) -> bool:
     """Return whether a file is one that `write_triangles` wrote, or what is left of one, by its content.
 
-    A zip archive called ``.npz`` is taken for one too, so that its reader says what it lacks. A pipe or device is never
-    opened.
+    NumPy's archives of other arrays are logs. A pipe or device is never opened.
     """
     try:
         if not Path(path).is_file():
@@ -152,7 +151,7 @@ def is_triangle_file(path: str | Path) -> bool:
             head = stream.read(80)
         if not head.startswith(_MAGIC):
             return False
-        if b"elid.npy" in head or Path(path).suffix.lower() == ".npz":
+        if b"elid.npy" in head:
             return True
         with zipfile.ZipFile(path) as archive:
             return "elid.npy" in archive.namelist()

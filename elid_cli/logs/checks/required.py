@@ -291,15 +291,12 @@ class _Fault:
         if not fitting and signal in self.plan.mapped:  # whoever has mapped it knows how to; an example is no answer
             return f"elid info {self.name} lists what it holds"
         example = signal if not (signal == "theta" and "q" in needed(self.plan, self.robot)) else "q"
-        return before + (fitting or f"--map {example}={_EXAMPLES[example]}")
+        return before + (fitting or f"--map {example}=PLACE")
 
 
 def _about(field: str) -> bool:
     """Whether a field of a message tells about the message and not about the robot."""
     return field.endswith(("sec", "secs")) or field.startswith("layout.")
-
-
-_EXAMPLES = {"tau": "/arm/motors.current", "theta": "/arm/motors.position", "q": "/arm/joint_states.position"}
 
 
 def refuse_mixed(names: Sequence[str], missing_link: NDArray[np.bool_], joints: Sequence[str]) -> None:

@@ -14,15 +14,31 @@ from elid_cli.robot.robot import Robot
 
 WORDS: Mapping[str, tuple[str, ...]] = {
     "t": ("t", "time", "timestamp", "stamp", "zeit", "temps", "tiempo", "tempo", "clock"),
-    "tau": ("tau", "torque", "effort", "taum", "moment", "drehmoment", "couple", "par", "force", "kraft", "current",
-            "strom", "courant", "corriente", "voltage", "i", "u"),
+    "tau": ("tau", "torque", "effort", "taum", "moment", "drehmoment", "couple", "par", "force", "kraft", "tq", "trq",
+            "current", "strom", "courant", "corriente", "voltage", "i", "u"),
     "theta": ("theta", "motor", "rotor"),
-    "q": ("q", "link", "position", "pos", "angle", "winkel", "joint", "achse", "axis", "angulo", "deflection", "defl"),
+    "q": ("q", "qpos", "link", "position", "pos", "angle", "winkel", "joint", "achse", "axis", "angulo", "deflection",
+          "defl"),
 }  # fmt: skip
 """Words that name a signal, the surest first."""
 CURRENTS = {"current", "strom", "courant", "corriente", "i", "u", "voltage"}
 TOLD = {"ref", "cmd", "des", "desired", "target", "soll", "command", "commanded", "reference", "setpoint"}
-RATES = {"vel", "velocity", "speed", "dq", "qd", "dtheta", "ddq", "qdd", "acc", "accel", "acceleration", "rpm", "rads"}
+RATES = {
+    "vel",
+    "velocity",
+    "speed",
+    "dq",
+    "qd",
+    "qvel",
+    "dtheta",
+    "ddq",
+    "qdd",
+    "acc",
+    "accel",
+    "acceleration",
+    "rpm",
+    "rads",
+}
 RATES |= {"geschwindigkeit", "drehzahl", "beschleunigung"}
 OTHERS: Mapping[str, set[str]] = {
     "t": RATES,
@@ -31,7 +47,7 @@ OTHERS: Mapping[str, set[str]] = {
 }
 """Words that a signal's name does not have."""
 OTHERS = {**OTHERS, "q": OTHERS["theta"] | {"motor", "rotor", "temperature", "drehmoment", "force", "kraft", "voltage"}}
-POSITIONAL = {"position", "positions", "pos", "q", "theta", "angle", "angles", "rad", "deg", "counts", "ticks"}
+POSITIONAL = {"position", "positions", "pos", "q", "qpos", "theta", "angle", "angles", "rad", "deg", "counts", "ticks"}
 """Words, some of them units, of which a message's field has one where it may be a position."""
 HEADERLESS = re.compile(r"column\d+")
 BLOCKS = {1: ("q",), 2: ("q", "tau"), 3: ("q", "dq", "tau"), 4: ("q", "dq", "", "tau")}
@@ -98,9 +114,8 @@ def suggestion(
     lines: list[str] = []
     taken: set[str] = set()
     for signal in sorted(signals, key=lambda name: tuple(WORDS).index(name) if name in WORDS else len(WORDS)):
-        ranked = sorted(
-            ((-_score(signal, p), k) for k, p in enumerate(places) if p.source not in taken), key=lambda r: r
-        )
+        free = (k for k, p in enumerate(places) if p.source not in taken or p.block == signal)
+        ranked = sorted(((-_score(signal, places[k]), k) for k in free), key=lambda r: r)
         for score, k in ranked:
             line = f"{signal}: {_spec(signal, places[k])}" if score < 0 else ""
             if line and works(line):

@@ -289,12 +289,12 @@ def test_errors_name_the_triangle_file_and_the_log_in_it(place: Path) -> None:
     assert "f.npz (a.h5): reduced with another cutoff" in done.stderr
 
 
-def test_an_archive_of_numpy_that_elid_did_not_write_is_told_so(tmp_path: Path) -> None:
+def test_an_archive_of_numpy_that_elid_did_not_write_is_a_log(tmp_path: Path) -> None:
     np.savez(tmp_path / "mine.npz", q=np.ones(3), tau=np.ones(3))
     done = elid("identify", "mine.npz", "--robot", "puma560", cwd=tmp_path)
     assert done.returncode == 3
-    assert "mine.npz: a NumPy archive that elid reduce did not write" in done.stderr
-    assert "q, tau" in done.stderr
+    assert "mine.npz: no position for joint1" in done.stderr
+    assert "the log holds /q, /tau" in done.stderr
 
 
 def test_a_lost_worker_loses_nothing(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
