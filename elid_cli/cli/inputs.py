@@ -19,15 +19,17 @@ if TYPE_CHECKING:
     from elid_cli.signals.signals import Signals
 
 
-def load_robot(source: str) -> Robot:
+def load_robot(source: str, *, any_size: bool = False) -> Robot:
     """Return the robot that ``--robot`` names, its declared effects known to the library.
 
-    What its description leaves open is decided by ``--tip``, ``--lock`` and the logs of the command, and told.
+    What its description leaves open is decided by ``--tip``, ``--lock`` and the logs of the command, and told. A robot
+    of more joints than can be identified together is refused, unless it may be of `any_size`.
     """
     from elid_cli.logs import read_map_options, robot_as_logged
     from elid_cli.model.effects.declared import check_effects
     from elid_cli.robot.files import read_robot
     from elid_cli.robot.locking import beside_chain
+    from elid_cli.robot.robot import check_size
 
     context = click.get_current_context()
     given, meta = context.params, context.meta
@@ -36,6 +38,8 @@ def load_robot(source: str) -> Robot:
     held = dict.fromkeys(beside_chain(robot, tip) if tip else (), 0.0) | dict(meta.get(LOCK) or ())
     logs = [str(log) for log in (*(given.get("logs") or ()), given.get("after")) if log]
     robot = robot_as_logged(robot, logs, read_map_options(given.get("maps") or ()) or None, held)
+    if not any_size:
+        check_size(robot, source)
     note(robot.notes, Output(json=bool(given.get("json")), quiet=bool(given.get("quiet"))))
     return robot
 

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.errors import RobotError
 from elid_cli.memory import Recent
 from elid_cli.model.kinematics import JointState, chain
 from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, MotorState
@@ -33,7 +32,7 @@ from elid_cli.model.terms.spring import Spring
 from elid_cli.model.terms.viscous import Viscous
 from elid_cli.model.tracing import Graph, Node, Program, Scalar, compile_program
 from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import MOST_JOINTS, Robot
+from elid_cli.robot.robot import Robot, check_size
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.trigonometry import sine_and_cosine
 
@@ -99,11 +98,7 @@ class Regressor:
     """
 
     def __init__(self, robot: Robot, terms: Sequence[BaseTerm] = BASE_TERMS) -> None:
-        if robot.n > MOST_JOINTS:
-            raise RobotError(
-                f"{robot.name}: {robot.n} joints; at most {MOST_JOINTS} are identified together",
-                hint="hold the others: --lock NAME=0, or keep one chain: --tip LINK",
-            )
+        check_size(robot, robot.name)
         self.robot = robot
         self.terms = tuple(terms)
         self.names = robot.parameter_names()

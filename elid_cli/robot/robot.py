@@ -368,6 +368,15 @@ class Robot:
         return "N·m/rad" if joint.revolute else "N/m"
 
 
+def check_size(robot: Robot, source: str) -> None:
+    """Refuse a robot, read from `source`, of more joints than are identified together (RobotError)."""
+    if robot.n > MOST_JOINTS:
+        raise RobotError(
+            f"{source}: {robot.n} joints; at most {MOST_JOINTS} are identified together",
+            hint="hold the others: --lock NAME=0, or keep one chain: --tip LINK",
+        )
+
+
 def _quarter(angle: float) -> float:
     exact = round(angle / (math.pi / 2)) * math.pi / 2
     return exact if abs(angle - exact) < QUARTER else angle

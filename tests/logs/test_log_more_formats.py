@@ -101,6 +101,39 @@ def test_parquet_is_read_as_csv_is(tmp_path: Path) -> None:
     same(read(tmp_path / "log.parquet"), BASE)
 
 
+def test_moments_numbers_and_gaps_of_parquet(tmp_path: Path) -> None:
+    arrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    epoch = 1_700_000_000_000_000
+    stamps = epoch + np.round(BASE.t * 1e6).astype(np.int64)
+    signals = {f"{s}.{j} [rad]": getattr(BASE, s)[:, k] for s in ("q", "theta") for k, j in enumerate(JOINTS)}
+    signals |= {f"tau.{j}": BASE.tau[:, k].astype(np.float32) for k, j in enumerate(JOINTS)}
+    moments = arrow.array(stamps).cast(arrow.timestamp("us"))
+    text = arrow.array([str(moment) for moment in moments.to_pylist()])
+    for kind, time in (("stamps", moments), ("text", text)):
+        columns = {"t": time, "note": text, "list": [[1.0]] * BASE.t.size, **signals}
+        path = tmp_path / f"{kind}.parquet"
+        parquet.write_table(arrow.table(columns), path, row_group_size=300)
+        found = read(path)
+        np.testing.assert_allclose(found.q, BASE.q, atol=1e-6)
+        np.testing.assert_allclose(found.tau, BASE.tau, rtol=1e-6, atol=1e-6)
+        assert found.rate == pytest.approx(BASE.rate)
+    gap = arrow.array([None if 10 <= k < 12 else x for k, x in enumerate(BASE.tau[:, 0].tolist())])
+    columns[f"tau.{JOINTS[0]}"] = gap
+    parquet.write_table(arrow.table(columns), path)
+    assert any("2 of 800 values are not numbers" in said for said in read(path).repairs)
+
+
+def test_parquet_in_long_form(tmp_path: Path) -> None:
+    arrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    names = [f"{s}.{j}" for s in ("q", "theta", "tau") for j in JOINTS]
+    values = np.array([getattr(BASE, s)[:, k] for s in ("q", "theta", "tau") for k in range(len(JOINTS))])
+    columns = {"t": np.repeat(BASE.t, len(names)), "name": names * BASE.t.size, "value": values.T.ravel()}
+    parquet.write_table(arrow.table(columns), tmp_path / "log.parquet")
+    same(read(tmp_path / "log.parquet"), BASE)
+
+
 @pytest.mark.parametrize("name", ["log.csv", "log.h5", "log.mcap"])
 def test_a_log_packed_by_itself_is_read(tmp_path: Path, name: str) -> None:
     path = written(tmp_path, name, BASE)

@@ -35,7 +35,7 @@ def info(
         from elid_cli.logs import inspect_log, read_map_options
         from elid_cli.report.answers.info import info_report, mapping_lines
 
-        machine = None if robot is None else load_robot(robot)
+        machine = None if robot is None else load_robot(robot, any_size=True)
         mapping = read_map_options(maps) or None
         found = [inspect_log(log, machine, mapping) for log in logs]
     if write_map is not None:

@@ -70,15 +70,21 @@ class CsvLog:
             mark = 3 if head.startswith(codecs.BOM_UTF8) else 0
             self._first = mark + len(text[: self._dialect.first].encode("utf-8"))
         self._head = self._text if text is None else text
-        names = self._dialect.names
-        if len(names) > MOST_COLUMNS:
-            raise LogError(f"{source.name}: {len(names)} columns", detail=f"at most {MOST_COLUMNS} are read")
-        self.channels: Sequence[Channel] = tuple(Channel(name, kind="column") for name in dict.fromkeys(names) if name)
-        self.units = {name: unit for name, unit in zip(names, self._dialect.units, strict=False) if unit}
-        self.losses: list[str] = [] if self._whole else [CUT]
-        self.notes: list[str] = []
+        self._name_columns()
+        if not self._whole:
+            self.losses.append(CUT)
         if not self._dialect.named:
             self.notes.append("no header row: columns are named column1, column2, …")
+
+    def _name_columns(self) -> None:
+        """Tell channels, units and the column of the time by the names of the columns."""
+        names = self._dialect.names
+        if len(names) > MOST_COLUMNS:
+            raise LogError(f"{self._name}: {len(names)} columns", detail=f"at most {MOST_COLUMNS} are read")
+        self.channels: Sequence[Channel] = tuple(Channel(name, kind="column") for name in dict.fromkeys(names) if name)
+        self.units = {name: unit for name, unit in zip(names, self._dialect.units, strict=False) if unit}
+        self.losses: list[str] = []
+        self.notes: list[str] = []
         self.timeless = True  # without a column for it there is none
         self._time = next((name for name in TIME_NAMES if name in names), "")
 

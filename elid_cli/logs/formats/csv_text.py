@@ -85,7 +85,7 @@ def sniff(text: str, name: str) -> Dialect:
     start = numeric[0]
     width = len(rows[start][2])
     header, below = _header(rows[:start], width)
-    names, units = _without_units(header) if header is not None else (tuple(f"column{k + 1}" for k in range(width)), ())
+    names, units = without_units(header) if header is not None else (tuple(f"column{k + 1}" for k in range(width)), ())
     units = tuple(own or under for own, under in itertools.zip_longest(units, below, fillvalue=""))
     return Dialect(separator, decimal_comma, names, header is not None, rows[start][0], rows[start][1], units)
 
@@ -231,7 +231,7 @@ def _tolerant(body: str, dialect: Dialect, columns: Sequence[int], name: str) ->
         if len(cells) != width:
             ragged.append(f"line {number} has {len(cells)} cells of {width}")
             continue
-        row = [_cell(cells[k]) for k in columns]
+        row = [number_of(cells[k]) for k in columns]
         if any(value is None for value in row):
             unreadable.append(f"line {number}")
         values.append([math.nan if value is None else value for value in row])
@@ -257,10 +257,11 @@ def first_rows(text: str, dialect: Dialect) -> list[list[str]]:
 
 def to_number(cell: str, decimal_comma: bool) -> float | None:
     """Return what a cell says: NaN where it is empty, None where it is text."""
-    return _cell(cell.replace(",", ".") if decimal_comma else cell)
+    return number_of(cell.replace(",", ".") if decimal_comma else cell)
 
 
-def _cell(cell: str) -> float | None:
+def number_of(cell: str) -> float | None:
+    """Return a cell's number, or its date and time in s since 1970; NaN where it is empty, None of other text."""
     if not cell or cell.lower() in ("nan", "na", "n/a", "null", "none", "-"):
         return math.nan
     try:
@@ -306,7 +307,7 @@ def _is_numeric(cells: Iterable[str], decimal_comma: bool, *, named: bool = Fals
     """Whether a row is data: mostly numbers or nothing, and at least one number; two, where text `names` them."""
     numbers = texts = 0
     for cell in cells:
-        value = _cell(cell.replace(",", ".") if decimal_comma else cell)
+        value = number_of(cell.replace(",", ".") if decimal_comma else cell)
         if value is None:
             texts += 1
         elif cell:
@@ -325,8 +326,8 @@ def _header(rows: Sequence[tuple[int, int, list[str]]], width: int) -> tuple[tup
     return (found[0] if found else None), (found[1] if len(found) > 1 else ())
 
 
-def _without_units(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return ``q.joint1 [deg]`` as ``q.joint1`` and ``deg``; names that would become alike stay as they are."""
+def without_units(names: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return names and units of columns, ``q.joint1 [deg]`` as ``q.joint1`` and ``deg``, unless names become alike."""
     matches = [re.fullmatch(r"(.*\S)\s*[\[(]\s*([^\[\]()]*[A-Za-zµ°%][^\[\]()]*)[\])]", name) for name in names]
     short = tuple(match[1] if match else name for name, match in zip(names, matches, strict=True))
     if len(set(short)) < len(set(names)):

@@ -17,6 +17,12 @@ from elid_cli.logs.mcap.container import Container, Messages
 from elid_cli.logs.source import Source
 
 SQLITE = b"SQLite format 3\x00"
+LONGEST = 1 << 30
+"""Bytes of one message."""
+INSTRUCTIONS = 10_000
+"""SQLite's instructions between two looks at whether to go on."""
+FREE_STEPS, STEPS_PER_BYTE = 20_000_000, 50
+"""Such instructions of a file of any size, and per byte of it."""
 AT_ONCE = 5000
 """Messages that are decoded together."""
 
@@ -40,6 +46,33 @@ class Db3Log(McapLog):
 
 
 def _connected(source: Source, budget: Budget) -> sqlite3.Connection:
+    """Return the database, in which nothing but plain tables is read, within the file's budget."""
+    base = _opened(source, budget)
+    base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(budget.most, LONGEST))
+    base.set_progress_handler(_Patience(source.size), INSTRUCTIONS)
+    kinds = {name: kind for name, kind in base.execute("SELECT name, type FROM sqlite_master")}
+    for table in ("topics", "messages"):
+        # a view, or a column that is computed, can hold rows and bytes without end
+        if kinds.get(table) != "table":
+            raise sqlite3.DatabaseError(f"no table {table}")
+        if any(column[6] for column in base.execute(f"PRAGMA table_xinfo({table})")):
+            raise sqlite3.DatabaseError(f"columns of {table} are computed")
+    return base
+
+
+class _Patience:
+    """Ends a query that takes more steps than rows of a file of this size can need."""
+
+    def __init__(self, size: int) -> None:
+        self._left = (FREE_STEPS + STEPS_PER_BYTE * size) // INSTRUCTIONS
+
+    def __call__(self) -> bool:
+        """Return whether to end it."""
+        self._left -= 1
+        return self._left < 0
+
+
+def _opened(source: Source, budget: Budget) -> sqlite3.Connection:
     if source.path is not None and source.head.startswith(SQLITE):
         return sqlite3.connect(f"{source.path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
     data = source.read()

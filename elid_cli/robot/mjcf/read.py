@@ -22,6 +22,7 @@ from elid_cli.robot.mjcf.geoms import geom_inertia
 from elid_cli.robot.robot import (
     BASE,
     LINK_PARAMETERS,
+    MOST_READ,
     EffectSpec,
     Joint,
     Limits,
@@ -150,6 +151,8 @@ class MjcfTree:
             return carrier, pose
         if kind not in MOVING:
             raise element.error(f"type {kind!r} is not modelled", hint=f"types read: {', '.join(MOVING)}")
+        if len(self.moving) == MOST_READ:
+            raise element.error(f"one of more than {MOST_READ} joints that move; at most so many are read")
         if name in [joint.name for joint in self.moving]:
             raise element.error("a second joint of this name")
         at = element.numbers("pos", (0.0, 0.0, 0.0))

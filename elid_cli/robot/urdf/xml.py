@@ -10,7 +10,7 @@ from xml.parsers import expat
 from elid_cli.errors import RobotError
 from elid_cli.robot.expressions import LARGEST
 
-DEEPEST = 60
+DEEPEST = 250
 MOST_ELEMENTS = 200_000
 
 

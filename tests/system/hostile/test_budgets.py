@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import resource
+import sqlite3
 import struct
 import subprocess
 import sys
@@ -185,6 +187,39 @@ def test_npz(tmp_path: Path, shape: tuple[int, ...]) -> None:
     clean(path, 2, 3)
 
 
+COUNTED = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT"
+DATABASES = {
+    "messages without end": f"DROP TABLE messages; CREATE VIEW messages AS {COUNTED} i AS id, 1 AS topic_id,"
+    " i AS timestamp, zeroblob(100) AS data FROM n",
+    "topics without end": f"DROP TABLE topics; CREATE VIEW topics AS {COUNTED} i AS id, '/x' AS name, 'y' AS type,"
+    " 'cdr' AS serialization_format FROM n",
+    "computed data": "ALTER TABLE messages ADD COLUMN data AS (zeroblob(900000000)); "
+    f"INSERT INTO messages(topic_id, timestamp) {COUNTED} 1, i FROM n LIMIT 2000",
+}
+
+
+@pytest.mark.parametrize("name", DATABASES)
+def test_sqlite(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "log.db3"
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        base.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
+        base.execute("INSERT INTO topics VALUES(1, '/joint_states', 'sensor_msgs/msg/JointState', 'cdr')")
+        base.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER)")
+        base.executescript(DATABASES[name])
+        base.commit()
+    clean(path, 2, 3)
+
+
+def test_parquet_of_one_number(tmp_path: Path) -> None:
+    arrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path = tmp_path / "log.parquet"
+    table = arrow.table({name: np.zeros(10_000_000) for name in ("t", "q.joint1", "theta.joint1", "tau.joint1")})
+    parquet.write_table(table, path, compression="zstd")
+    clean(path, 3)
+    assert path.stat().st_size < 1 << 20
+
+
 @pytest.mark.parametrize("kind", ["commas", "header", "no end", "gzip"])
 def test_csv_of_one_line(tmp_path: Path, kind: str) -> None:
     import gzip
@@ -238,6 +273,32 @@ def test_urdf(tmp_path: Path, joints: int, axis: str) -> None:
     assert done.returncode == 2, done
     assert done.stderr.startswith("error: ")
     assert "joints" in done.stderr or "no quantity" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("joints", "nested", "said"),
+    [
+        (60, True, ""),
+        (61, True, "61 joints"),
+        (201, True, "200 joints"),
+        (201, False, "200 joints"),
+        (999, True, "250"),
+    ],
+)
+def test_mjcf(tmp_path: Path, joints: int, nested: bool, said: str) -> None:
+    path = tmp_path / "arm.xml"
+    end = "</body>"
+    bodies = [
+        f'<body pos="0.1 0 0"><joint name="j{k}"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+        + ("" if nested else end)
+        for k in range(joints)
+    ]
+    tail = end * joints if nested else ""
+    path.write_text(f"<mujoco><worldbody>{''.join(bodies)}{tail}</worldbody></mujoco>")
+    done = bounded("classify", "--robot", path)
+    assert done.returncode == (2 if said else 0), done
+    assert said in done.stderr
+    assert not said or done.stderr.startswith(f"error: {path}")
 
 
 YAML = """
