@@ -251,7 +251,7 @@ def test_a_seven_joint_arm_has_the_same_base_parameters_as_its_dh_description():
         ('<?xml version="1.0"?>', '<!DOCTYPE robot [<!ENTITY a "b">]>', ["arm.urdf:1", "DOCTYPE"]),
         ('<?xml version="1.0"?>', '<!DOCTYPE robot SYSTEM "file:///etc/passwd">', ["DOCTYPE"]),
         ("</robot>", "", ["not well-formed"]),
-        ("</robot>", "<a>" * 100 + "</a>" * 100 + "</robot>", ["levels"]),
+        ("</robot>", "<a>" * 300 + "</a>" * 300 + "</robot>", ["levels"]),
     ],
 )  # fmt: skip
 def test_what_is_no_chain_is_refused_by_name(old, new, expected):
