@@ -73,7 +73,9 @@ class ParquetLog(CsvLog):
 
         names = [field.name for field in self._file.schema_arrow if _is_list(field.type)]
         first = next(self._batches(HEAD, [_Column(name) for name in names]), None) if names else None
-        for name in names if first is not None else ():
+        for name in names:
+            if first is None:
+                break
             lengths = compute.min_max(compute.list_value_length(first.column(name))).as_py()
             if lengths["min"] == lengths["max"]:
                 yield from (_Column(name, k) for k in range(min(lengths["min"] or 0, WIDEST)))
