@@ -19,6 +19,7 @@ from elid_cli.errors import UsageError
 from elid_cli.estimation.assembly import assemble, judged, with_unseen
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
+from elid_cli.estimation.motor_side.door import asked_motor_side, below_resonance, with_motor_side
 from elid_cli.estimation.regression.nuisances import DELAY, SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import (
@@ -120,7 +121,14 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
             from elid_cli.estimation.streaming.merge import identify_reduced
             from elid_cli.estimation.streaming.reduce import reduce_each
 
-            return identify_reduced(robot, reduce_each(robot, signals, {}), options)[0]
+            side = asked_motor_side(robot, signals, options)
+            return with_motor_side(identify_reduced(robot, reduce_each(robot, signals, {}), options)[0], side)
+    side = asked_motor_side(robot, signals, options)
+    return with_motor_side(_identified(robot, below_resonance(signals, side), options), side)
+
+
+def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Identification:
+    """Return what the samples say of the robot as they show it."""
     whole, robot = robot, as_observed(robot, signals)
     fit, tilt = _levelled_fit(robot, signals, options)
     fit, refused, answer = judged(fit, options)
@@ -193,11 +201,13 @@ def identify_logs(
 
     recording, signals = read_signals(request)
     if is_long(signals, request.robot) and not samples_needed(request.robot, options):
+        side = asked_motor_side(request.robot, signals, options)
         if not keep_signals:
             recording = without_positions(recording)
             signals = replace(signals, recording=recording)
         logs = reduce_each(request.robot, signals, asked_of(request.signals), request.progress)
         found, _ = identify_reduced(request.robot, logs, options)
+        found = with_motor_side(found, side)
         return Identified(found, logs[0].recording, (), signals if keep_signals else None)
     found = identify(request.robot, signals, options)
     apart = errors_by_log(identified_robot(found), signals, recording.files)

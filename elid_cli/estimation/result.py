@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from elid_cli.model.regressor import EstimationRow, Kind
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.tables import Shown
+
+if TYPE_CHECKING:
+    from elid_cli.estimation.motor_side.result import MotorSide
 
 Verdict = Literal["supported", "weak", "refused"]
 ModelWord = Literal["sufficient", "insufficient", "not judged"]
@@ -237,6 +240,8 @@ class Identification(Shown):
     """The mapping of the torque with these gains in it; empty where one of them is refused."""
     hidden: Mapping[str, str] = field(default_factory=dict)
     """Standard parameters of the robot as described that logs of this kind do not show, with the reason."""
+    motor_side: MotorSide | None = None
+    """Stiffnesses of joints whose links the log does not hold; its other parameters are those of rigid joints."""
 
     @cached_property
     def estimate(self) -> Array:
@@ -301,6 +306,11 @@ class Identification(Shown):
                 classes[follower] = "not excited" if all(verdict == "refused" for verdict in seen) else "weak"
                 reasons.setdefault(follower, item.reason)
         classes |= dict.fromkeys(self.hidden, "not excited")
+        for joint in self.motor_side.joints if self.motor_side else ():
+            if joint.verdict != "refused":
+                classes[joint.parameter] = "independent" if joint.verdict == "supported" else "weak"
+                if joint.reason:
+                    reasons[joint.parameter] = joint.reason
         return classes, reasons | dict(self.hidden)
 
     def beside(self, reference: Array) -> Identification:

@@ -299,11 +299,11 @@ class Climb:
                 kept.append(end)
         return kept
 
-    def motion(self, end: ClimbEnd) -> Array:
-        """Return the links' positions that an end means, at the log's samples, (N, n)."""
+    def motion(self, end: ClimbEnd, t: Array) -> Array:
+        """Return the links' positions that an end means at instants t (M,), (M, n)."""
         self._limit(end.top)
         self._follow(end.x)
-        return self._parts(end.x)[1][0]
+        return self._spline.at(t, self._spline.fit(self._parts(end.x)[1][0]))
 
 
 def apart(x: Array, other: Array, unknowns: Unknowns) -> float:

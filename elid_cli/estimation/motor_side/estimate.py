@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.gates import MOVE, RISES, TIGHT, failed_gates, verdict_of
 from elid_cli.estimation.motor_side.link_side import LinkSide
-from elid_cli.estimation.motor_side.refits import Figures, figures, friction_width, rise
+from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
 from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint, NextMotion, why
 from elid_cli.estimation.motor_side.rotors import rotors_of
 from elid_cli.estimation.motor_side.search import Search, Setting, search
@@ -94,7 +94,9 @@ def _answer(setting: Setting) -> _Answer | None:
     """Return what a log says, or None where no fit is found."""
     try:
         found = search(setting)
-        told = figures(found)
+        told = first_figures(found)
+        if any(verdict_of(failed_gates(told, k)) != "refused" for k in range(setting.link.n)):
+            told = with_moves(found, told)
         return _Answer(told, _failed(found, told))
     except (np.linalg.LinAlgError, ValueError):
         return None
@@ -185,12 +187,13 @@ def _next_motion(reference: float, setting: Setting, place: int, total: Array) -
 
 def _gates(told: Figures, i: int) -> dict[str, float]:
     """Return what the gates looked at of one joint, by name."""
-    halves = [half[0][i] for half in told.halves]
-    figures_ = {
+    seen = {
         "error": told.error[i] / abs(told.compliance[i]), "gain": told.gain[i], "misfit": told.chi,
-        "cut": told.cut[i], "knots": told.knots[i], "friction": told.friction[i], "spring": told.spring[i],
-        "first_half": halves[0], "second_half": halves[1], "rotor_pull": told.rotor_pull[i],
-        "rotor_told": told.rotor_sensitivity[i], "delay": told.delay, "damping": told.damping[i],
-        "load_friction": told.load_friction[i],
+        "rotor_pull": told.rotor_pull[i], "rotor_told": told.rotor_sensitivity[i], "delay": told.delay,
+        "damping": told.damping[i], "load_friction": told.load_friction[i],
     }  # fmt: skip
-    return {name: float(value) for name, value in figures_.items()}
+    if told.moves:
+        moves = told.moves
+        seen |= {"cut": moves.cut[i], "knots": moves.knots[i], "friction": moves.friction[i], "spring": moves.spring[i]}
+        seen |= {name: half[0][i] for name, half in zip(("first_half", "second_half"), moves.halves, strict=True)}
+    return {name: float(value) for name, value in seen.items()}

@@ -9,14 +9,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elid_cli.estimation.motor_side.refits import Figures
+from elid_cli.estimation.motor_side.refits import Figures, Moves
 from elid_cli.estimation.result import Verdict
 
 SURE, CLOSE = 5.0, 0.03
 """Compliance over its standard error, at least, and standard error over the compliance, at most."""
 MISFIT = 3.0
-GAIN = 2.0
-"""Least cost of a rigid joint over the cost."""
+GAIN, LOWEST = 2.0, 0.98
+"""Least cost of a rigid joint over the cost, of the joint itself and of any."""
 MOVE, HALVES = 0.03, 0.05
 """Most that the compliance may move in a refit, and on half of the log."""
 FRICTION_GAIN, FRICTION_MOVE = 1.6, 0.01
@@ -44,6 +44,7 @@ WORDS = {
     "misfit": "the model does not reach the sensors' noise",
     "sure": "the compliance is within its error of none",
     "close": "its standard error is above 3 %",
+    "lowest": "a rigid joint fits better than what was found",
     "cut": "it moves with the frequencies that are used",
     "knots": "it moves with the spline's knots",
     "friction": "it moves with the form of friction",
@@ -70,7 +71,8 @@ def verdict_of(failed: Sequence[str]) -> Verdict:
 
 def failed_gates(told: Figures, joint: int) -> list[str]:
     """Return the names of the gates that a joint does not pass, as in `WORDS`."""
-    return [*_seen(told, joint), *_stable(told, joint), *_possible(told, joint)]
+    stable = _stable(told.moves, joint) if told.moves else []
+    return [*_seen(told, joint), *stable, *_possible(told, joint)]
 
 
 def _seen(told: Figures, i: int) -> list[str]:
@@ -84,21 +86,23 @@ def _seen(told: Figures, i: int) -> list[str]:
         "band": told.band[i] >= REACH * told.antiresonance[i],
         "misfit": told.chi <= MISFIT,
         "gain": told.gain[i] >= GAIN,
+        "lowest": told.gain.min() > LOWEST,
     }
     return [name for name, passed in checks.items() if not passed]
 
 
-def _stable(told: Figures, i: int) -> list[str]:
+def _stable(asked: Moves, i: int) -> list[str]:
     """Return failed gates about whether other rows, models and starts say the same."""
-    moves = {"cut": told.cut, "knots": told.knots, "friction": told.friction, "spring": told.spring}
+    moves = {"cut": asked.cut, "knots": asked.knots, "friction": asked.friction, "spring": asked.spring}
     failed = [name for name, move in moves.items() if not abs(move[i]) < MOVE]
-    if told.friction_gain > FRICTION_GAIN and not abs(told.friction[i]) < FRICTION_MOVE and "friction" not in failed:
+    if asked.friction_gain > FRICTION_GAIN and not abs(asked.friction[i]) < FRICTION_MOVE and "friction" not in failed:
         failed.append("friction")
-    (one, one_error), (two, two_error) = told.halves
+    (one, one_error), (two, two_error) = asked.halves
     apart = max(HALVES, 4 * float(np.hypot(one_error[i], two_error[i])))
     if not (max(abs(one[i]), abs(two[i])) < HALVES and abs(one[i] - two[i]) < apart):
         failed.append("halves")
-    if np.isfinite(told.other_end[i]) and told.other_end[i] > OTHER and told.other_cost < OTHER_COST:
+    far, cost = asked.other_end
+    if np.isfinite(far[i]) and far[i] > OTHER and cost < OTHER_COST:
         failed.append("other_end")
     return failed
 

@@ -10,11 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.duals import Dual
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.kinematics import Body, JointState, chain
 from elid_cli.model.regressor import Regressor
@@ -29,8 +31,6 @@ _INPUTS = 5
 """Inputs of a joint: sin q, cos q, q, q', q''."""
 _MOTOR_KINDS = ("fs", "fv", "K")
 """Kinds of parameters that have no place in the link side."""
-_STEPS = (1e-5, 1e-3, 1.0)
-"""Steps of differences in position, velocity and acceleration."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class LinkSide:
         return found
 
     def slopes(self, state: Sequence[Array], p: Array, J: Array, motors: tuple[Array, Array]) -> LinkSlopes:
-        """Return derivatives by the links' motion from central differences.
+        """Return derivatives by the links' motion.
 
         Parameters
         ----------
@@ -131,22 +131,19 @@ class LinkSide:
         motors
             θ' and θ'', (N, n) each.
         """
-        count = len(state[0])
-        torque, carried = np.zeros((2, 3, count, self.n, self.n))
-
-        def at(derivative: int, joint: int, step: float) -> tuple[Array, Array]:
-            moved = list(state)
-            moved[derivative] = state[derivative].copy()
-            moved[derivative][:, joint] += step
-            terms = self.terms(*moved)
-            return terms.columns @ p + self.loads(terms, J, *motors), terms.carried
-
-        for d, step in enumerate(_STEPS):
-            for j in range(self.n):
-                after, before = at(d, j, step), at(d, j, -step)
-                torque[d, :, :, j] = (after[0] - before[0]) / (2 * step)
-                carried[d, :, :, j] = (after[1] - before[1]) / (2 * step)
-        return LinkSlopes(torque, carried)
+        program, places = self._differentiated
+        fixed = np.concatenate([p, J])
+        rows = np.empty((program.inputs, len(state[0])))
+        rows[: _INPUTS * self.n] = _inputs(*state)
+        rows[_INPUTS * self.n : -len(fixed)] = np.concatenate(motors, axis=1).T
+        rows[-len(fixed) :] = fixed[:, None]
+        out = np.empty((program.outputs, len(state[0])))
+        program.run(rows, out)
+        found = LinkSlopes(*np.zeros((2, 3, len(state[0]), self.n, self.n)))
+        for place, (which, row, number) in enumerate(places):
+            derivative, joint = number % 3, number // 3
+            (found.torque, found.carried)[which][derivative, :, row, joint] = out[place]
+        return found
 
     def mass(self, q: Array, p: Array) -> Array:
         """Return the links' mass matrix of the parameters p, (N, n, n)."""
@@ -190,6 +187,56 @@ class LinkSide:
             outputs.append(value)
         return compile_program(graph, outputs), (columns, rotors, carried)
 
+    @cached_property
+    def _differentiated(self) -> tuple[Program, list[tuple[int, int, int]]]:
+        """Return the derivatives' program and what its outputs are: (0: torque or 1: carried, row, 3 joint + order).
+
+        Inputs: those of the links' motion, θ' and θ'' of all joints, p, J.
+        """
+        n, count = self.n, self.count
+        graph = Graph((_INPUTS + 3) * n + count)
+        node = [Dual(graph.input(k)) for k in range(graph.inputs)]  # a traced scalar knows nothing of derivatives
+        joints = [_dual(node[_INPUTS * k : _INPUTS * (k + 1)], 3 * k) for k in range(n)]
+        speed, acceleration = node[_INPUTS * n :][:n], node[(_INPUTS + 1) * n :][:n]
+        p, J = node[(_INPUTS + 2) * n :][:count], node[-n:]
+        torque, carried = self._loaded(joints, speed, acceleration, p, J)
+        places: list[tuple[int, int, int]] = []
+        outputs: list[Scalar] = []
+        for which, rows in enumerate((torque, carried)):
+            for row, value in rows.items():
+                for number, slope in value.slopes.items():
+                    places.append((which, row, number))
+                    outputs.append(slope)
+        return compile_program(graph, outputs), places
+
+    def _loaded(
+        self, joints: Sequence[Any], speed: Sequence[Any], acceleration: Sequence[Any], p: Sequence[Any],
+        J: Sequence[Any],
+    ) -> tuple[dict[int, Dual], dict[int, Dual]]:  # fmt: skip
+        """Return the torque through every transmission and what carries the rotors, with their derivatives."""
+        bodies, place = (
+            chain(self.robot, [JointState(*five) for five in joints]),
+            {n: k for k, n in enumerate(self.bodies)},
+        )
+        torque = {k: Dual(0.0) for k in range(self.n)}
+        for number, k in enumerate(self.viscous):
+            torque[k] = torque[k] + joints[k][3] * p[len(self.bodies) + number]
+        still = ChainMotion(bodies, self._motors(joints, 0.0, 0.0))
+        for term in (RigidBody(), Rotor()):
+            for _, row, name, value in term.entries(self.robot, still):
+                if name in place:
+                    torque[row] = torque[row] + value * p[place[name]]
+        carried = {k: value + Dual(0.0) for k, value in self._rotors(bodies, joints, 0.0, 0.0)[1].items()}
+        turning: list[MotorState] = [
+            MotorState(speed[k], acceleration[k], 0.0, 0.0) if self.elastic[k] else MotorState(0.0, 0.0, 0.0, 0.0)
+            for k in range(self.n)
+        ]
+        for side, row, name, value in Rotor().entries(self.robot, ChainMotion(bodies, turning)):
+            j = name.joint
+            if side == "link" and self.elastic[j]:
+                torque[row] = torque[row] + value * J[j] * (1.0 / self.ratio[j] ** 2)
+        return torque, carried
+
     def _columns(self, bodies: Sequence[Body], joints: Sequence[Sequence[Scalar]]) -> dict[tuple[int, int], Scalar]:
         """Return the coefficients of bodies and of rotors of rigid joints, by (row, column)."""
         place = {name: k for k, name in enumerate(self.bodies)}
@@ -225,6 +272,15 @@ class LinkSide:
             MotorState(speed, acceleration, 0.0, 0.0) if self.elastic[k] else MotorState(dq, ddq, 0.0, 0.0)
             for k, (_, _, _, dq, ddq) in enumerate(joints)
         ]
+
+
+def _dual(five: Sequence[Dual], first: int) -> list[Any]:
+    """Return sin q, cos q, q, q', q'' of a joint with their derivatives by q, q' and q'', numbered from `first`."""
+    sin, cos, q, dq, ddq = (dual.value for dual in five)
+    return [
+        Dual(sin, {first: cos}), Dual(cos, {first: -sin}), Dual(q, {first: 1.0}), Dual(dq, {first + 1: 1.0}),
+        Dual(ddq, {first + 2: 1.0}),
+    ]  # fmt: skip
 
 
 def reflected(robot: Robot) -> Array:

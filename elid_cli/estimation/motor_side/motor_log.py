@@ -21,8 +21,10 @@ from elid_cli.estimation.motor_side.operators import (
     thin,
 )
 
-LOWEST, HIGHEST = 4.0, 70.0
-"""Limits of a band, Hz: below, too little is seen; above, splines would need too many knots."""
+HIGHEST = 70.0
+"""Limit of a band, Hz: above, splines would need too many knots."""
+HIGHEST_OF_RATE = 0.12
+"""The same over the sample rate: two samples per knot."""
 QUIET = (0.55, 0.97)
 """Part of the spectrum up to the Nyquist frequency that holds noise only."""
 STRIBECK_WIDTHS = (2.5, 6.0, 14.0)
@@ -79,10 +81,9 @@ def band_of(samples: Samples) -> Array:
     theta, rate = samples.theta, samples.rate
     size = min(2048, len(theta) // 2)
     f, power = welch(theta - theta.mean(axis=0), rate, nperseg=size, axis=0, window="blackmanharris")
-    loud = (power > 6.0 * samples.noise[0] ** 2 / (rate / 2)) & (f < min(HIGHEST, 0.3 * rate))[:, None]
-    highest = [f[np.flatnonzero(column)[-1]] if column.any() else LOWEST for column in loud.T]
-    found: Array = np.clip(np.array(highest), LOWEST, HIGHEST)
-    return found
+    loud = (power > 6.0 * samples.noise[0] ** 2 / (rate / 2)) & (f < min(HIGHEST, HIGHEST_OF_RATE * rate))[:, None]
+    highest = [f[np.flatnonzero(column)[-1]] if column.any() else 0.0 for column in loud.T]
+    return np.array(highest)
 
 
 class MotorLog:

@@ -95,14 +95,24 @@ class KnotSpline:
     def __init__(self, t: Array, spacing: float) -> None:
         intervals = max(8, round(float(t[-1] - t[0]) / spacing))
         self.width = float(t[-1] - t[0]) / intervals
-        place = (t - t[0]) / self.width
-        self.first: NDArray[np.intp] = np.clip(place.astype(np.intp), 0, intervals - 1)
-        self.count = intervals + DEGREE
-        self._local = place - self.first
+        self.count, self._start = intervals + DEGREE, float(t[0])
+        self.first, self._local = self._placed(t)
 
     def values(self, derivative: int) -> Array:
         """Return the six basis values' derivatives at every sample, (N, 6)."""
         found: Array = basis(self._local, derivative) / self.width**derivative
+        return found
+
+    def _placed(self, t: Array) -> tuple[NDArray[np.intp], Array]:
+        """Return the interval of every instant and where in it, 0 to 1, that lies; beyond the ends, at them."""
+        place = (t - self._start) / self.width
+        first = np.clip(place.astype(np.intp), 0, self.count - DEGREE - 1)
+        return first, np.clip(place - first, 0.0, 1.0)
+
+    def at(self, t: Array, coefficients: Array) -> Array:
+        """Return the values of coefficients (count, n) at instants t (M,), (M, n)."""
+        first, local = self._placed(t)
+        found: Array = np.einsum("ml,mln->mn", basis(local), coefficients[first[:, None] + np.arange(ORDER)])
         return found
 
     @cached_property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,8 +25,24 @@ _SHARPER = 0.4
 
 
 @dataclass(frozen=True)
+class Moves:
+    """How far the compliances move in refits, shares of them, (n,) each."""
+
+    cut: Array
+    knots: Array
+    halves: tuple[tuple[Array, Array], ...]
+    """Per half of the stretch: move and standard error."""
+    friction: Array
+    friction_gain: float
+    """Cost over that with richer friction."""
+    spring: Array
+    other_end: tuple[Array, float]
+    """Distance of another end's compliances, as logarithms, and its cost over the best one's; infinite: no other."""
+
+
+@dataclass(frozen=True)
 class Figures:
-    """What the gates look at; arrays are (n,), moves are shares of the compliance, NaN of rigid joints."""
+    """What the gates look at; arrays are (n,)."""
 
     compliance: Array
     error: Array
@@ -49,24 +65,16 @@ class Figures:
     """Motor against link, Hz."""
     least_mass: float
     """Smallest eigenvalue of the links' mass matrix."""
-    other_end: Array
-    other_cost: float
-    cut: Array
-    knots: Array
-    halves: tuple[tuple[Array, Array], ...]
-    """Per half: move and standard error of the compliance, as shares of it."""
-    friction: Array
-    friction_gain: float
-    spring: Array
     gain: Array
     """Cost with one joint made rigid, over the cost."""
+    moves: Moves | None = None
+    """None where the rest refuses every joint already."""
 
 
 class _Refits:
     def __init__(self, found: Search) -> None:
         self.setting, self.best = found.setting, found.best
         self.n = self.setting.link.n
-        self._positions = self.best.model.q[0]
 
     def fitted(
         self, log: MotorLog | None = None, *, spacing: float = 0.0, cutoff: float = 0.0, parts: Sequence[str] = (),
@@ -81,7 +89,7 @@ class _Refits:
         problem = Latent(log, unknowns, spacing or setting.spacing, setting.rotors, wanted, scale, further)
         x, free = np.zeros(unknowns.size), unknowns.free()
         x[: len(best.x)] = best.x
-        q = np.stack([np.interp(log.t, best.problem.log.t, column) for column in self._positions.T], axis=1)
+        q = best.problem.spline.at(log.t, best.coefficients)
         if rigid is not None:
             x[unknowns["c"][rigid]], free[unknowns["c"][rigid]] = 0.0, False
             q[:, rigid] = log.theta[:, rigid]
@@ -129,36 +137,41 @@ class _Refits:
         return found
 
 
-def figures(found: Search, told: Callable[[float], None] | None = None) -> Figures:
-    """Return what the gates look at, from refits of a search's best end."""
+def first_figures(found: Search) -> Figures:
+    """Return what the gates look at of a search's best end and of refits with one joint made rigid."""
     refits, best, setting = _Refits(found), found.best, found.setting
     at, x, n = best.problem.unknowns.places, best.x, setting.link.n
-    elastic = np.flatnonzero(setting.link.elastic).tolist()
-    finer = setting.spacing * FINER
-    fine_log = MotorLog(setting.samples, 2 / finer)
-    has_lost = "lost" in best.problem.parts
-    scale = (_SHARPER if has_lost else LOST_SHARE) * best.model.spring.std(axis=0)
-    friction = refits.fitted(further=refits.frictions(), parts=("load",), steps=12)
-    spring = refits.fitted(parts=("lost",), lost_scale=scale, steps=12)
     gain = np.ones(n)
-    for j in elastic:
+    for j in np.flatnonzero(setting.link.elastic).tolist():
         rigid = refits.fitted(rigid=j, steps=12)
         gain[j] = 1.0 if rigid is None else rigid.cost / best.cost
-    other, other_cost = _other_end(found)
-    anti, resonance, least = _frequencies(best)
-    prior, V = setting.rotors, best.covariance
-    J = x[at["J"]]
+    prior, V, J = setting.rotors, best.covariance, x[at["J"]]
     with np.errstate(all="ignore"):
         sensitivity = np.abs(V[np.ix_(at["c"], at["J"])] / prior.spread).max(axis=1) / np.abs(best.compliance)
         pull = np.where(setting.link.elastic, (J - prior.value) / prior.spread, 0.0)
     return Figures(
         best.compliance, best.errors[at["c"]], best.chi, float(x[at["delay"][0]]), x[at["damping"]], J, pull,
-        sensitivity, x[at["load"]], best.errors[at["load"]], setting.bands, anti, resonance, least, other, other_cost,
-        refits.move(refits.fitted(cutoff=LOWER_CUT * setting.band)),
-        refits.move(refits.fitted(fine_log, spacing=finer)),
-        refits.halves(), refits.move(friction), 0.0 if friction is None else best.cost / friction.cost,
-        refits.move(spring), gain,
+        sensitivity, x[at["load"]], best.errors[at["load"]], setting.bands, *_frequencies(best), gain,
     )  # fmt: skip
+
+
+def with_moves(found: Search, told: Figures) -> Figures:
+    """Return figures with how far the compliances move in refits of other rows, knots, stretches and models."""
+    refits, best, setting = _Refits(found), found.best, found.setting
+    finer = setting.spacing * FINER
+    share = _SHARPER if "lost" in best.problem.parts else LOST_SHARE
+    friction = refits.fitted(further=refits.frictions(), parts=("load",), steps=12)
+    spring = refits.fitted(parts=("lost",), lost_scale=share * best.model.spring.std(axis=0), steps=12)
+    moves = Moves(
+        cut=refits.move(refits.fitted(cutoff=LOWER_CUT * setting.band)),
+        knots=refits.move(refits.fitted(MotorLog(setting.samples, 2 / finer), spacing=finer)),
+        halves=refits.halves(),
+        friction=refits.move(friction),
+        friction_gain=0.0 if friction is None else best.cost / friction.cost,
+        spring=refits.move(spring),
+        other_end=_other_end(found),
+    )
+    return replace(told, moves=moves)
 
 
 def rise(found: Search, joint: int, share: float) -> float:

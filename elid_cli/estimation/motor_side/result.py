@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from elid_cli.estimation.motor_side.gates import WORDS
 from elid_cli.estimation.result import Verdict
+from elid_cli.robot.parameter import StandardParameter
 
 NOT_SHOWN = "not shown by this log"
 TOLD = 2
@@ -67,6 +68,11 @@ class MotorSideJoint:
     reason: str = ""
     """Why it is weak or refused."""
     motion: NextMotion | None = None
+
+    @property
+    def parameter(self) -> StandardParameter:
+        """The stiffness by its name."""
+        return StandardParameter("K", self.number)
 
     @property
     def says(self) -> str:

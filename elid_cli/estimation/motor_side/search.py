@@ -20,6 +20,8 @@ from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples, band_of
 from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns
 
+LOWEST_BAND = 4.0
+"""Hz; knots for less would not follow friction."""
 FLOORS = ((0.03, 10), (0.01, 10), (0.003, 15))
 """Least noise of the torque rows, share of the torque, and most steps with it: with none the fit crawls."""
 TORQUE_CUT = 1.2
@@ -52,8 +54,8 @@ class Setting:
 
     @property
     def band(self) -> float:
-        """The highest of them, Hz."""
-        return float(self.bands.max())
+        """The highest of them, Hz, for knots and filters."""
+        return max(float(self.bands.max()), LOWEST_BAND)
 
     @property
     def spacing(self) -> float:
@@ -138,9 +140,7 @@ class _Columns:
 
     def __init__(self, setting: Setting, climb: Climb, start: ClimbEnd) -> None:
         self.setting, self.unknowns = setting, setting.unknowns
-        motion = climb.motion(start)
-        placed = [np.interp(setting.log.t, climb.log.t, column) for column in motion.T]
-        self.x, self.coefficients = self._motion_first(start.x, np.stack(placed, axis=1))
+        self.x, self.coefficients = self._motion_first(start.x, climb.motion(start, setting.log.t))
 
     def _motion_first(self, x: Array, q: Array) -> tuple[Array, Array]:
         """Return the start with the links' motion fitted and the parameters held: else the fit leaves a good start."""

@@ -9,7 +9,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.motor_log import Samples, samples_of
 from elid_cli.signals.recording import Recording
 
-LONGEST = 20.0
+LONGEST = 12.0
 """Length beyond which the liveliest part of a stretch is taken, s: time grows with it, and 10 s suffice."""
 SHORTEST, FEWEST = 2.0, 500
 """Least length, s, and fewest samples."""

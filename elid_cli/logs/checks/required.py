@@ -86,8 +86,8 @@ def check(
     if lacking:
         if strict or "q" in plan.unusable:
             fault.refuse("q", lacking[0], "no link position")
-        stiffness = "its stiffness" if len(lacking) == 1 else "their stiffness"
-        warnings.append(f"{' '.join(lacking)}: no link position q: {stiffness} cannot be identified")
+        counts = "its transmission counts" if len(lacking) == 1 else "their transmissions count"
+        warnings.append(f"{' '.join(lacking)}: no link position q: {counts} as rigid")
     untorqued = [name for k, name in enumerate(robot.joint_names) if not has["tau"][k] and not read[k]]
     if untorqued:
         if strict:

@@ -25,6 +25,7 @@ from elid_cli.report.answers.inputs import (
     robot_payload,
     used_items,
 )
+from elid_cli.report.answers.motor_side import motor_side_payload, motor_side_sections, stiffness_record
 from elid_cli.report.answers.summary import (
     JOINT_KINDS,
     answers,
@@ -102,6 +103,7 @@ def identification_report(
         *sensor_table("sensors", found.robot, found.error),
         *log_table(found.robot, logs),
         *base_tables(found),
+        *motor_side_sections(found),
         *reasons_table(found),
         *further,
         KeyValues("inputs", facts, "how it was computed"),
@@ -129,6 +131,7 @@ def identification_payload(found: Identification, recording: Recording | None = 
         "covariance": covariance_payload(found, len(listed)),
         "error": error_payload(found.error),
         **model_payload(found.model, found.noise, found.insufficient),
+        **motor_side_payload(found),
         "nuisances": nuisance_payload(found.nuisances),
         "effects": nuisance_payload(found.effects),
         **gains_payload(found.drive_gains),
@@ -142,13 +145,15 @@ def base_payload(found: Identification) -> list[dict[str, Any]]:
     relative = found.relative_error()
     units: dict[str, str] = dict(zip(found.robot.parameter_names(), found.robot.parameter_units(), strict=True))
     leaders = {found.base.parameters[leader] for leader in found.base.leaders}
+    side = found.motor_side.joints if found.motor_side else ()
+    stiffnesses = {joint.parameter: stiffness_record(found, joint) for joint in side}
     unseen = [
         {
             "name": name, "terms": {name: 1}, "unit": units.get(name, ""), "class": "unidentifiable", "estimate": None,
             "std_error": None, "reference": None, "relative_error": None, "verdict": "refused",
         }
         for name in found.hidden
-        if name not in leaders
+        if name not in leaders and name not in stiffnesses
     ]  # fmt: skip
     return [
         {
@@ -164,14 +169,19 @@ def base_payload(found: Identification) -> list[dict[str, Any]]:
             "bias_possible": found.parameters[k].bias_possible,
         }
         for k in range(found.base.count)
-    ] + unseen
+    ] + [*stiffnesses.values(), *unseen]
 
 
 def covariance_payload(found: Identification, count: int) -> list[list[float | None]]:
     """Return the matrix ``covariance`` of JSON, a row and a column for each of the `count` listed base parameters."""
     shown: list[list[float | None]] = found.joint_covariance.tolist()
     unseen: list[float | None] = [None] * (count - len(shown))
-    return [[*row, *unseen] for row in shown] + [[None] * count for _ in unseen]
+    rows = [[*row, *unseen] for row in shown] + [[None] * count for _ in unseen]
+    side = found.motor_side.joints if found.motor_side else ()
+    for k, joint in enumerate(side, start=len(shown)):  # found by itself: no correlation is known
+        if joint.verdict != "refused":
+            rows[k][k] = joint.std_error**2
+    return rows
 
 
 def model_payload(model: str, noise: Sequence[RowNoise], insufficient: Sequence[Insufficient]) -> dict[str, Any]:

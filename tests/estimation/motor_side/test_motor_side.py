@@ -110,3 +110,22 @@ def test_the_link_side_with_its_rotors_gives_the_torque_of_another_simulator() -
 def test_a_rigid_joint_is_five_per_cent_off_where_it_is_said() -> None:
     f = rigid_to(8.0, 12.0)
     assert (1 - (f / 8) ** 2) / (1 - (f / 12) ** 2) == pytest.approx(0.95)
+
+
+def test_the_link_sides_derivatives_are_those_of_differences() -> None:
+    robot = random_arm(np.random.default_rng(2), 3, (1,)).described()
+    link, rng = LinkSide(robot), np.random.default_rng(0)
+    state = [rng.normal(size=(5, 3)) for _ in range(3)]
+    motors = (rng.normal(size=(5, 3)), rng.normal(size=(5, 3)))
+    p, J = rng.normal(size=link.count), rng.uniform(1, 2, 3) * link.elastic
+    slopes = link.slopes(state, p, J, motors)
+    for d in range(3):
+        for j in range(3):
+            ends = []
+            for step in (1e-5, -1e-5):
+                moved = [values.copy() for values in state]
+                moved[d][:, j] += step
+                terms = link.terms(*moved)
+                ends.append((terms.columns @ p + link.loads(terms, J, *motors), terms.carried))
+            for found, (after, before) in zip((slopes.torque, slopes.carried), zip(*ends, strict=True), strict=True):
+                assert np.allclose(found[d, :, :, j], (after - before) / 2e-5, atol=1e-5)

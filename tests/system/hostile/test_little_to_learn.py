@@ -170,9 +170,11 @@ def test_one_side_only_is_rigid_and_says_so(tmp_path: Path) -> None:
     for verb in ("identify", "diagnose"):
         done = elid(verb, log, "--robot", ROBOT, "--json")
         assert done.code == 0, done.err
-        assert "no link position q: their stiffness cannot be identified" in done.err
-    reasons = elid("identify", log, "--robot", ROBOT, "--json").json["reasons"]
-    assert "joint1 has no link position" in reasons["K1"]
+        assert "no link position q: their transmissions count as rigid" in done.err
+    told = elid("identify", log, "--robot", ROBOT, "--json").json
+    assert told["reasons"]["K1"].startswith("not shown by this log (")
+    assert {joint["verdict"] for joint in told["motor_side"]["joints"].values()} == {"refused"}
+    assert all(joint["stiffness"] is None for joint in told["motor_side"]["joints"].values())
     refused(saved(tmp_path, table().without("theta.joint1", "theta.joint2").text()), "no motor position")
 
 
@@ -195,7 +197,7 @@ def test_the_same_fault_of_several_logs_is_one_sentence(tmp_path: Path) -> None:
     whole = table().without("q.joint2").text().splitlines()
     first = saved(tmp_path, "\n".join(whole), "first.csv")
     second = saved(tmp_path, "\n".join([whole[0], *whole[500:]]), "second.csv")
-    said = f"warning: {first}, {second}: joint2: no link position q: its stiffness cannot be identified"
+    said = f"warning: {first}, {second}: joint2: no link position q: its transmission counts as rigid"
     for verb in ("identify", "validate"):
         done = elid(verb, first, second, "--robot", ROBOT, "--json")
         assert done.err.splitlines().count(said) == 1

@@ -89,7 +89,9 @@ def test_broken_samples_are_left_out_and_counted(tmp_path: Path, signal: str, co
 def test_channels_that_stand_still_while_the_joint_moves(tmp_path: Path) -> None:
     stuck = {name: saved(tmp_path, table().with_column(name, lambda v: v * 0 + 0.25).text(), f"{name}.csv")
              for name in ("q.joint2", "theta.joint2", "tau.joint1")}  # fmt: skip
-    warned(stuck["q.joint2"], "q of joint2 never changes while theta moves 2.52 rad", "stiffness cannot be identified")
+    warned(
+        stuck["q.joint2"], "q of joint2 never changes while theta moves 2.52 rad", "its transmission counts as rigid"
+    )
     refused(stuck["theta.joint2"], "no motor position for joint2", "never changes")
     warned(stuck["tau.joint1"], "tau of joint1 is 0.25 throughout", "joint1: no torque")
 

@@ -1,0 +1,78 @@
+"""Where identification asks the motor side, and what becomes of the answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint
+from elid_cli.estimation.result import EstimateOptions, Identification
+from elid_cli.robot.parameter import StandardParameter
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
+
+ENOUGH = 3.0
+"""Independent instants per parameter of a joint that a lower cut-off must leave."""
+PARAMETERS = 6
+"""Base parameters of a rigid joint, about."""
+LOWEST = 1.0
+"""Hz."""
+
+
+def asked_motor_side(robot: Robot, signals: Signals, options: EstimateOptions) -> MotorSide | None:
+    """Return what one log's motors say of transmissions whose links it does not hold; None: not asked.
+
+    Several logs are not asked together, and neither are fits that hold on to what they were told.
+    """
+    from elid_cli.estimation.motor_side.estimate import motor_side
+
+    recording = signals.recording
+    if recording is None or not options.guards or options.hold or len({s.source for s in signals.segments}) > 1:
+        return None
+    return motor_side(robot, recording, signals.still)
+
+
+def below_resonance(signals: Signals, side: MotorSide | None) -> Signals:
+    """Return the signals filtered at where rigid joints stop describing what was found, unless the user chose.
+
+    All other parameters are those of rigid joints.
+    """
+    limit = rigid_limit(side)
+    if limit is None or not signals.cutoff_free or limit >= signals.filter.cutoff:
+        return signals
+    if 2.0 * limit * signals.duration < ENOUGH * PARAMETERS:
+        return signals
+    return replace(signals.refiltered(limit), cutoff_free=False)
+
+
+def rigid_limit(side: MotorSide | None) -> float | None:
+    """Return the frequency up to which rigid joints describe all that was found, Hz; None where nothing was."""
+    found = [joint.rigid_to for joint in side.joints if joint.verdict != "refused"] if side else []
+    return max(min(found), LOWEST) if found else None
+
+
+def with_motor_side(found: Identification, side: MotorSide | None) -> Identification:
+    """Return an identification that says what the motor side found."""
+    if side is None:
+        return found
+    hidden, notes = dict(found.hidden), list(found.notes)
+    for joint in side.joints:
+        name = StandardParameter("K", joint.number)
+        notes = [note for note in notes if not note.startswith(f"{name} cannot be identified")]
+        hidden.pop(name, None)
+        if joint.verdict == "refused":
+            hidden[name] = joint.says
+        notes.append(f"{name}: {_note(joint)}")
+    limit = rigid_limit(side)
+    if limit is not None:
+        cutoff = found.settings.get("cutoff")
+        within = isinstance(cutoff, float) and cutoff <= limit * 1.001
+        word = "fitted below it" if within else f"but fitted up to {cutoff:.3g} Hz: expect a bias"
+        notes.append(f"all other parameters are those of rigid joints, which hold up to {limit:.3g} Hz; {word}")
+    return replace(found, hidden=hidden, notes=tuple(notes), motor_side=side)
+
+
+def _note(joint: MotorSideJoint) -> str:
+    if joint.verdict == "refused":
+        return joint.says
+    why = f" ({joint.reason}: right only if friction and gravity are as modelled)" if joint.verdict == "weak" else ""
+    return f"from motor position and torque alone, {joint.verdict}{why}; resonance {joint.resonance:.3g} Hz"

@@ -1,0 +1,97 @@
+"""What the motor side says of transmissions whose links nobody logged, as a table and as JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from elid_cli.estimation.motor_side.result import MotorSideJoint
+from elid_cli.estimation.result import Identification
+from elid_cli.report.tree import Cell, Column, Mark, Quantity, Section, Table, Text, Tone
+
+TITLE = "stiffness from motor position and torque alone (no link position in this log)"
+NOTE = (
+    "rigid to: a rigid joint's torque is within 5 % up to there; antiresonance: link against held motor; resonance: "
+    "link against rotor"
+)
+TONES: dict[str, Tone] = {"supported": "good", "weak": "warn", "refused": "bad"}
+
+
+def motor_side_sections(found: Identification) -> list[Section]:
+    """Return a table of the joints and what refused ones lack; nothing where the motor side was not asked."""
+    if found.motor_side is None:
+        return []
+    joints = found.motor_side.joints
+    columns = (
+        Column("joint", "joint"),
+        Column("verdict", "verdict"),
+        Column("stiffness", "K", align="right"),
+        Column("std_error", "± sd", align="right"),
+        Column("rigid_to", "rigid to", "Hz", "right"),
+        Column("antiresonance", "antires.", "Hz", "right"),
+        Column("resonance", "resonance", "Hz", "right"),
+    )
+    rows = tuple(_row(found, joint) for joint in joints)
+    said = [Text(f"motor_side{joint.number}", f"{joint.parameter}: {joint.says}") for joint in joints if joint.reason]
+    return [Table("motor_side", columns, rows, title=TITLE, note=NOTE), *said]
+
+
+def _row(found: Identification, joint: MotorSideJoint) -> tuple[Cell, ...]:
+    unit = stiffness_unit(found, joint)
+    refused = joint.verdict == "refused"
+
+    def frequency(value: float) -> Cell:
+        return None if refused else Quantity(value, digits=3)
+
+    return (
+        joint.joint,
+        Mark(joint.verdict, TONES[joint.verdict]),
+        None if refused else Quantity(joint.stiffness, unit, resolution=joint.std_error),
+        None if refused else Quantity(joint.std_error, unit, resolution=joint.std_error),
+        frequency(joint.rigid_to),
+        frequency(joint.antiresonance),
+        frequency(joint.resonance),
+    )
+
+
+def stiffness_unit(found: Identification, joint: MotorSideJoint) -> str:
+    """Return the unit of a joint's stiffness."""
+    return "N·m/rad" if found.robot.joints[joint.number].revolute else "N/m"
+
+
+def stiffness_record(found: Identification, joint: MotorSideJoint) -> dict[str, Any]:
+    """Return a stiffness as an entry of ``base_parameters`` of JSON; the estimate of a refused one is null."""
+    return {
+        "name": joint.parameter, "terms": {joint.parameter: 1}, "unit": stiffness_unit(found, joint),
+        "class": "independent", "estimate": joint.stiffness, "std_error": joint.std_error,
+        "reference": joint.reference, "relative_error": joint.relative_error, "verdict": joint.verdict,
+    }  # fmt: skip
+
+
+def motor_side_payload(found: Identification) -> dict[str, Any]:
+    """Return the key ``motor_side`` of JSON: nothing where the motor side was not asked."""
+    side = found.motor_side
+    if side is None:
+        return {}
+    joints = {joint.joint: _joint_payload(joint) for joint in side.joints}
+    return {"motor_side": {"misfit": side.misfit, "seconds": side.seconds, "joints": joints}}
+
+
+def _joint_payload(joint: MotorSideJoint) -> dict[str, Any]:
+    motion = joint.motion
+    return {
+        "verdict": joint.verdict,
+        "stiffness": joint.stiffness,
+        "std_error": joint.std_error,
+        "systematic": joint.systematic if joint.verdict != "refused" else None,
+        "rotor": joint.rotor,
+        "rigid_to": joint.rigid_to,
+        "antiresonance": joint.antiresonance,
+        "resonance": joint.resonance,
+        "band": joint.band,
+        "reason": joint.reason,
+        "failed": list(joint.failed),
+        "gates": dict(joint.gates),
+        "next_motion": None if motion is None else {
+            "torque": list(motion.torque), "top": motion.top, "words": motion.words,
+        },
+    }  # fmt: skip

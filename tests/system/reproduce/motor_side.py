@@ -1,0 +1,138 @@
+"""Stiffness from the motor side alone on simulated arms: how often it is given, and how often it is wrong.
+
+    python -m tests.system.reproduce.motor_side [LOGS] [FIRST]
+
+LOGS logs (default 32), from number FIRST on (default 0), of planar arms that a second simulator moves
+(`tests/system/motor_arms.py`): every log has its own arm, motion, noise (80, 70, 60 dB in turn) and rotor inertias told
+up to 20 % wrongly. Takes some 5 s of processor time per log of two joints.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elid_cli.estimation.motor_side.estimate import motor_side
+from tests.system.motor_arms import Case, motor_log, random_motor_arm, told_robot
+
+LEVELS = (80.0, 70.0, 60.0)
+WRONG, WRONG_WEAK, SURE = 0.05, 0.10, 3.0
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of logs."""
+
+    name: str
+    case: Case
+    joints: int = 2
+    rigid: tuple[int, ...] = ()
+    load: tuple[float, float] = (0.0, 0.0)
+    """Load friction, share of the transmission's torque: from, to."""
+    stribeck: bool = False
+    lost: bool = False
+    damping: bool = False
+    told_elastic: bool = False
+    """Whether the robot file says elastic of rigid joints, too."""
+
+
+CROSS = Case()
+KINDS = (
+    Kind("past the resonances", CROSS),
+    Kind("… two joints, first rigid", CROSS, rigid=(0,)),
+    Kind("… load friction 2-10 %", CROSS, load=(0.02, 0.1)),
+    Kind("… load friction, Stribeck", CROSS, load=(0.02, 0.1), stribeck=True),
+    Kind("… transmission damping", CROSS, damping=True),
+    Kind("… lost motion", CROSS, lost=True),
+    Kind("below the antiresonance", replace(CROSS, kind="below")),
+    Kind("smooth motion", replace(CROSS, kind="smooth")),
+    Kind("rigid arm", CROSS, rigid=(0, 1), told_elastic=True),
+    Kind("rigid arm, load friction", CROSS, rigid=(0, 1), load=(0.02, 0.1), told_elastic=True),
+    Kind("one joint", CROSS, joints=1),
+    Kind("three joints", CROSS, joints=3),
+)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """What was said of one joint, and what is true."""
+
+    kind: str
+    verdict: str
+    error: float
+    """Share of the true stiffness; infinite for a rigid joint."""
+    sigmas: float
+
+
+def judged(number: int) -> tuple[list[Joint], float]:
+    """Return what is said of the joints of one log, and the processor time, s."""
+    kind = KINDS[number % len(KINDS)]
+    generator = np.random.default_rng([number, 77])
+    arm = random_motor_arm(generator, kind.joints, kind.rigid)
+    case = replace(kind.case, signal_to_noise=LEVELS[(number // len(KINDS)) % len(LEVELS)])
+    if kind.load[1]:
+        case = replace(case, load_friction=generator.uniform(*kind.load, kind.joints))
+    if kind.stribeck:
+        case = replace(case, stribeck=arm.coulomb * generator.uniform(0.3, 1.0, kind.joints))
+    if kind.lost:
+        case = replace(case, lost=generator.uniform(1e-4, 3e-4, kind.joints))
+    if kind.damping:
+        case = replace(case, damping=generator.uniform(0.5e-3, 2e-3, kind.joints))
+    log = motor_log(arm, number, case)
+    if kind.told_elastic:
+        log = replace(log, q=np.full_like(log.q, np.nan))
+    robot = told_robot(arm, number, elastic=kind.told_elastic)
+    start = time.process_time()
+    found = motor_side(robot, log, np.zeros(arm.n, dtype=bool))
+    spent = time.process_time() - start
+    assert found is not None
+    told = []
+    for joint in found.joints:
+        true = arm.stiffness[joint.number]
+        error = joint.stiffness / true - 1 if np.isfinite(true) else np.inf
+        told.append(Joint(kind.name, joint.verdict, error, abs(error) * true / joint.std_error))
+    return told, spent
+
+
+def table(joints: Iterable[Joint], seconds: dict[str, list[float]]) -> str:
+    """Return the table of all kinds."""
+    everything = list(joints)
+    lines = [f"{'motion':27} joints supported wrong >3se weak wrong refused  median    max  s/log"]
+    names = [kind.name for kind in KINDS if any(joint.kind == kind.name for joint in everything)]
+    for name in [*names, "all"]:
+        own = [joint for joint in everything if name in ("all", joint.kind)]
+        good = [joint for joint in own if joint.verdict == "supported"]
+        weak = [joint for joint in own if joint.verdict == "weak"]
+        sizes = [abs(joint.error) for joint in good]
+        spent = [s for kind, times in seconds.items() if name in ("all", kind) for s in times]
+        counts = (
+            len(own), len(good), sum(size > WRONG for size in sizes), sum(joint.sigmas > SURE for joint in good),
+            len(weak), sum(abs(joint.error) > WRONG_WEAK for joint in weak), len(own) - len(good) - len(weak),
+        )  # fmt: skip
+        middle, most = (f"{100 * f(sizes):.3f}%" if sizes else "" for f in (np.median, max))
+        widths = (6, 9, 5, 4, 4, 5, 7)
+        row = " ".join(f"{count:{width}d}" for count, width in zip(counts, widths, strict=True))
+        lines.append(f"{name:27} {row} {middle:>8} {most:>7} {np.mean(spent):5.1f}")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the table."""
+    count, first = (int(sys.argv[k]) if len(sys.argv) > k else given for k, given in ((1, 32), (2, 0)))
+    joints: list[Joint] = []
+    seconds: dict[str, list[float]] = {}
+    for number in range(first, first + count):
+        told, spent = judged(number)
+        joints += told
+        seconds.setdefault(KINDS[number % len(KINDS)].name, []).append(spent)
+        said = ", ".join(f"{joint.verdict} {100 * joint.error:+.2f}%" for joint in told)
+        print(f"{number:4d} {told[0].kind:27} {spent:5.1f} s  {said}", file=sys.stderr, flush=True)
+    print(table(joints, seconds))
+
+
+if __name__ == "__main__":
+    main()
