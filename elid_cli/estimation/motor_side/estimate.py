@@ -43,7 +43,7 @@ def hidden_joints(robot: Robot, recording: Recording) -> list[int]:
 def motor_side(robot: Robot, recording: Recording, still: NDArray[np.bool_]) -> MotorSide | None:
     """Estimate the stiffness of joints with hidden links, or return None where there are none.
 
-    Other joints count as rigid, but elastic ones, whose links the log holds, count as hidden too.
+    Links of other elastic joints, which the log holds, are unknown here, too.
 
     Parameters
     ----------
@@ -121,9 +121,16 @@ def _failed(found: Search, told: Figures) -> list[tuple[str, ...]]:
 
 
 def _as_moving(robot: Robot, recording: Recording, moving: Sequence[int], asked: Sequence[int]) -> Robot:
-    """Return the robot of the joints that move, elastic where asked for; the others are held where they rest."""
+    """Return the robot of the joints that move; the others are held where they rest.
+
+    Elastic are those asked for and those whose motors the log holds.
+    """
     theta = np.where(np.isnan(recording.theta), recording.q, recording.theta)
-    joints = [replace(joint, transmission="elastic" if k in asked else "rigid") for k, joint in enumerate(robot.joints)]
+    motors = ~np.isnan(recording.theta).all(axis=0)
+    joints = [
+        replace(joint, transmission="elastic" if k in asked or (joint.elastic and motors[k]) else "rigid")
+        for k, joint in enumerate(robot.joints)
+    ]
     rest = {
         joint.name: float(np.nan_to_num(np.nanmean(theta[:, k])))
         for k, joint in enumerate(robot.joints)
