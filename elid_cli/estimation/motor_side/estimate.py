@@ -126,7 +126,7 @@ def _as_moving(robot: Robot, recording: Recording, moving: Sequence[int], asked:
     Elastic are those asked for and those whose motors the log holds.
     """
     theta = np.where(np.isnan(recording.theta), recording.q, recording.theta)
-    motors: NDArray[np.bool_] = np.isfinite(recording.theta).any(axis=0)
+    motors = [bool(np.isfinite(column).any()) for column in recording.theta.T]
     joints = [
         replace(joint, transmission="elastic" if k in asked or (joint.elastic and motors[k]) else "rigid")
         for k, joint in enumerate(robot.joints)
