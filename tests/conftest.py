@@ -13,7 +13,7 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
 
-LONG = ("diagnosis", "report", "system/measured", "estimation", "experiment")
+LONG = ("diagnosis", "report", "system/measured", "estimation", "experiment", "system/test_public")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -22,7 +22,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     def rank(item: pytest.Item) -> int:
         place = item.path.relative_to(here).as_posix()
-        return next((k for k, folder in enumerate(LONG) if place.startswith(f"{folder}/")), len(LONG))
+        return next((k for k, folder in enumerate(LONG) if place.startswith(folder)), len(LONG))
 
     items.sort(key=rank)
 

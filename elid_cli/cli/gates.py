@@ -25,7 +25,7 @@ def check_names(gates: Gates, robot: Robot) -> None:
         if name in rigid:
             raise UsageError(
                 f"--require-independent: no parameter {name!r}: {rigid[name]} of {robot.name!r} is declared rigid",
-                hint=f"set 'transmission: elastic' of {rigid[name]} in the robot file if its transmission bends",
+                hint=f"set 'transmission: elastic' of {rigid[name]} {robot.place_to_say} if its transmission bends",
             )
         if name not in names:
             raise UsageError(f"--require-independent: no parameter {name!r}", hint=did_you_mean(name, names))

@@ -6,10 +6,10 @@ import os
 import shlex
 import shutil
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import click
 
@@ -88,24 +88,46 @@ def invocation() -> str:
 def _carried(report: Report) -> Report:
     """Return the report with the options without which its next commands could not read the same log."""
     context = click.get_current_context(silent=True)
-    given = context.params if context is not None else {}
+    if context is None:
+        return report
+    given, options, held = context.params, _reading_words(context.params), _held_words(context)
+
+    def told(section: Section) -> Section:
+        if not isinstance(section, Text) or section.role != "next":
+            return section
+        words = shlex.split(section.text)
+        if not set(given.get("logs") or ()) & set(words):
+            return section
+        mine = [*options, *(held if given.get("robot") in words else ())]
+        pairs = [(name, value) for name, value in zip(mine[::2], mine[1::2], strict=True) if value not in words]
+        more = shlex.join([word for pair in pairs for word in pair])
+        if not more:
+            return section
+        before, own, after = section.text.partition(" --map ")  # of two mappings of a signal the later one counts
+        return replace(section, text=f"{before} {more}{own}{after}")
+
+    return replace(report, sections=tuple(told(section) for section in report.sections))
+
+
+def _reading_words(given: Mapping[str, Any]) -> list[str]:
+    """Return the options that say how a log is read, each with its value."""
     options = [word for place in given.get("maps") or () for word in ("--map", place)]
     if given.get("time") not in (None, "auto"):
         options += ["--time", given["time"]]
-    if context is not None and context.meta.get(TIP):
-        options += ["--tip", context.meta[TIP]]
-    for name, value in (context.meta.get(LOCK) or ()) if context is not None else ():
-        options += ["--lock", f"{name}={value:.12g}"]
-    if not options:
-        return report
+    for name in ("kp", "kd"):
+        value = given.get(name)
+        if value is not None:
+            numbers = value if isinstance(value, list) else [value]
+            options += [f"--{name}", ",".join(f"{number:.12g}" for number in numbers)]
+    if given.get("rate") is not None and "logs" in given:
+        options += ["--rate", f"{given['rate']:.12g}"]
+    return options
 
-    def told(section: Section) -> Section:
-        if not isinstance(section, Text) or section.role != "next" or "--map" in section.text:
-            return section
-        same = set(given.get("logs") or ()) & set(shlex.split(section.text))
-        return replace(section, text=f"{section.text} {shlex.join(options)}") if same else section
 
-    return replace(report, sections=tuple(told(section) for section in report.sections))
+def _held_words(context: click.Context) -> list[str]:
+    """Return the options that hold joints, which a robot that was written has held already."""
+    tip = ["--tip", context.meta[TIP]] if context.meta.get(TIP) else []
+    return [*tip, *(w for name, value in context.meta.get(LOCK) or () for w in ("--lock", f"{name}={value:.12g}"))]
 
 
 def note(lines: Iterable[str], output: Output, word: str = "note") -> None:

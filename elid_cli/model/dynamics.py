@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
@@ -307,7 +306,7 @@ def _where_to_say(robot: Robot, missing: Mapping[int, Sequence[str]]) -> str:
     if robot.source:
         k, kinds = min(missing.items())
         line = f"joints: {{{quoted(robot.joints[k].name)}: {{parameters: {{{kinds[0]}: …}}}}}}"
-        place = f"in {Path(robot.source).with_suffix('.elid.yaml')}, {line}"
+        place = f"{robot.place_to_say}, {line}"
     if all(set(kinds) <= set(DRIVE) for kinds in missing.values()) and not robot.elastic[list(missing)].any():
         return f"give them {place}, or let elid simulate take them as 0: --ideal-drives"
     return f"give them {place}, or identify first: elid identify … --write-robot FILE.yaml"

@@ -116,7 +116,7 @@ def _told(recording: Recording, robot: Robot, *, commanded: bool) -> tuple[Array
     if missing:
         raise LogError(
             f"the log holds no {' and no '.join(missing)}",
-            hint="give the gains with --kp and --kd, or as control: of the robot file",
+            hint=f"give the gains with --kp and --kd, or as control: {robot.place_to_say}",
         )
     for name in ("q_des", "kp", "kd"):
         _need(parts[name], robot, name)

@@ -8,6 +8,7 @@ that remain. ``elid init`` writes it.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -37,7 +38,7 @@ def robot_with(robot: Robot, path: Path) -> Robot:
     """
     if not path.exists():
         other = path.with_name(path.name.replace(SUFFIX, ".yaml"))
-        if not other.exists():
+        if not other.exists() or re.search(rb"^dh\s*:", other.read_bytes(), re.MULTILINE):  # a robot of its own
             return robot
         return replace(robot, notes=(*robot.notes, f"{other} is not read: what completes this robot is {path.name}"))
     return completed(robot, read_text(path, RobotError), str(path))

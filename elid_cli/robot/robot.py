@@ -279,6 +279,13 @@ class Robot:
         """Gear ratios k_m, shape (n,); NaN where unknown."""
         return np.array([joint.gear_ratio for joint in self.joints], dtype=float)
 
+    @property
+    def place_to_say(self) -> str:
+        """Where a user says what the robot's description lacks, in words: its own file, or the YAML beside a URDF."""
+        if not self.source:
+            return "in the robot file"
+        return f"in {Path(self.source).with_suffix('.elid.yaml')} (elid init writes it)"
+
     def known_ratios(self, what: str, joints: Iterable[str] | None = None) -> Array:
         """Return `gear_ratios` where `what` needs those of some joints (None: of all).
 
@@ -289,11 +296,12 @@ class Robot:
         """
         unknown = [j.name for j in self.joints if j.gear_ratio is None and (joints is None or j.name in joints)]
         if unknown:
-            beside = f" in {Path(self.source).with_suffix('.elid.yaml')} (elid init writes it)" if self.source else ""
             raise RobotError(
                 f"{what} needs the gear ratio of {' '.join(unknown)}",
                 detail=f"the description of {self.name!r} does not give it",
-                hint=f"joints: {{{unknown[0]}: {{gear_ratio: 100}}}}{beside}" if beside else "gear_ratio: 100",
+                hint=f"joints: {{{unknown[0]}: {{gear_ratio: 100}}}} {self.place_to_say}"
+                if self.source
+                else "gear_ratio: 100",
             )
         return self.gear_ratios
 

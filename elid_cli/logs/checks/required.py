@@ -207,10 +207,11 @@ class _Fault:
             options = " ".join(
                 f"--{gain} {value}" for gain, value in zip(GAINS, ("20", "0.5"), strict=True) if gain in lacking
             )
+            place = self.robot.place_to_say
             raise LogError(
                 f"{self.name}: no torque, and no gains {' '.join(lacking)} to compute it from q_des",
                 detail="tau = kp (q_des - q) + kd (dq_des - dq) + tau_ff, gains in N·m/rad and N·m·s/rad at the joint",
-                hint=f"give the drive's own, such as {options}, or control: {{kp: 20, kd: 0.5}} in the robot file",
+                hint=f"give the drive's own, such as {options}, or control: {{kp: 20, kd: 0.5}} {place}",
             )
         self.refuse("tau", self.robot.joint_names[0] if self.robot.n == 1 else "", "no torque")
 

@@ -186,13 +186,13 @@ def _family(channel: Channel, channels: Sequence[Channel], joints: Sequence[str]
             before, after = source[: match.start()], source[match.end() :]
             like = re.compile(rf"{re.escape(before)}(\d+){re.escape(after)}")
             numbers = sorted(int(found[1]) for name in names if (found := like.fullmatch(name)))
-            if len(numbers) >= len(joints) and numbers[: len(joints)] == list(
-                range(numbers[0], numbers[0] + len(joints))
-            ):
+            count = min(len(numbers), len(joints))  # fewer: of the first joints, as the others are held
+            if count > 1 and numbers[:count] == list(range(numbers[0], numbers[0] + count)):
                 mark = {0: "{i0}", 1: "{i}"}.get(numbers[0])
                 members = [f"{before}{number}{after}" for number in numbers]
-                listed = f"[{', '.join(map(_quoted, members[: len(joints)]))}]"
-                return members, f'"{before}{mark}{after}"' if mark else listed, ""
+                if mark or count == len(joints):
+                    listed = f"[{', '.join(map(_quoted, members[: len(joints)]))}]"
+                    return members, f'"{before}{mark}{after}"' if mark else listed, ""
     for cut in (".", "/"):
         head, _, own = source.rpartition(cut)
         peers = [name.rpartition(cut)[2] for name in names if head and own and name.rpartition(cut)[0] == head]

@@ -20,6 +20,7 @@ from elid_cli.report.answers.inputs import (
     Items,
     command,
     heading,
+    keeping,
     nuisance_items,
     recorded_items,
     span_words,
@@ -131,12 +132,12 @@ def _moved_words(told: DiagnosisInput) -> str:
 def _next(told: DiagnosisInput) -> str:
     found, recording = told.found, told.recording
     if found.sufficient:
-        keep = ("--write-robot", f"{found.robot.name}-identified.yaml")
+        keep = keeping(found.robot, "identified", [spec.effect for spec in found.robot.effects])
         return command("identify", recording, told.robot_argument, *keep)
     if told.written is not None:
         return command("validate", recording, told.written, "--held-out")
     if told.contributions:
-        refined = ("--write-robot", f"{found.robot.name}-refined.yaml")
+        refined = keeping(found.robot, "refined", [spec.effect for spec in found.refined.effects])
         tried = [word for name in told.only for word in ("--only", name)]
         lookup = ("--lookup",) if told.lookup else ()
         return command("diagnose", recording, told.robot_argument, *tried, *lookup, *refined)

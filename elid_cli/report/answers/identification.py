@@ -18,6 +18,7 @@ from elid_cli.report.answers.inputs import (
     command,
     effect_text,
     heading,
+    keeping,
     log_payload,
     nuisance_items,
     nuisance_payload,
@@ -107,7 +108,7 @@ def identification_report(
         *reasons_table(found),
         *further,
         KeyValues("inputs", facts, "how it was computed"),
-        Text("next", _next(found, recording, robot_argument), "next"),
+        Text("next", _next(found, recording, robot_argument, written), "next"),
     ]
     payload = identification_payload(found, recording)
     if logs:
@@ -405,7 +406,7 @@ def torque_unit(robot: Robot, joint: str) -> str:
     return "N·m" if robot.joints[robot.joint_names.index(joint)].revolute else "N"
 
 
-def _next(found: Identification, recording: Recording, robot_argument: str) -> str:
+def _next(found: Identification, recording: Recording, robot_argument: str, written: Sequence[str]) -> str:
     if found.drive_gains:
         first = replace(recording, files=recording.files[:1])  # the other one has the payload
         if found.gain_map:
@@ -413,4 +414,10 @@ def _next(found: Identification, recording: Recording, robot_argument: str) -> s
         return shlex.join(["elid", "excite", "--robot", robot_argument, "-o", "exciting.csv"])
     if found.model != "sufficient":
         return command("diagnose", recording, robot_argument)
-    return command("identify", recording, robot_argument, "--write-robot", f"{found.robot.name}-identified.yaml")
+    if written:
+        return command("validate", recording, written[0])
+    return command("identify", recording, robot_argument, *keeping(found.robot, "identified", _declared(found.robot)))
+
+
+def _declared(robot: Robot) -> list[str]:
+    return [spec.effect for spec in robot.effects]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from elid_cli.model.effects import effect_classes
@@ -132,6 +133,31 @@ def command(verb: str, recording: Recording | None, robot: str, *options: str) -
     """Return a command line to paste."""
     files = recording.files if recording is not None else ("LOG",)
     return shlex.join(["elid", verb, *files, "--robot", robot, *options])
+
+
+def keeping(robot: Robot, word: str, effects: Iterable[str] = ()) -> tuple[str, ...]:
+    """Return the options that write what was found: as YAML, which holds all, and into the user's own URDF or MJCF.
+
+    Parameters
+    ----------
+    robot
+        As described.
+    word
+        What the files are called after the robot: ``refined``, say.
+    effects
+        Names of the effects that they are to hold. Those that neither format knows go into the file of actuators where
+        that holds them all, else the second file is that of the fit without.
+    """
+    options: tuple[str, ...] = ("--write-robot", f"{robot.name}-{word}.yaml")
+    if not robot.source:
+        return options
+    own = Path(robot.source)
+    options += ("--write-robot", str(own.with_name(f"{own.stem}-{word}{own.suffix}")))
+    kinds = [effect_classes()[name] for name in effects]
+    if not kinds:
+        return options
+    held = all(kind.in_simulators or kind.nuisance == "delay" for kind in kinds)
+    return (*options, *(("--write-actuators", f"{robot.name}-{word}.json") if held else ("--drop-effects",)))
 
 
 def _has(recording: Recording, name: str) -> bool:
