@@ -195,7 +195,7 @@ def _next_motion(reference: float, setting: Setting, place: int, total: Array) -
 def _gates(told: Figures, i: int) -> dict[str, float]:
     """Return what the gates looked at of one joint, by name."""
     seen = {
-        "error": told.error[i] / abs(told.compliance[i]), "gain": told.gain[i], "misfit": told.chi,
+        "error": told.error[i] / abs(told.compliance[i]), "gain": told.gain[i], "misfit": told.chi, "fall": told.fall,
         "rotor_pull": told.rotor_pull[i], "rotor_told": told.rotor_sensitivity[i], "delay": told.delay,
         "damping": told.damping[i], "load_friction": told.load_friction[i],
     }  # fmt: skip

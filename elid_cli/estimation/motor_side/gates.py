@@ -12,6 +12,8 @@ import numpy as np
 from elid_cli.estimation.motor_side.refits import Figures, Moves
 from elid_cli.estimation.result import Verdict
 
+FALL = 0.003
+"""Most that further steps may lower the cost, share of it."""
 SURE, CLOSE = 5.0, 0.03
 """Compliance over its standard error, at least, and standard error over the compliance, at most."""
 MISFIT = 3.0
@@ -44,6 +46,7 @@ WORDS = {
     "misfit": "the model does not reach the sensors' noise",
     "sure": "the compliance is within its error of none",
     "close": "its standard error is above 3 %",
+    "settled": "the fit does not settle",
     "lowest": "a rigid joint fits better than what was found",
     "cut": "it moves with the frequencies that are used",
     "knots": "it moves with the spline's knots",
@@ -86,6 +89,7 @@ def _seen(told: Figures, i: int) -> list[str]:
         "band": told.band[i] >= REACH * told.antiresonance[i],
         "misfit": told.chi <= MISFIT,
         "gain": told.gain[i] >= GAIN,
+        "settled": told.fall < FALL,
         "lowest": told.gain.min() > LOWEST,
     }
     return [name for name, passed in checks.items() if not passed]

@@ -67,6 +67,8 @@ class Figures:
     """Smallest eigenvalue of the links' mass matrix."""
     gain: Array
     """Cost with one joint made rigid, over the cost."""
+    fall: float
+    """Share by which further steps lowered the cost."""
     moves: Moves | None = None
     """None where the rest refuses every joint already."""
 
@@ -151,7 +153,7 @@ def first_figures(found: Search) -> Figures:
         pull = np.where(setting.link.elastic, (J - prior.value) / prior.spread, 0.0)
     return Figures(
         best.compliance, best.errors[at["c"]], best.chi, float(x[at["delay"][0]]), x[at["damping"]], J, pull,
-        sensitivity, x[at["load"]], best.errors[at["load"]], setting.bands, *_frequencies(best), gain,
+        sensitivity, x[at["load"]], best.errors[at["load"]], setting.bands, *_frequencies(best), gain, found.fall,
     )  # fmt: skip
 
 

@@ -34,6 +34,8 @@ _PAYS = 20.0
 """Fall of the cost, per further unknown and unit of misfit, from which on a column stays."""
 _STRIBECK_FROM, _LOST_FROM, _CORNERED, _UNFIT = 1.3, 1.3, 2.5, 2.0
 """Misfits from which on are tried: Stribeck's columns, lost motion, all from the start, a climb without load."""
+FURTHER = Iteration(20, 1e-4)
+"""How the best end is gone on from: a fit that crawls has not found its valley's bottom, whatever it looks like."""
 _ENDS = 2
 _CLIMB_RATE = 16.0
 """Sample rate of the climb over the end of the band."""
@@ -88,6 +90,8 @@ class Search:
 
     setting: Setting
     ends: tuple[LatentFit, ...]
+    fall: float
+    """Share by which the cost of the best end fell in further steps."""
 
     @property
     def best(self) -> LatentFit:
@@ -112,7 +116,9 @@ def search(setting: Setting) -> Search:
         ends += _without_load(setting, climb, starts)
     if not ends:
         raise np.linalg.LinAlgError("no start leads to a fit")
-    return Search(setting, tuple(sorted(ends, key=lambda end: end.cost)))
+    first, *others = sorted(ends, key=lambda end: end.cost)
+    further = fit(first.problem, first.x, first.coefficients, setting.unknowns.free(), FURTHER)
+    return Search(setting, (further, *others), (first.cost - further.cost) / further.cost)
 
 
 def _without_load(setting: Setting, climb: Climb, starts: Sequence[ClimbEnd]) -> list[LatentFit]:
