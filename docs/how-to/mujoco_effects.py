@@ -10,22 +10,39 @@ import mujoco
 import numpy as np
 
 # p: parameters; v, x: speed and angle of the motor (of the link for effects at the link), s: rounded direction;
-# bend, rate: q - theta and its rate; load: torque through the transmission. All at the joint.
+# bend, rate: q - theta and its rate; load: torque through the transmission; torque: the motor's. All at the joint.
+
+
+def servo(p, v, load, torque):
+    """Return what a member of the family M2 to M6 adds to Coulomb friction."""
+    pair = (torque, load) if p["model"] >= 5 else (abs(torque + load) / 2,) * 2
+    if p["model"] >= 5 and torque + load < 0:
+        pair = (-torque, -load)
+    at_rest = p["static"] + p["static_motor"] * pair[0] + p["static_external"] * pair[1]
+    if torque * load > 0:
+        at_rest += p["driving"] * load**2 if abs(torque) > abs(load) else p["driven"] * torque**2
+    fades = np.exp(-((abs(v) / p["velocity"]) ** p.get("exponent", 1)))
+    return p["motor"] * pair[0] + p["external"] * pair[1] + fades * at_rest
+
+
 LAWS = {
-    "stribeck": lambda p, v, x, s, bend, rate, load: (
+    "stribeck": lambda p, v, x, s, bend, rate, load, torque: (
         p["amplitude"] * np.exp(-(max(abs(v) / p["velocity"], 1e-12) ** p.get("exponent", 1)))
     ),
-    "load_friction": lambda p, v, x, s, bend, rate, load: p["coefficient"] * abs(load),
-    "position_friction": lambda p, v, x, s, bend, rate, load: p["amplitude"] * np.sin(p["order"] * x + p["phase"]),
-    "link_coulomb": lambda p, v, x, s, bend, rate, load: p["friction"],
-    "asymmetric_coulomb": lambda p, v, x, s, bend, rate, load: p["difference"] * abs(s),
-    "quadratic_viscous": lambda p, v, x, s, bend, rate, load: p["amplitude"] * s * abs(v) ** p["power"],
-    "torque_ripple": lambda p, v, x, s, bend, rate, load: p["amplitude"] * np.sin(p["order"] * x + p["phase"]),
-    "link_viscous": lambda p, v, x, s, bend, rate, load: p["friction"] * v,
-    "link_spring": lambda p, v, x, s, bend, rate, load: p["stiffness"] * x + p["preload"],
-    "transmission_damping": lambda p, v, x, s, bend, rate, load: p["damping"] * rate,
-    "cubic_stiffness": lambda p, v, x, s, bend, rate, load: p["cubic"] * bend**3,
-    "backlash": lambda p, v, x, s, bend, rate, load: -p["stiffness"] * np.clip(bend, -p["gap"], p["gap"]),
+    "load_friction": lambda p, v, x, s, bend, rate, load, torque: p["coefficient"] * abs(load),
+    "position_friction": lambda p, v, x, s, bend, rate, load, torque: (
+        p["amplitude"] * np.sin(p["order"] * x + p["phase"])
+    ),
+    "servo_friction": lambda p, v, x, s, bend, rate, load, torque: servo(p, v, load, torque),
+    "link_coulomb": lambda p, v, x, s, bend, rate, load, torque: p["friction"],
+    "asymmetric_coulomb": lambda p, v, x, s, bend, rate, load, torque: p["difference"] * abs(s),
+    "quadratic_viscous": lambda p, v, x, s, bend, rate, load, torque: p["amplitude"] * s * abs(v) ** p["power"],
+    "torque_ripple": lambda p, v, x, s, bend, rate, load, torque: p["amplitude"] * np.sin(p["order"] * x + p["phase"]),
+    "link_viscous": lambda p, v, x, s, bend, rate, load, torque: p["friction"] * v,
+    "link_spring": lambda p, v, x, s, bend, rate, load, torque: p["stiffness"] * x + p["preload"],
+    "transmission_damping": lambda p, v, x, s, bend, rate, load, torque: p["damping"] * rate,
+    "cubic_stiffness": lambda p, v, x, s, bend, rate, load, torque: p["cubic"] * bend**3,
+    "backlash": lambda p, v, x, s, bend, rate, load, torque: -p["stiffness"] * np.clip(bend, -p["gap"], p["gap"]),
 }
 
 
@@ -60,13 +77,14 @@ class Effects:
             q, dq = data.qpos[model.jnt_qposadr[joint]], data.qvel[dof]
             x, v = data.qpos[model.jnt_qposadr[motor]] / turns, data.qvel[own] / turns
             bend, rate, load = q - x, dq - v, moving[dof]
+            torque = (data.qfrc_actuator[own] + data.qfrc_applied[own]) * turns
             if joint != motor:  # an elastic joint is a tendon beside a rotor of its own
                 spring = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON, model.joint(joint).name + "_transmission")
                 load = -model.tendon_stiffness[spring] * bend if spring >= 0 else load
             if e["at"] == "link":
                 x, v, own, turns = q, dq, dof, 1.0
             law = LAWS.get(e["effect"])
-            size = law(e["parameters"], v, x, np.tanh(v / width), bend, rate, load) if law else e["offset"]
+            size = law(e["parameters"], v, x, np.tanh(v / width), bend, rate, load, torque) if law else e["offset"]
             if e["as"] == "friction":
                 friction[own] += size / abs(turns)
             elif e["at"] == "spring":

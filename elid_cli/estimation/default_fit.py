@@ -16,7 +16,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.estimation.data import FitData, SampledData, sampled, sum_row
 from elid_cli.estimation.regression.covariance import lasting_weights
-from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of
+from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of, with_effects
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.least_squares import Solution, reweighted
 from elid_cli.estimation.regression.nuisances import DELAY, LONGEST, OFFSET, reading_columns, short_enough, significant
@@ -360,6 +360,8 @@ def _shaped(
         triangles = triangles_with_effects(observation, nuisances, effects)
         solution = reweighted(triangles, base.count + triangles.extras)
         scene = scene_of(model, signals, solution.values[: model.parameters])
+        amplitudes = amplitudes_of(solution, model.parameters, nuisances, effects)
+        scene = with_effects(scene, [(e.effect, a) for e, a in zip(effects.effects, amplitudes, strict=True)])
         weights, items = solution.weights, effects.effects
         if step is not _Step.REFINE:
             items = tuple(replace(item, effect=item.start or item.effect) for item in items)

@@ -36,6 +36,7 @@ LINES = {
         f"validate {SAMPLES}/planar2.h5 --robot planar2 --held-out",
         f"validate {SAMPLES}/planar2.h5 short.h5 --robot planar2 --against planar2",
     ],
+    "friction": ["friction short.h5 --robot planar2"],
     "replay": [f"replay {SAMPLES}/planar2.h5 --robot planar2 --horizon 0.2 --against planar2"],
     "reduce": [f"reduce {SAMPLES}/planar2.h5 --robot planar2 -o reduced.npz"],
     "simulate": [f"simulate --robot planar2 --duration 1 -o try.csv --effect {STRIBECK}"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,9 @@ from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
 
+AGREEING, AGREED = 12, 1e-5
+"""Most rounds in which predicted torque and friction that follows it come to agree, and the change, as a part of the
+torque, below which they do: a round leaves as much of the error as friction follows the motor's torque."""
 _CHUNK = 16384
 """Samples whose full-rate regressor is held at a time."""
 
@@ -75,6 +78,26 @@ def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
         temperature=temperature,
         **_optional(signals),
     )
+
+
+def with_effects(scene: Scene, effects: Sequence[tuple[Effect, Array]]) -> Scene:
+    """Return the scene whose predicted torque holds that of effects with their amplitudes (d,), where one needs it.
+
+    Friction that follows the motor's torque is part of that torque: a few rounds let both agree.
+    """
+    if not any(effect.from_torque for effect, _ in effects):
+        return scene
+    base = scene.predicted
+    for _ in range(AGREEING):
+        total = base.copy()
+        for effect, linear in effects:
+            for row, columns in effect.columns(scene).items():
+                total[:, row.joint] += linear @ columns
+        change = float(np.linalg.norm(total - scene.predicted))
+        scene = replace(scene, predicted=total, cache={})
+        if change <= AGREED * float(np.linalg.norm(total)):
+            break
+    return scene
 
 
 def _optional(signals: Signals) -> dict[str, Any]:

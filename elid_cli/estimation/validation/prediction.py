@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
-from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
+from elid_cli.estimation.regression.effect_columns import extra_of, scene_of, with_effects
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.result import JointError, SensorError
 from elid_cli.model.base_parameters import BaseParameters, find_base
@@ -89,6 +89,7 @@ def validate(
     acting: dict[EstimationRow, tuple[Array, ...]] = {}
     if scene is not None and signals is not logged:
         scene = scene_of(model, signals, standard)
+    scene = None if scene is None else with_effects(scene, [pair for pair in effects if pair not in drives])
     for effect, linear in effects:
         if scene is None or effect.simulated == "motor":
             continue

@@ -131,6 +131,16 @@ def direction_widths(robot: Robot, width: float = DIRECTION_WIDTH) -> Array:
     return np.array([width if joint.revolute else ARM * width for joint in robot.joints])
 
 
+class Member(NamedTuple):
+    """A member of a family of models that one effect is: what it adds, and the value of its first shape."""
+
+    title: str
+    formula: str
+    shape: float
+    forms: tuple[float, ...] = ()
+    """Values of the third shape that are tried; empty: it has no part in this member."""
+
+
 Columns = Mapping[EquationRow, Array]
 """Row -> array (d, N), one row per amplitude, in the order of `Effect.amplitudes`."""
 
@@ -188,6 +198,8 @@ class Effect(ABC):
     """Whether the effect lives in a part of the log only, so that cross-validation over time cannot judge it."""
     from_model: ClassVar[bool] = False
     """Whether the columns come from the present model's torques, so that a fit has to be repeated until both agree."""
+    from_torque: ClassVar[bool] = False
+    """Whether `Scene.predicted` has to hold the torque of the effects, too, its own among them."""
     memory: ClassVar[bool] = False
     """Whether the effect has an internal state (see `MemoryEffect`)."""
     searched: ClassVar[bool] = True
@@ -206,6 +218,8 @@ class Effect(ABC):
     positions."""
     always_fitted: ClassVar[str] = ""
     """Why the effect stays in the model where part of the log speaks against naming it; empty: it does not stay."""
+    members: ClassVar[Mapping[str, Member]] = {}
+    """Nested members of a family, the simplest first, by their published names; see `friction_family`."""
     in_simulators: ClassVar[Literal["", "friction", "torque"]] = ""
     """How a simulator that lacks the effect applies it from its parameters (docs/how-to/mujoco_effects.py): as a size
     of dry friction, as a torque; empty: not at all."""
@@ -311,6 +325,10 @@ class Effect(ABC):
         """Whether fitted, named values are physically possible (a backlash must open, a delay must not lead)."""
         specs = (*cls.amplitudes, *cls.shapes)
         return all(p.low <= values[p.name] <= p.high for p in specs if p.name in values)
+
+    def grown(self, coefficients: Array) -> Effect:
+        """Return the effect with what its shape takes from its own amplitudes (d,)."""
+        return self
 
     def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
         """Return what the robot becomes (``simulated = "robot"``: a payload, a tilted base).

@@ -140,6 +140,8 @@ def test_least_squares_on_its_own_column_gives_the_parameters_back(
 ) -> None:
     scene = request.getfixturevalue(which)
     for joint in joints_of(LIBRARY[name], scene):
+        if LIBRARY[name].from_torque and not scene.robot.joints[joint].elastic:
+            continue  # the load of these scenes is a multiple of the torque there
         effect, linear = build(name, scene, joint)
         stacked = np.concatenate(list(effect.columns(scene).values()), axis=1)
         scale = np.linalg.norm(stacked, axis=1)

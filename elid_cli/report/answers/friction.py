@@ -1,0 +1,149 @@
+"""The answer of ``elid friction``: the members of the friction family side by side, and which one a log supports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from elid_cli.diagnosis.friction_family import PLAIN, FrictionFamily, MemberFit, family
+from elid_cli.report.answers.identification import error_payload, torque_unit
+from elid_cli.report.answers.inputs import (
+    command,
+    effect_text,
+    heading,
+    log_payload,
+    recorded_items,
+    robot_payload,
+    span_words,
+)
+from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text
+from elid_cli.signals.recording import Recording
+
+
+def friction_report(
+    found: FrictionFamily, recording: Recording, robot_argument: str, written: Sequence[str] = ()
+) -> Report:
+    """Return the report of one comparison.
+
+    Parameters
+    ----------
+    found, recording
+        The result and what it was found from.
+    robot_argument
+        What ``--robot`` was given.
+    written
+        The robot files that were written.
+    """
+    sections: list[Section] = [
+        heading(found.robot, recording),
+        KeyValues("answers", (("which friction?", _sentence(found)),)),
+        *(Text(f"warning{k}", line, "warning") for k, line in enumerate(recording.warnings)),
+        _errors(found),
+        _members(found),
+        *_values(found),
+        KeyValues("inputs", (
+            *recorded_items(found.robot, recording),
+            ("held out", span_words(found.held_out)),
+            *(("left out", reason) for reason in found.skipped.values()),
+            *(("written", path) for path in written),
+        ), "how it was computed"),
+        Text("next", _next(found, recording, robot_argument, written), "next"),
+    ]  # fmt: skip
+    return Report("friction", friction_payload(found, recording), tuple(sections))
+
+
+def friction_payload(found: FrictionFamily, recording: Recording) -> dict[str, Any]:
+    """Return the JSON object of a comparison."""
+    final = _final(found)
+    return {
+        **robot_payload(found.robot),
+        "log": log_payload(recording),
+        "members": {name: {"title": m.title, "formula": m.formula} for name, m in found.members.items()},
+        "held_out": [list(span) for span in found.held_out],
+        "friction": {
+            joint: {
+                "supported": found.supported[joint],
+                "parameters": dict(final.get(joint, {})),
+                "std_error": dict(found.std_error.get(joint, {})),
+                "members": {name: _fit(fit) for name, fit in fits.items()},
+            }
+            for joint, fits in found.fits.items()
+        },
+        "skipped": dict(found.skipped),
+    }
+
+
+def _fit(fit: MemberFit) -> dict[str, Any]:
+    return {
+        "error": error_payload({"": fit.error})[""],
+        "folds": fit.folds.tolist(),
+        "parameters": dict(fit.parameters),
+        "possible": fit.possible,
+    }
+
+
+def _final(found: FrictionFamily) -> dict[str, Mapping[str, float]]:
+    """Return the supported members' parameters as the whole log gives them, by joint."""
+    own = family().name
+    return {spec.joint or found.robot.joint_names[0]: spec.parameters
+            for spec in found.refined.effects if spec.effect == own}  # fmt: skip
+
+
+def _sentence(found: FrictionFamily) -> str:
+    groups: dict[str, list[str]] = {}
+    for joint, member in found.supported.items():
+        groups.setdefault(member, []).append(joint)
+    titles = found.members
+    return "; ".join(f"{name} ({titles[name].title}) at {', '.join(groups[name])}"
+                     for name in titles if name in groups) + "."  # fmt: skip
+
+
+def _errors(found: FrictionFamily) -> Table:
+    units = {torque_unit(found.robot, joint) for joint in found.fits}
+    unit = units.pop() if len(units) == 1 else ""
+    columns = [Column("joint", "joint"), Column("supported", "supported"),
+               *(Column(name, name, align="right", unit=unit) for name in found.members)]  # fmt: skip
+    rows: list[tuple[Cell, ...]] = []
+    for joint, fits in found.fits.items():
+        own = torque_unit(found.robot, joint)
+        cells: list[Cell] = [joint, Mark(found.supported[joint], "good")]
+        for name in found.members:
+            fit, tone = fits[name], "good" if name == found.supported[joint] else "plain"
+            cells.append(Quantity(fit.error.rms, own, 3, tone="good" if tone == "good" else "plain"))
+        rows.append(tuple(cells))
+    note = (
+        "rms of motor torque minus prediction on stretches that no fit saw. A larger member is supported where it "
+        "predicts each part of the rest from the others better, by 3 % of the squared error and beyond the scatter, "
+        "and these stretches, too, and no friction is negative"
+    )
+    return Table("errors", tuple(columns), tuple(rows), title="held-out error of each member", note=note)
+
+
+def _members(found: FrictionFamily) -> Table:
+    rows = tuple((name, m.title, m.formula) for name, m in found.members.items())
+    columns = (Column("member", "member"), Column("title", "adds"), Column("formula", "largest friction torque"))
+    note = (
+        "τm: motor torque as the model predicts it; τe: minus what the bodies beyond the joint need, so that |τm - τe| "
+        "is about twice the load; e = exp(-(|v|/vs)^α). Names as in arXiv 2410.08650 (BAM)"
+    )
+    return Table("members", columns, rows, title="the family", note=note)
+
+
+def _values(found: FrictionFamily) -> list[Section]:
+    items = [
+        (joint, effect_text(found.robot, family().name, joint, _shown(values), found.std_error.get(joint, {})))
+        for joint, values in _final(found).items()
+    ]
+    return [KeyValues("values", tuple(items), "supported members, beside fs and fv")] if items else []
+
+
+def _shown(values: Mapping[str, float]) -> dict[str, float]:
+    return {name: value for name, value in values.items() if value != 0.0}
+
+
+def _next(found: FrictionFamily, recording: Recording, robot: str, written: Sequence[str]) -> str:
+    if written:
+        return command("validate", recording, written[0])
+    if all(member == PLAIN for member in found.supported.values()):
+        return command("diagnose", recording, robot)
+    return command("friction", recording, robot, "--write-robot", f"{found.robot.name}-friction.yaml")
