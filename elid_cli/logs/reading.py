@@ -22,6 +22,7 @@ from elid_cli.logs.mapping.resolve import Layer, Placement, ReadPlan, resolve
 from elid_cli.logs.mapping.suggest import suggestion
 from elid_cli.logs.repair.align import Aligned, Sampled, align
 from elid_cli.logs.repair.clocks import another_clock, in_seconds
+from elid_cli.logs.repair.sample_times import at_even_times
 from elid_cli.logs.source import Source, open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.memory import let_go
@@ -168,6 +169,7 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
         replace(stream, clocks={}) for stream in streams
     ]  # their stamps take as much memory as a joint's signals
     aligned = align(converted(plan, streams, seconds, robot), robot.joint_names, name, other)
+    aligned = at_even_times(aligned)
     _believable(aligned.dt, name, plan)
     signals = dict(aligned.signals)
     for signal, placement in plan.placements.items():

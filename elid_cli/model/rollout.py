@@ -9,7 +9,7 @@ joint at rest: it is the torque, at most `fs` in size, that brings the velocity 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +90,10 @@ class Joints:
     viscous: Array
     offset: Array
     """Torque that the drives lack, N·m (N)."""
+    push: Array | None = None
+    """Torque of effects between one instant and the next, on the model's side, N·m (N), (N - 1, V, S, n)."""
+    grip: Array | None = None
+    """Coulomb friction beyond `coulomb` between one instant and the next, N·m (N), (N - 1, V, S, n)."""
 
 
 class Linearised:
@@ -227,8 +231,15 @@ def _on(drives: Drives, owner: NDArray[np.intp]) -> Drives:
 
 def _of(joints: Joints, owner: NDArray[np.intp]) -> Joints:
     held = owner >= 0
-    return Joints(*(np.where(held, values[:, owner], 0.0)[:, None]
-                    for values in (joints.inertia, joints.coulomb, joints.viscous, joints.offset)))  # fmt: skip
+
+    def over_time(values: Array | None) -> Array:
+        return np.zeros((1, 1, 1, *owner.shape)) if values is None else np.where(held, values[..., owner], 0.0)
+
+    inertia, coulomb, viscous, offset = (
+        np.where(held, values[:, owner], 0.0)[:, None]
+        for values in (joints.inertia, joints.coulomb, joints.viscous, joints.offset)
+    )
+    return Joints(inertia, coulomb, viscous, offset, over_time(joints.push), over_time(joints.grip))
 
 
 def _advance(part: _Part, start: tuple[Array, Array], drives: Drives, joints: Joints, dt: float) -> tuple[Array, Array]:
@@ -240,9 +251,16 @@ def _advance(part: _Part, start: tuple[Array, Array], drives: Drives, joints: Jo
     x, v = np.empty((2, len(part.force), *shape))
     flat = [np.ascontiguousarray(np.broadcast_to(values, shape)) for values in (
         joints.inertia, joints.coulomb, joints.viscous, joints.offset, drives.limit)]  # fmt: skip
+    flat += [np.ascontiguousarray(np.broadcast_to(values, (len(values), *shape))) for values in _over_time(joints)]
     arrays = (part.mass, part.force, part.slope, part.place, drives.told, drives.kp, drives.kd, *start)
     compiled(*map(np.ascontiguousarray, arrays), *flat, dt, x, v)
     return x, v
+
+
+def _over_time(joints: Joints) -> tuple[Array, Array]:
+    """Return push and grip of every interval; one that stands for all where there are none."""
+    none = np.zeros((1, *joints.coulomb.shape))
+    return (none if joints.push is None else joints.push, none if joints.grip is None else joints.grip)
 
 
 def advance_arrays(
@@ -257,7 +275,8 @@ def advance_arrays(
     x, v = (np.broadcast_to(value, shape).copy() for value in start)
     positions, velocities = np.empty((2, instants, *shape))
     positions[0], velocities[0] = x, v
-    bound, held = h * joints.coulomb, np.zeros(shape)
+    held = np.zeros(shape)
+    push, grip = (np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints))
     every, own = np.arange(size), [np.index_exp[..., k] for k in range(size)]
     for k in range(instants - 1):
         bend = 0.5 * (part.slope[k] + part.slope[k + 1])
@@ -268,7 +287,8 @@ def advance_arrays(
         inverse = np.linalg.inv(full)
         give = np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1), 1e-300)
         columns = [inverse[..., :, i] for i in every]
-        pulled, place = part.force[k] + joints.offset, part.place[k]
+        bound = h * np.maximum(joints.coulomb + grip[k if len(grip) > 1 else 0], 0.0)
+        pulled, place = part.force[k] + joints.offset + push[k if len(push) > 1 else 0], part.place[k]
         pull, move = (part.force[k + 1] - part.force[k]) / steps, (part.place[k + 1] - part.place[k]) / steps
         for j in range(steps):
             middle = x + 0.5 * h * v
@@ -309,5 +329,5 @@ def _coupled(robot: Robot) -> list[list[NDArray[np.intp]]]:
 def one_variant(joints: Joints, number: int) -> Joints:
     """Return a variant alone."""
     row = slice(number, number + 1)
-    return replace(joints, inertia=joints.inertia[row], coulomb=joints.coulomb[row],
-                   viscous=joints.viscous[row], offset=joints.offset[row])  # fmt: skip
+    return Joints(joints.inertia[row], joints.coulomb[row], joints.viscous[row], joints.offset[row],
+                  *(None if values is None else values[:, row] for values in (joints.push, joints.grip)))  # fmt: skip

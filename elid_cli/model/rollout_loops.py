@@ -33,7 +33,8 @@ def compiled_steps() -> Callable[..., None] | None:
 
 def steps(
     mass: Array, force: Array, slope: Array, place: Array, told: Array, kp: Array, kd: Array, x0: Array, v0: Array,
-    inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, dt: float, xs: Array, vs: Array,
+    inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, push: Array, grip: Array, dt: float,
+    xs: Array, vs: Array,
 ) -> None:  # fmt: skip
     """Write positions and velocities to `xs` and `vs`, (N, V, S, L, s); the arrays are those of `rollout._Part`."""
     instants, variants, stretches, chains, size = xs.shape
@@ -56,13 +57,15 @@ def steps(
                         damping = viscous[own][i] + kd[stretch, chain, i]
                         full[i, i] += 0.5 * h * damping + 0.25 * h * h * kp[stretch, chain, i]
                     inverse = np.linalg.inv(full)
+                    pushed = push[k if len(push) > 1 else 0, variant, stretch, chain]
+                    gripped = grip[k if len(grip) > 1 else 0, variant, stretch, chain]
                     for j in range(each):
                         w = (j + 0.5) / each
                         now, middle, rhs = told[k * each + j, stretch, chain], x + 0.5 * h * v, np.empty(size)
                         for i in range(size):
                             drive = now[i] - kp[stretch, chain, i] * middle[i] - kd[stretch, chain, i] * v[i]
                             drive = min(max(drive, -limit[own][i]), limit[own][i]) - offset[own][i]
-                            drive -= viscous[own][i] * v[i]
+                            drive -= viscous[own][i] * v[i] + pushed[i]
                             one, other = force[k, stretch, chain, i], force[k + 1, stretch, chain, i]
                             drive -= one + w * (other - one)
                             for m in range(size):
@@ -72,7 +75,7 @@ def steps(
                         faster = v + inverse @ rhs
                         for _ in range(SWEEPS):
                             for i in range(size):
-                                bound = h * coulomb[own][i]
+                                bound = h * max(coulomb[own][i] + gripped[i], 0.0)
                                 new = min(max(held[i] + faster[i] / inverse[i, i], -bound), bound)
                                 change = new - held[i]
                                 for m in range(size):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError
@@ -39,6 +38,16 @@ class Run:
     """Sample time, s."""
     source: int = 0
     """Number of the file that it is from."""
+    told: Array | None = None
+    """What the log told the drives at every sample, N·m (N), (N, n)."""
+
+    def delayed(self, late: Array, *, commanded: bool = True) -> Run:
+        """Return the run with drives that act later than logged by `late`, s, (n,)."""
+        if self.told is None:
+            return self
+        steps = len(self.drives.told) // (len(self.t) - 1)
+        acting = _held(self.told, steps, late / self.dt, commanded=commanded)
+        return replace(self, drives=replace(self.drives, told=acting))
 
     @classmethod
     def together(cls, runs: Sequence[Run], coordinates: Coordinates) -> Run:
@@ -101,7 +110,7 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
             )
             acting = _held(told[part], steps, delays / recording.dt, commanded=commanded)
             drives = Drives(acting, kp[a], kd[a], limit)
-            runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source))
+            runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source, told[part]))
     return runs
 
 
@@ -167,13 +176,17 @@ def _speed(logged: Array, position: Array, part: slice, dt: float) -> Array:
 def _held(told: Array, steps: int, late: Array, *, commanded: bool) -> Array:
     """Return what is told at every step, (K, n): commands held for their sample, torques on a line between samples."""
     count = (len(told) - 1) * steps
-    place = (np.arange(count) + (0.0 if commanded else 0.5)) / steps
+    place = np.arange(count) / steps
     found = np.empty((count, told.shape[1]))
-    for k in range(told.shape[1]):
-        at = np.clip(place - late[k], 0.0, len(told) - 1.0)
-        if commanded:
-            index: NDArray[np.intp] = np.floor(at + 1e-9).astype(np.intp)
-            found[:, k] = told[index, k]
-        else:
+    if not commanded:
+        for k in range(told.shape[1]):
+            at = np.clip(place + 0.5 / steps - late[k], 0.0, len(told) - 1.0)
             found[:, k] = np.interp(at, np.arange(len(told)), told[:, k])
+        return found
+    # a command that changes within a step acts for its part of it
+    samples = np.arange(len(told) + 1, dtype=float)
+    so_far = np.concatenate([np.zeros((1, told.shape[1])), np.cumsum(told - told[0], axis=0)])
+    for k in range(told.shape[1]):
+        edges = np.arange(count + 1) / steps - late[k]
+        found[:, k] = steps * np.diff(np.interp(np.maximum(edges, 0.0), samples, so_far[:, k])) + told[0, k]
     return found

@@ -90,6 +90,14 @@ class Recording(Shown):
         )
 
     @property
+    def commanded(self) -> NDArray[np.bool_]:
+        """Joints whose torque was computed from commands and gains, (n,)."""
+        words = self.sources.get("tau", "").split()
+        if words[:1] != ["command"] or "q_des" not in self.commands:
+            return np.zeros(self.n, dtype=bool)
+        return np.array([len(words) == 1 or name in words[2:] for name in self.joints])
+
+    @property
     def samples(self) -> int:
         """Number of samples."""
         return int(self.t.shape[0])

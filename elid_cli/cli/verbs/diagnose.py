@@ -91,6 +91,7 @@ def diagnose(
     with progress(output, "reading") as advance:
         from elid_cli.diagnosis import DiagnoseOptions
         from elid_cli.diagnosis import diagnose as search
+        from elid_cli.diagnosis.by_motion.diagnose import by_motion
         from elid_cli.estimation.identify import identify
         from elid_cli.estimation.refined_robot import remarks
         from elid_cli.estimation.validation.prediction import validate
@@ -100,6 +101,10 @@ def diagnose(
         check_effects(only)
         machine = load_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
+        if by_motion(machine, recording) and not (checks or lookup):
+            _by_motion(logs, machine, recording, conditioning, only, gates, (fail_on_effect, fail_on_unexplained),
+                       write_robot, robot, output, advance)  # fmt: skip
+            return
         others = [load_recording((log,), machine, reading, output, conditioning.rate, label=log) for log in checks]
         signals = load_signals(recording, machine, diagnosis_conditioning(conditioning, recording), advance)
         if advance is not None:
@@ -143,6 +148,40 @@ def diagnose(
     if written.refusal:
         raise written.refusal
     _check(told, gates, [*(_lacks(found) if fail_on_effect else ()), *(_leaves(found) if fail_on_unexplained else ())])
+
+
+def _by_motion(
+    logs: tuple[str, ...], machine: Robot, recording: Recording, conditioning: Conditioning, only: tuple[str, ...],
+    gates: Gates, fail: tuple[bool, bool], write_robot: tuple[str, ...], robot: str, output: Output,
+    advance: Progress | None,
+) -> None:  # fmt: skip
+    """Diagnose a log of commands by the motion simulated under them."""
+    from elid_cli.cli.gates import broken_gates
+    from elid_cli.cli.inputs import load_signals
+    from elid_cli.cli.output import LimitError, emit
+    from elid_cli.cli.robot_files import FOREIGN, write_found
+    from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion, plain_for_simulators
+    from elid_cli.estimation.identify import EstimateOptions, identify
+    from elid_cli.estimation.refined_robot import remarks
+    from elid_cli.report.answers.motion_diagnosis import motion_diagnosis_report, named_effects
+
+    signals = load_signals(recording, machine, conditioning, advance)
+    least_squares = identify(replace(machine, effects=()), signals, EstimateOptions(guards=False))
+    found = diagnose_motion(machine, signals, replace(least_squares, robot=machine), only, advance)
+    ours = tuple(path for path in write_robot if not path.lower().endswith(FOREIGN))
+    written = write_found(
+        () if found.partial else ours, found.refined, remarks(found.after) if ours else (), found.after,
+        found.after.error, None, output,
+    )  # fmt: skip
+    emit(motion_diagnosis_report(found, robot, next(iter(written.files), None)), output)
+    if found.partial:
+        raise KeyboardInterrupt  # main knows its exit code
+    if written.refusal:
+        raise written.refusal
+    broken = [*broken_gates(gates, found.after.error), *(named_effects(found) if fail[0] else ())]
+    broken += [f"{u.joint}: motion left unexplained" for u in found.unexplained] if fail[1] else []
+    if broken:
+        raise LimitError("; ".join(broken))
 
 
 def _check(told: DiagnosisInput, gates: Gates, broken: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""Gauss-Newton on simulated motion: drive parameters of every joint, the bodies held at the robot file's values.
+"""Gauss-Newton on simulated motion: drive parameters, effects and delays, the bodies held at the robot file's values.
 
 The simulated motion under the commands (output error, as in DIDIM: Gautier, Janot, Vandanjon 2013) holds no measured
 position on its right-hand side: noise of the encoders, which enters both sides of least squares on a torque that was
@@ -7,64 +7,95 @@ computed from them, does not bias it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.long_run import beyond_normal
 from elid_cli.estimation.trajectory.normal_equations import Equations, Tracked, passed
-from elid_cli.estimation.trajectory.unknowns import KINDS, Chains
+from elid_cli.estimation.trajectory.unknowns import KINDS, LATEST, Unknowns, started
+from elid_cli.model.effects.effect import Effect
 from elid_cli.model.rollout import Linearised
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 
-ROUNDS = 14
-"""Most Gauss-Newton steps."""
+CYCLES, STEPS = 7, 8
+"""Most motions whose slopes are computed, and most steps by those of one."""
 FAR = 0.5
 """Part of itself by which an inertia or friction changes in one step at most."""
 SETTLED = 1e-3
 """Relative change of the error below which the fit ends: the standard errors are far larger than what is left."""
-LEAST = np.array([1e-6, 0.0, 0.0, -np.inf])
-"""Least values of the unknowns."""
+SHORTER = 0.3
+"""Part of a step that is tried after it did not lower the error."""
+SLIGHT = 1e-4
+"""Relative change of the error that does not count as a rise."""
+WORTH = 0.01
+"""Part of the squared error that delays must take away: in slow motion viscous friction and a delay are one, and a
+delay that the log does not show would only take the friction's precision."""
 COARSE = 0.005
 """Part of itself by which steps of 1 ms and what happens within a sample move a value."""
 DAMPING = 1e-6
 """Of the normal equations' diagonal: directions that the motion does not show stay where they are."""
 
-
 @dataclass(frozen=True)
 class TrajectoryFit:
     """What a trajectory fit found."""
 
-    values: Array
-    """Unknowns of every joint (`unknowns.KINDS`), (n, 4)."""
-    covariance: tuple[Array, ...]
-    """Of the unknowns of every chain, joint by joint, (4 s, 4 s)."""
+    unknowns: Unknowns
+    z: Array
+    """The unknowns, (U,)."""
+    covariance: Array
+    """Of the unknowns, (U, U)."""
     between: Array
-    """Spread between recordings beyond that, as a standard deviation, (n, 4); 0 of one recording."""
+    """Spread between recordings beyond that, as a standard deviation, (U,); 0 of one recording."""
+    alone: Array
+    """Unknowns as each of R recordings alone has them, after one step from those of all, (R, U)."""
     rms: Array
     """Error of the simulated positions, rad (m), (n,)."""
     rms_before: Array
     """The same with the values that the fit started from."""
+    mean_abs: Array
+    """Mean size of the error in each recording, rad (m), (R, n)."""
     steps: int
-    chains: Chains
     left_out: Array
-    """Unknowns without each block of time in turn, (B, n, 4)."""
+    """Unknowns without each block of time in turn, (B, U)."""
     spans: tuple[tuple[int, float, float], ...]
     """Recording, first and last time of every block, s."""
+    equations: Equations
+    """Normal equations at the end."""
+    tracked: tuple[Tracked, ...]
+    """The stretches about their simulated motions."""
+    late: float = 0.0
+    """Part of the squared error that delays would take away, where they were held at 0."""
 
+    @property
+    def values(self) -> Array:
+        """Drive parameters of every joint (`unknowns.KINDS`), (n, 4)."""
+        return self.unknowns.joint_values(self.z)
+
+    @property
+    def delays(self) -> Array:
+        """By how much the motion of each recording is late against its commands, s, (R,)."""
+        return self.z[self.unknowns.delays]
+
+    @property
     def deviation(self) -> Array:
-        """Return the standard errors of the unknowns, (n, 4)."""
-        found = np.zeros_like(self.values)
-        for chain, covariance in zip(self.chains.joints, self.covariance, strict=True):
-            found[chain] = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(len(chain), len(KINDS))
+        """Standard errors of the unknowns, (U,)."""
+        found: Array = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         return found
 
 
-def fit_trajectory(robot: Robot, runs: list[Run], start: Array) -> TrajectoryFit:
+def fit_trajectory(
+    robot: Robot,
+    runs: Sequence[Run],
+    start: Array,
+    effects: Sequence[Effect] = (),
+    amplitudes: Sequence[float] = (),
+    delays: Sequence[float] = (),
+) -> TrajectoryFit:
     """Fit the drive parameters of a robot to stretches of logs.
 
     Parameters
@@ -74,7 +105,11 @@ def fit_trajectory(robot: Robot, runs: list[Run], start: Array) -> TrajectoryFit
     runs
         Stretches driven by commands, of one or more recordings.
     start
-        Values to start from, (n, 4).
+        Drive parameters to start from, (n, 4).
+    effects
+        Effects whose amplitudes are fitted along, in their shapes.
+    amplitudes, delays
+        Their amplitudes, and the recordings' delays (s), to start from; 0 where not given.
 
     Raises
     ------
@@ -83,91 +118,143 @@ def fit_trajectory(robot: Robot, runs: list[Run], start: Array) -> TrajectoryFit
     DataError
         The simulated motion runs away from the measured one.
     """
-    equations = Linearised(robot, without=("Ja", "fs", "fv"))
-    chains = Chains.of(robot)
-    tracked = [Tracked(run, run.near, np.gradient(run.near, run.dt, axis=0)) for run in runs]
-    values = np.maximum(start, LEAST)
+    unknowns = Unknowns(robot, tuple(effects), 1 + max(run.source for run in runs))
+    z = started(unknowns, start, amplitudes)
+    if len(delays):
+        z[unknowns.delays] = delays
+    tracked = [Tracked.of(run) for run in runs]
+    if np.any(z[unknowns.delays]):
+        return fitted(unknowns, tracked, z)
+    prompt = fitted(unknowns, tracked, z, prompt=True)
+    return fitted(unknowns, tracked, prompt.z) if prompt.late > WORTH else prompt
+
+
+def fitted(unknowns: Unknowns, tracked: list[Tracked], z: Array, *, prompt: bool = False) -> TrajectoryFit:
+    """Fit unknowns (U,), started from z (see `fit_trajectory`); `prompt`: the delays stay where they are."""
+    robot = unknowns.robot
+    equations, parameters = Linearised(robot, without=("Ja", "fs", "fv")), robot.reference()
+    z = unknowns.possible(z)
     weights = np.ones(robot.n)
     before: Array | None = None
-    best: tuple[float, Array, Equations] | None = None
-    shrink, number = 1.0, 0
-    for number in range(1, ROUNDS + 1):
-        found = passed(equations, tracked, values, chains, weights)
-        if not np.isfinite(found.rms).all():
+    last, steps = np.inf, 0
+    for number in range(1, CYCLES + 1):
+        every, columns = passed(equations, tracked, unknowns, z, parameters, weights)
+        if not np.isfinite(every.rms).all():
             raise DataError("the simulated motion runs away from the measured one", hint="are the gains right?")
-        before = found.rms if before is None else before
-        cost = float(np.sum(np.log(found.size)))
-        if best is not None and cost > best[0] + 1e-3 and number > 3:
-            shrink *= 0.5
-            values = best[1] + shrink * (values - best[1])
-            if shrink < 0.1:
-                break
-            continue
-        weights = 1.0 / np.maximum(found.size, 1e-7)
-        done = best is not None and abs(best[0] - cost) < SETTLED * robot.n
-        best, shrink = (cost, values, found), 1.0
-        if done:
+        before = every.rms if before is None else before
+        weights, cost = 1.0 / np.maximum(every.size, 1e-7), float(np.sum(_costs(every, unknowns)))
+        if number == CYCLES or (number > 2 and last - cost < SETTLED * robot.n):
             break
-        values = _moved(values, found, chains)
-    if best is None or before is None:
-        raise DataError("the log has nothing to fit")
-    _, values, final = best
-    covariance, between, left = _spread(final, values, chains)
-    return TrajectoryFit(values, covariance, between, final.rms, before, number, chains, left, final.spans)
+        last = cost
+        z, taken = _descended(equations, tracked, unknowns, z, (every, columns), prompt=prompt)
+        steps += taken
+    assert before is not None
+    final = every.holding(unknowns.delays) if prompt else every
+    late = _to_go(every, weights) if prompt else 0.0
+    covariance, between, alone, left = _spread(final, z, unknowns)
+    sources = np.array([source for source, _, _ in final.spans])
+    sizes = np.array([
+        final.sizes[sources == r].sum(axis=0) / final.counts[sources == r].sum() for r in np.unique(sources)
+    ])  # fmt: skip
+    return TrajectoryFit(unknowns, z, covariance, between, alone, final.rms, before, sizes, number, left, final.spans,
+                         final, tuple(tracked), late)  # fmt: skip
 
 
-def _moved(values: Array, found: Equations, chains: Chains) -> Array:
-    """Return the unknowns after one step."""
-    result = values.copy()
-    for chain, matrix, load in zip(chains.joints, found.matrix, found.load, strict=True):
-        step = _solved(matrix.sum(axis=0), load.sum(axis=0)).reshape(len(chain), len(KINDS))
-        reach = FAR * np.maximum(np.abs(values[chain]), 0.2 * np.median(np.abs(values), axis=0))
-        reach[:, 3] = np.inf
-        result[chain] = np.maximum(values[chain] + np.clip(step, -reach, reach), LEAST)
-    return result
+def _costs(found: Equations, unknowns: Unknowns) -> Array:
+    """Return what the fit makes small, chain by chain, (C,)."""
+    cost = np.log(np.maximum(found.size, 1e-9))
+    return np.array([cost[joints].sum() for joints in unknowns.chains])
 
 
-def _solved(matrix: Array, load: Array) -> Array:
+def _descended(
+    equations: Linearised, tracked: list[Tracked], unknowns: Unknowns, z: Array,
+    known: tuple[Equations, list[Array]], *, prompt: bool,
+) -> tuple[Array, int]:  # fmt: skip
+    """Take steps by the slopes of one motion, which change little, for as long as they lower the error.
+
+    A chain of joints whose error a step does not lower takes a smaller one, or none. Returns the number of steps, too.
+    """
+    found, columns = known
+    parameters, cost = unknowns.robot.reference(), _costs(found, unknowns)
+    reach = np.ones(len(cost) + 1)  # delays belong to all chains
+    step = _step(unknowns, z, found.holding(unknowns.delays) if prompt else found)
+    for number in range(1, STEPS + 1):
+        weights = 1.0 / np.maximum(found.size, 1e-7)
+        trial = unknowns.possible(z + reach[unknowns.chain_of] * step)
+        tried, _ = passed(equations, tracked, unknowns, trial, parameters, weights, columns)
+        now = _costs(tried, unknowns)
+        fell = np.append(now <= cost + SLIGHT, reach[-1] > 0)
+        z = np.where(fell[unknowns.chain_of], trial, z)
+        if not fell[:-1].all():
+            reach = np.where(fell, 0.0, SHORTER * reach)
+            if reach.max() < SHORTER**3:
+                return z, number
+            continue
+        gained, cost, found, reach = float((cost - now).sum()), now, tried, np.ones(len(reach))
+        if gained < SETTLED:
+            return z, number
+        step = _step(unknowns, z, found.holding(unknowns.delays) if prompt else found)
+    return z, STEPS
+
+
+def _to_go(found: Equations, weights: Array) -> float:
+    """Return by which part the next step would lower the squared error."""
+    squares = float(found.lighter.sum(axis=0) @ weights**2)
+    load = found.load.sum(axis=0)
+    return float(-load @ solved(found.matrix.sum(axis=0), load)) / max(squares, 1e-300)
+
+
+def _step(unknowns: Unknowns, z: Array, found: Equations) -> Array:
+    """Return the step of the unknowns, (U,), no inertia or friction by more than a part of itself."""
+    step = solved(found.matrix.sum(axis=0), found.load.sum(axis=0))
+    values = np.abs(unknowns.joint_values(z))
+    reach = np.full(unknowns.count, np.inf)
+    of_drives = FAR * np.maximum(values, 0.2 * np.median(values, axis=0))
+    of_drives[:, 3] = np.inf
+    reach[: unknowns.drives] = of_drives.ravel()
+    reach[unknowns.delays] = 0.2 * LATEST
+    limited: Array = np.clip(step, -reach, reach)
+    return limited
+
+
+def solved(matrix: Array, load: Array) -> Array:
+    """Return the Gauss-Newton step of normal equations (U, U), (U,)."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix / np.outer(scale, scale) + DAMPING * np.eye(len(matrix))
     step: Array = -np.linalg.solve(scaled, load / scale) / scale
     return step
 
 
-def _spread(found: Equations, values: Array, chains: Chains) -> tuple[tuple[Array, ...], Array, Array]:
-    """Return the covariance of every chain's unknowns, the spread between recordings, and values without each block.
+def _spread(found: Equations, z: Array, unknowns: Unknowns) -> tuple[Array, Array, Array, Array]:
+    """Return the covariance, the spread between recordings, what each says alone, and values without each block.
 
     One block of time after the other is left out of one linear step: the residual's memory is in what that changes.
     It counts where it is larger than white noise would have it; of three recordings and more, the scatter of what each
     says alone counts where it is larger still. Few blocks tell a variance badly: it is that of a normal distribution
     whose 95 % interval is Student's.
     """
-    covariances, between = [], np.zeros_like(values)
     source = np.array([number for number, _, _ in found.spans])
     recordings = np.unique(source)
-    without = np.repeat(values[None], len(source), axis=0)
-    for chain, matrix, load in zip(chains.joints, found.matrix, found.load, strict=True):
-        whole, pull = matrix.sum(axis=0), load.sum(axis=0)
-        left = np.array([_solved(whole - m, pull - g) for m, g in zip(matrix, load, strict=True)])
-        without[:, chain] += left.reshape(len(left), len(chain), len(KINDS))
-        count = len(left)
-        offset = left - left.mean(axis=0)
-        covariance = beyond_normal(count - 1) ** 2 * (count - 1) / count * offset.T @ offset
-        covariance = _at_least(covariance, np.diag(_white(whole, found, chain)))
-        if len(recordings) > 1:
-            alone = np.array([
-                _solved(matrix[own].sum(axis=0), load[own].sum(axis=0))
-                for own in (source == r for r in recordings)
-            ])  # fmt: skip
-            scatter = np.diag(np.cov(alone.T))
-            spread = np.maximum(scatter - len(recordings) * np.diag(covariance), 0.0)
-            between[chain] = np.sqrt(spread).reshape(len(chain), len(KINDS))
-            if len(recordings) > 2:
-                covariance = _at_least(covariance, beyond_normal(len(recordings) - 1) ** 2 * scatter / len(recordings))
-        coarse = np.abs(values[chain])
-        coarse[:, 3] = coarse[:, 1]  # an offset is told on the scale of the friction
-        covariances.append(covariance + np.diag((COARSE * coarse.ravel()) ** 2))
-    return tuple(covariances), between, np.maximum(without, LEAST)
+    whole, pull = found.matrix.sum(axis=0), found.load.sum(axis=0)
+    steps = np.array([solved(whole - m, pull - g) for m, g in zip(found.matrix, found.load, strict=True)])
+    count = len(steps)
+    offset = steps - steps.mean(axis=0)
+    covariance = beyond_normal(count - 1) ** 2 * (count - 1) / count * offset.T @ offset
+    covariance = _at_least(covariance, _white(whole, found, unknowns))
+    between, alone = np.zeros(len(z)), np.repeat(z[None], len(recordings), axis=0)
+    if len(recordings) > 1:
+        own = np.array([
+            solved(found.matrix[source == r].sum(axis=0), found.load[source == r].sum(axis=0)) for r in recordings
+        ])  # fmt: skip
+        alone = alone + own
+        scatter = np.var(own, axis=0, ddof=1)
+        scatter[unknowns.delays] = 0.0  # each recording has its own
+        between = np.sqrt(np.maximum(scatter - len(recordings) * np.diag(covariance), 0.0))
+        if len(recordings) > 2:
+            covariance = _at_least(covariance, beyond_normal(len(recordings) - 1) ** 2 * scatter / len(recordings))
+    coarse = np.abs(z)
+    coarse[3 : unknowns.drives : len(KINDS)] = coarse[1 : unknowns.drives : len(KINDS)]  # offsets: as the friction
+    return covariance + np.diag((COARSE * coarse) ** 2), between, alone, z + steps
 
 
 def _at_least(covariance: Array, variance: Array) -> Array:
@@ -177,11 +264,12 @@ def _at_least(covariance: Array, variance: Array) -> Array:
     return larger
 
 
-def _white(whole: Array, found: Equations, chain: NDArray[np.intp]) -> Array:
-    """Return the covariance that a residual without memory would leave; weights make each joint's error 1."""
+def _white(whole: Array, found: Equations, unknowns: Unknowns) -> Array:
+    """Return the variances that a residual without memory would leave; weights make each joint's error 1."""
     samples = found.counts.sum()
-    size = float(np.mean(found.lighter.sum(axis=0)[chain] / samples / np.maximum(found.size[chain], 1e-12) ** 2))
+    share = found.lighter.sum(axis=0) / samples / np.maximum(found.size, 1e-12) ** 2
     scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
     scaled = whole / np.outer(scale, scale) + DAMPING * np.eye(len(whole))
-    inverse: Array = size * np.linalg.inv(scaled) / np.outer(scale, scale)
+    inverse: Array = float(np.mean(share)) * np.diag(np.linalg.inv(scaled)) / scale**2
+    inverse[np.diag(whole) <= 0] = 0.0
     return inverse

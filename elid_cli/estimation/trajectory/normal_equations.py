@@ -1,15 +1,17 @@
-"""Normal equations of a trajectory fit: by recording, by block of time, by chain of joints."""
+"""Normal equations of a trajectory fit: by recording, by block of time."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.trajectory.unknowns import KINDS, Chains, number_of, variants
-from elid_cli.model.rollout import Drives, Linearised, variants_of
+from elid_cli.estimation.trajectory.acting import Acting, acting, scene_along
+from elid_cli.estimation.trajectory.unknowns import Unknowns, steps_of
+from elid_cli.model.rollout import Drives, Joints, Linearised, Local, variants_of
 from elid_cli.model.runs import Run
 
 BLOCKS = 6
@@ -18,6 +20,10 @@ SETTLING = 0.4
 """s at the start of a stretch that do not count: the simulation starts from one noisy sample."""
 REACH = 0.5
 """rad (m); a simulation farther than this from the measured motion has lost it, and is cut."""
+CONSTANT = 1e-9
+"""Relative change of a torque that counts as none."""
+NEAR = 5e-4
+"""rad (m); the equations are linearised again where the motion is farther, rms, from where they were."""
 
 
 @dataclass
@@ -27,20 +33,34 @@ class Tracked:
     run: Run
     x: Array
     v: Array
+    local: Local | None = None
+
+    @classmethod
+    def of(cls, run: Run) -> Tracked:
+        """Return a stretch about its measured motion."""
+        return cls(run, run.near, np.gradient(run.near, run.dt, axis=0))
+
+    def equations(self, about: Linearised) -> Local:
+        """Return the equations about a motion near the present one."""
+        if self.local is None or np.sqrt(np.mean((self.x - self.local.place[:, 0]) ** 2)) > NEAR:
+            self.local = about.about(self.x[:, None], self.v[:, None])
+        return self.local
 
 
 @dataclass(frozen=True)
 class Equations:
-    """What one pass over the recordings says, by chain: sums over blocks of J'J and J'e, and squares of e."""
+    """What one pass over the recordings says: sums over blocks of J'J and J'e, and squares of e."""
 
-    matrix: tuple[Array, ...]
-    """(B, 4 s, 4 s) of every chain of s joints, weighted."""
-    load: tuple[Array, ...]
-    """(B, 4 s)."""
+    matrix: Array
+    """(B, U, U), weighted."""
+    load: Array
+    """(B, U)."""
     squares: Array
     """Sum of squares of the error of every joint in every block, rad² (m²), (B, n)."""
     lighter: Array
     """The same with large errors counted less, as the fit does."""
+    sizes: Array
+    """Sum of the error's size, rad (m), (B, n)."""
     counts: Array
     """Samples of every block, (B,)."""
     spans: tuple[tuple[int, float, float], ...]
@@ -59,47 +79,118 @@ class Equations:
         return found
 
 
-def passed(equations: Linearised, tracked: list[Tracked], values: Array, chains: Chains, weights: Array) -> Equations:
-    """Simulate every stretch with unknowns (n, 4) and their variants, and move on what it is linearised about.
+    def holding(self, part: slice) -> Equations:
+        """Return the equations of unknowns of which some stay where they are."""
+        matrix, load = self.matrix.copy(), self.load.copy()
+        matrix[:, part], matrix[:, :, part], load[:, part] = 0.0, 0.0, 0.0
+        return replace(self, matrix=matrix, load=load)
 
-    `weights` are of every joint's error, 1/rad, (n,).
+
+@dataclass(frozen=True)
+class Moved:
+    """A stretch simulated with unknowns and their variants."""
+
+    error: Array
+    """Simulated minus measured positions, rad (m), (N, n); 0 where nothing was measured."""
+    columns: Array
+    """Change of the positions with every unknown, (N, n, U)."""
+
+
+def simulated(
+    equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, parameters: Array, *, plain: bool = False
+) -> Moved:
+    """Simulate a stretch, and move on what its equations are linearised about; `plain`: without columns."""
+    local = item.equations(equations)
+    run = item.run.delayed(np.full(unknowns.robot.n, z[unknowns.delays][item.run.source]))
+    done = _acting(unknowns, item, local, parameters)
+    strength = np.zeros(0) if done is None else np.sqrt(np.mean((done.push + done.grip) ** 2, axis=1).sum(axis=-1))
+    steps = steps_of(unknowns, z, strength)
+    groups = () if plain else unknowns.together
+    joints = _variants(unknowns, z, steps, groups, done)
+    alone = Drives(run.drives.told[:, None], run.drives.kp[None], run.drives.kd[None], run.drives.limit)
+    x, v = variants_of(equations, local, (run.start[0][None], run.start[1][None]), alone, joints, run.dt)
+    x, v = x[:, :, 0], v[:, :, 0]
+    kept = np.clip(x[:, 0], run.near - REACH, run.near + REACH)
+    item.x, item.v = kept, np.where(kept == x[:, 0], v[:, 0], item.v)
+    n = unknowns.robot.n
+    error = np.where(np.isnan(run.measured), 0.0, x[:, 0, :n] - run.measured)
+    columns = np.zeros((len(error), n, 0 if plain else unknowns.count))
+    for number, group in enumerate(groups, start=1):
+        change = x[:, number, :n] - x[:, 0, :n]
+        for own in group:
+            columns[:, _moved_by(unknowns, own), own] = change[:, _moved_by(unknowns, own)] / steps[own]
+    if not plain:
+        columns[:, :, unknowns.delays.start + run.source] = -v[:, 0, :n]
+    return Moved(error, columns)
+
+
+def _moved_by(unknowns: Unknowns, number: int) -> NDArray[np.intp]:
+    """Return the joints that an unknown moves: those of its chain."""
+    kinds = unknowns.drives // unknowns.robot.n
+    joint = number // kinds if number < unknowns.drives else unknowns.owners[number - unknowns.drives]
+    return np.flatnonzero(unknowns.chain == unknowns.chain[joint])
+
+
+def _acting(unknowns: Unknowns, item: Tracked, local: Local, parameters: Array) -> Acting | None:
+    if not unknowns.effects:
+        return None
+    scene = scene_along(unknowns.robot, item.x, item.v, local, item.run.dt, parameters, len(item.x))
+    found = acting(unknowns.effects, scene)
+    # a constant torque is the offset's: an amplitude that adds nothing else stays where it is
+    found.push[np.ptp(found.push, axis=1).max(axis=-1) <= CONSTANT * np.abs(found.push).max(axis=(1, 2))] = 0.0
+    middle = Acting(0.5 * (found.push[:, 1:] + found.push[:, :-1]), 0.5 * (found.grip[:, 1:] + found.grip[:, :-1]))
+    return middle
+
+
+def _variants(
+    unknowns: Unknowns, z: Array, steps: Array, groups: tuple[NDArray[np.intp], ...], done: Acting | None
+) -> Joints:
+    """Return the variants of unknowns, the first as they are; a variant changes one unknown of every chain."""
+    made = np.repeat(z[None], len(groups) + 1, axis=0)
+    for number, own in enumerate(groups, start=1):
+        made[number, own] += steps[own]
+    values = np.stack([unknowns.joint_values(row) for row in made])
+    inertia, coulomb, viscous, offset = (values[:, :, k] for k in range(values.shape[2]))
+    if done is None:
+        return Joints(inertia, coulomb, viscous, offset)
+    push, grip = done.total(made[:, unknowns.amplitudes])
+    return Joints(inertia, coulomb, viscous, offset, push[:, :, None], grip[:, :, None])
+
+
+def passed(
+    equations: Linearised, tracked: list[Tracked], unknowns: Unknowns, z: Array, parameters: Array, weights: Array,
+    columns: list[Array] | None = None,
+) -> tuple[Equations, list[Array]]:  # fmt: skip
+    """Simulate every stretch with unknowns (U,), and their variants unless `columns` of a pass before are to serve.
+
+    `weights` are of every joint's error, 1/rad, (n,). The columns of the stretches are returned, too.
     """
-    joints, steps = variants(values, chains)
-    n = len(values)
-    matrices: list[list[Array]] = [[] for _ in chains.joints]
-    loads: list[list[Array]] = [[] for _ in chains.joints]
-    squares, lighter, counts, spans = [], [], [], list[tuple[int, float, float]]()
-    for item in tracked:
+    moved = [simulated(equations, item, unknowns, z, parameters, plain=columns is not None) for item in tracked]
+    columns = [own.columns for own in moved] if columns is None else columns
+    matrices, loads, squares, lighter, sizes, counts = [], [], [], [], [], []
+    spans = list[tuple[int, float, float]]()
+    for item, own, slopes in zip(tracked, moved, columns, strict=True):
         run = item.run
-        local = equations.about(item.x[:, None], item.v[:, None])
-        alone = Drives(run.drives.told[:, None], run.drives.kp[None], run.drives.kd[None], run.drives.limit)
-        start = run.start[0][None], run.start[1][None]
-        x, v = variants_of(equations, local, start, alone, joints, run.dt)
-        x, v = x[:, :, 0], v[:, :, 0]
-        kept = np.clip(x[:, 0], run.near - REACH, run.near + REACH)
-        item.x, item.v = kept, np.where(kept == x[:, 0], v[:, 0], item.v)
-        error = np.nan_to_num(x[:, 0, :n] - run.measured)
-        moved = x[:, 1:, :n] - x[:, :1, :n]
-        # large errors, where a joint sticks, count little more than usual ones (Cauchy's weights)
-        size = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9)
-        light = (1.0 + (error / size) ** 2) ** -0.5
-        light[run.t - run.t[0] < SETTLING] = 0.0  # the first pose's noise is no fault of the drives
-        plain, error, moved = error, error * light, moved * light[:, None]
-        edges = np.linspace(0, len(error), BLOCKS + 1).astype(int)
+        light = light_of(own.error, run)
+        weighted, scale = own.error * light, light * weights
+        edges = np.linspace(0, len(weighted), BLOCKS + 1).astype(int)
         for a, b in pairwise(edges):
-            squares.append(np.sum(plain[a:b] ** 2, axis=0))
-            lighter.append(np.sum(error[a:b] ** 2, axis=0))
+            flat = (slopes[a:b] * scale[a:b, :, None]).reshape(-1, unknowns.count)
+            matrices.append(flat.T @ flat)
+            loads.append(flat.T @ (weighted[a:b] * weights).ravel())
+            squares.append(np.sum(own.error[a:b] ** 2, axis=0))
+            lighter.append(np.sum(weighted[a:b] ** 2, axis=0))
+            sizes.append(np.sum(np.abs(own.error[a:b]), axis=0))
             spans.append((run.source, float(run.t[a]), float(run.t[b - 1])))
             counts.append(b - a)
-            for number, chain in enumerate(chains.joints):
-                columns = np.stack([
-                    moved[a:b, number_of(place, kind) - 1][:, chain] / steps[joint, kind] * weights[chain]
-                    for place, joint in enumerate(chain) for kind in range(len(KINDS))
-                ], axis=-1).reshape(-1, len(chain) * len(KINDS))  # fmt: skip
-                target = (error[a:b][:, chain] * weights[chain]).ravel()
-                matrices[number].append(columns.T @ columns)
-                loads[number].append(columns.T @ target)
-    return Equations(
-        tuple(map(np.array, matrices)), tuple(map(np.array, loads)),
-        np.array(squares), np.array(lighter), np.array(counts), tuple(spans),
-    )  # fmt: skip
+    found = Equations(np.array(matrices), np.array(loads), np.array(squares), np.array(lighter), np.array(sizes),
+                      np.array(counts), tuple(spans))  # fmt: skip
+    return found, columns
+
+
+def light_of(error: Array, run: Run) -> Array:
+    """Return how much each error counts: large ones, where a joint sticks, little more than usual ones (Cauchy)."""
+    size = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9)
+    light: Array = (1.0 + (error / size) ** 2) ** -0.5
+    light[run.t - run.t[0] < SETTLING] = 0.0  # the first pose's noise is no fault of the drives
+    return light

@@ -1,69 +1,132 @@
-"""Unknowns of the trajectory fit: four of every joint's drive, and where a robot's parameters hold them."""
+"""Unknowns of the trajectory fit: four of every joint's drive, amplitudes of effects, a delay of every recording."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.model.rollout import Joints
+from elid_cli.model.effects.effect import Effect
 from elid_cli.robot.robot import Robot
 
 KINDS = ("inertia", "coulomb", "viscous", "offset")
-"""Rotor inertia kg·m² (kg), Coulomb N·m (N), viscous friction N·m·s/rad, torque offset N·m (N); columns of an array."""
+"""Rotor inertia kg·m² (kg), Coulomb N·m (N), viscous friction N·m·s/rad, torque offset N·m (N) of every joint."""
 PARAMETERS = ("Ja", "fs", "fv")
 """Names of the first three among a joint's parameters."""
+LATEST = 0.05
+"""s; most that the motion is taken to be late, or early, against the commands."""
 STEP = 0.05
 """Part of a value, and of the usual size where it is small, by which variants differ."""
 
 
 @dataclass(frozen=True)
-class Chains:
-    """Joints that move each other, and the place of each among its own."""
+class Unknowns:
+    """Places in one vector z (U,): four of each of n joints, joint by joint, then amplitudes, then delays (s)."""
 
-    joints: tuple[NDArray[np.intp], ...]
-
-    @classmethod
-    def of(cls, robot: Robot) -> Chains:
-        """Return the chains of a robot from its base."""
-        roots: dict[int, list[int]] = {}
-        for k in range(robot.n):
-            roots.setdefault(robot.ancestors[k][0], []).append(k)
-        return cls(tuple(np.array(chain, dtype=np.intp) for chain in roots.values()))
+    robot: Robot
+    effects: tuple[Effect, ...] = ()
+    recordings: int = 1
 
     @property
-    def longest(self) -> int:
-        """Joints of the longest chain."""
-        return max(map(len, self.joints))
+    def drives(self) -> int:
+        """Number of drive parameters, 4 n."""
+        return self.robot.n * len(KINDS)
+
+    @cached_property
+    def owners(self) -> NDArray[np.intp]:
+        """Joint of every amplitude, (A,)."""
+        return np.array([effect.joint for effect in self.effects for _ in effect.amplitudes], dtype=np.intp)
+
+    @property
+    def delays(self) -> slice:
+        """Place of the delays of the recordings."""
+        first = self.drives + len(self.owners)
+        return slice(first, first + self.recordings)
+
+    @property
+    def amplitudes(self) -> slice:
+        """Place of the amplitudes."""
+        return slice(self.drives, self.drives + len(self.owners))
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns U."""
+        return self.drives + len(self.owners) + self.recordings
+
+    def joint_values(self, z: Array) -> Array:
+        """Return the drive parameters (n, 4) of unknowns (U,)."""
+        return z[: self.drives].reshape(self.robot.n, len(KINDS))
+
+    def amplitudes_of(self, place: int) -> slice:
+        """Return the place of one effect's amplitudes in z."""
+        first = self.drives + sum(len(effect.amplitudes) for effect in self.effects[:place])
+        return slice(first, first + len(self.effects[place].amplitudes))
+
+    @cached_property
+    def together(self) -> tuple[NDArray[np.intp], ...]:
+        """Unknowns that vary side by side: one of every chain of joints, as chains do not move each other."""
+        chain = self.chain
+        of: dict[int, list[int]] = {}
+        for number in range(self.delays.start):
+            joint = number // len(KINDS) if number < self.drives else int(self.owners[number - self.drives])
+            of.setdefault(int(chain[joint]), []).append(number)
+        longest = max(map(len, of.values()))
+        return tuple(
+            np.array([own[k] for own in of.values() if len(own) > k], dtype=np.intp) for k in range(longest)
+        )
+
+    @cached_property
+    def chain(self) -> NDArray[np.intp]:
+        """First joint of the chain that each joint belongs to, (n,): joints of one chain move each other."""
+        return np.array([self.robot.ancestors[k][0] for k in range(self.robot.n)], dtype=np.intp)
+
+    @cached_property
+    def chains(self) -> tuple[NDArray[np.intp], ...]:
+        """Joints of every chain."""
+        return tuple(np.flatnonzero(self.chain == first) for first in np.unique(self.chain))
+
+    @cached_property
+    def chain_of(self) -> NDArray[np.intp]:
+        """Number of the chain that each unknown belongs to, (U,); one more than all for the delays."""
+        of_joint = np.empty(self.robot.n, dtype=np.intp)
+        for number, joints in enumerate(self.chains):
+            of_joint[joints] = number
+        return np.concatenate([np.repeat(of_joint, len(KINDS)), of_joint[self.owners],
+                               np.full(self.recordings, len(self.chains))])  # fmt: skip
+
+    def possible(self, z: Array) -> Array:
+        """Return unknowns that mean something, the nearest to given ones, (U,)."""
+        return np.clip(z, *self._bounds())
+
+    def _bounds(self) -> tuple[Array, Array]:
+        """Return the least and greatest values that mean something, (U,) each."""
+        low, high = np.full(self.count, -np.inf), np.full(self.count, np.inf)
+        low[0 : self.drives : len(KINDS)] = 1e-6
+        low[1 : self.drives : len(KINDS)] = low[2 : self.drives : len(KINDS)] = 0.0
+        low[self.delays], high[self.delays] = -LATEST, LATEST
+        return low, high
 
 
-def steps_of(values: Array) -> Array:
-    """Return by how much each unknown (n, 4) differs in its variant."""
+def steps_of(unknowns: Unknowns, z: Array, strength: Array) -> Array:
+    """Return by how much each unknown differs in its variant, (U,).
+
+    `strength` is the rms torque of each amplitude of 1, (A,).
+    """
+    values = unknowns.joint_values(z)
     usual = np.median(np.abs(values), axis=0)
     usual[3] = max(usual[3], 0.1 * usual[1])
-    steps: Array = STEP * np.maximum(np.abs(values), np.maximum(usual, 1e-6))
-    return steps
+    own = STEP * np.maximum(np.abs(values), np.maximum(usual, 1e-6))
+    effects = STEP * max(usual[1], 1e-6) / np.maximum(strength, 1e-9)
+    return np.concatenate([own.ravel(), effects, np.ones(unknowns.recordings)])
 
 
-def variants(values: Array, chains: Chains) -> tuple[Joints, Array]:
-    """Return the variants of unknowns (n, 4), the first as they are, and the steps (n, 4).
-
-    A variant changes one unknown of one joint of every chain: chains do not move each other.
-    """
-    steps = steps_of(values)
-    made = [values]
-    for place in range(chains.longest):
-        own = [chain[place] for chain in chains.joints if len(chain) > place]
-        for kind in range(len(KINDS)):
-            other = values.copy()
-            other[own, kind] += steps[own, kind]
-            made.append(other)
-    stacked = np.array(made)
-    return Joints(*(stacked[:, :, k] for k in range(len(KINDS)))), steps
-
-
-def number_of(place: int, kind: int) -> int:
-    """Return the variant that changes an unknown of the joint at a place in its chain."""
-    return 1 + place * len(KINDS) + kind
+def started(unknowns: Unknowns, values: Array, known: Sequence[float] = ()) -> Array:
+    """Return unknowns (U,) with drive parameters (n, 4), amplitudes as far as known, and no delay."""
+    z = np.zeros(unknowns.count)
+    z[: unknowns.drives] = values.ravel()
+    z[unknowns.drives : unknowns.drives + len(known)] = known
+    return z

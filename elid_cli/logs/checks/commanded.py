@@ -62,7 +62,8 @@ def commanded_torque(
     gains: Mapping[str, Array],
     segments: Sequence[tuple[int, int]],
     dt: float,
-    robot: Robot,
+    robot: Robot | None = None,
+    late: Array | None = None,
 ) -> tuple[Array, list[str]]:
     """Return the torque that the drives made of their commands, (N, n), NaN where it is not known, and notes.
 
@@ -77,11 +78,14 @@ def commanded_torque(
     dt
         Sample time, s.
     robot
-        Its torque limits cut the torque.
+        Its torque limits cut the torque; None: nothing does.
+    late
+        How much later than logged the commands act, s, (n,); None: at once.
     """
     q = _first(signals, "q", "theta")
+    late = np.zeros(q.shape[1]) if late is None else late / dt
     dq = _first(signals, "dq", "dtheta")
-    told = {name: _acting(signals[name], segments) for name in COMMANDS if name in signals and name not in GAINS}
+    told = {name: _acting(signals[name], segments, late) for name in COMMANDS if name in signals and name not in GAINS}
     notes = []
     slow = np.isnan(dq).all(axis=0)
     if slow.any():
@@ -91,6 +95,8 @@ def commanded_torque(
         notes.append("no velocity is logged: the drives' is taken from differences of the positions")
     tau = gains["kp"] * (told["q_des"] - q) + gains["kd"] * (_known(told.get("dq_des"), q) - dq)
     tau += _known(told.get("tau_ff"), q)
+    if robot is None:
+        return tau, notes
     bounds = np.array([np.inf if joint.limits.torque is None else joint.limits.torque for joint in robot.joints])
     cut = np.count_nonzero(np.abs(tau) > bounds, axis=0)
     for j in np.flatnonzero(cut).tolist():
@@ -116,10 +122,15 @@ def _known(values: Array | None, like: Array) -> Array:
     return np.where(np.isnan(values).all(axis=0), 0.0, values)
 
 
-def _acting(command: Array, segments: Sequence[tuple[int, int]]) -> Array:
-    """Return a held command's mean over the sample about each instant."""
+def _acting(command: Array, segments: Sequence[tuple[int, int]], late: Array) -> Array:
+    """Return a held command's mean over the sample about each instant, `late` samples (n,) after it was logged."""
     acting = command.copy()
     for start, stop in segments:
-        acting[start + 1 : stop] += command[start : stop - 1]
-        acting[start + 1 : stop] /= 2.0
+        # what a held command amounts to since the start is a line between the samples
+        so_far = np.zeros((stop - start + 1, command.shape[1]))
+        np.cumsum(command[start:stop] - command[start], axis=0, out=so_far[1:])
+        places = np.arange(stop - start + 1, dtype=float)
+        for k in range(command.shape[1]):
+            edges = np.maximum(np.arange(stop - start + 1) - 0.5 - late[k], 0.0)
+            acting[start:stop, k] = command[start, k] + np.diff(np.interp(edges, places, so_far[:, k]))
     return acting

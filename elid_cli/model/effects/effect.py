@@ -202,6 +202,8 @@ class Effect(ABC):
     """Whether `Scene.predicted` has to hold the torque of the effects, too, its own among them."""
     memory: ClassVar[bool] = False
     """Whether the effect has an internal state (see `MemoryEffect`)."""
+    holds: ClassVar[bool] = False
+    """Whether it is Coulomb friction, which holds a joint at rest: a size times the direction of motion."""
     searched: ClassVar[bool] = True
     """Whether a diagnosis tries the effect by itself."""
     corrects: ClassVar[Channel | None] = None

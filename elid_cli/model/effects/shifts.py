@@ -94,6 +94,7 @@ def corrected(signals: Signals, shifts: Shifts) -> Signals:
     if not shifts:
         return signals
     motion, tau = signals.motion, signals.tau.copy()
+    told = _told_later(signals, shifts)
     link = [motion.q.copy(), motion.dq.copy(), motion.ddq.copy()]
     for segment in signals.segments:
         part = slice(segment.start, segment.stop)
@@ -101,7 +102,9 @@ def corrected(signals: Signals, shifts: Shifts) -> Signals:
             if shifts.link[k] and not signals.still[k]:
                 for channel in link:
                     channel[part, k] = shifted(channel[part, k], float(shifts.link[k]) / signals.dt)
-            if shifts.torque[k]:
+            if told is not None and np.isfinite(told[part, k]).all():
+                tau[part, k] = told[part, k]
+            elif shifts.torque[k]:
                 tau[part, k] = _later(tau[part, k], float(shifts.torque[k]) / signals.dt)
     moved = Motion(motion.t, link[0], link[1], link[2], motion.theta, motion.dtheta, motion.ddtheta)
     return replace(signals, motion=moved, tau=tau)
@@ -123,6 +126,29 @@ def delivered(signals: Signals, drives: Sequence[tuple[Effect, Array]]) -> Signa
     for effect, linear in drives:
         tau[:, effect.joint] = effect.delivered(tau[:, effect.joint], linear)
     return replace(signals, tau=tau)
+
+
+def _told_later(signals: Signals, shifts: Shifts) -> Array | None:
+    """Return the torque of drives whose commands act later than logged, (N, n), NaN of those whose torque was logged.
+
+    The positions in it are not late: the drive has them at once.
+    """
+    recording = signals.recording
+    if recording is None or len(recording.t) != len(signals.tau):
+        return None
+    late = recording.commanded & (shifts.torque != 0)
+    if not late.any():
+        return None
+    from elid_cli.logs.checks.commanded import commanded_torque
+
+    values = {"q": recording.q, "theta": recording.theta, **recording.commands}
+    values |= {name: v for name in ("dq", "dtheta") if (v := recording.signal(name)) is not None}
+    bounds = [(segment.start, segment.stop) for segment in recording.segments]
+    tau, _ = commanded_torque(values, recording.commands, bounds, recording.dt, late=shifts.torque)
+    # a drive that was cut at its limit in this log is cut there still
+    most = np.nanmax(np.abs(recording.tau), axis=0)
+    cut = np.count_nonzero(np.abs(recording.tau) == most, axis=0) > 1
+    return np.where(late, np.where(cut, np.clip(tau, -most, most), tau), np.nan)
 
 
 def _later(values: Array, samples: float) -> Array:

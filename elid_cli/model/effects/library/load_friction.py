@@ -20,6 +20,7 @@ class LoadFriction(Effect):
     record = "the same speeds under different gravity loads, in both directions"
     place = "motor"
     in_simulators = "friction"
+    holds = True
     amplitudes = (Parameter("coefficient", "1", "friction per transmitted torque", low=0.0, high=1.0),)
     example = {"coefficient": 0.1}
     from_model = True

@@ -1,0 +1,1 @@
+"""Diagnosis of logs that hold commands: effects judged by the motion that the robot simulates under them."""

@@ -1,0 +1,161 @@
+"""Effects that a joint's motion may lack, screened by what their torque would do to it.
+
+Near its commands a driven joint is a linear system: a torque c moves it by c filtered through
+``1 / (M s² + (fv + kd) s + kp + slope)``. That filter turns the column of an effect into a column of positions, which
+is fitted to the error that the simulation leaves, beside the columns of what is unknown anyway.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
+from elid_cli.estimation.trajectory.acting import acting, can_act
+from elid_cli.model.effects.effect import Effect, Scene
+
+FINEST = 40
+"""Shapes of one effect that are tried at a joint."""
+
+
+@dataclass(frozen=True)
+class View:
+    """What screening sees of one stretch: the scene of the simulated motion, its error, and how joints respond."""
+
+    scene: Scene
+    error: Array
+    """Weighted error of the positions, (N, n)."""
+    weight: Array
+    """Weight of every error, (N, n)."""
+    columns: Array
+    """Weighted change of the positions with every unknown, (N, n, U); or of one joint's with its own, (N, c)."""
+    response: tuple[tuple[Array, Array], ...]
+    """Filter of every joint from torque to position: numerator and denominator."""
+    source: int
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a joint with what it takes from blocks that it was not fitted to."""
+
+    effect: Effect
+    gain: float
+    helped: float
+    """Part of the blocks that it makes better."""
+    amplitudes: Array
+    """Amplitudes of the linear step."""
+
+    @property
+    def price(self) -> int:
+        """Number of values that it adds."""
+        return len(self.effect.amplitudes) + len(self.effect.shapes)
+
+
+def response_of(inertia: float, damping: float, stiffness: float, dt: float) -> tuple[Array, Array]:
+    """Return the discrete filter from a torque on the model's side to the position (bilinear transform)."""
+    from scipy.signal import bilinear
+
+    found: tuple[Array, Array] = bilinear([-1.0], [max(inertia, 1e-9), damping, stiffness], fs=1.0 / dt)
+    return found
+
+
+def kinds_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[type[Effect]]:
+    """Return the effects of the library that a simulated motion can hold and a search tries."""
+    return [
+        kind for name, kind in library.items()
+        if can_act(kind) and (name in only if only else kind.searched) and not kind.whole_robot
+    ]  # fmt: skip
+
+
+def screened(
+    views: Sequence[View], joint: int, kinds: Sequence[type[Effect]], present: Sequence[Effect]
+) -> list[Candidate]:
+    """Return the effects that may be missing at a joint, the best shape of each, best first.
+
+    Parameters
+    ----------
+    views
+        The stretches, with the columns of what is fitted beside each effect.
+    joint
+        From 0.
+    kinds, present
+        Effects to try, and those that the model holds.
+    """
+    fixed = [view.columns for view in views]
+    recordings = 1 + max(view.source for view in views)
+    edges = edges_of(views)
+    error = np.concatenate([view.error[:, joint] for view in views])
+    plain = Blocks.of(np.concatenate(fixed), error, edges).left()
+    found = []
+    for kind in kinds:
+        best: Candidate | None = None
+        for effect in _shapes(kind, views[0].scene, joint, present):
+            columns = [_placed(responses(effect, view, joint), view.source, recordings) for view in views]
+            if not all(np.isfinite(c).all() for c in columns) or not any(c.any() for c in columns):
+                continue
+            design = np.concatenate([np.concatenate([a, c], axis=1) for a, c in zip(fixed, columns, strict=True)])
+            blocks = Blocks.of(design, error, edges)
+            share, helped = gain(plain, blocks.left())
+            if best is None or share > best.gain:
+                best = Candidate(effect, share, helped, _amplitudes(blocks, fixed[0].shape[1], len(effect.amplitudes)))
+        if best is not None and _plausible(best, views[0].scene):
+            found.append(best)
+    return sorted(found, key=lambda c: -c.gain)
+
+
+def _shapes(kind: type[Effect], scene: Scene, joint: int, present: Sequence[Effect]) -> Iterator[Effect]:
+    if not kind.applies(scene.robot, joint):
+        return
+    own = [e.shape for e in present if e.name == kind.name and e.joint == joint]
+    grid = kind.grid(scene, joint)
+    for shape in grid[:: max(1, -(-len(grid) // FINEST))]:
+        if kind.distinct(scene, joint, shape, own):
+            yield kind(joint, shape)
+
+
+def responses(effect: Effect, view: View, joint: int) -> Array:
+    """Return what amplitudes of 1 do to a joint's position, weighted, (N, d)."""
+    from scipy.signal import lfilter
+
+    done = acting((effect,), view.scene)
+    direction = np.sign(view.scene.motion.dtheta[:, joint])
+    torque = done.push[:, :, joint] + done.grip[:, :, joint] * direction
+    moved: Array = lfilter(*view.response[joint], torque, axis=-1).T * view.weight[:, [joint]]
+    return moved
+
+
+def edges_of(views: Sequence[View]) -> NDArray[np.intp]:
+    """Return where the blocks of all stretches, one after the other, begin."""
+    from elid_cli.estimation.trajectory.normal_equations import BLOCKS
+
+    starts, first = [], 0
+    for view in views:
+        starts.append(first + np.linspace(0, len(view.error), BLOCKS + 1).astype(np.intp)[:-1])
+        first += len(view.error)
+    return np.concatenate(starts)
+
+
+def _placed(columns: Array, source: int, recordings: int) -> Array:
+    """Return the columns of an effect whose amplitudes each recording has for itself."""
+    wide = np.zeros((len(columns), recordings * columns.shape[1]))
+    wide[:, source * columns.shape[1] : (source + 1) * columns.shape[1]] = columns
+    return wide
+
+
+def _amplitudes(blocks: Blocks, first: int, count: int) -> Array:
+    """Return the amplitudes of the linear step, the median of the recordings'."""
+    whole, pull = blocks.matrix.sum(axis=0), blocks.load.sum(axis=0)
+    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    scaled = whole / np.outer(scale, scale) + 1e-7 * np.eye(len(whole))
+    step: Array = -np.linalg.solve(scaled, pull / scale) / scale
+    return np.asarray(np.median(step[first:].reshape(-1, count), axis=0))
+
+
+def _plausible(candidate: Candidate, scene: Scene) -> bool:
+    effect = candidate.effect
+    values = effect.named(scene, candidate.amplitudes)
+    return type(effect).plausible(scene, effect.joint, values)

@@ -1,0 +1,190 @@
+"""Diagnosis of logs that hold commands, from the log to what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli._types import Array, Progress
+from elid_cli.diagnosis.by_motion.candidates import View
+from elid_cli.diagnosis.by_motion.differing import as_last, differing
+from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
+from elid_cli.diagnosis.by_motion.search import Named, search
+from elid_cli.diagnosis.by_motion.views import views_of
+from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
+from elid_cli.estimation.refined_robot import identified_robot
+from elid_cli.estimation.result import Identification
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.identification import (
+    commanded_runs,
+    declared_along,
+    fitted_effects,
+    identification_of,
+    scene_of_fit,
+    started_from,
+    unsuited,
+)
+from elid_cli.estimation.trajectory.normal_equations import BLOCKS, light_of
+from elid_cli.model.base_parameters import find_base
+from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.regressor import Regressor
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import Signals
+
+ABOVE = 3.0
+"""Times the encoders' noise from which what is left is called unexplained."""
+BINS = 16
+ONE_CURVE = 0.98
+"""Part of an effect's torque that other first moments of the links would make as well, from which both are named."""
+MOMENTS = ("cx", "cy", "cz")
+
+
+def by_motion(robot: Robot, recording: Recording) -> bool:
+    """Whether a log is one of commands that a simulated motion can judge: no torque logged, bodies known, joints rigid."""
+    if not recording.commanded.all() or unsuited(robot):
+        return False
+    known = dict(zip(robot.parameter_names(), robot.reference(), strict=True))
+    classes = find_base(Regressor(replace(robot, effects=()))).classes
+    bodies = [p for p in known if p.kind not in ("Ja", "fs", "fv") and classes[p] != "unidentifiable"]
+    return all(np.isfinite(known[p]) for p in bodies)
+
+
+def diagnose_motion(
+    robot: Robot, signals: Signals, found: Identification, only: Sequence[str] = (), progress: Progress | None = None
+) -> MotionDiagnosis:
+    """Find the effects that a robot's motion under its commands lacks.
+
+    Parameters
+    ----------
+    robot
+        The robot; its bodies' parameters must be known.
+    signals
+        One log or several, read together.
+    found
+        What least squares say of them.
+    only
+        Names of the effects to try; empty: all that a simulated motion can hold.
+    progress
+        Called with a label and the finished part, 0 to 1.
+
+    Ctrl-C during the search ends it: the diagnosis is `partial` then.
+    """
+    recording = signals.recording
+    assert recording is not None  # `by_motion` looked at it
+    runs = commanded_runs(recording, robot)
+    effects, amplitudes = declared_along(robot, runs[0])
+    done = search(robot, runs, started_from(robot, signals), effects, amplitudes, only, progress)
+    if progress is not None:
+        progress("judging", 0.9)
+    changes = differing(done.after)
+    after = as_last(done.after, changes)
+    refined = identification_of(found, after, signals)
+    views = views_of(done.after)
+    return MotionDiagnosis(
+        robot, recording,
+        identification_of(found, done.before, signals), refined, done.before, after,
+        _effects(robot, after, done.named, len(effects)), _rivals(robot, done.named, scene_of_fit(after)),
+        _unexplained(robot, after, views, signals, {c.effect.joint: c.gain for c in done.left}),
+        _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, done.partial,
+    )  # fmt: skip
+
+
+def _effects(robot: Robot, fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tuple[FoundEffect, ...]:
+    values = fitted_effects(robot, fit)[declared:]
+    return tuple(
+        FoundEffect(item.effect.name, own.joint, own.parameters, own.std_error, item.gain, 0.0, (), False,
+                    item.effect.summary)
+        for item, own in zip(named, values, strict=True)
+    )  # fmt: skip
+
+
+def _rivals(robot: Robot, named: Sequence[Named], scene: Scene) -> tuple[Rival, ...]:
+    found: dict[tuple[str, str], Rival] = {}
+    taken = {(item.effect.name, item.effect.joint) for item in named}
+    for item in named:
+        joint = robot.joint_names[item.effect.joint]
+        for c in item.rivals:
+            if (c.effect.name, c.effect.joint) not in taken:
+                values = c.effect.named(scene, c.amplitudes)
+                found.setdefault((c.effect.name, joint),
+                                 Rival(c.effect.name, joint, item.effect.name, c.gain, values, c.effect.record))  # fmt: skip
+        if item.effect.place == "link" and _as_moments(robot, item.effect, scene) > ONE_CURVE:
+            separate = "the joint's full range, with and without a known payload"
+            found.setdefault(("first_moment", joint), Rival("first_moment", joint, item.effect.name, item.gain, {}, separate))
+    return tuple(found.values())
+
+
+def _as_moments(robot: Robot, effect: Effect, scene: Scene) -> float:
+    """Return the part of an effect's torque that other first moments of the links would make as well, in this motion."""
+    from elid_cli.model.effects.effect import EquationRow
+
+    model = Regressor(replace(robot, effects=()))
+    still = np.zeros_like(scene.motion.q)
+    rest = replace(scene.motion, dq=still, ddq=still, dtheta=still, ddtheta=still)
+    item = next(i for i in model.estimation.rows if i.row.joint == effect.joint and i.row.kind == "sum")
+    rows = model.rows(rest)[item.row]
+    moments = [k for k, column in enumerate(item.columns) if model.names[column].kind in MOMENTS]
+    column = effect.columns(scene)[EquationRow("link", effect.joint)][0]
+    curves = np.concatenate([rows[moments], np.ones((1, scene.samples))])
+    step = np.linalg.lstsq(curves.T, column, rcond=1e-10)[0]
+    spread = float(np.var(column))
+    return 1.0 - float(np.var(column - step @ curves)) / spread if spread > 0 else 0.0
+
+
+def _positions(robot: Robot, before: TrajectoryFit, after: TrajectoryFit) -> Mapping[str, PositionBeforeAfter]:
+    """Return the rms error of every joint, rad (m), in blocks that the values were not fitted to."""
+    first, last = _held_out(before), _held_out(after)
+    return {name: PositionBeforeAfter(float(first[k]), float(last[k])) for k, name in enumerate(robot.joint_names)}
+
+
+def _held_out(fit: TrajectoryFit) -> Array:
+    squares, count = np.zeros(fit.unknowns.robot.n), 0
+    place = 0
+    size = np.maximum(fit.equations.size, 1e-9)
+    for view, item in zip(views_of(fit), fit.tracked, strict=True):
+        light = light_of(view.error / np.maximum(view.weight, 1e-300), item.run)
+        use = light.max(axis=1) > 0
+        edges = np.linspace(0, len(view.error), BLOCKS + 1).astype(int)
+        for a, b in zip(edges[:-1], edges[1:], strict=True):
+            weight = np.maximum(view.weight[a:b], 1e-300)
+            error = (view.error[a:b] + view.columns[a:b] @ (fit.left_out[place] - fit.z)) / weight
+            squares += np.sum(error[use[a:b]] ** 2, axis=0)
+            count += int(np.count_nonzero(use[a:b]))
+            place += 1
+    found: Array = np.sqrt(squares / max(count, 1))
+    return np.where(np.isfinite(found), found, size)
+
+
+def _unexplained(
+    robot: Robot, fit: TrajectoryFit, views: Sequence[View], signals: Signals, left: Mapping[int, float]
+) -> tuple[Unexplained, ...]:
+    """Return the joints whose simulated position is off by more than the encoder's noise, and what that follows."""
+    noise = np.where(np.isfinite(signals.noise.theta), signals.noise.theta, signals.noise.q)
+    found = []
+    for k, name in enumerate(robot.joint_names):
+        ratio = float(fit.rms[k] / max(noise[k], 1e-9))
+        if ratio < ABOVE:
+            continue
+        error = np.concatenate([view.error[:, k] for view in views])
+        shares = {
+            "theta": _follows(error, np.concatenate([view.scene.motion.theta[:, k] for view in views])),
+            "dtheta": _follows(error, np.concatenate([view.scene.motion.dtheta[:, k] for view in views])),
+            "t": _follows(error, np.concatenate([view.scene.motion.t for view in views])),
+        }
+        variable = max(shares, key=lambda v: shares[v])
+        found.append(Unexplained(name, "sum", variable, shares[variable], float(fit.rms[k]), ratio, ()))
+    return tuple(found)
+
+
+def _follows(error: Array, variable: Array) -> float:
+    """Return the part of an error's variance that a curve over a variable explains."""
+    edges = np.quantile(variable, np.linspace(0, 1, BINS + 1)[1:-1])
+    group = np.digitize(variable, edges)
+    total = float(np.var(error))
+    counts = np.bincount(group, minlength=BINS)
+    means = np.bincount(group, weights=error, minlength=BINS) / np.maximum(counts, 1)
+    between = float(np.sum(counts * (means - error.mean()) ** 2) / len(error))
+    return between / total if total > 0 else 0.0

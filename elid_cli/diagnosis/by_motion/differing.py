@@ -1,0 +1,88 @@
+"""What recordings of one machine do not agree on, and whether something changed between two of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.diagnosis.by_motion.result import Differing
+from elid_cli.estimation.regression.long_run import beyond_normal
+from elid_cli.estimation.trajectory.fit import TrajectoryFit, solved
+from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
+
+APART = 4.0
+"""Standard errors of a difference of recordings beyond which they do not agree."""
+LARGE = 0.25
+"""Part of the largest value by which recordings must differ, at least, to be worth a word."""
+PARTED = 0.9
+"""Part of the scatter that one change between two recordings must explain."""
+UNITS = {"Ja": "kg·m²", "fs": "N·m", "fv": "N·m·s/rad", "offset": "N·m"}
+
+
+def differing(fit: TrajectoryFit) -> tuple[Differing, ...]:
+    """Return the parameters and amplitudes that recordings do not agree on; none of one recording."""
+    own, robot = fit.unknowns, fit.unknowns.robot
+    if own.recordings < 2:
+        return ()
+    errors, found = errors_alone(fit), []
+    labels = [(name, robot.joint_names[k], UNITS[name]) for k in range(robot.n) for name in (*PARAMETERS, "offset")]
+    for effect in own.effects:
+        labels += [(f"{effect.name} {p.name}", robot.joint_names[effect.joint], p.unit) for p in effect.amplitudes]
+    for number, (name, joint, unit) in enumerate(labels):
+        values, sd = fit.alone[:, number], errors[:, number]
+        low, high = int(np.argmin(values)), int(np.argmax(values))
+        gap = float(values[high] - values[low])
+        usual = float(np.abs(values).max()) if name != "offset" else float(np.abs(fit.values[:, 1]).max())
+        if sd.min() <= 0 or gap < APART * float(np.hypot(sd[low], sd[high])) or gap < LARGE * usual:
+            continue
+        found.append(Differing(name, joint, unit, tuple(map(float, values)), tuple(map(float, sd)), _change(values)))
+    return tuple(found)
+
+
+def errors_alone(fit: TrajectoryFit) -> Array:
+    """Return the standard errors of what each recording alone has, (R, U), from leaving out its blocks of time."""
+    sources = np.array([source for source, _, _ in fit.spans])
+    found = []
+    for recording in np.unique(sources):
+        matrix, load = (part[sources == recording] for part in (fit.equations.matrix, fit.equations.load))
+        whole, pull = matrix.sum(axis=0), load.sum(axis=0)
+        steps = np.array([solved(whole - m, pull - g) for m, g in zip(matrix, load, strict=True)])
+        count = len(steps)
+        spread = np.sqrt((count - 1) / count * np.sum((steps - steps.mean(axis=0)) ** 2, axis=0))
+        found.append(beyond_normal(count - 1) * spread)
+    return np.array(found)
+
+
+def _change(values: Array) -> int | None:
+    """Return the first recording after the one change that explains how values differ, or None."""
+    total = float(np.sum((values - values.mean()) ** 2))
+    if len(values) < 3 or total <= 0:
+        return None
+    left = [float(np.var(values[:k]) * k + np.var(values[k:]) * (len(values) - k)) for k in range(1, len(values))]
+    best = int(np.argmin(left))
+    return best + 1 if left[best] < (1 - PARTED) * total else None
+
+
+def as_last(fit: TrajectoryFit, changed: tuple[Differing, ...]) -> TrajectoryFit:
+    """Return the fit with joints at which an effect changed as they were in the recordings after the change."""
+    own, robot = fit.unknowns, fit.unknowns.robot
+    sources, z = np.array([source for source, _, _ in fit.spans]), fit.z.copy()
+    for item in changed:
+        if item.changed_at is None or " " not in item.name:  # friction drifts; an effect that came or went stays so
+            continue
+        joint = robot.joint_names.index(item.joint)
+        after = sources >= item.changed_at
+        step = solved(fit.equations.matrix[after].sum(axis=0), fit.equations.load[after].sum(axis=0))
+        places = of_joint(fit, joint)
+        z[places] = fit.z[places] + step[places]
+    return replace(fit, z=own.possible(z))
+
+
+def of_joint(fit: TrajectoryFit, joint: int) -> NDArray[np.intp]:
+    """Return the places of a joint's drive parameters and amplitudes in z."""
+    kinds = len(KINDS)
+    amplitudes = fit.unknowns.drives + np.flatnonzero(fit.unknowns.owners == joint)
+    return np.concatenate([np.arange(kinds * joint, kinds * (joint + 1)), amplitudes])

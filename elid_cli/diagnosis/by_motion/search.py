@@ -1,0 +1,213 @@
+"""Diagnosis of command logs: which effects bring the simulated motion nearer to the measured one.
+
+One round after the other: simulate, screen the whole library at every joint, take the best effect of each joint that
+blocks of time not fitted to support, fit all again. An effect stays only if the final motion is worse without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array, Progress
+from elid_cli.diagnosis.by_motion.candidates import Candidate, View, edges_of, kinds_of, screened
+from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
+from elid_cli.diagnosis.by_motion.views import views_of
+from elid_cli.estimation.trajectory.fit import TrajectoryFit, fit_trajectory, fitted
+from elid_cli.estimation.trajectory.normal_equations import Tracked
+from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.runs import Run
+from elid_cli.robot.robot import Robot
+
+ROUNDS = 3
+"""Effects that one joint may lack."""
+HELPED = 0.75
+"""Part of the blocks of time that an effect must make better."""
+ALIKE = 0.9
+"""Part of the best effect's gain from which another one does as well."""
+LEAST = 0.15
+"""Part of the squared error that an effect must take away, at least, whatever it says itself."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that the search took, with its gain in blocks not fitted to and what does as well."""
+
+    effect: Effect
+    gain: float
+    helped: float
+    rivals: tuple[Candidate, ...] = ()
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What a search came to."""
+
+    before: TrajectoryFit
+    after: TrajectoryFit
+    named: tuple[Named, ...]
+    left: tuple[Candidate, ...]
+    """The best candidate of every joint that was not taken."""
+    tried: int
+    partial: bool
+
+
+def search(
+    robot: Robot, runs: Sequence[Run], start: Array, declared: Sequence[Effect], amplitudes: Sequence[float],
+    only: Sequence[str] = (), progress: Progress | None = None,
+) -> Searched:
+    """Search for the effects that a robot's motion under its commands lacks.
+
+    Parameters
+    ----------
+    robot, runs
+        The robot and stretches of logs that commands drive.
+    start
+        Drive parameters to start from, (n, 4).
+    declared, amplitudes
+        Effects that the robot declares, with their amplitudes.
+    only
+        Names of the effects to try; empty: all that a simulated motion can hold.
+    progress
+        Called with a label and the finished part.
+    """
+    kinds = kinds_of(effect_classes(), only)
+    _say(progress, "simulating", 0.05)
+    before = fit_trajectory(robot, runs, start, declared, amplitudes)
+    fit, named, tried, partial = before, list[Named](), 0, False
+    left: tuple[Candidate, ...] = ()
+    try:
+        for number in range(ROUNDS):
+            _say(progress, "trying effects", 0.2 + 0.2 * number)
+            best, left, count = _best(fit, kinds)
+            tried += count
+            if not best:
+                break
+            fit = grown(fit, [item.effect for item in best])
+            named += best
+            fit, named = _kept(fit, named, len(declared))
+        else:
+            _, left, _ = _best(fit, kinds)
+    except KeyboardInterrupt:
+        partial = True
+    return Searched(before, fit, tuple(named), left, tried, partial)
+
+
+def _say(progress: Progress | None, what: str, share: float) -> None:
+    if progress is not None:
+        progress(what, share)
+
+
+def grown(fit: TrajectoryFit, effects: Sequence[Effect]) -> TrajectoryFit:
+    """Return the fit with further effects, started from what is known."""
+    own = fit.unknowns
+    unknowns = Unknowns(own.robot, (*own.effects, *effects), own.recordings)
+    z = np.zeros(unknowns.count)
+    z[: own.delays.start] = fit.z[: own.delays.start]
+    z[unknowns.delays] = fit.delays
+    return again(fit, unknowns, z)
+
+
+def again(fit: TrajectoryFit, unknowns: Unknowns, z: Array) -> TrajectoryFit:
+    """Return a fit of other unknowns to the same stretches; delays stay at 0 where the log does not show them."""
+    tracked = [Tracked(item.run, item.x, item.v, item.local) for item in fit.tracked]
+    return fitted(unknowns, tracked, z, prompt=not fit.delays.any())
+
+
+def _best(fit: TrajectoryFit, kinds: Sequence[type[Effect]]) -> tuple[list[Named], tuple[Candidate, ...], int]:
+    """Return the effects to take, one at most per joint, the best that was not taken elsewhere, and how many tried."""
+    views = views_of(fit)
+    found, left, tried = list[Named](), list[Candidate](), 0
+    for joint in range(fit.unknowns.robot.n):
+        candidates = screened(by_recording(views, own_unknowns(fit.unknowns, joint), joint), joint, kinds,
+                              fit.unknowns.effects)  # fmt: skip
+        tried += len(candidates)
+        if not candidates:
+            continue
+        top = candidates[0].gain
+        alike = [c for c in candidates if c.gain >= ALIKE * top]
+        best = min(alike, key=lambda c: (c.price, -c.gain))
+        if best.gain < max(LEAST, best.effect.least_gain) or best.helped < HELPED:
+            left.append(best)
+            continue
+        found.append(Named(best.effect, best.gain, best.helped, tuple(c for c in alike if c is not best)))
+    return found, tuple(left), tried
+
+
+def own_unknowns(unknowns: Unknowns, joint: int) -> NDArray[np.intp]:
+    """Return the places in z of a joint's own unknowns, and of the delays."""
+    kinds = len(KINDS)
+    amplitudes = unknowns.drives + np.flatnonzero(unknowns.owners == joint)
+    delays = np.arange(unknowns.delays.start, unknowns.delays.stop)
+    return np.concatenate([np.arange(kinds * joint, kinds * (joint + 1)), amplitudes, delays])
+
+
+def by_recording(views: Sequence[View], unknown: NDArray[np.intp], joint: int) -> list[View]:
+    """Return views whose columns are some unknowns, each recording with values of its own.
+
+    Friction follows the temperature: what differs between recordings is not to be taken for an effect.
+    """
+    recordings = 1 + max(view.source for view in views)
+    found = []
+    for view in views:
+        own = view.columns[:, joint, unknown]
+        used = own.any(axis=0)
+        spread = np.zeros((len(own), recordings * own.shape[1]))
+        spread[:, view.source * own.shape[1] : (view.source + 1) * own.shape[1]] = np.where(used, own, 0.0)
+        found.append(replace(view, columns=spread))
+    return found
+
+
+def _kept(fit: TrajectoryFit, named: list[Named], declared: int) -> tuple[TrajectoryFit, list[Named]]:
+    """Drop effects without which the motion is predicted as well, or whose values no robot has; fit again."""
+    while named:
+        views = views_of(fit)
+        judged = [_judged(fit, views, declared + k, item) for k, item in enumerate(named)]
+        weak = [k for k, item in enumerate(judged) if not _stays(fit, declared + k, item)]
+        if not weak:
+            return fit, judged
+        worst = min(weak, key=lambda k: judged[k].gain)
+        fit, named = without(fit, declared + worst), [item for k, item in enumerate(judged) if k != worst]
+    return fit, named
+
+
+def _stays(fit: TrajectoryFit, place: int, item: Named) -> bool:
+    from elid_cli.estimation.trajectory.identification import scene_of_fit
+
+    part = fit.unknowns.amplitudes_of(place)
+    scene = scene_of_fit(fit)
+    values = item.effect.named(scene, fit.z[part])
+    if not type(item.effect).plausible(scene, item.effect.joint, values):
+        return False
+    return item.gain >= max(LEAST, item.effect.least_gain) and item.helped >= HELPED
+
+
+def _judged(fit: TrajectoryFit, views: Sequence[View], place: int, item: Named) -> Named:
+    """Return an effect with what it takes from blocks that it was not fitted to, beside all the others."""
+    joint = item.effect.joint
+    unknown = own_unknowns(fit.unknowns, joint)
+    part = fit.unknowns.amplitudes_of(place)
+    z = fit.z[part]
+    own = by_recording(views, unknown, joint)
+    count = len(unknown)
+    recordings = own[0].columns.shape[1] // count
+    of_effect = np.tile((unknown >= part.start) & (unknown < part.stop), recordings)
+    columns = np.concatenate([view.columns for view in own])
+    # the error that would be there without it
+    bare = np.concatenate([view.error[:, joint] - view.columns[:, joint, part] @ z for view in views])
+    blocks = Blocks.of(columns, bare, edges_of(views))
+    share, helped = gain(blocks.left(~of_effect), blocks.left())
+    return replace(item, gain=share, helped=helped)
+
+
+def without(fit: TrajectoryFit, place: int) -> TrajectoryFit:
+    """Return the fit without one effect."""
+    own = fit.unknowns
+    part = own.amplitudes_of(place)
+    unknowns = Unknowns(own.robot, (*own.effects[:place], *own.effects[place + 1 :]), own.recordings)
+    return again(fit, unknowns, np.delete(fit.z, np.arange(part.start, part.stop)))

@@ -1,0 +1,42 @@
+"""A trajectory fit as screening sees it: every stretch's scene, errors, columns and how its joints respond."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.diagnosis.by_motion.candidates import View, response_of
+from elid_cli.estimation.trajectory.acting import scene_along
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.normal_equations import Tracked, light_of, simulated
+from elid_cli.estimation.trajectory.unknowns import PARAMETERS
+from elid_cli.model.rollout import Linearised
+
+
+def views_of(fit: TrajectoryFit) -> list[View]:
+    """Return the stretches of a fit with the columns of all its unknowns."""
+    robot = fit.unknowns.robot
+    equations, parameters = Linearised(robot, without=PARAMETERS), robot.reference()
+    size = np.maximum(fit.equations.size, 1e-9)
+    found = []
+    for item in fit.tracked:
+        moved = simulated(equations, item, fit.unknowns, fit.z, parameters)
+        weight = light_of(moved.error, item.run) / size
+        scene = scene_along(robot, item.x, item.v, item.equations(equations), item.run.dt, parameters, len(item.x))
+        found.append(View(
+            scene, moved.error * weight, weight, moved.columns * weight[:, :, None], _responses(fit, item, equations),
+            item.run.source,
+        ))  # fmt: skip
+    return found
+
+
+def _responses(fit: TrajectoryFit, item: Tracked, equations: Linearised) -> tuple[tuple[Array, Array], ...]:
+    local, drives, values = item.equations(equations), item.run.drives, fit.values
+    mass, slope = local.mass[:, 0].mean(axis=0), local.slope[:, 0].mean(axis=0)
+    return tuple(
+        response_of(
+            float(mass[k, k] + values[k, 0]), float(values[k, 2] + drives.kd[k]), float(drives.kp[k] + slope[k, k]),
+            item.run.dt,
+        )
+        for k in range(fit.unknowns.robot.n)
+    )  # fmt: skip

@@ -1,0 +1,116 @@
+"""What effects do along a motion: torques, and what they add to the friction that holds a joint at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.errors import RobotError
+from elid_cli.model.effects.declared import resolve
+from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.rollout import Local
+from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.motion import Motion
+
+CREEP = 0.02
+"""Speed, rad/s (m/s), of a joint that sticks, by which its friction is computed: that of the direction it came from."""
+
+
+@dataclass(frozen=True)
+class Acting:
+    """What D amplitudes of 1 do at N instants."""
+
+    push: Array
+    """Torque on the model's side, N·m (N), (D, N, n); 0 of friction that holds."""
+    grip: Array
+    """Coulomb friction, N·m (N), (D, N, n)."""
+
+    def total(self, amplitudes: Array) -> tuple[Array, Array]:
+        """Return push and grip of amplitudes (..., D), each (N, ..., n)."""
+        return _weighted(amplitudes, self.push), _weighted(amplitudes, self.grip)
+
+
+def _weighted(amplitudes: Array, columns: Array) -> Array:
+    found: Array = np.moveaxis(np.tensordot(amplitudes, columns, axes=(-1, 0)), -2, 0)
+    return found
+
+
+def can_act(kind: type[Effect]) -> bool:
+    """Return whether an effect's torque follows from the motion alone, so that a simulated motion can hold it."""
+    torque = kind.simulated == "torque" and not kind.memory and not kind.local
+    return torque and kind.nuisance is None and kind.corrects is None and kind.place in ("motor", "link")
+
+
+def declared(robot: Robot, spec: EffectSpec, scene: Scene) -> tuple[Effect, Array] | None:
+    """Return a declared effect with its amplitudes, (d,), or None where a motion cannot hold it.
+
+    Raises
+    ------
+    RobotError
+        A parameter that it needs is not given.
+    """
+    kind, joint = resolve(robot, spec)
+    if not can_act(kind):
+        return None
+    try:
+        amplitudes, shape = kind.coefficients(scene, joint, spec.parameters)
+    except KeyError as error:
+        raise RobotError(f"{spec.where or robot.name}: {spec.effect} of {spec.joint} has no {error.args[0]}") from None
+    return kind(joint, shape), amplitudes
+
+
+def scene_along(robot: Robot, x: Array, v: Array, local: Local, dt: float, parameters: Array, samples: int) -> Scene:
+    """Return what effects are computed from, along a motion of coordinates x with velocities v, (N, m).
+
+    `local` are the equations about the motion of one stretch; the load is what the bodies need, never a measured
+    torque. `samples` is the length of the whole log.
+    """
+    n, motors = robot.n, local_motors(robot)
+    t: Array = dt * np.arange(len(x), dtype=np.float64)
+    a = np.gradient(v, dt, axis=0)
+    need = np.einsum("nij,nj->ni", local.mass[:, 0], a) + local.force[:, 0]
+    need += np.einsum("nij,nj->ni", local.slope[:, 0], x - local.place[:, 0])
+    motion = Motion(t, x[:, :n], v[:, :n], a[:, :n], x[:, motors], v[:, motors],
+                    a[:, motors])  # fmt: skip
+    load = need[:, :n]
+    nothing = np.full(n, np.nan)
+    return Scene(robot, motion, dt, load, load, load, np.nan_to_num(parameters), samples * dt, nothing)
+
+
+def local_motors(robot: Robot) -> NDArray[np.intp]:
+    """Return the coordinate of every joint's motor."""
+    from elid_cli.model.rollout import coordinates_of
+
+    return coordinates_of(robot).motors
+
+
+def acting(effects: Sequence[Effect], scene: Scene) -> Acting:
+    """Return what effects do along a scene, amplitude by amplitude."""
+    shape = (sum(len(effect.amplitudes) for effect in effects), scene.samples, scene.robot.n)
+    push, grip = np.zeros((2, *shape))
+    creeping, direction = _creeping(scene) if any(effect.holds for effect in effects) else (scene, np.zeros(0))
+    first = 0
+    for effect in effects:
+        last = first + len(effect.amplitudes)
+        for row, columns in effect.columns(creeping if effect.holds else scene).items():
+            if effect.holds:
+                grip[first:last, :, row.joint] += columns * direction[:, row.joint]
+            else:
+                push[first:last, :, row.joint] += columns
+        first = last
+    return Acting(push, grip)
+
+
+def _creeping(scene: Scene) -> tuple[Scene, Array]:
+    """Return the scene with joints that stick moving slowly as they moved last, and the direction of all, (N, n)."""
+    v = scene.motion.dtheta
+    moving = np.abs(v) > 1e-9
+    latest = np.maximum.accumulate(np.where(moving, np.arange(len(v))[:, None], 0), axis=0)
+    direction = np.sign(np.take_along_axis(v, latest, axis=0))
+    direction[direction == 0] = 1.0
+    speed = direction * np.maximum(np.abs(v), CREEP)
+    return replace(scene, motion=replace(scene.motion, dtheta=speed), cache={}), direction

@@ -1,0 +1,207 @@
+"""The answer of ``elid diagnose`` on a log of commands: effects judged by the motion simulated under them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot
+from typing import Any
+
+from elid_cli.diagnosis.by_motion.result import Differing, MotionDiagnosis
+from elid_cli.diagnosis.result import FoundEffect
+from elid_cli.model.effects import effect_classes
+from elid_cli.report.answers.diagnosis_tables import variable_words, whose
+from elid_cli.report.answers.identification import base_tables, error_payload, identification_payload
+from elid_cli.report.answers.inputs import command, effect_text, heading, nuisance_items, nuisance_payload, recorded_items
+from elid_cli.report.answers.summary import answers, listed, parameter_words
+from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, percent
+
+SCALES = {True: ("mrad", 1e3), False: ("mm", 1e3)}
+METHOD = "judged by the simulated motion, on blocks of time that the values were not fitted to"
+PARTIAL = "stopped by Ctrl-C: this is what the search had found so far; more effects may be missing"
+
+
+def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written: str | None = None) -> Report:
+    """Return the report of a diagnosis by motion.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    robot_argument
+        What ``--robot`` was given.
+    written
+        elid's robot file that was written, if any.
+    """
+    recording = found.recording
+    further = [(whose(r.effect, r.joint) + f" or {r.instead_of}", r.separate) for r in found.also_possible]
+    sections: list[Section] = [
+        heading(found.robot, recording),
+        answers(_trust(found), _missing(found), parameter_words(found.after), _record(found)),
+        *([Text("partial", PARTIAL, "warning")] if found.partial else []),
+        *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.after.warnings))),
+        *_effect_sections(found),
+        _position_table(found),
+        *_differing_section(found),
+        *_unexplained_section(found),
+        *base_tables(found.after, "of the model after" if found.effects else ""),
+        *([KeyValues("record", tuple(dict(further).items()), "what to record next")] if further else []),
+        KeyValues("inputs", (
+            *recorded_items(found.robot, recording), *nuisance_items(found.robot, found.after.nuisances),
+            ("tried", f"{found.tried} effects at their joints; {METHOD}"),
+            *(("note", note) for note in found.after.notes),
+        ), "how it was computed"),
+        Text("next", _next(found, robot_argument, written), "next"),
+    ]  # fmt: skip
+    return Report("diagnose", motion_diagnosis_payload(found), tuple(sections))
+
+
+def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
+    """Return the JSON object of a diagnosis by motion (docs/reference/json.md)."""
+    before, after = found.mean_abs
+    return {
+        **identification_payload(found.after, found.recording),
+        "judged_by": "motion",
+        "declared": [],
+        "before": {"error": error_payload(found.before.error), "mean_abs": before},
+        "after": {"error": error_payload(found.after.error), "mean_abs": after},
+        "position": {name: {"before": p.before, "after": p.after} for name, p in found.position.items()},
+        "effects": [_effect_payload(effect) for effect in found.effects],
+        "nuisances": nuisance_payload(found.after.nuisances),
+        "also_possible": [
+            {"effect": r.effect, "joint": r.joint, "gain": r.gain, "instead_of": r.instead_of,
+             "parameters": dict(r.parameters), "separate": r.separate}
+            for r in found.also_possible
+        ],
+        "unexplained": [
+            {"joint": u.joint, "rows": u.rows, "variable": u.variable, "share": u.share, "rms": u.rms, "ratio": u.ratio,
+             "nearest": []}
+            for u in found.unexplained
+        ],
+        "differing": [
+            {"name": d.name, "joint": d.joint, "unit": d.unit, "values": list(d.values), "std_error": list(d.std_error),
+             "changed_at": None if d.changed_at is None else found.recording.files[d.changed_at]}
+            for d in found.differing
+        ],
+        **({"partial": True} if found.partial else {}),
+        "sufficient": not found.effects and not found.unexplained,
+        "tried": found.tried,
+    }  # fmt: skip
+
+
+def _effect_payload(effect: FoundEffect) -> dict[str, Any]:
+    return {
+        "effect": effect.effect, "joint": effect.joint, "parameters": dict(effect.parameters),
+        "std_error": dict(effect.std_error), "gain": effect.gain, "summary": effect.summary,
+    }  # fmt: skip
+
+
+def _trust(found: MotionDiagnosis) -> str:
+    before, after = (1e3 * value for value in found.mean_abs)
+    once = f"; with what is missing {number_text(after, 3)}" if found.effects else ""
+    unit = SCALES[all(joint.revolute for joint in found.robot.joints)][0]
+    worst = max(found.position, key=lambda name: found.position[name].after)
+    return (
+        f"Simulated under the commands, the robot is off by {number_text(before, 3)} {unit} on average{once}. Worst is "
+        f"{worst}, {number_text(1e3 * found.position[worst].after, 2)} rms on stretches not fitted to."
+    )
+
+
+def _missing(found: MotionDiagnosis) -> str:
+    if not found.effects:
+        left = f" More than noise is left at {listed([u.joint for u in found.unexplained])}." if found.unexplained else ""
+        return f"No effect of the library brings the motion nearer.{left}"
+    places: dict[str, list[str]] = {}
+    for effect in found.effects:
+        places.setdefault(effect.effect, []).append(effect.joint or found.robot.name)
+    words = [f"{name.replace('_', ' ')} at {listed(list(dict.fromkeys(joints)))}" for name, joints in places.items()]
+    said = "; ".join(words)
+    rivals = list(dict.fromkeys(whose(r.effect.replace("_", " "), r.joint) for r in found.also_possible))
+    tied = f" This log cannot tell it from {listed(rivals)}." if rivals else ""
+    changed = [d for d in found.differing if d.changed_at is not None and " " in d.name]
+    moved = "".join(
+        f" {d.name} of {d.joint} changed before {found.recording.files[d.changed_at or 0]}." for d in changed
+    )
+    return f"{said[:1].upper()}{said[1:]}.{tied}{moved}"
+
+
+def _record(found: MotionDiagnosis) -> str:
+    if found.also_possible:
+        first = found.also_possible[0]
+        return f"{first.separate[:1].upper()}{first.separate[1:]}, for {whose(first.effect, first.joint)}."
+    return "Another run of the same machine: elid replay tells how the model moves on it."
+
+
+def _effect_sections(found: MotionDiagnosis) -> list[Section]:
+    if not found.effects:
+        return [Text("effects", "No effect that a simulated motion can hold explains what is left.")]
+    columns = (Column("effect", "effect"), Column("joint", "joint"), Column("gain", "explains", align="right"))
+    rows: list[tuple[Cell, ...]] = [(e.effect, e.joint, percent(e.gain)) for e in found.effects]
+    note = "explains: share of the joint's squared error, " + METHOD
+    meanings: list[tuple[str, Cell]] = [
+        (whose(e.effect, e.joint), f"{e.summary}: {effect_text(found.robot, e.effect, e.joint, e.parameters, e.std_error)}")
+        for e in found.effects
+    ]
+    tables: list[Section] = [Table("effects", columns, tuple(rows), title="missing from the model", note=note),
+                             KeyValues("meaning", tuple(meanings))]  # fmt: skip
+    rivals: list[tuple[str, Cell]] = [
+        (whose(r.effect, r.joint), f"instead of {r.instead_of}, gain {percent(r.gain)}") for r in found.also_possible
+    ]
+    return [*tables, *([KeyValues("also_possible", tuple(rivals), "not distinguishable here")] if rivals else [])]
+
+
+def _position_table(found: MotionDiagnosis) -> Table:
+    columns = (
+        Column("joint", "joint"), Column("before", "before", align="right"), Column("after", "after", align="right"),
+        Column("torque", "torque error after", align="right"),
+    )  # fmt: skip
+    rows: list[tuple[Cell, ...]] = []
+    for joint in found.robot.joints:
+        unit, scale = SCALES[joint.revolute]
+        item, torque = found.position[joint.name], found.after.error.get(joint.name)
+        rows.append((
+            joint.name, Quantity(scale * item.before, unit, 3), Quantity(scale * item.after, unit, 3),
+            None if torque is None else percent(torque.relative),
+        ))  # fmt: skip
+    return Table("position", columns, tuple(rows), title="rms error of the simulated position", note=METHOD)
+
+
+def _differing_section(found: MotionDiagnosis) -> list[Section]:
+    if not found.differing:
+        return []
+    return [KeyValues("differing", tuple((f"{d.joint} {d.name}", _differing_words(found, d)) for d in found.differing),
+                      "what the recordings do not agree on")]  # fmt: skip
+
+
+def _differing_words(found: MotionDiagnosis, item: Differing) -> str:
+    values = ", ".join(number_text(v, 3) for v in item.values)
+    usual = hypot(*item.std_error) / len(item.std_error) ** 0.5
+    change = f"; changed before {found.recording.files[item.changed_at]}" if item.changed_at is not None else ""
+    return f"{values} {item.unit} (± {number_text(usual, 1)}){change}"
+
+
+def _unexplained_section(found: MotionDiagnosis) -> list[Section]:
+    if not found.unexplained:
+        return []
+    items: list[tuple[str, Cell]] = []
+    for u in found.unexplained:
+        slides = not found.robot.joints[found.robot.joint_names.index(u.joint)].revolute
+        unit = SCALES[not slides][0]
+        items.append((
+            u.joint, f"{number_text(1e3 * u.rms, 2)} {unit} rms, {number_text(u.ratio, 2)} times the encoder's noise; "
+            f"{percent(u.share)} follows the {variable_words(u.variable)}",
+        ))  # fmt: skip
+    return [KeyValues("unexplained", tuple(items), "left unexplained")]
+
+
+def _next(found: MotionDiagnosis, robot_argument: str, written: str | None) -> str:
+    if written is not None:
+        return command("replay", found.recording, written)
+    if found.effects:
+        return command("diagnose", found.recording, robot_argument, "--write-robot", f"{found.robot.name}-refined.yaml")
+    return command("identify", found.recording, robot_argument, "--fit", "trajectory")
+
+
+def named_effects(found: MotionDiagnosis) -> Sequence[str]:
+    """Return what `--fail-on-effect` says is missing, one sentence each."""
+    library = effect_classes()
+    return [f"{e.joint}: the model lacks {e.effect}" for e in found.effects if e.effect in library]
