@@ -75,16 +75,17 @@ def write_found(
     refusals: list[ElidError] = []
     for path in files.write_robot:
         beyond = _lost(refined, path)
+        late = _foreign(path) and _late(found) and files.write_actuators is None
         lost = [spec for spec in beyond if (spec.effect, spec.joint) not in nuisances and not _beside(spec, files)]
         said = [*_without_springs(refined, path), *_elsewhere([s for s in beyond if s not in lost], files)]
         note([f"{path}: {sentence}" for sentence in said], output, "left out")
         try:
-            if not lost:
+            if not lost and not late:
                 write_described(refined, path, [*remarks, *said])
-            elif not files.drop_effects:
+            elif lost and not files.drop_effects:
                 raise _refused(path, lost)
             else:
-                plain, cost = _without(refined, lost, error, again)
+                plain, cost = _without(refined, lost, error, again, "the delay of the drives" if late else "")
                 note([f"{path}: {sentence}" for sentence in cost], output, "left out")
                 write_described(plain, path, [*remarks[:1], *cost, *said])
         except ElidError as refusal:
@@ -148,25 +149,46 @@ def _without(
     lost: Sequence[EffectSpec],
     error: Mapping[str, JointError],
     again: Callable[[Robot], Identification],
+    late: str,
 ) -> tuple[Robot, list[str]]:
     """Return the robot fitted without some effects, and what that costs in words."""
     from dataclasses import replace
 
     from elid_cli.estimation.refined_robot import identified_robot
 
-    kept = tuple(spec for spec in refined.effects if spec not in lost)
-    answer = again(replace(refined, effects=()))
+    channel = _nuisances()
+    kept = tuple(spec for spec in refined.effects if spec not in lost and spec.effect not in channel)
+    answer = again(replace(refined, effects=kept))
     worse = [
         f"{joint} {now.rms:.3g} in place of {before.rms:.3g}"
         for joint, now in answer.error.items()
         if (before := error.get(joint)) is not None and now.rms is not None and before.rms is not None
     ]
     said = [
-        f"{_named(lost)}; the parameters are those of a fit without",
+        f"{', '.join(word for word in (_named(lost), late) if word)}; the parameters are those of a fit without",
         f"the held-out error of the torque becomes {', '.join(worse)} (N·m or N)",
     ]
-    plain = identified_robot(answer)
-    return replace(plain, effects=tuple(spec for spec in kept if spec in plain.effects)), said
+    plain, held = identified_robot(answer), {(spec.effect, spec.joint) for spec in kept}
+    return replace(plain, effects=tuple(spec for spec in plain.effects if (spec.effect, spec.joint) in held)), said
+
+
+def _late(found: Identification) -> bool:
+    """Whether parameters are those beside a delay between commands and motion, without which they are others."""
+    from elid_cli.model.effects import effect_that
+
+    delay = effect_that(nuisance="delay").name
+    return found.estimator == "trajectory" and any(item.effect == delay for item in found.nuisances)
+
+
+def _nuisances() -> set[str]:
+    """Return the names of the effects that are faults of a channel."""
+    from elid_cli.model.effects import effect_classes
+
+    return {name for name, kind in effect_classes().items() if kind.nuisance is not None}
+
+
+def _foreign(path: str) -> bool:
+    return Path(path).suffix.lower() in FOREIGN
 
 
 def _named(lost: Sequence[EffectSpec]) -> str:

@@ -140,7 +140,7 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     if options.fit == "trajectory":
         from elid_cli.estimation.trajectory.identification import by_trajectory
 
-        return by_trajectory(found, signals)
+        return by_trajectory(found, signals, delays=options.delays)
     if options.accurate:
         return _as_described(_accurate(fit, found, options, refused, judgement), robot, tilt)
     return found

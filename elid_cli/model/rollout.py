@@ -9,7 +9,8 @@ joint at rest: it is the torque, at most `fs` in size, that brings the velocity 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,8 +152,18 @@ class Linearised:
         return found
 
 
+Along = Callable[[Local, Array, Array], tuple[Array, Array]]
+"""What effects add along a motion x, v (N, S, m) about which equations are: `Joints.push` and `Joints.grip`."""
+
+
 def motion_of(
-    equations: Linearised, start: tuple[Array, Array], near: Array, drives: Drives, joints: Joints, dt: float
+    equations: Linearised,
+    start: tuple[Array, Array],
+    near: Array,
+    drives: Drives,
+    joints: Joints,
+    dt: float,
+    along: Along | None = None,
 ) -> tuple[Array, Array]:
     """Return positions x and velocities at N instants, (N, S, m), of one robot.
 
@@ -168,10 +179,16 @@ def motion_of(
         What acts.
     dt
         Time between instants, s; the steps of `drives` divide it.
+    along
+        What effects add, of the motion that they act along; None: there are none.
     """
     x, v = near, np.gradient(near, dt, axis=0)
     for _ in range(ROUNDS):
-        found, speed = variants_of(equations, equations.about(x, v), start, drives, joints, dt)
+        local = equations.about(x, v)
+        if along is not None:
+            push, grip = along(local, x, v)
+            joints = replace(joints, push=push, grip=grip)
+        found, speed = variants_of(equations, local, start, drives, joints, dt)
         found, speed = found[:, 0], speed[:, 0]
         wild = np.array(~np.isfinite(found).all(axis=(0, 2)))
         change = np.abs(found - x)[:, ~wild].max(initial=0.0)

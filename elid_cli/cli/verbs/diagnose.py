@@ -13,9 +13,12 @@ from elid_cli.cli.options import FIT, GATES, Conditioning, Files, Gates, Output,
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from elid_cli._types import Progress
     from elid_cli.diagnosis import Diagnosis
     from elid_cli.estimation.result import JointError
     from elid_cli.report.answers.diagnosis_input import DiagnosisInput
+    from elid_cli.robot.robot import Robot
+    from elid_cli.signals.recording import Recording
 
 
 @verb(
@@ -102,8 +105,8 @@ def diagnose(
         machine = load_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
         if by_motion(machine, recording) and not (checks or lookup):
-            _by_motion(logs, machine, recording, conditioning, only, gates, (fail_on_effect, fail_on_unexplained),
-                       write_robot, robot, output, advance)  # fmt: skip
+            _by_motion(machine, recording, conditioning, only, gates, (fail_on_effect, fail_on_unexplained), files,
+                       robot, output, advance)  # fmt: skip
             return
         others = [load_recording((log,), machine, reading, output, conditioning.rate, label=log) for log in checks]
         signals = load_signals(recording, machine, diagnosis_conditioning(conditioning, recording), advance)
@@ -151,29 +154,32 @@ def diagnose(
 
 
 def _by_motion(
-    logs: tuple[str, ...], machine: Robot, recording: Recording, conditioning: Conditioning, only: tuple[str, ...],
-    gates: Gates, fail: tuple[bool, bool], write_robot: tuple[str, ...], robot: str, output: Output,
-    advance: Progress | None,
+    machine: Robot, recording: Recording, conditioning: Conditioning, only: tuple[str, ...], gates: Gates,
+    fail: tuple[bool, bool], files: Files, robot: str, output: Output, advance: Progress | None,
 ) -> None:  # fmt: skip
     """Diagnose a log of commands by the motion simulated under them."""
+    from dataclasses import replace
+
     from elid_cli.cli.gates import broken_gates
     from elid_cli.cli.inputs import load_signals
     from elid_cli.cli.output import LimitError, emit
     from elid_cli.cli.robot_files import FOREIGN, write_found
-    from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion, plain_for_simulators
+    from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
     from elid_cli.estimation.identify import EstimateOptions, identify
     from elid_cli.estimation.refined_robot import remarks
+    from elid_cli.estimation.trajectory.identification import by_trajectory
     from elid_cli.report.answers.motion_diagnosis import motion_diagnosis_report, named_effects
 
     signals = load_signals(recording, machine, conditioning, advance)
     least_squares = identify(replace(machine, effects=()), signals, EstimateOptions(guards=False))
     found = diagnose_motion(machine, signals, replace(least_squares, robot=machine), only, advance)
-    ours = tuple(path for path in write_robot if not path.lower().endswith(FOREIGN))
+    plain = lambda other: by_trajectory(replace(least_squares, robot=other), signals, delays=False)  # noqa: E731
     written = write_found(
-        () if found.partial else ours, found.refined, remarks(found.after) if ours else (), found.after,
-        found.after.error, None, output,
+        Files() if found.partial else files, found.refined, remarks(found.after) if files.write_robot else (),
+        found.after, found.after.error, plain, output,
     )  # fmt: skip
-    emit(motion_diagnosis_report(found, robot, next(iter(written.files), None)), output)
+    ours = next((path for path in written.files if not path.lower().endswith(FOREIGN)), None)
+    emit(motion_diagnosis_report(found, robot, ours), output)
     if found.partial:
         raise KeyboardInterrupt  # main knows its exit code
     if written.refusal:

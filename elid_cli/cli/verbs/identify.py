@@ -99,7 +99,9 @@ def identify(
         again = replace(request, on_read=None, progress=None)
 
         def without_effects(plain: Robot) -> Identification:
-            return _identified(replace(again, robot=plain), chosen, payload, False).found
+            return _identified(
+                replace(again, robot=plain), replace(chosen, delays=chosen.fit != "trajectory"), payload, False
+            ).found
 
         written = write_found(
             files, refined, remarks(found, physical=physical) if files.write_robot else (), found, found.error,

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View
-from elid_cli.diagnosis.by_motion.differing import as_last, differing
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
 from elid_cli.diagnosis.by_motion.search import Named, search
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.trajectory.differing import as_last, differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.identification import (
     commanded_runs,
@@ -26,7 +27,7 @@ from elid_cli.estimation.trajectory.identification import (
     started_from,
     unsuited,
 )
-from elid_cli.estimation.trajectory.normal_equations import BLOCKS, light_of
+from elid_cli.estimation.trajectory.normal_equations import BLOCKS
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects.effect import Effect, Scene
 from elid_cli.model.regressor import Regressor
@@ -43,7 +44,7 @@ MOMENTS = ("cx", "cy", "cz")
 
 
 def by_motion(robot: Robot, recording: Recording) -> bool:
-    """Whether a log is one of commands that a simulated motion can judge: no torque logged, bodies known, joints rigid."""
+    """Whether a simulated motion can judge a log: one of commands, no torque logged, bodies known, joints rigid."""
     if not recording.commanded.all() or unsuited(robot):
         return False
     known = dict(zip(robot.parameter_names(), robot.reference(), strict=True))
@@ -109,16 +110,17 @@ def _rivals(robot: Robot, named: Sequence[Named], scene: Scene) -> tuple[Rival, 
         for c in item.rivals:
             if (c.effect.name, c.effect.joint) not in taken:
                 values = c.effect.named(scene, c.amplitudes)
-                found.setdefault((c.effect.name, joint),
-                                 Rival(c.effect.name, joint, item.effect.name, c.gain, values, c.effect.record))  # fmt: skip
+                rival = Rival(c.effect.name, joint, item.effect.name, c.gain, values, c.effect.record)
+                found.setdefault((c.effect.name, joint), rival)
         if item.effect.place == "link" and _as_moments(robot, item.effect, scene) > ONE_CURVE:
             separate = "the joint's full range, with and without a known payload"
-            found.setdefault(("first_moment", joint), Rival("first_moment", joint, item.effect.name, item.gain, {}, separate))
+            rival = Rival("first_moment", joint, item.effect.name, item.gain, {}, separate)
+            found.setdefault(("first_moment", joint), rival)
     return tuple(found.values())
 
 
 def _as_moments(robot: Robot, effect: Effect, scene: Scene) -> float:
-    """Return the part of an effect's torque that other first moments of the links would make as well, in this motion."""
+    """Return the part of an effect's torque that other first moments of the links would make as well."""
     from elid_cli.model.effects.effect import EquationRow
 
     model = Regressor(replace(robot, effects=()))
@@ -141,21 +143,18 @@ def _positions(robot: Robot, before: TrajectoryFit, after: TrajectoryFit) -> Map
 
 
 def _held_out(fit: TrajectoryFit) -> Array:
-    squares, count = np.zeros(fit.unknowns.robot.n), 0
-    place = 0
-    size = np.maximum(fit.equations.size, 1e-9)
-    for view, item in zip(views_of(fit), fit.tracked, strict=True):
-        light = light_of(view.error / np.maximum(view.weight, 1e-300), item.run)
-        use = light.max(axis=1) > 0
+    squares, count, place = np.zeros(fit.unknowns.robot.n), 0, 0
+    for view in views_of(fit):
+        use = view.weight.max(axis=1) > 0
         edges = np.linspace(0, len(view.error), BLOCKS + 1).astype(int)
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in pairwise(edges):
             weight = np.maximum(view.weight[a:b], 1e-300)
             error = (view.error[a:b] + view.columns[a:b] @ (fit.left_out[place] - fit.z)) / weight
             squares += np.sum(error[use[a:b]] ** 2, axis=0)
             count += int(np.count_nonzero(use[a:b]))
             place += 1
     found: Array = np.sqrt(squares / max(count, 1))
-    return np.where(np.isfinite(found), found, size)
+    return found
 
 
 def _unexplained(

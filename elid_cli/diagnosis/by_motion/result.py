@@ -7,26 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elid_cli._types import Array
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
-
-
-@dataclass(frozen=True)
-class Differing:
-    """A parameter, or an amplitude of an effect, that recordings of one machine do not agree on."""
-
-    name: str
-    joint: str
-    unit: str
-    values: tuple[float, ...]
-    """As each recording alone has it."""
-    std_error: tuple[float, ...]
-    changed_at: int | None
-    """First recording after a change that parts them in two; None: they scatter, or drift."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +49,3 @@ class MotionDiagnosis:
     def mean_abs(self) -> tuple[float, float]:
         """Mean absolute error of the simulated positions over joints, before and after, rad (m)."""
         return float(np.mean(self.fit_before.mean_abs)), float(np.mean(self.fit_after.mean_abs))
-
-
-def rms(values: Array) -> Array:
-    """Return the rms over the first axis."""
-    found: Array = np.sqrt(np.mean(values**2, axis=0))
-    return found

@@ -58,8 +58,13 @@ class Searched:
 
 
 def search(
-    robot: Robot, runs: Sequence[Run], start: Array, declared: Sequence[Effect], amplitudes: Sequence[float],
-    only: Sequence[str] = (), progress: Progress | None = None,
+    robot: Robot,
+    runs: Sequence[Run],
+    start: Array,
+    declared: Sequence[Effect],
+    amplitudes: Sequence[float],
+    only: Sequence[str] = (),
+    progress: Progress | None = None,
 ) -> Searched:
     """Search for the effects that a robot's motion under its commands lacks.
 

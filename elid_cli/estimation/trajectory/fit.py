@@ -40,6 +40,7 @@ COARSE = 0.005
 DAMPING = 1e-6
 """Of the normal equations' diagonal: directions that the motion does not show stay where they are."""
 
+
 @dataclass(frozen=True)
 class TrajectoryFit:
     """What a trajectory fit found."""
@@ -94,7 +95,8 @@ def fit_trajectory(
     start: Array,
     effects: Sequence[Effect] = (),
     amplitudes: Sequence[float] = (),
-    delays: Sequence[float] = (),
+    *,
+    late: bool = True,
 ) -> TrajectoryFit:
     """Fit the drive parameters of a robot to stretches of logs.
 
@@ -108,8 +110,10 @@ def fit_trajectory(
         Drive parameters to start from, (n, 4).
     effects
         Effects whose amplitudes are fitted along, in their shapes.
-    amplitudes, delays
-        Their amplitudes, and the recordings' delays (s), to start from; 0 where not given.
+    amplitudes
+        Their amplitudes to start from; 0 where not given.
+    late
+        Whether every recording may have a delay between commands and motion, where the log shows one.
 
     Raises
     ------
@@ -120,13 +124,9 @@ def fit_trajectory(
     """
     unknowns = Unknowns(robot, tuple(effects), 1 + max(run.source for run in runs))
     z = started(unknowns, start, amplitudes)
-    if len(delays):
-        z[unknowns.delays] = delays
     tracked = [Tracked.of(run) for run in runs]
-    if np.any(z[unknowns.delays]):
-        return fitted(unknowns, tracked, z)
     prompt = fitted(unknowns, tracked, z, prompt=True)
-    return fitted(unknowns, tracked, prompt.z) if prompt.late > WORTH else prompt
+    return fitted(unknowns, tracked, prompt.z) if late and prompt.late > WORTH else prompt
 
 
 def fitted(unknowns: Unknowns, tracked: list[Tracked], z: Array, *, prompt: bool = False) -> TrajectoryFit:

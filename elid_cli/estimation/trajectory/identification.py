@@ -12,6 +12,7 @@ from elid_cli.errors import LogError, UsageError
 from elid_cli.estimation.regression.observation import observe
 from elid_cli.estimation.result import FittedEffect, Identification, JointError, Nuisance, Verdict, records
 from elid_cli.estimation.trajectory.acting import acting, can_act, declared, scene_along
+from elid_cli.estimation.trajectory.differing import Differing, as_last, differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fit_trajectory
 from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
@@ -37,7 +38,7 @@ SLOW = 0.1
 """Part of the usual speed below which friction is not looked at for the start."""
 
 
-def by_trajectory(found: Identification, signals: Signals) -> Identification:
+def by_trajectory(found: Identification, signals: Signals, *, delays: bool = True) -> Identification:
     """Return the identification by the simulated motion, started from the log's torques.
 
     Parameters
@@ -46,6 +47,8 @@ def by_trajectory(found: Identification, signals: Signals) -> Identification:
         What least squares say of the same log.
     signals
         The log, with its recording.
+    delays
+        Whether a delay between commands and motion is an unknown.
 
     Raises
     ------
@@ -66,8 +69,8 @@ def by_trajectory(found: Identification, signals: Signals) -> Identification:
                        hint="leave --fit out: the torque is fitted")  # fmt: skip
     runs = commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
-    fit = fit_trajectory(robot, runs, started_from(robot, signals), effects, amplitudes)
-    return identification_of(found, fit, signals)
+    fit = fit_trajectory(robot, runs, started_from(robot, signals), effects, amplitudes, late=delays)
+    return identification_of(found, as_last(fit, differing(fit)), signals)
 
 
 def unsuited(robot: Robot) -> str:
@@ -162,6 +165,7 @@ def identification_of(found: Identification, fit: TrajectoryFit, signals: Signal
     verdicts, reasons = _verdicts(found, estimate, deviation)
     refused = np.array([verdict == "refused" for verdict in verdicts])
     nuisances, effects = channel_faults(robot, fit), fitted_effects(robot, fit)
+    apart = [difference_words(item) for item in differing(fit)]
     note = (
         f"--fit trajectory: {fit.steps} steps; simulated positions are off by {1e3 * fit.rms.mean():.3g} mrad (rms) on "
         f"average, {1e3 * fit.rms_before.mean():.3g} with the values of least squares; the motion is "
@@ -180,7 +184,8 @@ def identification_of(found: Identification, fit: TrajectoryFit, signals: Signal
         nuisances=nuisances,
         effects=effects,
         estimator="trajectory",
-        notes=(*found.notes, note),
+        warnings=(),
+        notes=(*found.notes, note, *apart),
         settings={**found.settings, "estimator": "trajectory", "trajectory": _settings(robot, fit)},
     )  # fmt: skip
 
@@ -207,6 +212,13 @@ def _verdicts(found: Identification, estimate: Array, deviation: Array) -> tuple
         else:
             verdicts.append("supported")
     return tuple(verdicts), reasons
+
+
+def difference_words(item: Differing) -> str:
+    """Return what recordings do not agree on, in a sentence."""
+    values = ", ".join(f"{value:.3g}" for value in item.values)
+    change = f"; it changed before recording {item.changed_at + 1}" if item.changed_at is not None else ""
+    return f"the recordings do not agree on {item.name} of {item.joint}: {values} {item.unit}{change}"
 
 
 def channel_faults(robot: Robot, fit: TrajectoryFit) -> tuple[Nuisance, ...]:

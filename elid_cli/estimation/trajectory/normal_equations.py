@@ -78,7 +78,6 @@ class Equations:
         found: Array = np.sqrt(self.lighter.sum(axis=0) / self.counts.sum())
         return found
 
-
     def holding(self, part: slice) -> Equations:
         """Return the equations of unknowns of which some stay where they are."""
         matrix, load = self.matrix.copy(), self.load.copy()

@@ -75,9 +75,7 @@ class Unknowns:
             joint = number // len(KINDS) if number < self.drives else int(self.owners[number - self.drives])
             of.setdefault(int(chain[joint]), []).append(number)
         longest = max(map(len, of.values()))
-        return tuple(
-            np.array([own[k] for own in of.values() if len(own) > k], dtype=np.intp) for k in range(longest)
-        )
+        return tuple(np.array([own[k] for own in of.values() if len(own) > k], dtype=np.intp) for k in range(longest))
 
     @cached_property
     def chain(self) -> NDArray[np.intp]:

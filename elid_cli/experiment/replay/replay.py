@@ -10,10 +10,11 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
+from elid_cli.estimation.trajectory.acting import acting, can_act, declared, scene_along
 from elid_cli.experiment.replay.errors import PositionError, overall, position_errors
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.shifts import declared_shifts
-from elid_cli.model.rollout import Joints, Linearised, motion_of
+from elid_cli.model.rollout import Along, Joints, Linearised, Local, motion_of
 from elid_cli.model.runs import Run, runs_of
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
@@ -74,7 +75,8 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     Parameters
     ----------
     robot
-        Its parameters must be known; its `torque_offset` and `torque_delay` take part, its other effects do not.
+        Its parameters must be known. Its offsets and delays of the drives take part, and the effects whose torque
+        follows from the motion alone.
     recording
         A log with commands and gains, or with torques.
     options
@@ -132,10 +134,34 @@ def _motion(robot: Robot, runs: list[Run], offsets: Array) -> list[Array]:
         lengths.setdefault(len(run.t), []).append(k)
     for numbers in lengths.values():
         together = Run.together([runs[k] for k in numbers], equations.coordinates)
-        x, _ = motion_of(equations, together.start, together.near, together.drives, joints, together.dt)
+        x, _ = motion_of(
+            equations, together.start, together.near, together.drives, joints, together.dt,
+            _along(robot, together.dt, len(together.t)),
+        )  # fmt: skip
         for place, k in enumerate(numbers):
             found[k] = x[:, place][:, : robot.n]
     return [found[k] for k in range(len(runs))]
+
+
+def _along(robot: Robot, dt: float, samples: int) -> Along | None:
+    """Return what the robot's effects add along a motion; None where it declares none that a motion can hold."""
+    specs = [spec for spec in robot.effects if can_act(resolve(robot, spec)[0])]
+    if not specs:
+        return None
+    parameters = robot.reference()
+
+    def added(local: Local, x: Array, v: Array) -> tuple[Array, Array]:
+        push, grip = np.zeros((2, len(x) - 1, 1, x.shape[1], robot.n))
+        for k in range(x.shape[1]):
+            own = Local(*(part[:, [k]] for part in (local.mass, local.force, local.slope, local.place)))
+            scene = scene_along(robot, x[:, k], v[:, k], own, dt, parameters, samples)
+            known = [found for spec in specs if (found := declared(robot, spec, scene)) is not None]
+            done = acting([effect for effect, _ in known], scene)
+            total = done.total(np.concatenate([amplitudes for _, amplitudes in known]))
+            push[:, 0, k], grip[:, 0, k] = (0.5 * (part[1:] + part[:-1]) for part in total)
+        return push, grip
+
+    return added
 
 
 def _of_channels(robot: Robot) -> tuple[Array, Array, tuple[str, ...]]:
@@ -146,6 +172,6 @@ def _of_channels(robot: Robot) -> tuple[Array, Array, tuple[str, ...]]:
         kind, joint = resolve(robot, spec)
         if kind.nuisance == "offset":
             offsets[joint] = next(iter(spec.parameters.values()))
-        elif kind.corrects is None and not kind.of_channel:
+        elif kind.corrects is None and not kind.of_channel and not can_act(kind):
             left.append(f"{spec.effect} of {spec.joint}" if spec.joint else spec.effect)
     return offsets, declared_shifts(robot).torque, tuple(left)

@@ -6,13 +6,21 @@ from collections.abc import Sequence
 from math import hypot
 from typing import Any
 
-from elid_cli.diagnosis.by_motion.result import Differing, MotionDiagnosis
+from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 from elid_cli.diagnosis.result import FoundEffect
+from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.diagnosis_tables import variable_words, whose
 from elid_cli.report.answers.identification import base_tables, error_payload, identification_payload
-from elid_cli.report.answers.inputs import command, effect_text, heading, nuisance_items, nuisance_payload, recorded_items
-from elid_cli.report.answers.summary import answers, listed, parameter_words
+from elid_cli.report.answers.inputs import (
+    command,
+    effect_text,
+    heading,
+    nuisance_items,
+    nuisance_payload,
+    recorded_items,
+)
+from elid_cli.report.answers.summary import answers, listed, parameter_words, share_text
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, percent
 
 SCALES = {True: ("mrad", 1e3), False: ("mm", 1e3)}
@@ -108,7 +116,9 @@ def _trust(found: MotionDiagnosis) -> str:
 
 def _missing(found: MotionDiagnosis) -> str:
     if not found.effects:
-        left = f" More than noise is left at {listed([u.joint for u in found.unexplained])}." if found.unexplained else ""
+        left = (
+            f" More than noise is left at {listed([u.joint for u in found.unexplained])}." if found.unexplained else ""
+        )
         return f"No effect of the library brings the motion nearer.{left}"
     places: dict[str, list[str]] = {}
     for effect in found.effects:
@@ -117,7 +127,7 @@ def _missing(found: MotionDiagnosis) -> str:
     said = "; ".join(words)
     rivals = list(dict.fromkeys(whose(r.effect.replace("_", " "), r.joint) for r in found.also_possible))
     tied = f" This log cannot tell it from {listed(rivals)}." if rivals else ""
-    changed = [d for d in found.differing if d.changed_at is not None and " " in d.name]
+    changed = [d for d in found.differing if d.changed_at is not None and d.of_effect]
     moved = "".join(
         f" {d.name} of {d.joint} changed before {found.recording.files[d.changed_at or 0]}." for d in changed
     )
@@ -138,13 +148,16 @@ def _effect_sections(found: MotionDiagnosis) -> list[Section]:
     rows: list[tuple[Cell, ...]] = [(e.effect, e.joint, percent(e.gain)) for e in found.effects]
     note = "explains: share of the joint's squared error, " + METHOD
     meanings: list[tuple[str, Cell]] = [
-        (whose(e.effect, e.joint), f"{e.summary}: {effect_text(found.robot, e.effect, e.joint, e.parameters, e.std_error)}")
+        (
+            whose(e.effect, e.joint),
+            f"{e.summary}: {effect_text(found.robot, e.effect, e.joint, e.parameters, e.std_error)}",
+        )
         for e in found.effects
     ]
     tables: list[Section] = [Table("effects", columns, tuple(rows), title="missing from the model", note=note),
                              KeyValues("meaning", tuple(meanings))]  # fmt: skip
     rivals: list[tuple[str, Cell]] = [
-        (whose(r.effect, r.joint), f"instead of {r.instead_of}, gain {percent(r.gain)}") for r in found.also_possible
+        (whose(r.effect, r.joint), f"instead of {r.instead_of}, gain {share_text(r.gain)}") for r in found.also_possible
     ]
     return [*tables, *([KeyValues("also_possible", tuple(rivals), "not distinguishable here")] if rivals else [])]
 
@@ -188,7 +201,7 @@ def _unexplained_section(found: MotionDiagnosis) -> list[Section]:
         unit = SCALES[not slides][0]
         items.append((
             u.joint, f"{number_text(1e3 * u.rms, 2)} {unit} rms, {number_text(u.ratio, 2)} times the encoder's noise; "
-            f"{percent(u.share)} follows the {variable_words(u.variable)}",
+            f"{share_text(u.share)} follows the {variable_words(u.variable)}",
         ))  # fmt: skip
     return [KeyValues("unexplained", tuple(items), "left unexplained")]
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.result import Differing
 from elid_cli.estimation.regression.long_run import beyond_normal
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, solved
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
@@ -22,23 +21,42 @@ PARTED = 0.9
 UNITS = {"Ja": "kg·m²", "fs": "N·m", "fv": "N·m·s/rad", "offset": "N·m"}
 
 
+@dataclass(frozen=True)
+class Differing:
+    """A parameter, or an amplitude of an effect, that recordings of one machine do not agree on."""
+
+    name: str
+    joint: str
+    unit: str
+    values: tuple[float, ...]
+    """As each recording alone has it."""
+    std_error: tuple[float, ...]
+    changed_at: int | None
+    """First recording after a change that parts them in two; None: they scatter, or drift."""
+    of_effect: bool
+
+
 def differing(fit: TrajectoryFit) -> tuple[Differing, ...]:
     """Return the parameters and amplitudes that recordings do not agree on; none of one recording."""
     own, robot = fit.unknowns, fit.unknowns.robot
     if own.recordings < 2:
         return ()
     errors, found = errors_alone(fit), []
-    labels = [(name, robot.joint_names[k], UNITS[name]) for k in range(robot.n) for name in (*PARAMETERS, "offset")]
+    labels = [
+        (name, name, robot.joint_names[k], UNITS[name]) for k in range(robot.n) for name in (*PARAMETERS, "offset")
+    ]
     for effect in own.effects:
-        labels += [(f"{effect.name} {p.name}", robot.joint_names[effect.joint], p.unit) for p in effect.amplitudes]
-    for number, (name, joint, unit) in enumerate(labels):
+        labels += [("", f"{effect.name} {p.name}", robot.joint_names[effect.joint], p.unit) for p in effect.amplitudes]
+    for number, (kind, name, joint, unit) in enumerate(labels):
         values, sd = fit.alone[:, number], errors[:, number]
         low, high = int(np.argmin(values)), int(np.argmax(values))
         gap = float(values[high] - values[low])
-        usual = float(np.abs(values).max()) if name != "offset" else float(np.abs(fit.values[:, 1]).max())
+        usual = float(np.abs(values).max()) if kind != "offset" else float(np.abs(fit.values[:, 1]).max())
         if sd.min() <= 0 or gap < APART * float(np.hypot(sd[low], sd[high])) or gap < LARGE * usual:
             continue
-        found.append(Differing(name, joint, unit, tuple(map(float, values)), tuple(map(float, sd)), _change(values)))
+        found.append(
+            Differing(name, joint, unit, tuple(map(float, values)), tuple(map(float, sd)), _change(values), not kind)
+        )
     return tuple(found)
 
 
@@ -71,7 +89,7 @@ def as_last(fit: TrajectoryFit, changed: tuple[Differing, ...]) -> TrajectoryFit
     own, robot = fit.unknowns, fit.unknowns.robot
     sources, z = np.array([source for source, _, _ in fit.spans]), fit.z.copy()
     for item in changed:
-        if item.changed_at is None or " " not in item.name:  # friction drifts; an effect that came or went stays so
+        if item.changed_at is None or not item.of_effect:  # friction drifts; an effect that came or went stays so
             continue
         joint = robot.joint_names.index(item.joint)
         after = sources >= item.changed_at
