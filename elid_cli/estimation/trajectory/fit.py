@@ -36,7 +36,9 @@ WORTH = 0.01
 """Part of the squared error that delays must take away: in slow motion viscous friction and a delay are one, and a
 delay that the log does not show would only take the friction's precision."""
 COARSE = 0.005
-"""Part of itself by which steps of 1 ms and what happens within a sample move a value."""
+"""Part of itself by which steps of 1 ms and what happens within a sample move a value …"""
+PROMPT = 1.5e-4
+"""… and time by which they move a delay, s."""
 DAMPING = 1e-6
 """Of the normal equations' diagonal: directions that the motion does not show stay where they are."""
 
@@ -254,6 +256,7 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns) -> tuple[Array, Arra
             covariance = _at_least(covariance, beyond_normal(len(recordings) - 1) ** 2 * scatter / len(recordings))
     coarse = np.abs(z)
     coarse[3 : unknowns.drives : len(KINDS)] = coarse[1 : unknowns.drives : len(KINDS)]  # offsets: as the friction
+    coarse[unknowns.delays] = PROMPT / COARSE
     return covariance + np.diag((COARSE * coarse) ** 2), between, alone, z + steps
 
 

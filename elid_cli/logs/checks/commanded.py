@@ -126,6 +126,10 @@ def _acting(command: Array, segments: Sequence[tuple[int, int]], late: Array) ->
     """Return a held command's mean over the sample about each instant, `late` samples (n,) after it was logged."""
     acting = command.copy()
     for start, stop in segments:
+        if not late.any():  # without the rounding of a sum over the whole stretch
+            acting[start + 1 : stop] += command[start : stop - 1]
+            acting[start + 1 : stop] /= 2.0
+            continue
         # what a held command amounts to since the start is a line between the samples
         so_far = np.zeros((stop - start + 1, command.shape[1]))
         np.cumsum(command[start:stop] - command[start], axis=0, out=so_far[1:])

@@ -83,10 +83,11 @@ def at_even_times(aligned: Aligned) -> Aligned:
 
 def _side(signals: Mapping[str, Array]) -> tuple[str, str] | None:
     """Return the one logged side of the joints that has positions and velocities."""
-    held = [side for side in SIDES if side[0] in signals]
-    if len(held) != 1 or held[0][1] not in signals:
+    held = [position for position, _ in SIDES if position in signals]
+    if len(held) == 2 and not np.array_equal(signals["q"], signals["theta"], equal_nan=True):
         return None
-    return held[0]
+    rates = [velocity for _, velocity in SIDES if velocity in signals]
+    return (held[0], rates[0]) if held and rates else None
 
 
 def _steps(position: Array, velocity: Array, dt: float) -> _Steps | None:
@@ -176,7 +177,7 @@ def _move(signals: Mapping[str, Array], part: slice, late: Array, dt: float, sid
         for k in range(values.shape[1]):
             if not np.isfinite(rows[:, k]).all():
                 continue
-            if name == side[0] and np.isfinite(velocity[:, k]).all():
+            if name in ("q", "theta") and np.isfinite(velocity[:, k]).all():
                 values[inside, k] = CubicHermiteSpline(when, rows[:, k], velocity[:, k])(even[inside])
             else:
                 values[inside, k] = np.interp(even[inside], when, rows[:, k])

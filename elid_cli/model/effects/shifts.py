@@ -81,7 +81,7 @@ def _moved_by(spec: EffectSpec) -> Channel | None:
     return None if kind is None else kind.corrects
 
 
-def corrected(signals: Signals, shifts: Shifts) -> Signals:
+def corrected(signals: Signals, shifts: Shifts, *, commands: bool = False) -> Signals:
     """Return the signals with late channels moved to where they belong, segment by segment.
 
     Parameters
@@ -90,11 +90,14 @@ def corrected(signals: Signals, shifts: Shifts) -> Signals:
         As logged.
     shifts
         By how much channels are late.
+    commands
+        Of torques that were computed from commands, whether the commands are late, while the drive has the positions
+        in them at once; else the torque as a whole.
     """
     if not shifts:
         return signals
     motion, tau = signals.motion, signals.tau.copy()
-    told = _told_later(signals, shifts)
+    told = _told_later(signals, shifts) if commands else None
     link = [motion.q.copy(), motion.dq.copy(), motion.ddq.copy()]
     for segment in signals.segments:
         part = slice(segment.start, segment.stop)

@@ -1,0 +1,86 @@
+"""Three pendulums beside each other under held commands, stepped plainly: shares no code with elid's simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from elid_cli.logs.writing import write_recording
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording, Segment
+
+MASS, REACH, GRAVITY = np.array([1.2, 0.8, 0.5]), np.array([0.25, 0.2, 0.15]), 9.81
+INERTIA = np.array([0.02, 0.012, 0.006])
+"""Of the bodies about their own centres, kg·m²."""
+ARMATURE, COULOMB, VISCOUS = np.array([0.02, 0.015, 0.01]), np.array([0.3, 0.2, 0.15]), np.array([0.25, 0.2, 0.12])
+OFFSET = np.array([0.15, -0.1, 0.05])
+KP, KD = np.array([25.0, 20.0, 15.0]), np.array([1.0, 0.8, 0.5])
+NAMES = ("one", "two", "three")
+DT, STEP = 0.005, 0.00025
+
+Extra = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def robot(folder: Path) -> Robot:
+    """Return the pendulums as a file would describe them: bodies, no drive parameters."""
+    path = folder / "pendulums.xml"
+    bodies = "".join(
+        f'<body name="body_{n}" pos="0 {k} 0"><joint name="{n}" type="hinge" axis="0 1 0"/>'
+        f'<inertial pos="0 0 -{REACH[k]}" mass="{MASS[k]}" diaginertia="{INERTIA[k]} {INERTIA[k]} {INERTIA[k]}"/></body>'
+        for k, n in enumerate(NAMES)
+    )
+    path.write_text(f'<mujoco model="pendulums"><worldbody>{bodies}</worldbody></mujoco>')
+    return read_robot(path)
+
+
+def moved(
+    seed: int = 0, duration: float = 16.0, delay: float = 0.0, push: Extra | None = None, grip: Extra | None = None,
+    noise: float = 1e-4, jitter: float = 0.0,
+) -> Recording:  # fmt: skip
+    """Return a log of commands and noisy positions.
+
+    `push` is a torque that the joints need, `grip` what Coulomb friction is beyond `COULOMB`, both of q and its rate,
+    (3,). Positions are sampled `jitter` s (rms) beside their stamps.
+    """
+    rng = np.random.default_rng(seed)
+    count, fine = round(duration / DT) + 1, round(DT / STEP)
+    t = DT * np.arange(count)
+    phase = rng.uniform(0, 2 * np.pi, 6)
+    chirp = 2 * np.pi * (0.2 * t + 0.5 * 0.15 * t**2)
+    q_des = np.stack([0.5 * np.sin(chirp + phase[k]) + 0.3 * np.sin(2.1 * t + phase[k + 3]) for k in range(3)], axis=1)
+    dq_des = np.gradient(q_des, DT, axis=0)
+    inertia = INERTIA + MASS * REACH**2 + ARMATURE
+    x, v = q_des[0].copy(), np.zeros(3)
+    states = np.empty(((count - 1) * fine + 1, 3))
+    speeds = np.empty_like(states)
+    states[0], speeds[0] = x, v
+    late = round(delay / STEP)
+    for k in range(len(states) - 1):
+        told = max(k - late, 0) // fine
+        torque = KP * (q_des[told] - x) + KD * (dq_des[told] - v) - OFFSET - VISCOUS * v
+        torque -= MASS * GRAVITY * REACH * np.sin(x) + (push(x, v) if push is not None else 0.0)
+        free = v + STEP * torque / inertia
+        hold = STEP * (COULOMB + (grip(x, v) if grip is not None else 0.0)) / inertia
+        v = np.sign(free) * np.maximum(np.abs(free) - hold, 0.0)
+        x = x + STEP * v
+        states[k + 1], speeds[k + 1] = x, v
+    at = t + np.clip(jitter * rng.standard_normal(count), -0.9 * DT, 0.9 * DT)
+    grid = STEP * np.arange(len(states))
+    q, dq = (np.stack([np.interp(at, grid, column) for column in part.T], axis=1) for part in (states, speeds))
+    q += noise * rng.standard_normal(q.shape)
+    dq += 30 * noise * rng.standard_normal(q.shape)
+    gains = {"kp": np.tile(KP, (count, 1)), "kd": np.tile(KD, (count, 1))}
+    return Recording(
+        joints=NAMES, dt=DT, t=t, q=q, theta=q, tau=np.full_like(q, np.nan), dq=dq,
+        commands={"q_des": q_des, "dq_des": dq_des, **gains}, segments=(Segment(0, count),), files=("made.h5",),
+    )  # fmt: skip
+
+
+def written(folder: Path, name: str, recording: Recording) -> str:
+    """Write a log with the gains, and return its path."""
+    path = folder / name
+    write_recording(recording, path)
+    return str(path)

@@ -1,0 +1,90 @@
+"""Diagnosis of command logs on a plant that shares no code with elid, and on a measured quadruped."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from elid_cli.cli import main
+from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, OFFSET, VISCOUS, moved, robot, written
+
+
+def told(capsys: pytest.CaptureFixture[str], *line: str) -> dict[str, Any]:
+    assert main([*line, "--json"]) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def joint_parameters(found: dict[str, Any]) -> dict[tuple[str, str], tuple[float, float]]:
+    return {(j, k): (v["estimate"], v["std_error"])
+            for j, own in found["settings"]["trajectory"]["joint_parameters"].items() for k, v in own.items()}  # fmt: skip
+
+
+def test_nothing_is_missing_from_a_clean_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = robot(tmp_path).source
+    found = told(capsys, "diagnose", written(tmp_path, "clean.h5", moved()), "--robot", path)
+    assert found["judged_by"] == "motion"
+    assert found["effects"] == []
+    assert found["unexplained"] == []
+    known = joint_parameters(found)
+    for k, name in enumerate(NAMES):
+        for kind, truth in (("Ja", ARMATURE), ("fs", COULOMB), ("fv", VISCOUS), ("offset", OFFSET)):
+            value, error = known[name, kind]
+            assert value == pytest.approx(truth[k], rel=0.03, abs=0.005), (name, kind)
+            assert abs(value - truth[k]) < 4 * error, (name, kind)
+
+
+def test_missing_effects_and_a_delay_are_found_and_the_written_robot_moves_better(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stiffness = np.array([1.5, 0.0, 0.0])
+
+    def rising(x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return np.array([0.0, 0.0, 0.12 * np.sin(3.0 * x[2])])
+
+    def log(seed: int) -> str:
+        recording = moved(seed, delay=0.006, push=lambda x, v: stiffness * (x - 0.1), grip=rising)
+        return written(tmp_path, f"run{seed}.h5", recording)
+
+    path, out = robot(tmp_path).source, str(tmp_path / "found.yaml")
+    found = told(capsys, "diagnose", log(1), "--robot", path, "--write-robot", out)
+    named = {(e["effect"], e["joint"]): e for e in found["effects"]}
+    assert set(named) == {("link_spring", "one"), ("position_friction", "three")}
+    spring = named["link_spring", "one"]
+    assert spring["parameters"]["stiffness"] == pytest.approx(1.5, abs=4 * spring["std_error"]["stiffness"])
+    assert all(error["after"] <= 1.02 * error["before"] for error in found["position"].values())
+    delays = [n for n in found["nuisances"] if n["effect"] == "torque_delay"]
+    assert {n["joint"] for n in delays} == set(NAMES)
+    assert delays[0]["parameters"]["delay"] == pytest.approx(0.006, abs=4 * delays[0]["std_error"]["delay"])
+    # on a log that was not fitted
+    other = log(2)
+    after = told(capsys, "replay", other, "--robot", out)["mean_abs"]
+    assert main(["identify", other, "--robot", path, "--fit", "trajectory", "--write-robot", out + ".plain.yaml"]) == 0
+    capsys.readouterr()
+    before = told(capsys, "replay", other, "--robot", out + ".plain.yaml")["mean_abs"]
+    assert after < 0.5 * before
+    assert after < 5e-4
+
+
+def test_a_spring_may_be_a_wrong_first_moment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = written(tmp_path, "log.h5", moved(3, push=lambda x, v: np.array([0.4, 0.0, 0.0]) * x))
+    found = told(capsys, "diagnose", log, "--robot", robot(tmp_path).source)
+    assert [(e["effect"], e["joint"]) for e in found["effects"]] == [("link_spring", "one")]
+    assert ("first_moment", "one") in {(r["effect"], r["joint"]) for r in found["also_possible"]}
+
+
+def test_recordings_that_do_not_agree_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    logs = [written(tmp_path, f"run{k}.h5", moved(10 + k, 8.0, push=lambda x, v, s=s: np.array([s, 0.0, 0.0]) * x))
+            for k, s in enumerate((1.5, 1.5, 0.2))]  # fmt: skip
+    found = told(capsys, "diagnose", *logs, "--robot", robot(tmp_path).source)
+    assert [(e["effect"], e["joint"]) for e in found["effects"]] == [("link_spring", "one")]
+    changed = [d for d in found["differing"] if d["name"] == "link_spring stiffness"]
+    assert [d["joint"] for d in changed] == ["one"]
+    assert changed[0]["changed_at"] == logs[2]
+    np.testing.assert_allclose(changed[0]["values"], [1.5, 1.5, 0.2], atol=0.15)
+    # what is written is the machine as it was last
+    assert found["effects"][0]["parameters"]["stiffness"] == pytest.approx(0.2, abs=0.15)
