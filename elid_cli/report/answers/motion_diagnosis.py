@@ -70,8 +70,8 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         **identification_payload(found.after, found.recording),
         "judged_by": "motion",
         "declared": [],
-        "before": {"error": error_payload(found.before.error), "mean_abs": before},
-        "after": {"error": error_payload(found.after.error), "mean_abs": after},
+        "before": {"error": error_payload(found.before.error), "published": {}, "mean_abs": before},
+        "after": {"error": error_payload(found.after.error), "published": {}, "mean_abs": after},
         "position": {name: {"before": p.before, "after": p.after} for name, p in found.position.items()},
         "effects": [_effect_payload(effect) for effect in found.effects],
         "nuisances": nuisance_payload(found.after.nuisances),
@@ -90,6 +90,7 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
              "changed_at": None if d.changed_at is None else found.recording.files[d.changed_at]}
             for d in found.differing
         ],
+        **{key: [] for key in ("refuted", "triage", "organised", "held_out", "moved", "checks")},
         **({"partial": True} if found.partial else {}),
         "sufficient": not found.effects and not found.unexplained,
         "tried": found.tried,

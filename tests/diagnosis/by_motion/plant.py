@@ -28,8 +28,8 @@ def robot(folder: Path) -> Robot:
     """Return the pendulums as a file would describe them: bodies, no drive parameters."""
     path = folder / "pendulums.xml"
     bodies = "".join(
-        f'<body name="body_{n}" pos="0 {k} 0"><joint name="{n}" type="hinge" axis="0 1 0"/>'
-        f'<inertial pos="0 0 -{REACH[k]}" mass="{MASS[k]}" diaginertia="{INERTIA[k]} {INERTIA[k]} {INERTIA[k]}"/></body>'
+        f'<body name="body_{n}" pos="0 {k} 0"><joint name="{n}" type="hinge" axis="0 1 0"/><inertial '
+        f'pos="0 0 -{REACH[k]}" mass="{MASS[k]}" diaginertia="{INERTIA[k]} {INERTIA[k]} {INERTIA[k]}"/></body>'
         for k, n in enumerate(NAMES)
     )
     path.write_text(f'<mujoco model="pendulums"><worldbody>{bodies}</worldbody></mujoco>')

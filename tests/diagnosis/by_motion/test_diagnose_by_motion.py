@@ -8,20 +8,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 from elid_cli.cli import main
 from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, OFFSET, VISCOUS, moved, robot, written
+
+SCHEMA = json.loads((Path(__file__).parents[3] / "docs" / "reference" / "elid-1.schema.json").read_text("utf-8"))
 
 
 def told(capsys: pytest.CaptureFixture[str], *line: str) -> dict[str, Any]:
     assert main([*line, "--json"]) == 0
     found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert not [error.message for error in Draft202012Validator(SCHEMA).iter_errors(found)]
     return found
 
 
 def joint_parameters(found: dict[str, Any]) -> dict[tuple[str, str], tuple[float, float]]:
-    return {(j, k): (v["estimate"], v["std_error"])
-            for j, own in found["settings"]["trajectory"]["joint_parameters"].items() for k, v in own.items()}  # fmt: skip
+    joints = found["settings"]["trajectory"]["joint_parameters"].items()
+    return {(j, k): (v["estimate"], v["std_error"]) for j, own in joints for k, v in own.items()}
 
 
 def test_nothing_is_missing_from_a_clean_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
