@@ -15,7 +15,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import LogError, did_you_mean
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog, Stream
-from elid_cli.logs.formats.csv_text import Dialect, first_rows, parse_blocks, parse_columns, sniff
+from elid_cli.logs.formats.csv_text import HEAD, Dialect, first_rows, parse_blocks, parse_columns, sniff
 from elid_cli.logs.formats.long_form import LongLog, recognised
 from elid_cli.logs.mapping.language import SIGNALS
 from elid_cli.logs.mapping.long_table import LongTable
@@ -69,7 +69,7 @@ class CsvLog:
             self._dialect = sniff(text, source.name)
             mark = 3 if head.startswith(codecs.BOM_UTF8) else 0
             self._first = mark + len(text[: self._dialect.first].encode("utf-8"))
-        self._head = self._text if text is None else text
+        self._head = (self._text if text is None else text)[: self._dialect.first + HEAD]
         self._name_columns()
         if not self._whole:
             self.losses.append(CUT)

@@ -250,7 +250,7 @@ def _tolerant(body: str, dialect: Dialect, columns: Sequence[int], name: str) ->
 def first_rows(text: str, dialect: Dialect) -> list[list[str]]:
     """Return the first rows of numbers as cells."""
     head = text[dialect.first : dialect.first + HEAD].splitlines()
-    lines = head[:-1] if len(text) > dialect.first + HEAD else head
+    lines = head[:-1] if len(text) >= dialect.first + HEAD else head
     rows = [split(line, dialect.separator) for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
     return [row for row in rows if len(row) == len(dialect.names)]
 
