@@ -16,6 +16,8 @@ from elid_cli.signals.recording import Recording, Segment
 from tests.system.plain_arms import GRAVITY, Arm, Array, World, _bodies
 
 OVERSAMPLED = 4
+DETUNED = 0.6
+"""Damping of the links over sqrt(K M) in the planning of a dither."""
 
 
 @dataclass(frozen=True)
@@ -47,11 +49,7 @@ class Case:
 
 def inertias(arm: Arm) -> tuple[Array, Array]:
     """Return link and reflected rotor inertia of every joint, the arm half stretched, kg·m²."""
-    n = arm.n
-    still, bent = np.zeros((1, n)), _bent(n)
-    unit = [_bodies(arm, bent, still, np.eye(n)[[i]])[0, i] for i in range(n)]
-    rest = _bodies(arm, bent, still, still)[0]
-    return np.array(unit) - rest, arm.rotor * arm.gear**2
+    return mass(arm).diagonal(), arm.rotor * arm.gear**2
 
 
 def _bent(n: int) -> Array:
@@ -66,11 +64,15 @@ def _sprung(arm: Arm) -> Array:
 
 def locked_frequencies(arm: Arm) -> Array:
     """Return the arm's frequencies with its motors locked, Hz, (n,), in ascending order."""
+    return np.sort(np.sqrt(np.linalg.eigvals(np.linalg.solve(mass(arm), np.diag(_sprung(arm)))).real)) / (2 * np.pi)
+
+
+def mass(arm: Arm) -> Array:
+    """Return the links' mass matrix of the bent arm, kg·m², (n, n)."""
     n = arm.n
     still, bent = np.zeros((1, n)), _bent(n)
     rest = _bodies(arm, bent, still, still)[0]
-    M = np.stack([_bodies(arm, bent, still, np.eye(n)[[i]])[0] - rest for i in range(n)], axis=1)
-    return np.sort(np.sqrt(np.linalg.eigvals(np.linalg.solve(M, np.diag(_sprung(arm)))).real)) / (2 * np.pi)
+    return np.stack([_bodies(arm, bent, still, np.eye(n)[[i]])[0] - rest for i in range(n)], axis=1)
 
 
 def random_motor_arm(generator: np.random.Generator, n: int, rigid: tuple[int, ...] = ()) -> Arm:
@@ -102,7 +104,7 @@ def _spectrum(arm: Arm, case: Case, generator: np.random.Generator, count: int, 
     link, rotor = inertias(arm)
     lines = np.arange(1, max(3, round((2.5 if case.kind == "smooth" else 0.7) * period)) + 1)
     spectrum = np.zeros((count // 2 + 1, arm.n), dtype=complex)
-    known, locked = _sprung(arm), locked_frequencies(arm)
+    locked = locked_frequencies(arm)
     top = {"cross": locked[-1] * generator.uniform(1.3, 2.2), "below": locked[0] * generator.uniform(0.4, 0.6)}
     for i in range(arm.n):
         turn = np.exp(2j * np.pi * generator.random(len(lines)))
@@ -111,12 +113,28 @@ def _spectrum(arm: Arm, case: Case, generator: np.random.Generator, count: int, 
         if case.kind in top:
             f = np.exp(np.linspace(np.log(0.7), np.log(top[case.kind]), int(generator.integers(25, 60))))
             place = np.unique(np.round(f * period).astype(int))
-            w = 2 * np.pi * place / period
-            both, inner = link[i] + rotor[i], link[i] * rotor[i] / known[i]
-            torque = both * generator.uniform(2.0, 6.0) / np.sqrt(len(place) / 2)
-            answer = torque / (-(w**2) * both + w**4 * inner + 0.15j * w**2 * both)
-            spectrum[place, i] += answer * np.exp(2j * np.pi * generator.random(len(place)))
+            size = (link[i] + rotor[i]) * generator.uniform(2.0, 6.0) / np.sqrt(len(place) / 2)
+            turn = np.exp(2j * np.pi * generator.random(len(place)))
+            spectrum[place] += size * turn[:, None] * _answer(arm, 2 * np.pi * place / period, i)
     return spectrum
+
+
+def _answer(arm: Arm, omega: Array, motor: int) -> Array:
+    """Return how the links answer to a motor's torque about the bent arm, its motors held by drives, (lines, n)."""
+    link, rotor = inertias(arm)
+    n, K, both = arm.n, np.diag(_sprung(arm)), link + rotor
+    hold = 2 * np.pi * 1.7
+    drive = both[None] * (hold**2 + 1.6j * hold * omega[:, None]) - (omega**2)[:, None] * rotor
+    whole = np.zeros((len(omega), 2 * n, 2 * n), dtype=complex)
+    # as the arm bends its frequencies move: no line stays at one for long
+    damping = DETUNED * np.sqrt(np.diag(K) * link) * np.eye(n)
+    whole[:, :n, :n] = K - (omega**2)[:, None, None] * mass(arm) + 1j * omega[:, None, None] * damping
+    whole[:, n:, n:] = K + drive[:, :, None] * np.eye(n)
+    whole[:, :n, n:] = whole[:, n:, :n] = -K
+    push = np.zeros((2 * n, 1))
+    push[n + motor] = 1.0
+    answer: Array = np.linalg.solve(whole, push)[:, :n, 0]
+    return answer
 
 
 def _world(arm: Arm, case: Case, generator: np.random.Generator) -> World:

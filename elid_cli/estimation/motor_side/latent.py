@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.link_side import LinkSide, LinkTerms
 from elid_cli.estimation.motor_side.motor_log import STRIBECK_WIDTHS, MotorLog
-from elid_cli.estimation.motor_side.operators import REACH, KnotSpline, low_pass_rows
+from elid_cli.estimation.motor_side.operators import KnotSpline, low_pass_rows
 from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns, prior_of
 from elid_cli.signals.splines import ORDER
 
@@ -124,10 +124,6 @@ class Latent:
         self.spline = KnotSpline(log.t, spacing)
         self.prior_mean, self.prior_spread = prior_of(unknowns, rotors, log.torque)
         self.rounding = _LOAD_ROUNDING * log.torque
-        # differences of differences of the positions of later joints reach less far
-        self.edge = REACH * (1 + (log.n if self.link.coupled else 1))
-        self.inner = np.zeros(log.count)
-        self.inner[self.edge : log.count - self.edge] = 1.0
         columns = (self.spline.first[:, None] + np.arange(ORDER))[:, :, None] * log.n + np.arange(log.n)
         self._index = columns.reshape(-1)
         self._ends = np.arange(0, self._index.size + 1, ORDER * log.n)
@@ -138,14 +134,8 @@ class Latent:
     def filter_torque(self, cutoff: float, floor: float) -> None:
         """Low-pass the torque rows at `cutoff`, Hz; their noise is at least `floor`, a share of the torque."""
         self.cutoff = cutoff
-        self.rows, gain, self.centres = low_pass_rows(self.log.count, self.log.dt, cutoff, self.edge)
+        self.rows, gain, self.centres = low_pass_rows(self.log.count, self.log.dt, cutoff)
         self.tau_noise = np.hypot(self.log.tau_noise * gain, floor * self.log.torque)
-
-    @property
-    def weight(self) -> Array:
-        """One over the noise of every position, (N, n); 0 at the ends, where differences are cut short."""
-        found: Array = self.inner[:, None] / self.log.theta_noise
-        return found
 
     # ---- the model
 
@@ -202,7 +192,7 @@ class Latent:
         """Return the residuals of positions (N, n) and torques (rows, n) over their noise, and the model."""
         now = self.model(coefficients, x)
         acts = self.log.torque_at(float(x[self.unknowns["delay"][0]]))
-        theta = (self.log.theta - now.theta) * self.weight
+        theta = (self.log.theta - now.theta) / self.log.theta_noise
         return theta, (self.rows @ (acts - now.tau)) / self.tau_noise, now
 
     # ---- derivatives

@@ -177,7 +177,7 @@ class _Descent:
         undamped = normal.eliminated(0.0)
         if undamped is None:
             raise np.linalg.LinAlgError("singular")
-        freedom = int(problem.inner.sum()) * theta.shape[1] + tau.size - coefficients.size - len(self.free)
+        freedom = theta.size + tau.size - coefficients.size - len(self.free)
         return LatentFit(
             problem, x, coefficients, now, cost, freedom, (theta, tau), self.free, taken, (A, P, r, undamped)
         )  # fmt: skip
@@ -193,9 +193,9 @@ class _Descent:
 
         problem, size = self.problem, len(self.problem.prior_mean)
         root = np.sqrt(weight)
-        rows = [diags(problem.weight[:, i]) @ matrix for i, matrix in enumerate(slopes.theta)]
+        rows = [matrix * (1 / problem.log.theta_noise[i]) for i, matrix in enumerate(slopes.theta)]
         rows += [diags(root[:, i] / problem.tau_noise[i]) @ matrix for i, matrix in enumerate(slopes.tau)]
-        by_theta = (slopes.theta_x * problem.weight[:, :, None]).transpose(1, 0, 2).reshape(-1, size)
+        by_theta = (slopes.theta_x / problem.log.theta_noise[:, None]).transpose(1, 0, 2).reshape(-1, size)
         by_tau = (slopes.tau_x * (root / problem.tau_noise)[:, :, None]).transpose(1, 0, 2).reshape(-1, size)
         residual = np.concatenate([theta.T.ravel(), (tau * root).T.ravel()])
         return vstack(rows, format="csr"), np.concatenate([by_theta, by_tau])[:, self.free], residual

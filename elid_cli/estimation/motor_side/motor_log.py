@@ -13,10 +13,6 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.operators import (
-    FIRST,
-    SECOND,
-    SHORT_FIRST,
-    SHORT_SECOND,
     stencil,
     thin,
 )
@@ -111,12 +107,12 @@ class MotorLog:
     @cached_property
     def rates(self) -> tuple[Any, Any]:
         """First and second differences over nine samples."""
-        return stencil(self.count, FIRST, 1 / self.dt), stencil(self.count, SECOND, 1 / self.dt**2)
+        return stencil(self.count, 1, 9, self.dt), stencil(self.count, 2, 9, self.dt)
 
     @cached_property
     def short_rates(self) -> tuple[Any, Any]:
         """First and second differences over few samples, for small corrections."""
-        return stencil(self.count, SHORT_FIRST, 1 / self.dt), stencil(self.count, SHORT_SECOND, 1 / self.dt**2)
+        return stencil(self.count, 1, 5, self.dt), stencil(self.count, 2, 3, self.dt)
 
     @cached_property
     def _acting(self) -> list[Any]:

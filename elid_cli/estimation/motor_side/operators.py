@@ -11,13 +11,8 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.signals.splines import DEGREE, ORDER, basis
 
-FIRST = (1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
-SECOND = (-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560)
-"""Central differences of eighth order (Fornberg 1988)."""
-SHORT_FIRST = (1 / 12, -2 / 3, 0.0, 2 / 3, -1 / 12)
-SHORT_SECOND = (1.0, -2.0, 1.0)
-REACH = len(FIRST) // 2
-"""Samples at either end where central differences do not reach."""
+EDGE = 6
+"""Samples at either end where differences are of lower order."""
 _KAISER = 4.5
 
 
@@ -31,29 +26,43 @@ def thin(values: Array, step: int) -> tuple[Array, float]:
     return smooth[::step], float(np.linalg.norm(kernel))
 
 
-def stencil(count: int, weights: tuple[float, ...], scale: float) -> Any:
-    """Return central differences of `count` samples as a sparse matrix; rows at the ends are cut short."""
-    from scipy.sparse import diags
+def stencil(count: int, order: int, width: int, dt: float) -> Any:
+    """Return derivatives of `count` samples as a sparse matrix, each from the `width` samples around it.
 
-    reach = len(weights) // 2
-    bands = [np.full(count - abs(k), weights[k + reach] * scale) for k in range(-reach, reach + 1)]
-    return diags(bands, range(-reach, reach + 1), format="csr")
+    `order` is 1 or 2. Near an end they are those of the polynomial through the last `width` samples.
+    """
+    from scipy.sparse import csr_matrix
+
+    first = np.clip(np.arange(count) - width // 2, 0, count - width)
+    table = np.array([_weights(width, place, order) for place in range(width)]) / dt**order
+    ends = np.arange(0, count * width + 1, width)
+    columns = first[:, None] + np.arange(width)
+    return csr_matrix((table[np.arange(count) - first].ravel(), columns.ravel(), ends), shape=(count, count))
 
 
-def low_pass_rows(count: int, dt: float, cutoff: float, edge: int) -> tuple[Any, float, NDArray[np.intp]]:
+def _weights(width: int, place: int, order: int) -> Array:
+    """Return the weights of the `order`-th derivative at one of `width` samples, a unit apart (Fornberg 1988)."""
+    powers = np.vander(np.arange(width) - place, increasing=True).T.astype(float)
+    wanted = np.zeros(width)
+    wanted[order] = float(order)  # 1! = 1, 2! = 2
+    found: Array = np.linalg.solve(powers, wanted)
+    return found
+
+
+def low_pass_rows(count: int, dt: float, cutoff: float) -> tuple[Any, float, NDArray[np.intp]]:
     """Return a low-pass with fewer rows than samples, its gain on white noise, and the samples its rows lie on.
 
-    Zero phase, -6 dB at `cutoff`, Hz. Nothing is made of `edge` samples at either end. Cut-offs near the Nyquist
-    frequency: all other samples.
+    Zero phase, -6 dB at `cutoff`, Hz. No row lies at the very ends. Cut-offs near the Nyquist frequency: all
+    other samples.
     """
     from scipy.sparse import csr_matrix, identity
 
     nyquist = 0.5 / dt
     if cutoff > 0.8 * nyquist:
-        return identity(count, format="csr")[edge : count - edge], 1.0, np.arange(edge, count - edge)
+        return identity(count, format="csr")[EDGE : count - EDGE], 1.0, np.arange(EDGE, count - EDGE)
     kernel = _kernel(int(np.ceil(0.8 / (cutoff * dt))), cutoff / nyquist)
     reach, step = len(kernel) // 2, max(1, int(1 / (2.9 * cutoff * dt)))
-    centres = np.arange(reach + edge, count - reach - edge, step)
+    centres = np.arange(reach + EDGE, count - reach - EDGE, step)
     index = centres[:, None] + np.arange(-reach, reach + 1)
     ends = np.arange(0, index.size + 1, len(kernel))
     matrix = csr_matrix((np.tile(kernel, len(centres)), index.ravel(), ends), shape=(len(centres), count))

@@ -15,6 +15,8 @@ DELAY_SPREAD = DAMPING_SPREAD = 1e-3
 """Prior standard deviation of the torques' common delay and of transmission damping over stiffness, s."""
 LOAD_FRICTION_SPREAD = 0.15
 """Prior standard deviation of load friction's coefficient: nearly none."""
+LOST_SPREAD = 3e-3
+"""Prior standard deviation of a revolute joint's lost motion, rad: ten minutes of arc."""
 STRIBECK_SPREAD = 0.1
 """Prior standard deviation of a Stribeck bump, share of the joint's torque."""
 
@@ -73,5 +75,7 @@ def prior_of(unknowns: Unknowns, rotors: RotorPrior, torque: Array) -> tuple[Arr
     mean[unknowns["J"]], spread[unknowns["J"]] = rotors.value, rotors.spread
     spread[unknowns["delay"]], spread[unknowns["damping"]] = DELAY_SPREAD, DAMPING_SPREAD
     spread[unknowns["load"]] = LOAD_FRICTION_SPREAD
+    turning = np.array([joint.revolute for joint in unknowns.link.robot.joints])
+    spread[unknowns["lost"]] = np.where(turning, LOST_SPREAD, np.inf)
     spread[unknowns["stribeck"]] = np.tile(STRIBECK_SPREAD * torque, len(STRIBECK_WIDTHS))
     return mean, spread
