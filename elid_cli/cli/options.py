@@ -176,15 +176,15 @@ class Held(click.ParamType):  # type: ignore[type-arg]
 
 
 class CarriedType(click.ParamType):  # type: ignore[type-arg]
-    """A payload: ``KG@JOINT`` or ``KG@JOINT:X,Y,Z``."""
+    """A payload: ``KG@JOINT``, ``KG@JOINT:X,Y,Z``, or ``declared``."""
 
     name = "payload"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the `Payload`."""
+        """Return the `Payload` in a tuple, which holds None for the one that the robot's file declares."""
         from elid_cli.estimation.drive_gains.payload import parse_payload
 
-        return parse_payload(str(value))
+        return value if isinstance(value, tuple) else (parse_payload(str(value)),)
 
 
 TIP, LOCK = "elid.tip", "elid.lock"

@@ -1,9 +1,9 @@
 """The YAML beside a URDF or MJCF: ``arm.elid.yaml`` holds what those formats cannot.
 
 Its keys are ``joints: {NAME: {gear_ratio, transmission, motor_axis, limits, parameters}}``, ``gravity``,
-``description``, ``effects``, ``log`` and ``control``, read and checked as those of a robot description, and
-``tip: LINK`` and ``lock: {NAME: VALUE}``, which hold joints as ``--tip`` and ``--lock`` do; ``log`` is of the joints
-that remain. ``elid init`` writes it.
+``description``, ``effects``, ``log``, ``control`` and ``payload``, read and checked as those of a robot description,
+and ``tip: LINK`` and ``lock: {NAME: VALUE}``, which hold joints as ``--tip`` and ``--lock`` do; ``log`` is of the
+joints that remain. ``elid init`` writes it.
 """
 
 from __future__ import annotations
@@ -16,11 +16,19 @@ from pathlib import Path
 from elid_cli.errors import RobotError, UsageError, did_you_mean
 from elid_cli.files import read_text
 from elid_cli.robot.robot import Robot
-from elid_cli.robot.schema import MOTOR_KEYS, read_control, read_effects, read_log, read_vector, with_motor
+from elid_cli.robot.schema import (
+    MOTOR_KEYS,
+    read_control,
+    read_effects,
+    read_log,
+    read_payload,
+    read_vector,
+    with_motor,
+)
 from elid_cli.robot.yaml import Value, parse_yaml
 
 SUFFIX = ".elid.yaml"
-KEYS = ("gravity", "description", "effects", "log", "joints", "control", "tip", "lock")
+KEYS = ("gravity", "description", "effects", "log", "joints", "control", "payload", "tip", "lock")
 
 
 def beside_file(path: Path) -> Path:
@@ -63,6 +71,8 @@ def completed(robot: Robot, text: str, file: str) -> Robot:
         robot = replace(robot, effects=read_effects(top["effects"], joints))
     if "control" in top:
         robot = replace(robot, control=read_control(top["control"], robot.joint_names))
+    if "payload" in top:
+        robot = replace(robot, payload=read_payload(top["payload"], robot.joint_names))
     robot = _held(robot, top, file)
     return replace(robot, log=read_log(top["log"])) if "log" in top else robot
 

@@ -70,9 +70,11 @@ def locked(robot: Robot, values: Mapping[str, float]) -> Robot:
         )  # fmt: skip
     effects = tuple(spec for spec in robot.effects if spec.joint is None or spec.joint not in values)
     control = {gain: {j: v for j, v in given.items() if j not in values} for gain, given in robot.control.items()}
+    payload = robot.payload if robot.payload is not None and robot.payload.joint not in values else None
     return replace(
-        robot, joints=tuple(joints), dh="urdf", effects=effects, control=control, held=dict(robot.held) | dict(values)
-    )
+        robot, joints=tuple(joints), dh="urdf", effects=effects, control=control, payload=payload,
+        held=dict(robot.held) | dict(values),
+    )  # fmt: skip
 
 
 def beside_chain(robot: Robot, tip: str) -> tuple[str, ...]:

@@ -193,6 +193,17 @@ class EffectSpec:
 
 
 @dataclass(frozen=True)
+class Payload:
+    """A body of known mass, fixed to the body of a joint, with which a log may be recorded."""
+
+    mass: float
+    """kg."""
+    joint: str
+    centre: tuple[float, float, float] | None = None
+    """Centre of mass in the frame of the joint's body, m; None: not known."""
+
+
+@dataclass(frozen=True)
 class Robot:
     """A robot; `log` is the default mapping of its logs (same shape as a --map file)."""
 
@@ -205,6 +216,8 @@ class Robot:
     log: Mapping[str, Any] = field(default_factory=_empty)
     control: Mapping[str, Mapping[str, float]] = field(default_factory=_empty)
     """Gains of the drives' position loops at the joint, by joint: ``kp`` in N·m/rad, ``kd`` in N·m·s/rad."""
+    payload: Payload | None = None
+    """What ``identify --payload declared`` takes as carried in the second of two logs."""
     source: str = field(default="", compare=False)
     """The URDF or MJCF file it was read from; empty for one described by elid's own YAML."""
     links: Mapping[str, str] = field(default_factory=_empty, compare=False)

@@ -12,7 +12,17 @@ from dataclasses import replace
 from typing import Any, cast
 
 from elid_cli.errors import did_you_mean
-from elid_cli.robot.robot import BASE, JOINT_PARAMETERS, MOST_JOINTS, Convention, EffectSpec, Joint, Limits, Robot
+from elid_cli.robot.robot import (
+    BASE,
+    JOINT_PARAMETERS,
+    MOST_JOINTS,
+    Convention,
+    EffectSpec,
+    Joint,
+    Limits,
+    Payload,
+    Robot,
+)
 from elid_cli.robot.yaml import Value, parse_yaml
 
 MOST_EFFECTS = 200
@@ -22,7 +32,7 @@ UNIT = 1e-6
 """How far the length of a written axis may be from 1; it is then normalised."""
 
 _TOP = ("name", "gravity", "dh", "joints")
-_TOP_OPTIONAL = ("description", "effects", "log", "control")
+_TOP_OPTIONAL = ("description", "effects", "log", "control", "payload")
 _GEOMETRY = {"standard": ("a", "alpha", "d", "theta"), "urdf": ("xyz", "rpy", "axis")}
 TRANSMISSIONS = ("elastic", "rigid", "auto")
 MOTOR_KEYS = ("gear_ratio", "motor_axis", "transmission", "parameters", "limits")
@@ -50,6 +60,7 @@ def robot_of_yaml(text: str, file: str) -> Robot:
         effects=read_effects(top["effects"], joints) if "effects" in top else (),
         log=read_log(top["log"]) if "log" in top else {},
         control=read_control(top["control"], [joint.name for joint in joints]) if "control" in top else {},
+        payload=read_payload(top["payload"], [joint.name for joint in joints]) if "payload" in top else None,
     )
 
 
@@ -197,6 +208,17 @@ def read_control(value: Value, joints: Sequence[str]) -> dict[str, dict[str, flo
                 raise entry.error(f"{number:g} of {joint}: gains are not negative")
         found[gain] = given
     return found
+
+
+def read_payload(value: Value, joints: Sequence[str]) -> Payload:
+    """Return a payload: its mass, the joint whose body carries it, and its centre of mass where that is known."""
+    keys = value.fields(("mass", "joint"), ("centre",))
+    mass, joint = keys["mass"].number(), keys["joint"].text()
+    if not mass > 0:
+        raise keys["mass"].error(f"{mass:g} kg is no payload")
+    if joint not in joints:
+        raise keys["joint"].error(f"no joint {joint!r}", hint=did_you_mean(joint, joints))
+    return Payload(mass, joint, read_vector(keys["centre"]) if "centre" in keys else None)
 
 
 def read_vector(value: Value, *, unit: bool = False) -> tuple[float, float, float]:

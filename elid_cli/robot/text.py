@@ -34,6 +34,10 @@ def text_of(robot: Robot, remarks: Sequence[str] = ()) -> str:
             lines.append(f"  - {{effect: {effect.effect}{where}{values}}}")
     if robot.control:
         lines += ["control:", *(f"  {gain}: {_map(values)}" for gain, values in robot.control.items())]
+    if robot.payload is not None:
+        centre = f", centre: {_list(robot.payload.centre)}" if robot.payload.centre is not None else ""
+        carrier = quoted(robot.payload.joint)
+        lines.append(f"payload: {{mass: {_number(robot.payload.mass)}, joint: {carrier}{centre}}}")
     if robot.log:
         lines += ["log:", *emit(_thawed(robot.log), 1)]
     return "\n".join(lines) + "\n"

@@ -11,11 +11,10 @@ from elid_cli.cli.options import Conditioning, Files, FitOptions, Gates, Output,
 from elid_cli.cli.routes import spread
 
 if TYPE_CHECKING:
-    from elid_cli.estimation.drive_gains.payload import Payload
     from elid_cli.estimation.identify import EstimateOptions, Identified
     from elid_cli.estimation.request import LogRequest
     from elid_cli.estimation.result import Identification
-    from elid_cli.robot.robot import Robot
+    from elid_cli.robot.robot import Payload, Robot
 
 
 @verb(
@@ -42,7 +41,8 @@ if TYPE_CHECKING:
     type=options.CarriedType(),
     metavar="KG@JOINT",
     help="The second of two logs was recorded with this mass on the joint's body: find the gains of the drives, whose "
-    "torque may be a current or a share. KG@JOINT:X,Y,Z also gives its centre, m in the joint's frame.",
+    "torque may be a current or a share. KG@JOINT:X,Y,Z also gives its centre, m in the joint's frame; declared: the "
+    "payload: of the robot's file.",
 )
 @options.gates
 @options.files
@@ -55,7 +55,7 @@ def identify(
     fit: FitOptions,
     spread: Spread,
     physical: bool,
-    payload: Payload | None,
+    payload: tuple[Payload | None] | None,
     gates: Gates,
     files: Files,
     output: Output,
@@ -124,7 +124,9 @@ def identify(
     check_gates(gates, found.error, found.this_log, found)
 
 
-def _identified(request: LogRequest, chosen: EstimateOptions, payload: Payload | None, keep: bool) -> Identified:
+def _identified(
+    request: LogRequest, chosen: EstimateOptions, payload: tuple[Payload | None] | None, keep: bool
+) -> Identified:
     """Identify from the logs, or from the pair of them that a payload makes."""
     if payload is None:
         from elid_cli.estimation.identify import identify_logs
@@ -132,4 +134,4 @@ def _identified(request: LogRequest, chosen: EstimateOptions, payload: Payload |
         return identify_logs(request, chosen, keep_signals=keep)
     from elid_cli.estimation.drive_gains.identification import identify_with_payload
 
-    return identify_with_payload(request, chosen, payload, keep_signals=keep)
+    return identify_with_payload(request, chosen, payload[0], keep_signals=keep)

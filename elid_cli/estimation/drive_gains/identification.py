@@ -11,7 +11,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError, UsageError
-from elid_cli.estimation.drive_gains.payload import Payload
+from elid_cli.estimation.drive_gains.payload import declared, effect_of
 from elid_cli.estimation.drive_gains.solve import DriveRows, PairFit, fit_pair
 from elid_cli.estimation.identify import EstimateOptions, Identified, identify, read_signals
 from elid_cli.estimation.regression.observation import Observation, observe
@@ -21,7 +21,7 @@ from elid_cli.estimation.streaming.files import is_triangle_file
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import as_observed
 from elid_cli.model.regressor import EstimationRow, Regressor
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import Payload, Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
 
@@ -34,7 +34,7 @@ WEAK = 0.3
 
 
 def identify_with_payload(
-    request: LogRequest, options: EstimateOptions, payload: Payload, *, keep_signals: bool = False
+    request: LogRequest, options: EstimateOptions, payload: Payload | None, *, keep_signals: bool = False
 ) -> Identified:
     """Find the drives' gains from two logs, without and with the payload, and the parameters from the first.
 
@@ -45,7 +45,7 @@ def identify_with_payload(
     options
         How the parameters are estimated, once the torque is in N·m (N).
     payload
-        What the second log was recorded with.
+        What the second log was recorded with; None: what the robot's file declares.
     keep_signals
         As for `identify_logs`.
 
@@ -58,6 +58,7 @@ def identify_with_payload(
     """
     _check(request)
     robot = request.robot
+    payload = payload or declared(robot)
     recording, signals = read_signals(request)
     seen = as_observed(robot, signals)
     model = Regressor(seen)
@@ -65,7 +66,7 @@ def identify_with_payload(
     sources = np.array([segment.source for segment in signals.segments])
     observation = observe(model, signals)
     rows = [_rows_of(observation, base, model, joint) for joint in range(robot.n)]
-    known, unknown = payload.effect(seen, base)
+    known, unknown = effect_of(payload, seen, base)
     fit = fit_pair(rows, sources[observation.stretch] == 1, observation.stretch, known, unknown)
     gains = _judged(seen, fit, payload, request)
     first = _of_source(recording, 0)

@@ -4,53 +4,58 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.robot.robot import LINK_PARAMETERS, Robot
+from elid_cli.robot.robot import LINK_PARAMETERS, Payload, Robot
 
 EXAMPLE = "--payload 2.805@joint6, or with its centre of mass in the joint's frame: --payload 2.805@joint6:0,0,0.04"
 
 
-@dataclass(frozen=True)
-class Payload:
-    """A body of known mass that one of two logs was recorded with, fixed to the body of a joint."""
+DECLARED = "declared"
+"""What stands for the payload that the robot's file declares."""
 
-    mass: float
-    """kg."""
-    joint: str
-    centre: tuple[float, float, float] | None = None
-    """Centre of mass in the frame of the joint's body, m; None: not known."""
 
-    def effect(self, robot: Robot, base: BaseParameters) -> tuple[Array, Array]:
-        """Return what the payload adds to the base parameters: the known part (b,), and one column per unknown (b, u).
+def effect_of(payload: Payload, robot: Robot, base: BaseParameters) -> tuple[Array, Array]:
+    """Return what a payload adds to the base parameters: the known part (b,), and one column per unknown (b, u).
 
-        Raises
-        ------
-        UsageError
-            The robot has no such joint.
-        """
-        if self.joint not in robot.joint_names:
-            hint = did_you_mean(self.joint, robot.joint_names)
-            raise UsageError(f"--payload: {robot.name} has no joint {self.joint!r}", hint=hint)
-        number = robot.joint_names.index(self.joint) + 1
-        places = [base.parameters.index(name) for name in base.parameters if _is_of(str(name), number)]
-        columns = base.transform[:, places]
-        known = np.array([self.mass, *(self.mass * np.array(self.centre or (0.0, 0.0, 0.0)))])
-        count = 1 if self.centre is None else 4
-        return columns[:, :count] @ known[:count], columns[:, count:]
+    Raises
+    ------
+    UsageError
+        The robot has no such joint.
+    """
+    if payload.joint not in robot.joint_names:
+        hint = did_you_mean(payload.joint, robot.joint_names)
+        raise UsageError(f"--payload: {robot.name} has no joint {payload.joint!r}", hint=hint)
+    number = robot.joint_names.index(payload.joint) + 1
+    places = [base.parameters.index(name) for name in base.parameters if _is_of(str(name), number)]
+    columns = base.transform[:, places]
+    known = np.array([payload.mass, *(payload.mass * np.array(payload.centre or (0.0, 0.0, 0.0)))])
+    count = 1 if payload.centre is None else 4
+    return columns[:, :count] @ known[:count], columns[:, count:]
 
 
 def _is_of(name: str, number: int) -> bool:
     return name in {f"{kind}{number}" for kind in LINK_PARAMETERS}
 
 
-def parse_payload(text: str) -> Payload:
-    """Return what ``--payload MASS@JOINT`` or ``MASS@JOINT:X,Y,Z`` says (UsageError)."""
+def declared(robot: Robot) -> Payload:
+    """Return the payload that the robot's file declares (UsageError: none)."""
+    if robot.payload is None:
+        raise UsageError(
+            f"--payload {DECLARED}: {robot.name} declares none",
+            hint=f"payload: {{mass: 2.805, joint: {robot.joint_names[-1]}}} {robot.place_to_say}",
+        )
+    return robot.payload
+
+
+def parse_payload(text: str) -> Payload | None:
+    """Return what ``--payload MASS@JOINT`` or ``MASS@JOINT:X,Y,Z`` says (UsageError); None: what is declared."""
+    if text.strip() == DECLARED:
+        return None
     found = re.fullmatch(r"\s*([^@]+)@([^:]+)(?::([^,]+),([^,]+),([^,]+))?", text)
     try:
         if found is None:

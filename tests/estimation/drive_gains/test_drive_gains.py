@@ -12,11 +12,13 @@ import pytest
 
 from elid_cli.errors import DataError, UsageError
 from elid_cli.estimation.drive_gains.identification import identify_with_payload
-from elid_cli.estimation.drive_gains.payload import Payload, parse_payload
+from elid_cli.estimation.drive_gains.payload import parse_payload
 from elid_cli.estimation.drive_gains.solve import DriveRows, fit_pair
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions
-from elid_cli.robot.files import read_robot
+from elid_cli.robot.files import read_robot, robot_from_text
+from elid_cli.robot.robot import Payload
+from elid_cli.robot.text import text_of
 from tests.cli.test_json_schema import SCHEMA, closed, faults
 from tests.system.reproduce.drive_gains import loaded, pair
 
@@ -101,8 +103,23 @@ def test_what_is_no_pair_is_a_wrong_use(logs: list[str]) -> None:
             identify_with_payload(replace(unknown(), logs=names), EstimateOptions(), payload)
 
 
+def test_the_payload_may_be_declared_by_the_robot(logs: list[str]) -> None:
+    heavy = Payload(MASS, "joint2", (0.03, -0.02, 0.0))
+    robot = robot_from_text(text_of(replace(unknown().robot, payload=heavy)), "arm.yaml")
+    assert robot.payload == heavy
+    request = replace(unknown(), logs=logs, robot=robot)
+    told = identify_with_payload(request, EstimateOptions(), None).found.drive_gains
+    assert told == identify_with_payload(request, EstimateOptions(), heavy).found.drive_gains
+    with pytest.raises(UsageError, match="planar2 declares none"):
+        identify_with_payload(replace(unknown(), logs=logs), EstimateOptions(), None)
+    for line, said in (("{mass: 0, joint: joint2}", "0 kg is no payload"), ("{mass: 1, joint: j2}", "no joint 'j2'")):
+        with pytest.raises(UsageError, match=said):
+            robot_from_text(f"{text_of(ROBOT)}payload: {line}\n", "arm.yaml")
+
+
 def test_what_is_written_is_a_payload_or_refused() -> None:
     assert parse_payload("2.805@joint6") == Payload(2.805, "joint6")
+    assert parse_payload("declared") is None
     assert parse_payload("1@a:0,-0.5,1e-2") == Payload(1.0, "a", (0.0, -0.5, 0.01))
     for text in ("2.8", "@joint6", "-1@joint6", "x@joint6", "1@joint6:0,0", "nan@joint6"):
         with pytest.raises(UsageError, match="--payload"):
