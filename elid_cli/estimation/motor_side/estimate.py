@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.gates import MOVE, RISES, TIGHT, failed_gates, verdict_of
+from elid_cli.estimation.motor_side.gates import CRAWLS, MOVE, RISES, TIGHT, failed_gates, verdict_of
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
 from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint, NextMotion, why
@@ -112,7 +112,7 @@ def _failed(found: Search, told: Figures) -> list[tuple[str, ...]]:
             widths = friction_width(found) if widths is None else widths
             if not widths[k] < MOVE:
                 names.append("friction")
-        loose = told.error[k] > TIGHT * told.compliance[k]
+        loose = told.error[k] > TIGHT * told.compliance[k] or told.fall > CRAWLS
         if verdict_of(names) != "refused" and (loose or verdict == "weak"):
             share, least = RISES[verdict]
             if not rise(found, k, share) > least:

@@ -12,8 +12,8 @@ import numpy as np
 from elid_cli.estimation.motor_side.refits import Figures, Moves
 from elid_cli.estimation.result import Verdict
 
-FALL = 0.003
-"""Most that further steps may lower the cost, share of it."""
+FALL, CRAWLS = 0.001, 1e-4
+"""Most that further steps may lower the cost, share of it, and how much of it asks for a look at the valley."""
 SURE, CLOSE = 5.0, 0.03
 """Compliance over its standard error, at least, and standard error over the compliance, at most."""
 MISFIT = 3.0
