@@ -57,6 +57,20 @@ def identified_robot(found: Identification) -> Robot:
     return refined_robot(found.robot, standard, (*kept, *new), _unknown(found))
 
 
+def with_stiffnesses(robot: Robot, found: Identification) -> Robot:
+    """Return a robot with the supported stiffnesses of joints whose links the log does not hold: those are elastic."""
+    joints = list(robot.joints)
+    for item in found.motor_side.joints if found.motor_side else ():
+        if item.verdict == "supported":
+            joint = joints[item.number]
+            rotor = "Ja" if joint.gear_ratio is None else "Jm"
+            known = joint.parameters.get(rotor, 0.0)
+            inertia = known if known > 0 else item.rotor / (joint.gear_ratio or 1.0) ** 2
+            values = {**joint.parameters, rotor: inertia, "K": item.stiffness}
+            joints[item.number] = replace(joint, transmission="elastic", parameters=MappingProxyType(values))
+    return replace(robot, joints=tuple(joints))
+
+
 def possible_values(found: Identification) -> Array:
     """Return the base parameters (b,) of the robot that is written: none negative that no robot has negative.
 

@@ -79,7 +79,7 @@ def identify(
     check_described(files)
     with progress(output, "reading") as advance:
         from elid_cli.estimation.identify import EstimateOptions
-        from elid_cli.estimation.refined_robot import identified_robot, remarks
+        from elid_cli.estimation.refined_robot import identified_robot, remarks, with_stiffnesses
         from elid_cli.report.answers.identification import identification_report
         from elid_cli.report.answers.physical import with_physical
 
@@ -103,8 +103,9 @@ def identify(
                 replace(again, robot=plain), replace(chosen, delays=chosen.fit != "trajectory"), payload, False
             ).found
 
+        elastic = with_stiffnesses(refined, found)
         written = write_found(
-            files, refined, remarks(found, physical=physical) if files.write_robot else (), found, found.error,
+            files, elastic, remarks(found, physical=physical) if files.write_robot else (), found, found.error,
             without_effects, output,
         )  # fmt: skip
         report = identification_report(found, recording, robot, apart, written.files)

@@ -1,0 +1,78 @@
+"""`identify` asks the motor side where a joint is elastic and its link position is not logged."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli import Identification, identify, prepare
+from elid_cli.cli import main
+from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
+from elid_cli.logs import write_recording
+from elid_cli.report.answers.identification import identification_payload
+from elid_cli.robot.text import text_of
+from tests.system.motor_arms import Case, motor_log, random_motor_arm, told_robot
+from tests.system.plain_arms import Arm
+
+CASE = Case(signal_to_noise=70.0, duration=8.0)
+
+
+def arm_of(rigid: tuple[int, ...] = ()) -> Arm:
+    return random_motor_arm(np.random.default_rng([1, 77]), 1, rigid)
+
+
+def identified(arm: Arm) -> Identification:
+    robot, log = told_robot(arm, 1), motor_log(arm, 1, CASE)
+    log = replace(log, q=np.full_like(log.q, np.nan))
+    return identify(robot, prepare(log, robot))
+
+
+@pytest.fixture(scope="module")
+def elastic() -> Identification:
+    return identified(arm_of())
+
+
+def test_a_supported_stiffness_is_a_base_parameter_like_others(elastic: Identification) -> None:
+    payload, true = identification_payload(elastic), float(arm_of().stiffness[0])
+    (entry,) = [item for item in payload["base_parameters"] if item["name"] == "K1"]
+    assert (entry["verdict"], entry["unit"]) == ("supported", "N·m/rad")
+    assert entry["estimate"] == pytest.approx(true, rel=0.005)
+    assert elastic.this_log["K1"] == "independent"
+    assert "K1" not in elastic.reasons
+    place = payload["base_parameters"].index(entry)
+    assert payload["covariance"][place][place] == pytest.approx(entry["std_error"] ** 2)
+    told = payload["motor_side"]["joints"]["joint1"]
+    assert told["stiffness"] == entry["estimate"]
+    assert told["next_motion"] is None
+
+
+def test_the_other_parameters_are_fitted_below_where_rigid_joints_hold(elastic: Identification) -> None:
+    assert elastic.motor_side is not None
+    (joint,) = elastic.motor_side.joints
+    assert elastic.settings["cutoff"] == pytest.approx(joint.rigid_to)
+    assert any("those of rigid joints" in note and "fitted below it" in note for note in elastic.notes)
+    assert not any("cannot be identified" in note for note in elastic.notes)
+
+
+def test_a_written_robot_is_elastic_where_the_stiffness_is_supported(elastic: Identification) -> None:
+    robot = with_stiffnesses(identified_robot(elastic), elastic)
+    assert robot.joints[0].elastic
+    assert robot.joints[0].parameters["K"] == elastic.motor_side.joints[0].stiffness  # type: ignore[union-attr]
+    assert robot.joints[0].parameters["Jm"] > 0
+
+
+def test_a_refused_one_has_no_number_and_says_what_would_show_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm = arm_of(rigid=(0,))
+    log = replace(motor_log(arm, 1, CASE), sources={})
+    write_recording(replace(log, q=np.full_like(log.q, np.nan)), tmp_path / "log.h5")
+    (tmp_path / "arm.yaml").write_text(text_of(told_robot(arm, 1)))
+    assert main(["identify", str(tmp_path / "log.h5"), "--robot", str(tmp_path / "arm.yaml")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "joint1 refused – – – – –" in said
+    assert "K1: not shown by this log (" in said
+    assert "torque multisine" in said
