@@ -15,6 +15,8 @@ from elid_cli.signals.motion import Motion
 
 Array = NDArray[np.float64]
 BLOCK = 20_000
+MARGIN = 3
+"""Samples beyond the ends of a block whose second differences are off."""
 
 
 def puma() -> Robot:
@@ -68,8 +70,21 @@ class Movement:
         self.size, self.phase = draw.uniform(0.1, 0.4, (robot.n, 5)), draw.uniform(0, 6.28, (robot.n, 5))
         self.noise = np.random.default_rng(seed + 1)
 
-    def block(self, start: int, stop: int, dt: float) -> tuple[Array, Array, Array, Array]:
-        """Return t, q, theta and tau of some samples, with sensor noise."""
+    def block(self, start: int, stop: int, dt: float, margin: int = MARGIN) -> tuple[Array, Array, Array, Array]:
+        """Return t, q, theta and tau of some samples, with sensor noise.
+
+        The motors' speeds are differences of their positions: without a `margin` of samples beyond its ends, a block
+        has wrong accelerations, and torques that its robot never needed, there.
+        """
+        t, *signals = (
+            values[margin : margin + stop - start] for values in self._exact(start - margin, stop + margin, dt)
+        )
+        q, theta, tau = signals
+        tau = tau + 0.02 * np.abs(tau).mean(0) * self.noise.standard_normal(tau.shape)
+        q, theta = (values + 1e-6 * self.noise.standard_normal(q.shape) for values in (q, theta))
+        return t, q, theta, tau
+
+    def _exact(self, start: int, stop: int, dt: float) -> tuple[Array, Array, Array, Array]:
         robot, model = self.robot, self.model
         t = np.arange(start, stop) * dt
         angle = self.frequency * t[:, None, None] + self.phase
@@ -88,12 +103,10 @@ class Movement:
         motion = Motion(t, q, dq, ddq, theta, dtheta, np.gradient(dtheta, dt, axis=0))
         rows = model.rows(motion)
         tau = np.stack([reference[i.columns] @ rows[i.row] for i in model.estimation.rows if i.row.kind == "sum"], 1)
-        tau += 0.02 * np.abs(tau).mean(0) * self.noise.standard_normal(tau.shape)
-        q, theta = (values + 1e-6 * self.noise.standard_normal(q.shape) for values in (q, theta))
         return t, q, theta, tau
 
 
-def write_hdf5(robot: Robot, path: Path, seconds: float, rate: float = 1000.0) -> None:
+def write_hdf5(robot: Robot, path: Path, seconds: float, rate: float = 1000.0, margin: int = MARGIN) -> None:
     """Write a log of any length without holding it."""
     import h5py
 
@@ -104,7 +117,7 @@ def write_hdf5(robot: Robot, path: Path, seconds: float, rate: float = 1000.0) -
         sets = [file.create_dataset(name, (samples, robot.n), dtype="f8") for name in ("q", "theta", "tau")]
         for start in range(0, samples, BLOCK):
             stop = min(start + BLOCK, samples)
-            t, *signals = movement.block(start, stop, 1 / rate)
+            t, *signals = movement.block(start, stop, 1 / rate, margin)
             time[start:stop] = t
             for dataset, values in zip(sets, signals, strict=True):
                 dataset[start:stop] = values
