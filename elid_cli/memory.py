@@ -14,11 +14,12 @@ import contextlib
 import mmap
 import os
 import sys
+import tempfile
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from pathlib import Path
 from threading import Lock
-from typing import Any, Generic, TypeVar
+from typing import IO, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,70 @@ def mapped_dataset(dataset: Any, path: Path | None) -> Array | None:
     return np.memmap(path, dtype=np.float64, mode="r", offset=offset, shape=dataset.shape).view(np.ndarray)
 
 
+class MappedRows:
+    """Rows appended to one array; from `LEAST` bytes on it lies in a file without a name, as far as there is room.
+
+    The array is read-only there, and can be let go.
+    """
+
+    def __init__(self, width: int) -> None:
+        self._width = width
+        self._parts: list[Array] = []
+        self._file: IO[bytes] | None = None
+        self.rows = 0
+
+    def append(self, rows: Array) -> None:
+        """Append rows, (m, width)."""
+        self.rows += len(rows)
+        self._parts.append(np.ascontiguousarray(rows, dtype=np.float64))
+        if self._file is None and 8 * self._width * self.rows >= LEAST:
+            self._file = _nameless()
+        if self._file is not None:
+            self._write(self._file)
+
+    def _write(self, file: IO[bytes]) -> None:
+        """Move what is in memory to the file; all of it back where that is full."""
+        start = file.tell()
+        try:
+            for part in self._parts:
+                file.write(part.data)
+        except OSError:
+            file.seek(0)
+            kept = np.frombuffer(file.read(start), dtype=np.float64).reshape(-1, self._width)
+            self._parts, self._file = [kept, *self._parts], None
+            file.close()
+        else:
+            self._parts = []
+
+    def finish(self) -> Array:
+        """Return all rows, (N, width)."""
+        if self._file is None:
+            parts, self._parts = self._parts, []
+            return parts[0] if len(parts) == 1 else np.concatenate(parts or [np.empty((0, self._width))])
+        with self._file as file:  # the map outlives it
+            file.flush()
+            return np.memmap(file, dtype=np.float64, mode="r", shape=(self.rows, self._width)).view(np.ndarray)
+
+
+def _nameless() -> IO[bytes] | None:
+    """Return a file that is gone when it is closed, or None where there is no place for one."""
+    try:
+        return tempfile.TemporaryFile(prefix="elid-")
+    except OSError:
+        return None
+
+
+def side_by_side(arrays: Sequence[Array]) -> Array:
+    """Return the columns of arrays (N, k) in one (N, sum of k), mapped where it is large."""
+    if sum(array.nbytes for array in arrays) < LEAST:
+        return np.hstack(arrays)
+    grown = MappedRows(sum(array.shape[1] for array in arrays))
+    for start in range(0, len(arrays[0]), ROWS):
+        grown.append(np.hstack([array[start : start + ROWS] for array in arrays]))
+        let_go(*arrays)
+    return grown.finish()
+
+
 def let_go(*arrays: NDArray[Any] | None) -> None:
     """Drop from memory what of these arrays lies in a file."""
     if not hasattr(mmap, "MADV_DONTNEED"):
@@ -61,6 +126,15 @@ def passed(array: Array, rows: int = ROWS) -> Iterator[Array]:
     for start in range(0, len(array), rows):
         yield array[start : start + rows]
         let_go(array)
+
+
+def column_of(array: Array, place: int) -> Array:
+    """Return a column in memory, (N,)."""
+    column, start = np.empty(len(array)), 0
+    for block in passed(array):
+        column[start : start + len(block)] = block[:, place]
+        start += len(block)
+    return column
 
 
 def extremes(array: Array) -> tuple[Array, Array]:

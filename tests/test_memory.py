@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 
-from elid_cli.memory import Recent
+from elid_cli import memory
+from elid_cli.memory import MappedRows, Recent, column_of, let_go, side_by_side
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
@@ -49,3 +53,53 @@ def test_sensors_have_rows_of_their_own() -> None:
     with_sensor = model.sensed(np.array([True, False]))
     assert with_sensor is not model.estimation
     assert with_sensor is Regressor(read_robot("planar2")).sensed(np.array([True, False]))
+
+
+def grown(width: int = 3) -> tuple[MappedRows, np.ndarray]:
+    """Return rows appended in pieces, and what they must be."""
+    values = np.random.default_rng(0).standard_normal((1000, width))
+    rows = MappedRows(width)
+    for start in range(0, 1000, 70):
+        rows.append(values[start : start + 70])
+    return rows, values
+
+
+def test_many_rows_lie_in_a_file_and_come_back_when_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows, values = grown()
+    np.testing.assert_array_equal(rows.finish(), values)
+    monkeypatch.setattr(memory, "LEAST", 8000)
+    monkeypatch.setattr(memory, "ROWS", 64)
+    rows, _ = grown()
+    mapped = rows.finish()
+    assert not mapped.flags.writeable
+    let_go(mapped)
+    np.testing.assert_array_equal(mapped, values)
+    np.testing.assert_array_equal(column_of(mapped, 1), values[:, 1])
+    joined = side_by_side([mapped[:, 2:], mapped[:, :1]])
+    assert not joined.flags.writeable
+    np.testing.assert_array_equal(joined, values[:, [2, 0]])
+
+
+@pytest.mark.parametrize("written", [0, 3])
+def test_a_full_disk_keeps_rows_in_memory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, written: int) -> None:
+    class Full:
+        """A file that takes some pieces and no more."""
+
+        def __init__(self) -> None:
+            self.file, self.left = (tmp_path / "rows").open("w+b"), written
+
+        def write(self, data: memoryview) -> int:
+            if not self.left:
+                self.file.write(data.tobytes()[:5])
+                raise OSError(errno.ENOSPC, "no space left on device")
+            self.left -= 1
+            return self.file.write(data)
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(self.file, name)
+
+    monkeypatch.setattr(memory, "LEAST", 8000)
+    full = iter([Full()])
+    monkeypatch.setattr(memory, "_nameless", lambda: next(full, None))
+    rows, values = grown()
+    np.testing.assert_array_equal(rows.finish(), values)

@@ -25,7 +25,7 @@ from elid_cli.logs.repair.clocks import another_clock, in_seconds
 from elid_cli.logs.repair.sample_times import at_even_times
 from elid_cli.logs.source import Source, open_source
 from elid_cli.logs.writing import recognise
-from elid_cli.memory import let_go
+from elid_cli.memory import let_go, side_by_side
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording, Segment, repeated, unique_notices
 
@@ -212,7 +212,7 @@ def converted(plan: ReadPlan, streams: Sequence[Stream], seconds: Sequence[Array
         for clock in dict.fromkeys(id(t) for _, _, t in pieces):
             together = [piece for piece in pieces if id(piece[2]) == clock]
             joints = tuple(j for piece in together for j in piece[0])
-            values = together[0][1] if len(together) == 1 else np.hstack([piece[1] for piece in together])
+            values = together[0][1] if len(together) == 1 else side_by_side([p[1] for p in together])
             sampled.append(Sampled(signal, joints, values, together[0][2]))
     return sampled
 

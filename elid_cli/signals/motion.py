@@ -56,6 +56,12 @@ class Motion:
         )
 
 
+def joined_motion(parts: Sequence[Motion]) -> Motion:
+    """Return motions one after the other."""
+    names = ("t", "q", "dq", "ddq", "theta", "dtheta", "ddtheta")
+    return Motion(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
 def random_motion(n: int, elastic: NDArray[np.bool_], samples: int, seed: int = 0) -> Motion:
     """Return independent random states: links and motors move freely, as structural questions need.
 

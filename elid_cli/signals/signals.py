@@ -16,7 +16,7 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts
 from elid_cli.signals.knots import channels_of, filtered, splined
 from elid_cli.signals.lowpass import LowPass, low_pass
-from elid_cli.signals.motion import Motion
+from elid_cli.signals.motion import Motion, joined_motion
 from elid_cli.signals.moving_joints import at_rest, constant, extremes, held, stationary, top_speed
 from elid_cli.signals.options import RATE_PER_CUTOFF
 from elid_cli.signals.options import SignalOptions as SignalOptions
@@ -113,6 +113,24 @@ class Signals(Brief):
         """Sample index that each filtered, decimated output is centred on, (M,)."""
         parts = [s.start + self.filter.outputs(len(s), self.margin) for s in self.segments]
         return np.concatenate(parts) if parts else np.zeros(0, dtype=np.intp)
+
+    def alone(self) -> Signals:
+        """Return the samples of the segments without those between them: of a long log, where these are excerpts."""
+        if sum(map(len, self.segments)) == self.motion.samples:
+            return self
+        parts = [slice(segment.start, segment.stop) for segment in self.segments]
+        ends = np.cumsum([len(segment) for segment in self.segments]).tolist()
+        segments = tuple(Segment(end - len(s), end, s.source) for s, end in zip(self.segments, ends, strict=True))
+
+        def joined(values: Array | None) -> Array | None:
+            return None if values is None else np.concatenate([values[part] for part in parts])
+
+        motion = joined_motion([self.motion[part] for part in parts])
+        tau = np.concatenate([self.tau[part] for part in parts])
+        return replace(
+            self, motion=motion, tau=tau, tau_link=joined(self.tau_link), temperature=joined(self.temperature),
+            segments=segments,
+        )  # fmt: skip
 
     def decimate(self, rows: Array) -> Array:
         """Filter and decimate rows (…, N) to (…, M), segment by segment."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import gzip
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from elid_cli.errors import LogError
+from elid_cli.logs.formats import csv_text
 from tests.logs.faults import Table, table
 from tests.logs.made_logs import JOINTS, read, recording, same
 
@@ -166,3 +168,24 @@ def test_reading_a_long_log_is_fast(tmp_path: Path) -> None:
     begin = time.process_time()
     read(path)
     assert time.process_time() - begin < 0.6  # 0.1 s here; room for a loaded machine
+
+
+@pytest.mark.parametrize("large", [0, 1 << 30], ids=["arrow", "numpy"])
+def test_faults_are_read_around_block_by_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, large: int) -> None:
+    lines = GOOD.text().splitlines()
+    lines[100] = lines[100].rpartition(",")[0]  # ragged
+    lines[300] = lines[300].replace(",", ",x", 1)
+    lines[400] = lines[400].rpartition(",")[0] + ","  # an empty cell
+    lines.insert(250, "# stop")
+    text = "\n".join(lines)[:-25]  # cut
+    dialect = csv_text.sniff(text, "log")
+    wanted = dialect.names
+    whole, said = csv_text.parse_columns(text, dialect, wanted, "log")
+    monkeypatch.setattr(csv_text, "PART", 1 << 12)
+    monkeypatch.setattr(csv_text, "LARGE", large)
+    body = text[dialect.first :].encode()
+    found, told = csv_text.parse_blocks(io.BytesIO(body), len(body), dialect, wanted)
+    np.testing.assert_array_equal(found, whole)
+    assert told == said
+    assert said[0] == "2 CSV rows left out: line 101 has 9 cells of 10, line 502 has 9 cells of 10"
+    assert said[1] == "text where numbers belong taken as missing: line 302"

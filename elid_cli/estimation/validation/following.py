@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.stretches import STRETCHES, stretch_of
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
 
 ROUNDS = 60
@@ -48,9 +49,7 @@ def motion_curves(signals: Signals, joint: int, robot: Robot, load: Array) -> di
 
     `load` is the torque that the model predicts, (M,): the measured one holds the noise that is to be told apart.
     """
-    motion = signals.motion
-    channels = np.nan_to_num(np.stack([motion.theta, motion.q, motion.dtheta, motion.dq, motion.ddtheta]))
-    theta, q, dtheta, dq, ddtheta = signals.decimate(np.ascontiguousarray(channels.transpose(0, 2, 1)))
+    theta, q, dtheta, dq, ddtheta = np.concatenate([_filtered(signals, part) for part in signals.segments], axis=-1)
 
     def unit(values: Array) -> Array:
         return values / max(float(np.quantile(np.abs(values), 0.98)), 1e-12)
@@ -80,6 +79,13 @@ def motion_curves(signals: Signals, joint: int, robot: Robot, load: Array) -> di
     if others:
         groups["other joints' speed"] = [unit(dtheta[k]) for k in others]
     return {name: np.array(values) for name, values in groups.items()}
+
+
+def _filtered(signals: Signals, part: Segment) -> Array:
+    """Return positions, speeds and the motors' accelerations of a segment at the fit's instants, (5, n, M)."""
+    motion = signals.motion[part.start : part.stop]  # of a long log some stretches are judged
+    channels = np.nan_to_num(np.stack([motion.theta, motion.q, motion.dtheta, motion.dq, motion.ddtheta]))
+    return signals.filter.apply(np.ascontiguousarray(channels.transpose(0, 2, 1)), signals.margin)
 
 
 def followed(residual: Array, use: NDArray[np.bool_], columns: Array, curves: Mapping[str, Array]) -> Followed:

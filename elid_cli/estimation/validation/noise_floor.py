@@ -87,7 +87,7 @@ def propagated(
     seed
         Seed of the noise; the same seed gives the same floor.
     """
-    generator = np.random.default_rng(seed)
+    signals, generator = signals.alone(), np.random.default_rng(seed)
     sensed = any(group.row.kind in SENSOR_KINDS for group in observation.groups)
     changes, torques, readings = [], [], []
     for number in range(replicates):

@@ -20,6 +20,7 @@ from elid_cli.logs.formats.long_form import LongLog, recognised
 from elid_cli.logs.mapping.language import SIGNALS
 from elid_cli.logs.mapping.long_table import LongTable
 from elid_cli.logs.source import Source
+from elid_cli.memory import column_of
 from elid_cli.signals.recording import Recording
 
 LARGEST = 4 << 30
@@ -117,18 +118,21 @@ class CsvLog:
                 raise LogError(f"{self._name}: no column {name!r}", hint=did_you_mean(name, self._dialect.names))
         table, said = self._parsed(wanted)
         self.losses.extend(text for text in said if text not in self.losses)
-        columns = {name: table[:, k] for k, name in enumerate(wanted)}
-        return [Stream(columns[pick.source][:, None], {"t": columns[pick.time]} if pick.time else {}) for pick in picks]
+        places = {name: k for k, name in enumerate(wanted)}
+        times = {name: column_of(table, places[name]) for name in {pick.time for pick in picks} if name}
+        return [
+            Stream(table[:, places[pick.source], None], {"t": times[pick.time]} if pick.time else {}) for pick in picks
+        ]
 
     def _parsed(self, wanted: Sequence[str]) -> tuple[Array, list[str]]:
-        """Return the wanted columns and what had to be said: clean files block by block, others whole and with care."""
+        """Return the wanted columns and what had to be said: block by block, texts of another kind whole."""
         if self._first >= 0:
             data = self._data
             with self._source.stream() if data is None else BytesIO(data) as stream:
                 stream.seek(self._first)
                 size = (self._source.size if data is None else len(data)) - self._first
                 with contextlib.suppress(ValueError):
-                    return parse_blocks(stream, size, self._dialect, wanted, self._tell), []
+                    return parse_blocks(stream, size, self._dialect, wanted, self._tell)
         text = self._text
         return parse_columns(text, sniff(text, self._name), wanted, self._name)
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError
+from elid_cli.memory import MappedRows
 
 COMMENTS = ("#", "%", "//")
 SNIFFED = 60
@@ -108,10 +109,11 @@ def parse_columns(text: str, dialect: Dialect, wanted: Sequence[str], name: str)
 
     Empty and unreadable cells are NaN; rows with too few or too many cells are left out and reported.
     """
-    body = text[dialect.first :].rstrip()
-    if dialect.decimal_comma:
-        body = body.replace(",", ".")
-    return _tolerant(body, dialect, [dialect.names.index(column) for column in wanted], name)
+    care = _Care(dialect, [dialect.names.index(column) for column in wanted])
+    rows = care.rows(text[dialect.first :].rstrip())
+    if not len(rows):
+        raise LogError(f"{name}: no readable row", detail=care.said[0] if care.said else "")
+    return rows, care.said
 
 
 def parse_blocks(
@@ -120,8 +122,10 @@ def parse_blocks(
     dialect: Dialect,
     wanted: Sequence[str],
     tell: Callable[[float], None] | None = None,
-) -> Array:
-    """Return the wanted columns, shape (N, len(wanted)), of a text without any fault, read block by block.
+) -> tuple[Array, list[str]]:
+    """Return the wanted columns, shape (N, len(wanted)), and what had to be said, of a text read block by block.
+
+    Only blocks with a fault are read row by row, and with care.
 
     Parameters
     ----------
@@ -139,24 +143,23 @@ def parse_blocks(
     Raises
     ------
     ValueError
-        A row of another length, an empty cell, text or a comment: whatever needs care.
+        A row without end, or no row at all.
     """
-    from elid_cli.logs.mcap.bulk_decode import GrowingArray
-
     columns = [dialect.names.index(column) for column in wanted]
     arrow = size > LARGE and dialect.separator != " " and importlib.util.find_spec("pyarrow") is not None
     parse = _by_arrow if arrow else _by_numpy
-    table, done, rest = GrowingArray(len(wanted)), 0, b""
+    table, care, done, rest = MappedRows(len(wanted)), _Care(dialect, columns), 0, b""
     while True:
         block = stream.read(PART)
         done += len(block)
         cut = block.rfind(b"\n") + 1 if block else 0
-        lines, rest = (rest + block[:cut], block[cut:]) if block else (rest, b"")
+        lines, rest = (rest + block[:cut], block[cut:]) if cut else (b"", rest + block) if block else (rest, b"")
         if lines.strip():
-            rows = parse(lines, dialect, columns)
-            if not table.rows and size > done:  # a guess that spares moving what is there
-                table = GrowingArray(len(wanted), hint=int(1.02 * len(rows) * size / max(len(lines), 1)))
-            table.extend(len(rows))[:] = rows
+            try:
+                table.append(parse(lines, dialect, columns))
+                care.passed(lines)
+            except ValueError:
+                table.append(care.rows(lines.decode("utf-8", errors="replace")))
         if len(rest) > LONGEST_LINE:
             raise ValueError("a row without end")
         if tell is not None and size:
@@ -165,7 +168,7 @@ def parse_blocks(
             break
     if not table.rows:
         raise ValueError("no row")
-    return table.finish()
+    return table.finish(), care.said
 
 
 def _by_arrow(lines: bytes, dialect: Dialect, columns: Sequence[int]) -> Array:
@@ -181,7 +184,7 @@ def _by_arrow(lines: bytes, dialect: Dialect, columns: Sequence[int]) -> Array:
         reader.ParseOptions(delimiter=dialect.separator, quote_char=False),
         reader.ConvertOptions(
             include_columns=list(dict.fromkeys(chosen)), column_types=dict.fromkeys(chosen, pa.float64()),
-            null_values=[], decimal_point="," if dialect.decimal_comma else ".", check_utf8=False,
+            null_values=[""], decimal_point="," if dialect.decimal_comma else ".", check_utf8=False,
         ),
     )  # fmt: skip
     out = np.empty((table.num_rows, len(chosen)))
@@ -211,40 +214,60 @@ def _check_rectangular(lines: bytes, separator: str, width: int) -> None:
         raise ValueError("rows of different lengths")
 
 
-def _tolerant(body: str, dialect: Dialect, columns: Sequence[int], name: str) -> tuple[Array, list[str]]:
-    width = len(dialect.names)
-    values: list[list[float]] = []
-    ragged: list[str] = []
-    unreadable: list[str] = []
-    number = dialect.first_line - 1
-    for line in io.StringIO(body):
-        number += 1
-        stripped = line.strip()
+class _Care:
+    """Reads rows that may be faulty, one by one, and counts what was wrong with them."""
+
+    def __init__(self, dialect: Dialect, columns: Sequence[int]) -> None:
+        self._dialect, self._columns = dialect, columns
+        self._number = dialect.first_line - 1
+        self._ragged: list[str] = []
+        self._unreadable: list[str] = []
+
+    def passed(self, lines: bytes) -> None:
+        """Count lines that others have read."""
+        self._number += lines.count(b"\n")
+
+    def rows(self, body: str) -> Array:
+        """Return the wanted columns of some lines, (m, k)."""
+        found = [row for line in io.StringIO(body) if (row := self._row(line)) is not None]
+        return np.array(found, dtype=float).reshape(-1, len(self._columns))
+
+    def _row(self, line: str) -> list[float] | None:
+        """Return the wanted cells of a line, or None where it is none of the table."""
+        self._number += 1
+        number, width, stripped = self._number, len(self._dialect.names), line.strip()
         if not stripped or stripped.startswith(COMMENTS):
-            continue
+            return None
         if len(line) > LONGEST_LINE:
-            ragged.append(f"line {number} has more than {LONGEST_LINE >> 20} MiB")
-            continue
-        cells = split(stripped.split(" #")[0] if " #" in stripped else line.rstrip("\r\n"), dialect.separator)
+            self._ragged.append(f"line {number} has more than {LONGEST_LINE >> 20} MiB")
+            return None
+        if self._dialect.decimal_comma:
+            line, stripped = line.replace(",", "."), stripped.replace(",", ".")
+        cells = split(stripped.split(" #")[0] if " #" in stripped else line.rstrip("\r\n"), self._dialect.separator)
         if len(cells) == width + 1 and cells[-1] == "":
             cells.pop()  # a separator at the end of every row
         if len(cells) != width:
-            ragged.append(f"line {number} has {len(cells)} cells of {width}")
-            continue
-        row = [number_of(cells[k]) for k in columns]
+            self._ragged.append(f"line {number} has {len(cells)} cells of {width}")
+            return None
+        row = [number_of(cells[k]) for k in self._columns]
         if any(value is None for value in row):
-            unreadable.append(f"line {number}")
-        values.append([math.nan if value is None else value for value in row])
-    said = []
-    if ragged:
-        more = f" and {len(ragged) - REPORTED} more" if len(ragged) > REPORTED else ""
-        said.append(f"{len(ragged)} CSV rows left out: {', '.join(ragged[:REPORTED])}{more}")
-    if unreadable:
-        more = f" and {len(unreadable) - REPORTED} more" if len(unreadable) > REPORTED else ""
-        said.append(f"text where numbers belong taken as missing: {', '.join(unreadable[:REPORTED])}{more}")
-    if not values:
-        raise LogError(f"{name}: no readable row", detail=said[0] if said else "")
-    return np.array(values, dtype=float), said
+            self._unreadable.append(f"line {number}")
+        return [math.nan if value is None else value for value in row]
+
+    @property
+    def said(self) -> list[str]:
+        """What was wrong, a sentence each."""
+        said = []
+        if self._ragged:
+            said.append(f"{len(self._ragged)} CSV rows left out: {_named(self._ragged)}")
+        if self._unreadable:
+            said.append(f"text where numbers belong taken as missing: {_named(self._unreadable)}")
+        return said
+
+
+def _named(places: Sequence[str]) -> str:
+    more = f" and {len(places) - REPORTED} more" if len(places) > REPORTED else ""
+    return f"{', '.join(places[:REPORTED])}{more}"
 
 
 def first_rows(text: str, dialect: Dialect) -> list[list[str]]:

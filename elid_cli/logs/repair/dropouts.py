@@ -91,6 +91,7 @@ def impossible(values: Array, dt: float, *, jumpy: bool = False) -> dict[int, Im
             found[k] = zeros
         elif parts:
             found[k] = _judged(values[:, k], np.concatenate(parts), usual[k], longest, jumpy)
+    let_go(values)
     return {k: what for k, what in found.items() if what.rows.size or what.jumps}
 
 
