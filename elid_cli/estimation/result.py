@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.errors import UsageError
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow, Kind
@@ -46,6 +47,11 @@ class EstimateOptions:
     """Declared effects keep their shapes, and amplitudes within this part of what is declared; 0: all is fitted."""
     guards: bool = True
     """Test signs, units and swapped channels by flipping them."""
+
+    def __post_init__(self) -> None:
+        other = "--accurate" if self.accurate else "--estimator paper" if self.estimator == "paper" else ""
+        if self.fit == "trajectory" and other:
+            raise UsageError(f"--fit trajectory and {other} exclude each other", hint="leave one of them out")
 
 
 @dataclass(frozen=True)

@@ -308,5 +308,6 @@ def _where_to_say(robot: Robot, missing: Mapping[int, Sequence[str]]) -> str:
         line = f"joints: {{{quoted(robot.joints[k].name)}: {{parameters: {{{kinds[0]}: …}}}}}}"
         place = f"{robot.place_to_say}, {line}"
     if all(set(kinds) <= set(DRIVE) for kinds in missing.values()) and not robot.elastic[list(missing)].any():
-        return f"give them {place}, or let elid simulate take them as 0: --ideal-drives"
+        found = "identify them: elid identify … --write-robot FILE.yaml"
+        return f"give them {place}, {found}, or let elid simulate take them as 0: --ideal-drives"
     return f"give them {place}, or identify first: elid identify … --write-robot FILE.yaml"

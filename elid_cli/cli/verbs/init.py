@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from elid_cli.robot.completion import Completion
     from elid_cli.robot.robot import Robot
 
+LOGS = (".h5", ".hdf5", ".mat", ".csv", ".tsv", ".mcap", ".db3", ".npz", ".parquet", ".zip", ".gz")
+"""Suffixes that no robot file has."""
+
 
 @verb("elid init arm.urdf run07.mcap", "elid init arm.urdf run07.csv --map map.yaml --force")
 @click.argument("robot", type=options.File(), metavar="ROBOT")
@@ -43,6 +46,8 @@ def init(robot: str, log: str | None, maps: tuple[str, ...], out: str | None, fo
     from elid_cli.robot.files import read_robot
 
     check_output(output)
+    if Path(robot).suffix.lower() in LOGS:
+        raise UsageError(f"{robot}: is a log; the robot's file comes first", hint=f"elid init {log or 'ROBOT'} {robot}")
     machine = read_robot(robot, beside=False)
     if not machine.source:
         raise UsageError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -25,7 +26,12 @@ class Distance(click.ParamType):  # type: ignore[type-arg]
         """Return the value in rad or m."""
         text = str(value).strip()
         unit = next((name for name in SCALES if text.endswith(name)), "")
-        number = options.Number(above=0).convert(text.removesuffix(unit), param, ctx)
+        try:
+            number = float(text.removesuffix(unit))
+        except ValueError:
+            number = math.nan
+        if not (0 < number < math.inf):
+            self.fail(f"{value!r} is no distance; write 5mrad, 0.3deg or 2mm", param, ctx)
         return number * SCALES.get(unit, 1.0)
 
 
@@ -95,6 +101,6 @@ def replay(
     if max_error is not None and not sizes[worst] <= max_error:
         beyond = sum(not size <= max_error for size in sizes.values())
         raise LimitError(
-            f"mean absolute error of {beyond} of {len(sizes)} joints exceeds --max-error {max_error:.3g} (rad or m): "
-            f"{worst} has {sizes[worst]:.3g}"
+            f"mean absolute error of {beyond} of {len(sizes)} joints exceeds --max-error {1e3 * max_error:.3g} mrad or "
+            f"mm: {worst} has {1e3 * sizes[worst]:.3g}"
         )

@@ -45,8 +45,12 @@ def trend(
 
     check_output(output)
     logs = [name for name in recordings if not name.lower().endswith(".json")]
+    folder = next((name for name in recordings if Path(name).is_dir()), None)
+    if folder is not None:
+        raise UsageError(f"trend: {folder} is a folder", hint=f"give its files: {Path(folder) / '*'}.json")
     if logs and robot is None:
-        raise UsageError(f"trend: {logs[0]} is a log: it is identified first, which needs --robot")
+        raise UsageError(f"trend: {logs[0]} is a log: it is identified first, which needs --robot",
+                         hint=f"elid trend {logs[0]} … --robot ROBOT")  # fmt: skip
     with progress(output, "reading") as advance:
         from elid_cli.estimation.comparison import read_result
         from elid_cli.estimation.trend.trends import trends_of

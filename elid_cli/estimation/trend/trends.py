@@ -56,7 +56,9 @@ def trends_of(results: Sequence[SavedResult], places: Sequence[float] | None = N
         Fewer than three results, or no parameter in three of them.
     """
     if len(results) < LEAST:
-        raise UsageError(f"trend: {len(results)} recordings given, at least {LEAST} are needed")
+        given = "1 recording is" if len(results) == 1 else f"{len(results)} recordings are"
+        hint = " ".join(["elid compare", *(r.file for r in results)]) if len(results) > 1 else ""
+        raise UsageError(f"trend: {given} given, at least {LEAST} are needed", hint=hint)
     at = np.arange(float(len(results))) if places is None else np.asarray(places, dtype=float)
     names = list(dict.fromkeys(name for result in results for name in result.parameters))
     series = []

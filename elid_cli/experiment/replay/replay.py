@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError, UsageError
+from elid_cli.errors import LogError, RobotError, UsageError
 from elid_cli.estimation.trajectory.acting import acting, can_act, declared, scene_along
 from elid_cli.experiment.replay.errors import PositionError, overall, position_errors
 from elid_cli.model.effects.declared import resolve
@@ -96,6 +96,7 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     horizon = options.horizon or (None if by_commands else TORQUE_HORIZON)
     if horizon is not None and horizon < 5 * recording.dt:
         raise UsageError(f"--horizon {horizon:g}: shorter than five samples of {recording.dt:g} s")
+    _no_driving_friction(robot)
     offsets, delays, left_out = _of_channels(robot)
     runs = runs_of(recording, robot, horizon, delays, commanded=by_commands)
     if not runs:
@@ -115,6 +116,14 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
         robot, recording, error, t[order], measured[order], simulated[order], horizon,
         "commands" if by_commands else "torque", options.engine, left_out,
     )  # fmt: skip
+
+
+def _no_driving_friction(robot: Robot) -> None:
+    """Refuse Coulomb friction that pushes (RobotError): no joint comes to rest under it."""
+    for number, joint in enumerate(robot.joints, start=1):
+        if joint.parameters.get("fs", 0.0) < 0:
+            raise RobotError(f"{robot.name}: fs{number} of {joint.name} is {joint.parameters['fs']:g}: friction brakes",
+                             hint="it must not be negative to be simulated")  # fmt: skip
 
 
 def _motion(robot: Robot, runs: list[Run], offsets: Array) -> list[Array]:

@@ -7,6 +7,8 @@ from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
+import numpy as np
+
 from elid_cli.experiment.replay.errors import PositionError, overall
 from elid_cli.experiment.replay.replay import Replay, pooled
 from elid_cli.report.answers.inputs import log_payload, robot_payload
@@ -92,12 +94,24 @@ def _sentence(
     worst = max(error, key=lambda name: error[name].mean_abs)
     if not isfinite(error[worst].mean_abs):
         return f"The simulated {worst} runs away: no replay with this robot. Try --horizon 0.5."
-    unit, scale = _unit(robot, worst)
-    said = f"{number_text(scale * overall(error), 3)} {unit} on average; {worst} is worst with "
-    said += f"{number_text(scale * error[worst].mean_abs, 3)} {unit}."
+    said = f"{_average(robot, error)} on average"
+    if len({_unit(robot, name) for name in error}) == 1:
+        unit, scale = _unit(robot, worst)
+        said += f"; {worst} is worst with {number_text(scale * error[worst].mean_abs, 3)} {unit}"
     if before is not None:
-        said += f" {names[1]}: {number_text(scale * overall(before), 3)} {unit} on average."
-    return said
+        said += f". {names[1]}: {_average(robot, before)} on average"
+    return f"{said}."
+
+
+def _average(robot: Robot, error: Mapping[str, PositionError]) -> str:
+    """Return the mean absolute error in words, that of turning and that of sliding joints apart."""
+    parts = []
+    units = dict.fromkeys(_unit(robot, name) for name in error)
+    for unit, scale in units:
+        own = {name: e for name, e in error.items() if _unit(robot, name)[0] == unit}
+        of = f" ({', '.join(own)})" if len(units) > 1 else ""
+        parts.append(f"{number_text(scale * overall(own), 3)} {unit}{of}")
+    return " and ".join(parts)
 
 
 def _unit(robot: Robot, joint: str) -> tuple[str, float]:
@@ -150,10 +164,23 @@ def _facts(replays: Sequence[Replay]) -> tuple[tuple[str, Cell], ...]:
     )
 
 
+def _lost(item: Replay, joint: int) -> bool:
+    """Whether a joint's rms error is larger than what its measured motion is away from its mean."""
+    measured = item.measured[:, joint]
+    rms = item.error[item.robot.joint_names[joint]].rms
+    return not rms <= float(np.nanstd(measured))
+
+
 def _warnings(first: Replay) -> list[str]:
     said = list(first.recording.warnings)
     if first.left_out:
         said.append(f"the replay does not hold {', '.join(first.left_out)}, which the robot file declares")
+    lost = [name for k, name in enumerate(first.robot.joint_names) if name in first.error and _lost(first, k)]
+    if lost:
+        said.append(
+            f"{', '.join(lost)}: farther off than a joint that stands still would be; look at units and signs of "
+            "positions and commands, gains, gravity, and at the values of the robot file"
+        )
     if first.driven_by == "torque":
         said.append("no commands in the log: its torque drives the robot, and without feedback every error grows")
     return said
