@@ -63,6 +63,12 @@ class Replay:
         """Mean absolute error over all joints, rad (m)."""
         return overall(self.error)
 
+    @property
+    def lost(self) -> tuple[str, ...]:
+        """Joints whose rms error is larger than what their measured motion is away from its mean."""
+        spread = dict(zip(self.robot.joint_names, np.nanstd(self.measured, axis=0).tolist(), strict=True))
+        return tuple(name for name, e in self.error.items() if not e.rms <= spread[name])
+
 
 def pooled(replays: Sequence[Replay]) -> Mapping[str, PositionError]:
     """Return the errors of one robot over several logs together."""

@@ -7,8 +7,6 @@ from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
-import numpy as np
-
 from elid_cli.experiment.replay.errors import PositionError, overall
 from elid_cli.experiment.replay.replay import Replay, pooled
 from elid_cli.report.answers.inputs import log_payload, robot_payload
@@ -164,21 +162,13 @@ def _facts(replays: Sequence[Replay]) -> tuple[tuple[str, Cell], ...]:
     )
 
 
-def _lost(item: Replay, joint: int) -> bool:
-    """Whether a joint's rms error is larger than what its measured motion is away from its mean."""
-    measured = item.measured[:, joint]
-    rms = item.error[item.robot.joint_names[joint]].rms
-    return not rms <= float(np.nanstd(measured))
-
-
 def _warnings(first: Replay) -> list[str]:
     said = list(first.recording.warnings)
     if first.left_out:
         said.append(f"the replay does not hold {', '.join(first.left_out)}, which the robot file declares")
-    lost = [name for k, name in enumerate(first.robot.joint_names) if name in first.error and _lost(first, k)]
-    if lost:
+    if first.lost:
         said.append(
-            f"{', '.join(lost)}: farther off than a joint that stands still would be; look at units and signs of "
+            f"{', '.join(first.lost)}: farther off than a joint that stands still would be; look at units and signs of "
             "positions and commands, gains, gravity, and at the values of the robot file"
         )
     if first.driven_by == "torque":
