@@ -155,7 +155,11 @@ def _judged(
 ) -> MotorSideJoint:
     """Return what is said of one joint, which is number `place` among those that move."""
     motion = _next_motion(_reference(robot, number), setting, place, total)
-    base = replace(_unseen(robot, number, "no fit was found"), band=float(setting.bands[place]), motion=motion)
+    base = replace(
+        _unseen(robot, number, "the equations do not fit even at low frequencies"),
+        band=float(setting.bands[place]),
+        motion=motion,
+    )
     if answer is None:
         return base
     told, failed = answer.told, answer.failed[place]

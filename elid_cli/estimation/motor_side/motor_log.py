@@ -25,6 +25,8 @@ QUIET = (0.55, 0.97)
 """Part of the spectrum up to the Nyquist frequency that holds noise only."""
 STRIBECK_WIDTHS = (2.5, 6.0, 14.0)
 """Widths of the friction's bumps, in units of its own width at zero speed."""
+HARRIS = (0.35875, -0.48829, 0.14128, -0.01168)
+"""Terms of the Blackman-Harris window (Harris 1978), of cosines of 0 to 3 turns."""
 _SUBSAMPLES = 9
 
 
@@ -61,22 +63,32 @@ def samples_of(t: Array, theta: Array, tau: Array, width: Array) -> Samples:
 
 def noise_of(values: Array, rate: float) -> Array:
     """Return the standard deviation of white noise of each column (N, n) from the quiet end of its spectrum, (n,)."""
-    from scipy.signal import welch
-
-    size = min(1024, len(values) // 4 * 2)
-    f, power = welch(values - values.mean(axis=0), rate, nperseg=size, axis=0, window="blackmanharris")
+    f, power = spectrum(values, rate, min(1024, len(values) // 4 * 2))
     quiet = (f > QUIET[0] * rate / 2) & (f < QUIET[1] * rate / 2)
     found: Array = np.sqrt(np.median(power[quiet], axis=0) / 0.97 * rate / 2)
     return found
 
 
+def spectrum(values: Array, rate: float, size: int) -> tuple[Array, Array]:
+    """Return frequencies, Hz, and one-sided power densities of columns (N, n) by Welch's method (1967).
+
+    Half-overlapping pieces of `size` samples under a four-term Blackman-Harris window, their means taken off.
+    """
+    window = np.polynomial.chebyshev.chebval(np.cos(2 * np.pi * np.arange(size) / size), HARRIS)
+    starts = range(0, len(values) - size + 1, size - size // 2)
+    pieces = np.stack([values[start : start + size] for start in starts])
+    pieces = (pieces - pieces.mean(axis=1, keepdims=True)) * window[:, None]
+    power = np.asarray(np.mean(np.abs(np.fft.rfft(pieces, axis=1)) ** 2, axis=0), dtype=np.float64)
+    power /= rate * float(window @ window)
+    power[1:-1] *= 2
+    f = np.asarray(np.fft.rfftfreq(size, 1 / rate), dtype=np.float64)
+    return f, power
+
+
 def band_of(samples: Samples) -> Array:
     """Return the highest frequency at which each joint's position clearly exceeds its noise, Hz, (n,)."""
-    from scipy.signal import welch
-
-    theta, rate = samples.theta, samples.rate
-    size = min(2048, len(theta) // 2)
-    f, power = welch(theta - theta.mean(axis=0), rate, nperseg=size, axis=0, window="blackmanharris")
+    rate = samples.rate
+    f, power = spectrum(samples.theta, rate, min(2048, len(samples.theta) // 2))
     loud = (power > 6.0 * samples.noise[0] ** 2 / (rate / 2)) & (f < min(HIGHEST, HIGHEST_OF_RATE * rate))[:, None]
     highest = [f[np.flatnonzero(column)[-1]] if column.any() else 0.0 for column in loud.T]
     return np.array(highest)

@@ -70,23 +70,25 @@ def low_pass_rows(count: int, dt: float, cutoff: float) -> tuple[Any, float, NDA
 
 
 def _kernel(reach: int, share: float) -> Array:
-    from scipy.signal import firwin
-
-    kernel: Array = firwin(2 * reach + 1, share, window=("kaiser", _KAISER))
+    """Return a low-pass of 2 reach + 1 weights, -6 dB at a share of the Nyquist frequency."""
+    place = np.arange(-reach, reach + 1)
+    kernel: Array = np.sinc(share * place) * np.kaiser(2 * reach + 1, _KAISER)
+    kernel /= kernel.sum()
     return kernel
 
 
 def filtered(values: Array, dt: float, cutoff: float, width: float = 1.2) -> tuple[Array, int]:
     """Return values (N, n) under a zero-phase low-pass, ends reflected oddly, and half its length in samples."""
-    from scipy.signal import oaconvolve
-
     kernel = _kernel(int(width / (cutoff * dt)), min(2 * cutoff * dt, 0.95))
     reach = min(len(kernel) // 2, len(values) - 2)
     if reach < 1:
         return values, 0
     kernel = kernel[len(kernel) // 2 - reach : len(kernel) // 2 + reach + 1]
     before, after = 2 * values[0] - values[reach:0:-1], 2 * values[-1] - values[-2 : -reach - 2 : -1]
-    found: Array = oaconvolve(np.concatenate([before, values, after]), kernel[:, None], "valid", axes=0)
+    whole = np.concatenate([before, values, after])
+    size = 1 << (len(whole) + len(kernel) - 2).bit_length()
+    spectrum = np.fft.rfft(whole, size, axis=0) * np.fft.rfft(kernel, size)[:, None]
+    found: Array = np.fft.irfft(spectrum, size, axis=0)[2 * reach : len(whole)]
     return found, reach
 
 

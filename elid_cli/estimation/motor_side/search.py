@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.climb import Climb, ClimbEnd, apart
+from elid_cli.estimation.motor_side.climb import FIRST_RUNG, RATIO, Climb, ClimbEnd, apart
 from elid_cli.estimation.motor_side.latent import Latent
 from elid_cli.estimation.motor_side.latent_fit import Iteration, LatentFit, fit
 from elid_cli.estimation.motor_side.link_side import LinkSide
@@ -36,6 +36,11 @@ _STRIBECK_FROM, _LOST_FROM, _CORNERED, _UNFIT = 1.3, 1.3, 2.5, 2.0
 """Misfits from which on are tried: Stribeck's columns, lost motion, all from the start, a climb without load."""
 FURTHER = Iteration(20, 1e-4)
 """How the best end is gone on from: a fit that crawls has not found its valley's bottom, whatever it looks like."""
+LOST, LOST_AT_ONCE = 1000.0, 100.0
+"""Cost from which on a climb leads nowhere, and that of one that gets no further than its first rung: what follows
+mends friction, and not equations that fail. Measured: simulated logs with every friction up to 115, 14."""
+HOPELESS = 100.0
+"""Misfit at the first floor from which on no more is tried."""
 _ENDS = 2
 _CLIMB_RATE = 16.0
 """Sample rate of the climb over the end of the band."""
@@ -109,7 +114,9 @@ def search(setting: Setting) -> Search:
     """
     climb_log = MotorLog(setting.samples, _CLIMB_RATE * setting.band)
     climb = Climb(climb_log, setting.unknowns, setting.rotors, setting.band)
-    starts = climb.ends()[:_ENDS]
+    starts = [start for start in climb.ends() if not _lost(start)][:_ENDS]
+    if not starts:
+        raise np.linalg.LinAlgError("no climb leads anywhere")
     ends = [end for start in starts if (end := _from(setting, climb, start)) is not None]
     if not ends or min(end.chi for end in ends) > _UNFIT:
         climb.with_load = False
@@ -119,6 +126,10 @@ def search(setting: Setting) -> Search:
     first, *others = sorted(ends, key=lambda end: end.cost)
     further = fit(first.problem, first.x, first.coefficients, setting.unknowns.free(), FURTHER)
     return Search(setting, (further, *others), (first.cost - further.cost) / further.cost)
+
+
+def _lost(start: ClimbEnd) -> bool:
+    return start.cost > (LOST_AT_ONCE if start.top < RATIO * FIRST_RUNG else LOST)
 
 
 def _without_load(setting: Setting, climb: Climb, starts: Sequence[ClimbEnd]) -> list[LatentFit]:
@@ -170,11 +181,15 @@ class _Columns:
             problem.filter_torque(self.setting.cutoff, floor)
             found = fit(problem, x, coefficients, self.unknowns.free(), Iteration(steps, settle=True))
             x, coefficients = found.x, found.coefficients
+            if found.chi > HOPELESS:
+                break
         return found
 
     def best(self) -> LatentFit:
         """Return the fit with the columns that pay."""
         found = self.level(("load",), self.x, self.coefficients, FLOORS)
+        if found.chi > HOPELESS:
+            return found
         plain = self.level((), found.x, found.coefficients, FLOORS[-1:])
         if found.chi > _STRIBECK_FROM * min(1.0, plain.chi) or _pays(plain, found):
             richer = self.level(("load", "stribeck"), found.x, found.coefficients, FLOORS[-2:])
