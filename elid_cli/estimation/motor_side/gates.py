@@ -9,14 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elid_cli.estimation.motor_side.refits import Figures, Moves
+from elid_cli.estimation.motor_side.refits import MISFIT, Figures, Moves
 from elid_cli.estimation.result import Verdict
 
 FALL, CRAWLS = 0.001, 1e-4
 """Most that further steps may lower the cost, share of it, and how much of it asks for a look at the valley."""
 SURE, CLOSE = 5.0, 0.03
 """Compliance over its standard error, at least, and standard error over the compliance, at most."""
-MISFIT = 3.0
 GAIN, LOWEST = 2.0, 0.98
 """Least cost of a rigid joint over the cost, of the joint itself and of any."""
 MOVE, HALVES = 0.03, 0.05

@@ -16,6 +16,8 @@ from elid_cli.estimation.motor_side.unknowns import Unknowns
 
 LOWER_CUT, FINER = 0.75, 0.75
 """Cut-off of the torque rows over the end of the band, and distance of knots over the first one, of two refits."""
+MISFIT = 3.0
+"""Most cost per degree of freedom of a model that is believed."""
 WIDTHS = (0.4, 2.5)
 """Factors on the speed within which friction changes its sign, of refits of motion below an antiresonance."""
 PATIENT = Iteration(60, 1e-5)
@@ -66,7 +68,7 @@ class Figures:
     least_mass: float
     """Smallest eigenvalue of the links' mass matrix."""
     gain: Array
-    """Cost with one joint made rigid, over the cost."""
+    """Cost with one joint made rigid, over the cost; infinite where the misfit refuses every joint already."""
     fall: float
     """Share by which further steps lowered the cost."""
     moves: Moves | None = None
@@ -143,8 +145,8 @@ def first_figures(found: Search) -> Figures:
     """Return what the gates look at of a search's best end and of refits with one joint made rigid."""
     refits, best, setting = _Refits(found), found.best, found.setting
     at, x, n = best.problem.unknowns.places, best.x, setting.link.n
-    gain = np.ones(n)
-    for j in np.flatnonzero(setting.link.elastic).tolist():
+    gain = np.full(n, np.inf)
+    for j in np.flatnonzero(setting.link.elastic).tolist() if best.chi <= MISFIT else ():
         rigid = refits.fitted(rigid=j, steps=12)
         gain[j] = 1.0 if rigid is None else rigid.cost / best.cost
     prior, V, J = setting.rotors, best.covariance, x[at["J"]]
