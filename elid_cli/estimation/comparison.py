@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from elid_cli.errors import UsageError
 from elid_cli.files import read_text
+from elid_cli.model.effects import effect_classes
 from elid_cli.tables import Shown
 
 LARGEST_NUMBER = 1e300
@@ -41,6 +43,9 @@ class SavedResult:
     parameters: Mapping[str, Estimate]
     error: Mapping[str, float]
     """Held-out error of each joint, relative to its torque."""
+    joints: tuple[str, ...] = ()
+    beside: Mapping[str, Estimate] = field(default_factory=dict)
+    """What was corrected or found beside the base parameters: ``torque_offset of joint1: offset``."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +104,36 @@ def read_result(path: str | Path) -> SavedResult:
     if not any(estimate.value is not None for estimate in parameters.values()):
         detail = f"it was made by elid {data.get('command')}"
         raise UsageError(f"{path}: holds no estimates", detail=detail, hint="compare results of identify or diagnose")
-    return SavedResult(str(path), str(data.get("robot", "")), parameters, _relative(error))
+    joints = tuple(str(name) for name in data.get("joints", ()))
+    return SavedResult(str(path), str(data.get("robot", "")), parameters, _relative(error), joints, _beside(data))
+
+
+def _beside(data: Mapping[str, Any]) -> dict[str, Estimate]:
+    """Return the nuisances and effects of a saved result; none of those that a joint has several of."""
+    items = [item for key in ("nuisances", "effects") for item in data.get(key) or () if isinstance(item, dict)]
+    return beside_of([
+        (str(item.get("effect")), item.get("joint"), item.get("parameters") or {}, item.get("std_error") or {})
+        for item in items
+    ])  # fmt: skip
+
+
+def beside_of(
+    items: Sequence[tuple[str, str | None, Mapping[str, Any], Mapping[str, Any]]],
+) -> dict[str, Estimate]:
+    """Return estimates by name of effects: their name, joint, parameters and standard errors of the amplitudes."""
+    library = effect_classes()
+    counts = Counter((effect, joint) for effect, joint, *_ in items)
+    found = {}
+    for effect, joint, values, errors in items:
+        if effect not in library or counts[effect, joint] > 1:
+            continue
+        units = {p.name: p.unit for p in library[effect].amplitudes}
+        for name in units:
+            value, error = _number(values.get(name)), _number(errors.get(name))
+            if value is not None and error:
+                of = f" of {joint}" if joint else ""
+                found[f"{effect}{of}: {name}"] = Estimate(value, error, units[name])
+    return found
 
 
 def saved_object(path: str | Path) -> Mapping[str, Any]:

@@ -39,7 +39,7 @@ def trend(
     """  # noqa: D205
     from pathlib import Path
 
-    from elid_cli.cli.output import LimitError, check_output, emit
+    from elid_cli.cli.output import LimitError, check_output, emit, pictures_wanted
     from elid_cli.cli.progress import progress
     from elid_cli.errors import UsageError
 
@@ -71,6 +71,11 @@ def trend(
         places = None if hours is None else [value - min(hours) for value in hours]
         found = trends_of(results, places)
         report = trend_report(found, "hour" if by == "time" else "recording")
+        if pictures_wanted(output):
+            from elid_cli.report.figures.build import trend_figures, with_figures
+
+            axis = "hours since the first" if by == "time" else "recording, in the order given"
+            report = with_figures(report, trend_figures(found, axis))
     emit(report, output)
     moved = [item.series.name for item in found.of("trend", "step")]
     if fail_on_trend and moved:
@@ -81,7 +86,7 @@ def _identified(log: str, robot: str, reading: Reading, conditioning: Conditioni
     """Return what identification says of one log, as a saved result would."""
     from elid_cli.cli.inputs import load_robot
     from elid_cli.cli.routes import log_request
-    from elid_cli.estimation.comparison import Estimate, SavedResult
+    from elid_cli.estimation.comparison import Estimate, SavedResult, beside_of
     from elid_cli.estimation.identify import identify_logs
 
     request = log_request((log,), load_robot(robot), reading, conditioning, Spread(), output, None)
@@ -91,4 +96,6 @@ def _identified(log: str, robot: str, reading: Reading, conditioning: Conditioni
         else Estimate(item.estimate, item.std_error, item.unit)
         for item in found.parameters
     }  # fmt: skip
-    return SavedResult(log, found.robot.name, estimates, {})
+    items = [(n.effect, n.joint, n.parameters, n.std_error) for n in found.nuisances]
+    items += [(e.effect, e.joint or "", e.parameters, e.std_error) for e in found.effects]
+    return SavedResult(log, found.robot.name, estimates, {}, found.robot.joint_names, beside_of(items))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,9 @@ import numpy as np
 from elid_cli.errors import UsageError
 from elid_cli.estimation.comparison import SavedResult
 from elid_cli.estimation.trend.series import LEAST, Series, Word, series_of
+from elid_cli.robot.robot import MOTOR_PARAMETERS
 
+_LEADER = re.compile(r"([A-Za-z]+)(\d+)(?: |$)")
 FALSE_ALARMS = 0.01
 """Share of machines on which nothing changes and something is named."""
 
@@ -22,6 +25,12 @@ class Trend:
     series: Series
     word: Word
 
+    @property
+    def drives(self) -> bool:
+        """Whether it is of a drive or a transmission, or beside the base parameters."""
+        leader = _LEADER.match(self.series.name)
+        return leader is None or leader.group(1) in (*MOTOR_PARAMETERS, "K")
+
 
 @dataclass(frozen=True)
 class Trends:
@@ -30,6 +39,16 @@ class Trends:
     robot: str
     files: tuple[str, ...]
     trends: tuple[Trend, ...]
+    joints: tuple[str, ...] = ()
+
+    def joint_of(self, item: Trend) -> str:
+        """Return the joint of a parameter: that of a sum's leading term, or the one that its name ends in."""
+        _, of, rest = item.series.name.partition(" of ")
+        if of and ": " in rest:
+            return rest.partition(": ")[0]
+        leader = _LEADER.match(item.series.name)
+        number = int(leader.group(2)) if leader else 0
+        return self.joints[number - 1] if 0 < number <= len(self.joints) else f"joint {number}" if number else "robot"
 
     def of(self, *words: Word) -> tuple[Trend, ...]:
         """Return the parameters with these verdicts."""
@@ -37,7 +56,7 @@ class Trends:
 
 
 def trends_of(results: Sequence[SavedResult], places: Sequence[float] | None = None) -> Trends:
-    """Return every base parameter over recordings.
+    """Return every base parameter over recordings, and what was corrected or found beside them.
 
     A trend or a step is named where its p-value holds among all parameters and both questions (Holm 1979), at
     `FALSE_ALARMS` for the machine. Of a parameter with neither, recordings disagree where they scatter farther than
@@ -60,11 +79,12 @@ def trends_of(results: Sequence[SavedResult], places: Sequence[float] | None = N
         hint = " ".join(["elid compare", *(r.file for r in results)]) if len(results) > 1 else ""
         raise UsageError(f"trend: {given} given, at least {LEAST} are needed", hint=hint)
     at = np.arange(float(len(results))) if places is None else np.asarray(places, dtype=float)
-    names = list(dict.fromkeys(name for result in results for name in result.parameters))
+    known = [{**result.parameters, **result.beside} for result in results]
+    names = list(dict.fromkeys(name for parameters in known for name in parameters))
     series = []
     for name in names:
-        found = [(at[k], e.value, e.std_error, e.unit) for k, r in enumerate(results)
-                 if (e := r.parameters.get(name)) and e.value is not None and e.std_error]  # fmt: skip
+        found = [(at[k], e.value, e.std_error, e.unit) for k, parameters in enumerate(known)
+                 if (e := parameters.get(name)) and e.value is not None and e.std_error]  # fmt: skip
         if len(found) >= LEAST:
             columns = [np.array([row[c] for row in found], dtype=float) for c in range(3)]
             series.append(series_of(name, found[0][3], columns[0], columns[1], columns[2]))
@@ -84,7 +104,7 @@ def trends_of(results: Sequence[SavedResult], places: Sequence[float] | None = N
         elif scattered[k]:
             word = "disagrees"
         trends.append(Trend(item, word))
-    return Trends(results[0].robot, tuple(r.file for r in results), tuple(trends))
+    return Trends(results[0].robot, tuple(r.file for r in results), tuple(trends), results[0].joints)
 
 
 def _holm(p: Sequence[float], level: float) -> list[bool]:

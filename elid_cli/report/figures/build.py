@@ -9,6 +9,7 @@ from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.estimation.comparison import Comparison
 from elid_cli.estimation.result import Identification, JointError
+from elid_cli.estimation.trend.trends import Trends
 from elid_cli.estimation.validation.noise_floor import noise_floor
 from elid_cli.estimation.validation.prediction import ByLog, Validation, validate
 from elid_cli.experiment.replay import Replay
@@ -55,6 +56,11 @@ def log_figures(recording: Recording, robot: Robot) -> tuple[Figure, ...]:
 def replay_figures(found: Replay, other: Replay | None = None) -> tuple[Figure, ...]:
     """Return the figures of a replay, and of the same log with another robot where there is one."""
     return figures_of(FigureInput(replays=(found,) if other is None else (found, other)))
+
+
+def trend_figures(found: Trends, axis: str) -> tuple[Figure, ...]:
+    """Return the figures of parameters over recordings; `axis` names their places."""
+    return figures_of(FigureInput(trends=found, axis=axis))
 
 
 def validation_figures(found: Validation, signals: Signals, others: Sequence[ByLog] = ()) -> tuple[Figure, ...]:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from elid_cli.diagnosis.result import Diagnosis
     from elid_cli.estimation.comparison import Comparison
     from elid_cli.estimation.result import Identification
+    from elid_cli.estimation.trend.trends import Trends
     from elid_cli.estimation.validation.prediction import Validation
     from elid_cli.experiment.excitation import Excitation
     from elid_cli.experiment.replay import Replay
@@ -47,6 +48,9 @@ class FigureInput:
     """Errors to compare: a label, and the relative error of each joint."""
     comparisons: Sequence[Comparison] = ()
     """Saved results against the first one."""
+    trends: Trends | None = None
+    """Parameters over recordings, and what their places are."""
+    axis: str = ""
 
     @property
     def robot(self) -> Robot | None:

@@ -32,8 +32,8 @@ SUFFIXES, FIGURES = (".html", ".htm"), True
 LONG = 16
 """Rows of a table beyond which it is folded."""
 PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("What it rests on", ("figure:effect", "figure:errors", "effects*", "also_possible", "before_after", "error*",
-                          "triage", "by_log")),
+    ("What it rests on", ("figure:effect", "figure:errors", "figure:trended", "effects*", "also_possible",
+                          "before_after", "error*", "triage", "by_log")),
     ("Parameters", ("figure:parameters", "joint_parameters", "base_parameters", "reasons", "physical*", "std_error")),
     ("What to record next", ("record", "next")),
     ("Over time", ("figure:torque", "figure:trajectory", "figure:signals")),

@@ -10,9 +10,11 @@ import pytest
 
 from elid_cli.cli import main
 from elid_cli.errors import UsageError
-from elid_cli.estimation.comparison import Estimate, SavedResult
+from elid_cli.estimation.comparison import Estimate, SavedResult, beside_of
 from elid_cli.estimation.trend.series import series_of
 from elid_cli.estimation.trend.trends import trends_of
+from elid_cli.report.figures import picture
+from elid_cli.report.figures.build import trend_figures
 from tests.system.reproduce.trend_fleets import WEAR, fleet
 
 ROOT = Path(__file__).parents[3]
@@ -99,3 +101,26 @@ def test_what_cannot_be_answered_is_said(capsys: pytest.CaptureFixture[str]) -> 
         trends_of(machine({"K1": np.ones(2)}, 0.1))
     assert main(["trend", str(ROOT / "sample_logs" / "planar2.h5")]) == 2
     assert "needs --robot" in capsys.readouterr().err
+
+
+def test_offsets_and_effects_are_followed_and_drawn_by_joint() -> None:
+    rng = np.random.default_rng(2)
+    items = [("torque_offset", "hip", {"offset": 0.2 + 0.05 * k + 0.005 * rng.normal()}, {"offset": 0.005})
+             for k in range(8)]  # fmt: skip
+    twice = ("stribeck", "hip", {"amplitude": 1.0, "velocity": 0.1}, {"amplitude": 0.1})
+    results = [
+        SavedResult(f"{k}.json", "arm", {"fv1": Estimate(1.0 + 0.01 * rng.normal(), 0.01, "N·m·s/rad"),
+                                         "m2 - 4*Izz1": Estimate(2.0 + 0.01 * rng.normal(), 0.01, "kg")},
+                    {}, ("hip", "knee"), beside_of([item, twice, twice]))
+        for k, item in enumerate(items)
+    ]  # fmt: skip
+    found = trends_of(results)
+    words = {item.series.name: item.word for item in found.trends}
+    assert words == {"fv1": "steady", "m2 - 4*Izz1": "steady", "torque_offset of hip: offset": "trend"}
+    assert [found.joint_of(item) for item in found.trends] == ["hip", "knee", "hip"]
+    first, second = trend_figures(found, "recording")
+    assert (first.key, second.key) == ("trend_hip", "trend_knee")
+    assert [p["name"] for p in first.data["parameters"]] == ["torque_offset of hip: offset", "fv1"]  # moved first
+    line = first.data["parameters"][0]["line"]
+    assert line[-1] - line[0] == pytest.approx(0.35, rel=0.05)
+    assert b"</svg>" in picture(first, "svg")
