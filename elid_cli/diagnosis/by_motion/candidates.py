@@ -7,7 +7,7 @@ is fitted to the error that the simulation leaves, beside the columns of what is
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +18,12 @@ from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.estimation.trajectory.acting import acting, can_act
 from elid_cli.model.effects.effect import Effect, Scene
 
-FINEST = 40
+FINEST = 160
 """Shapes of one effect that are tried at a joint."""
+REFINED = (0.2, 0.1, 0.05, 0.02)
+"""Parts of itself by which a shape is moved, one after the other, while that helps."""
+WORTH = 0.03
+"""Least gain of a shape that is refined."""
 
 
 @dataclass(frozen=True)
@@ -90,21 +94,41 @@ def screened(
     edges = edges_of(views)
     error = np.concatenate([view.error[:, joint] for view in views])
     plain = Blocks.of(np.concatenate(fixed), error, edges).left()
+
+    def judged(effect: Effect) -> Candidate | None:
+        columns = [_placed(responses(effect, view, joint), view.source, recordings) for view in views]
+        if not all(np.isfinite(c).all() for c in columns) or not any(c.any() for c in columns):
+            return None
+        design = np.concatenate([np.concatenate([a, c], axis=1) for a, c in zip(fixed, columns, strict=True)])
+        blocks = Blocks.of(design, error, edges)
+        share, helped = gain(plain, blocks.left())
+        return Candidate(effect, share, helped, _amplitudes(blocks, fixed[0].shape[1], len(effect.amplitudes)))
+
     found = []
     for kind in kinds:
-        best: Candidate | None = None
-        for effect in _shapes(kind, views[0].scene, joint, present):
-            columns = [_placed(responses(effect, view, joint), view.source, recordings) for view in views]
-            if not all(np.isfinite(c).all() for c in columns) or not any(c.any() for c in columns):
-                continue
-            design = np.concatenate([np.concatenate([a, c], axis=1) for a, c in zip(fixed, columns, strict=True)])
-            blocks = Blocks.of(design, error, edges)
-            share, helped = gain(plain, blocks.left())
-            if best is None or share > best.gain:
-                best = Candidate(effect, share, helped, _amplitudes(blocks, fixed[0].shape[1], len(effect.amplitudes)))
+        tried = [judged(effect) for effect in _shapes(kind, views[0].scene, joint, present)]
+        best = max((c for c in tried if c is not None), key=lambda c: c.gain, default=None)
+        if best is not None and best.gain > WORTH:
+            best = _refined(best, judged)
         if best is not None and _plausible(best, views[0].scene):
             found.append(best)
     return sorted(found, key=lambda c: -c.gain)
+
+
+def _refined(best: Candidate, judged: Callable[[Effect], Candidate | None]) -> Candidate:
+    """Return a candidate with its free shapes moved to where they take away most."""
+    kind, joint = type(best.effect), best.effect.joint
+    for part in REFINED:
+        for place, parameter in enumerate(kind.shapes):
+            if parameter.fixed:
+                continue
+            for factor in (1 + part, 1 - part):
+                shape = list(best.effect.shape)
+                shape[place] = min(max(shape[place] * factor, parameter.low), parameter.high)
+                other = judged(kind(joint, shape))
+                if other is not None and other.gain > best.gain:
+                    best = other
+    return best
 
 
 def _shapes(kind: type[Effect], scene: Scene, joint: int, present: Sequence[Effect]) -> Iterator[Effect]:

@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 
+HARMLESS = 0.02
+"""Part of a block's squared error by which it may grow without being harmed."""
+ELSEWHERE = 0.1
+"""Part of what an effect takes away that it must take from other blocks than the one it helps most."""
 DAMPING = 1e-7
 """Of the normal equations' diagonal: columns that the motion does not show stay at 0."""
 
@@ -43,7 +47,13 @@ class Blocks:
 
 
 def gain(without: Array, with_it: Array) -> tuple[float, float]:
-    """Return the part of the squared error that is taken from blocks not fitted to, and the part of blocks helped."""
-    before = float(without.sum())
-    helped = float(np.mean(with_it < without))
-    return (1.0 - float(with_it.sum()) / before if before > 0 else 0.0), helped
+    """Return the part of the squared error that is taken from blocks not fitted to, and the part of blocks not harmed.
+
+    What one block alone tells is no effect that lasts: then none counts as helped.
+    """
+    before, better = float(without.sum()), without - with_it
+    if before <= 0 or better.sum() <= 0:
+        return 0.0, 0.0
+    lasting = better.sum() - better.max() >= ELSEWHERE * better.sum()
+    helped = float(np.mean(better > -HARMLESS * without)) if lasting else 0.0
+    return float(better.sum()) / before, helped

@@ -28,6 +28,10 @@ ROUNDS = 3
 """Effects that one joint may lack."""
 HELPED = 0.75
 """Part of the blocks of time that an effect must make better."""
+FURTHER = 0.3
+"""The same of a further effect at a joint: what is left of the first, in a shape that is not quite its own, is none."""
+HOPEFUL = 0.4
+"""The same of one that is tried at all: screening knows nothing of a joint that sticks."""
 ALIKE = 0.9
 """Part of the best effect's gain from which another one does as well."""
 LEAST = 0.15
@@ -137,7 +141,8 @@ def _best(fit: TrajectoryFit, kinds: Sequence[type[Effect]]) -> tuple[list[Named
         top = candidates[0].gain
         alike = [c for c in candidates if c.gain >= ALIKE * top]
         best = min(alike, key=lambda c: (c.price, -c.gain))
-        if best.gain < max(LEAST, best.effect.least_gain) or best.helped < HELPED:
+        further = any(effect.joint == joint for effect in fit.unknowns.effects)
+        if best.gain < max(FURTHER if further else LEAST, best.effect.least_gain) or best.helped < HOPEFUL:
             left.append(best)
             continue
         found.append(Named(best.effect, best.gain, best.helped, tuple(c for c in alike if c is not best)))

@@ -21,7 +21,7 @@ KP, KD = np.array([25.0, 20.0, 15.0]), np.array([1.0, 0.8, 0.5])
 NAMES = ("one", "two", "three")
 DT, STEP = 0.005, 0.00025
 
-Extra = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Extra = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 def robot(folder: Path) -> Robot:
@@ -42,8 +42,8 @@ def moved(
 ) -> Recording:  # fmt: skip
     """Return a log of commands and noisy positions.
 
-    `push` is a torque that the joints need, `grip` what Coulomb friction is beyond `COULOMB`, both of q and its rate,
-    (3,). Positions are sampled `jitter` s (rms) beside their stamps.
+    `push` is a torque that the joints need, `grip` what Coulomb friction is beyond `COULOMB`, both of q, its rate, and
+    what the bodies need, (3,). Positions are sampled `jitter` s (rms) beside their stamps.
     """
     rng = np.random.default_rng(seed)
     count, fine = round(duration / DT) + 1, round(DT / STEP)
@@ -57,14 +57,15 @@ def moved(
     states = np.empty(((count - 1) * fine + 1, 3))
     speeds = np.empty_like(states)
     states[0], speeds[0] = x, v
-    late = round(delay / STEP)
+    late, bodies = round(delay / STEP), np.zeros(3)
     for k in range(len(states) - 1):
         told = max(k - late, 0) // fine
         torque = KP * (q_des[told] - x) + KD * (dq_des[told] - v) - OFFSET - VISCOUS * v
-        torque -= MASS * GRAVITY * REACH * np.sin(x) + (push(x, v) if push is not None else 0.0)
+        torque -= MASS * GRAVITY * REACH * np.sin(x) + (push(x, v, bodies) if push is not None else 0.0)
         free = v + STEP * torque / inertia
-        hold = STEP * (COULOMB + (grip(x, v) if grip is not None else 0.0)) / inertia
-        v = np.sign(free) * np.maximum(np.abs(free) - hold, 0.0)
+        hold = STEP * (COULOMB + (grip(x, v, bodies) if grip is not None else 0.0)) / inertia
+        before, v = v, np.sign(free) * np.maximum(np.abs(free) - hold, 0.0)
+        bodies = (INERTIA + MASS * REACH**2) * (v - before) / STEP + MASS * GRAVITY * REACH * np.sin(x)
         x = x + STEP * v
         states[k + 1], speeds[k + 1] = x, v
     at = t + np.clip(jitter * rng.standard_normal(count), -0.9 * DT, 0.9 * DT)

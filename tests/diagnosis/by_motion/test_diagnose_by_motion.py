@@ -47,11 +47,11 @@ def test_missing_effects_and_a_delay_are_found_and_the_written_robot_moves_bette
 ) -> None:
     stiffness = np.array([1.5, 0.0, 0.0])
 
-    def rising(x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def rising(x: np.ndarray, v: np.ndarray, load: np.ndarray) -> np.ndarray:
         return np.array([0.0, 0.0, 0.12 * np.sin(3.0 * x[2])])
 
     def log(seed: int) -> str:
-        recording = moved(seed, delay=0.006, push=lambda x, v: stiffness * (x - 0.1), grip=rising)
+        recording = moved(seed, delay=0.006, push=lambda x, v, load: stiffness * (x - 0.1), grip=rising)
         return written(tmp_path, f"run{seed}.h5", recording)
 
     path, out = robot(tmp_path).source, str(tmp_path / "found.yaml")
@@ -75,15 +75,18 @@ def test_missing_effects_and_a_delay_are_found_and_the_written_robot_moves_bette
 
 
 def test_a_spring_may_be_a_wrong_first_moment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log = written(tmp_path, "log.h5", moved(3, push=lambda x, v: np.array([0.4, 0.0, 0.0]) * x))
+    log = written(tmp_path, "log.h5", moved(3, push=lambda x, v, load: np.array([0.4, 0.0, 0.0]) * x))
     found = told(capsys, "diagnose", log, "--robot", robot(tmp_path).source)
     assert [(e["effect"], e["joint"]) for e in found["effects"]] == [("link_spring", "one")]
     assert ("first_moment", "one") in {(r["effect"], r["joint"]) for r in found["also_possible"]}
 
 
 def test_recordings_that_do_not_agree_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    logs = [written(tmp_path, f"run{k}.h5", moved(10 + k, 8.0, push=lambda x, v, s=s: np.array([s, 0.0, 0.0]) * x))
-            for k, s in enumerate((1.5, 1.5, 0.2))]  # fmt: skip
+    logs = []
+    for k, stiffness in enumerate((1.5, 1.5, 0.2)):
+        spring = np.array([stiffness, 0.0, 0.0])
+        recording = moved(10 + k, 8.0, push=lambda x, v, load, spring=spring: spring * x)
+        logs.append(written(tmp_path, f"run{k}.h5", recording))
     found = told(capsys, "diagnose", *logs, "--robot", robot(tmp_path).source)
     assert [(e["effect"], e["joint"]) for e in found["effects"]] == [("link_spring", "one")]
     changed = [d for d in found["differing"] if d["name"] == "link_spring stiffness"]
