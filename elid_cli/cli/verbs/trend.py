@@ -75,7 +75,7 @@ def trend(
             from elid_cli.report.figures.build import trend_figures, with_figures
 
             axis = "hours since the first" if by == "time" else "recording, in the order given"
-            report = with_figures(report, trend_figures(found, axis))
+            report = with_figures(report, trend_figures(found, axis, 0.0 if by == "time" else 1.0))
     emit(report, output)
     moved = [item.series.name for item in found.of("trend", "step")]
     if fail_on_trend and moved:

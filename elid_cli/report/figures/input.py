@@ -51,6 +51,8 @@ class FigureInput:
     trends: Trends | None = None
     """Parameters over recordings, and what their places are."""
     axis: str = ""
+    first: float = 0.0
+    """What the axis calls the first recording."""
 
     @property
     def robot(self) -> Robot | None:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 ORDER = 3
 MOST = 8
 """Parameters of a joint that are drawn: those that changed first, then drives before bodies."""
+LONGEST, EDGE = 60, 0.04
+"""Characters of a name that are written; room beside the first and the last recording, as a part of the width."""
 REACH = 1.96
 """Standard errors of a 95 % interval."""
 
@@ -31,12 +33,12 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         groups.setdefault(told.trends.joint_of(item), []).append(item)
     for joint, items in groups.items():
         ordered = sorted(items, key=lambda item: (item.word == "steady", not item.drives))[:MOST]
-        data = {"axis": told.axis, "parameters": [_drawn(item) for item in ordered]}
+        data = {"axis": told.axis, "parameters": [_drawn(item, told.first) for item in ordered]}
         caption = "Estimate of every recording with its 95 % interval; dashed: the line or the step that was found."
         yield Figure(f"trend_{joint}", f"{joint}: parameters over recordings", "trended", data, caption)
 
 
-def _drawn(item: Trend) -> dict[str, object]:
+def _drawn(item: Trend, begin: float) -> dict[str, object]:
     s = item.series
     line = np.full_like(s.values, s.mean)
     if item.word == "trend":
@@ -44,7 +46,7 @@ def _drawn(item: Trend) -> dict[str, object]:
     if item.word == "step" and s.step is not None:
         first = np.arange(len(s.values)) <= s.step.after
         line = np.where(first, s.values[first].mean(), s.values[~first].mean())
-    return {"name": s.name, "unit": s.unit, "place": s.place, "values": s.values, "errors": s.errors,
+    return {"name": s.name, "unit": s.unit, "place": s.place + begin, "values": s.values, "errors": s.errors,
             "line": line, "changed": item.word != "steady"}  # fmt: skip
 
 
@@ -62,8 +64,10 @@ def draw(figure: Figure) -> Drawing:
         ]
         if np.any(y - reach < 0) and np.any(y + reach > 0):
             marks.append(Rule(y=0.0, color="pale"))
-        label = f"{item['name'] if len(item['name']) <= 24 else item['name'][:23] + '…'} ({item['unit']})"
-        panels.append(Panel(marks, "", figure.data["axis"] if last else "", label, height=120))
+        margin = EDGE * max(float(np.ptp(x)), 1.0)
+        sides = float(x.min()) - margin, float(x.max()) + margin
+        name = item["name"] if len(item["name"]) <= LONGEST else item["name"][: LONGEST - 1] + "…"
+        panels.append(Panel(marks, name, figure.data["axis"] if last else "", item["unit"], xlim=sides, height=120))
     return Drawing(panels, wide=True)
 
 
