@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -36,7 +37,7 @@ def _data(found: Actuators) -> dict[str, Any]:
         "about": ABOUT,
         "robot": robot.name,
         "actuators": _each(found, lambda value: value.value),
-        "std_error": _each(found, lambda value: value.std_error),
+        "std_error": _each(found, lambda value: _finite(value.std_error)),
         "verdict": _each(found, lambda value: value.verdict),
         "remarks": _remarks(found),
         "units": {quantity: _units(quantity, robot) for quantity in found.values},
@@ -44,6 +45,11 @@ def _data(found: Actuators) -> dict[str, Any]:
         "direction_width": dict(zip(of, widths, strict=True)),
         "effects": [_effect(spec) for spec in found.effects],
     }
+
+
+def _finite(value: float | None) -> float | None:
+    """Return a number; None for one that is not known."""
+    return value if value is not None and math.isfinite(value) else None
 
 
 def _each(found: Actuators, of: Callable[[Value], object]) -> dict[str, dict[str, object]]:
@@ -68,7 +74,7 @@ def _effect(spec: EffectSpec) -> dict[str, Any]:
     return {
         "effect": spec.effect,
         "joint": spec.joint,
-        "parameters": dict(spec.parameters),
+        "parameters": {name: _finite(value) for name, value in spec.parameters.items()},
         "as": kind.in_simulators or None,
         "at": kind.place,
         "in_mjcf": spec.effect == SPRING,

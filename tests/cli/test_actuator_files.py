@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ import pytest
 import yaml
 
 from elid_cli.cli import main
+from elid_cli.estimation.actuator_text import actuator_text
+from elid_cli.estimation.actuators import Actuators, Value
 from elid_cli.experiment.simulation import SimulationOptions, simulate
 from elid_cli.files import write_text
 from elid_cli.logs.writing import write_recording
@@ -98,3 +101,11 @@ def test_a_name_that_cannot_be_written_is_refused_before_any_work(
     path = tmp_path / name
     assert main(["identify", str(STRIBECK), "--robot", "planar2", "--write-actuators", str(path)]) == 2
     assert str(path.name) in capsys.readouterr().err
+
+
+def test_an_error_that_nobody_knows_is_null() -> None:
+    robot = read_robot("planar2")
+    value = Value(0.002, math.nan, "supported")
+    told = json.loads(actuator_text(Actuators(robot, {"delay": {"joint1": value}}, ()), yaml=False))
+    assert told["std_error"] == {"delay": {"joint1": None}}
+    assert told["actuators"] == {"delay": {"joint1": 0.002}}
