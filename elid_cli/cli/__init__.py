@@ -32,6 +32,9 @@ COMPLETE = "_ELID_COMPLETE"
 LONGEST_LINE = 4000
 """Characters of a line of an error."""
 
+LEAST_ROOM = 320 << 20
+"""Bytes of address space with which NumPy and SciPy can be loaded and have their buffers."""
+
 _interrupted = False
 
 
@@ -66,6 +69,7 @@ def _run(arguments: list[str]) -> int:
         return shell_complete(elid, {}, "elid", COMPLETE, os.environ[COMPLETE])
     try:
         with elid.make_context("elid", arguments, obj=tuple(arguments)) as context:
+            _check_room()
             elid.invoke(context)
     except click.exceptions.Exit as end:
         return int(end.exit_code)
@@ -74,6 +78,17 @@ def _run(arguments: list[str]) -> int:
     except click.ClickException as problem:
         raise usage_error(problem) from None
     return EXIT_DONE
+
+
+def _check_room() -> None:
+    """Refuse an address space in which numerical libraries end the process, or wait for memory for ever."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    room, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if room != resource.RLIM_INFINITY and room < LEAST_ROOM:
+        raise MemoryError(f"{room >> 20} MiB of address space (ulimit -v); elid needs {LEAST_ROOM >> 20} MiB or more")
 
 
 def _answer(problem: BaseException, arguments: list[str]) -> int:

@@ -335,14 +335,26 @@ def test_robots_without_quantities(tmp_path: Path, change: dict[str, str], verb:
     assert "arm.yaml:" in done.stderr
 
 
-@pytest.mark.parametrize("megabytes", [120, 250, 500])
+@pytest.mark.parametrize("megabytes", [120, 220, 319])
 def test_little_address_space(tmp_path: Path, megabytes: int) -> None:
+    """NumPy's library ends the process there, and SciPy's waits for memory for ever: one error instead, at once."""
+    path = tmp_path / "log.mcap"
+    path.write_bytes(joint_states())
+    for line in (("identify", path, "--robot", "planar2"), ("info", path)):
+        done = bounded(*line, memory=megabytes << 20)
+        assert (done.returncode, done.stdout) == (3, "")
+        assert done.stderr.startswith(f"error: not enough memory\n  {megabytes} MiB of address space (ulimit -v); ")
+    assert bounded("--version", memory=megabytes << 20).returncode == 0
+
+
+def test_enough_address_space(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     path.write_bytes(joint_states())
     begin = time.monotonic()
-    done = bounded("identify", path, "--robot", "planar2", memory=megabytes << 20)
+    done = bounded("identify", path, "--robot", "planar2", memory=400 << 20)
     assert time.monotonic() - begin < 60
-    assert done.returncode in (0, 3, 70, 1, -11, -6), done
+    assert done.returncode == 0, done
+    assert "K1" in done.stdout
 
 
 def test_tiny_efforts_are_none(tmp_path: Path) -> None:
