@@ -43,15 +43,15 @@ class Kind:
 CROSS = Case()
 KINDS = (
     Kind("past the resonances", CROSS),
-    Kind("… two joints, first rigid", CROSS, rigid=(0,)),
-    Kind("… load friction 2-10 %", CROSS, load=(0.02, 0.1)),
-    Kind("… load friction, Stribeck", CROSS, load=(0.02, 0.1), stribeck=True),
-    Kind("… transmission damping", CROSS, damping=True),
+    Kind("… first joint rigid", CROSS, rigid=(0,)),
+    Kind("… load friction", CROSS, load=(0.02, 0.1)),
+    Kind("… load and Stribeck", CROSS, load=(0.02, 0.1), stribeck=True),
+    Kind("… damped springs", CROSS, damping=True),
     Kind("… lost motion", CROSS, lost=True),
-    Kind("below the antiresonance", replace(CROSS, kind="below")),
+    Kind("below resonances", replace(CROSS, kind="below")),
     Kind("smooth motion", replace(CROSS, kind="smooth")),
     Kind("rigid arm", CROSS, rigid=(0, 1), told_elastic=True),
-    Kind("rigid arm, load friction", CROSS, rigid=(0, 1), load=(0.02, 0.1), told_elastic=True),
+    Kind("rigid, load friction", CROSS, rigid=(0, 1), load=(0.02, 0.1), told_elastic=True),
     Kind("one joint", CROSS, joints=1),
     Kind("three joints", CROSS, joints=3),
 )
@@ -101,7 +101,7 @@ def judged(number: int) -> tuple[list[Joint], float]:
 def table(joints: Iterable[Joint], seconds: dict[str, list[float]]) -> str:
     """Return the table of all kinds."""
     everything = list(joints)
-    lines = [f"{'motion':27} joints supported wrong >3se weak wrong refused  median    max  s/log"]
+    lines = [f"{'motion':20} joints shown wrong >3se weak wrong none median   max s/log"]
     names = [kind.name for kind in KINDS if any(joint.kind == kind.name for joint in everything)]
     for name in [*names, "all"]:
         own = [joint for joint in everything if name in ("all", joint.kind)]
@@ -113,10 +113,10 @@ def table(joints: Iterable[Joint], seconds: dict[str, list[float]]) -> str:
             len(own), len(good), sum(size > WRONG for size in sizes), sum(joint.sigmas > SURE for joint in good),
             len(weak), sum(abs(joint.error) > WRONG_WEAK for joint in weak), len(own) - len(good) - len(weak),
         )  # fmt: skip
-        middle, most = (f"{100 * f(sizes):.3f}%" if sizes else "" for f in (np.median, max))
-        widths = (6, 9, 5, 4, 4, 5, 7)
+        middle, most = (f"{100 * f(sizes):.2f}%" if sizes else "" for f in (np.median, max))
+        widths = (6, 5, 5, 4, 4, 5, 4)
         row = " ".join(f"{count:{width}d}" for count, width in zip(counts, widths, strict=True))
-        lines.append(f"{name:27} {row} {middle:>8} {most:>7} {np.mean(spent):5.1f}")
+        lines.append(f"{name:20} {row} {middle:>6} {most:>5} {np.mean(spent):5.1f}")
     return "\n".join(lines)
 
 
