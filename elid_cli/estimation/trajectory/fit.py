@@ -25,7 +25,9 @@ from elid_cli.robot.robot import Robot
 CYCLES, STEPS = 7, 8
 """Most motions whose slopes are computed, and most steps by those of one."""
 FAR = 0.5
-"""Part of itself by which an inertia or friction changes in one step at most."""
+"""Part of itself by which an inertia or friction falls in one step at most …"""
+HIGH = 4.0
+"""… and times the usual value of all joints by which it rises."""
 SETTLED = 1e-3
 """Relative change of the error below which the fit ends: the standard errors are far larger than what is left."""
 SHORTER = 0.3
@@ -185,7 +187,8 @@ def _descended(
         trial = unknowns.possible(z + reach[unknowns.chain_of] * step)
         tried, _ = passed(equations, tracked, unknowns, trial, parameters, weights, columns)
         now = _costs(tried, unknowns)
-        fell = np.append(now <= cost + SLIGHT, reach[-1] > 0)
+        fell = now <= cost + SLIGHT
+        fell = np.append(fell, fell.all() and reach[-1] > 0)  # a delay moves all chains
         z = np.where(fell[unknowns.chain_of], trial, z)
         if not fell[:-1].all():
             reach = np.where(fell, 0.0, SHORTER * reach)
@@ -210,12 +213,13 @@ def _step(unknowns: Unknowns, z: Array, found: Equations) -> Array:
     """Return the step of the unknowns, (U,), no inertia or friction by more than a part of itself."""
     step = solved(found.matrix.sum(axis=0), found.load.sum(axis=0))
     values = np.abs(unknowns.joint_values(z))
-    reach = np.full(unknowns.count, np.inf)
-    of_drives = FAR * np.maximum(values, 0.2 * np.median(values, axis=0))
-    of_drives[:, 3] = np.inf
-    reach[: unknowns.drives] = of_drives.ravel()
-    reach[unknowns.delays] = 0.2 * LATEST
-    limited: Array = np.clip(step, -reach, reach)
+    down, up = np.full((2, unknowns.count), np.inf)
+    usual = np.median(values, axis=0)
+    fall, rise = FAR * np.maximum(values, 0.2 * usual), HIGH * np.maximum(values, usual)
+    fall[:, 3] = rise[:, 3] = np.inf
+    down[: unknowns.drives], up[: unknowns.drives] = fall.ravel(), rise.ravel()
+    down[unknowns.delays] = up[unknowns.delays] = 0.2 * LATEST
+    limited: Array = np.clip(step, -down, up)
     return limited
 
 

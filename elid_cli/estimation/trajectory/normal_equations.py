@@ -22,6 +22,8 @@ REACH = 0.5
 """rad (m); a simulation farther than this from the measured motion has lost it, and is cut."""
 CONSTANT = 1e-9
 """Relative change of a torque that counts as none."""
+AGREEING, AGREED = 4, 2e-5
+"""Times that a motion with effects is simulated until it is, rms in rad (m), the one along which they act."""
 NEAR = 5e-4
 """rad (m); the equations are linearised again where the motion is farther, rms, from where they were."""
 
@@ -99,19 +101,16 @@ def simulated(
     equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, parameters: Array, *, plain: bool = False
 ) -> Moved:
     """Simulate a stretch, and move on what its equations are linearised about; `plain`: without columns."""
-    local = item.equations(equations)
     run = item.run.delayed(np.full(unknowns.robot.n, z[unknowns.delays][item.run.source]))
-    done = _acting(unknowns, item, local, parameters)
-    strength = np.zeros(0) if done is None else np.sqrt(np.mean((done.push + done.grip) ** 2, axis=1).sum(axis=-1))
-    steps = steps_of(unknowns, z, strength)
-    groups = () if plain else unknowns.together
-    joints = _variants(unknowns, z, steps, groups, done)
-    alone = Drives(run.drives.told[:, None], run.drives.kp[None], run.drives.kd[None], run.drives.limit)
-    x, v = variants_of(equations, local, (run.start[0][None], run.start[1][None]), alone, joints, run.dt)
-    x, v = x[:, :, 0], v[:, :, 0]
-    kept = np.clip(x[:, 0], run.near - REACH, run.near + REACH)
-    item.x, item.v = kept, np.where(kept == x[:, 0], v[:, 0], item.v)
     n = unknowns.robot.n
+    for _ in range(AGREEING if unknowns.effects else 0):
+        # effects act along a motion, which they move
+        before = item.x
+        _stepped(equations, item, run, unknowns, z, parameters, ())
+        if np.sqrt(np.mean((item.x - before) ** 2)) < AGREED:
+            break
+    groups = () if plain else unknowns.together
+    x, v, steps, still = _stepped(equations, item, run, unknowns, z, parameters, groups)
     error = np.where(np.isnan(run.measured), 0.0, x[:, 0, :n] - run.measured)
     columns = np.zeros((len(error), n, 0 if plain else unknowns.count))
     for number, group in enumerate(groups, start=1):
@@ -120,7 +119,33 @@ def simulated(
             columns[:, _moved_by(unknowns, own), own] = change[:, _moved_by(unknowns, own)] / steps[own]
     if not plain:
         columns[:, :, unknowns.delays.start + run.source] = -v[:, 0, :n]
+        columns[:, :, unknowns.drives + still] = 0.0
     return Moved(error, columns)
+
+
+def _stepped(
+    equations: Linearised, item: Tracked, run: Run, unknowns: Unknowns, z: Array, parameters: Array,
+    groups: tuple[NDArray[np.intp], ...],
+) -> tuple[Array, Array, Array, NDArray[np.intp]]:  # fmt: skip
+    """Simulate a stretch once: positions and velocities (N, V, m), steps of the variants, amplitudes that are constant.
+
+    A constant torque is the offset's: an amplitude that adds nothing else stays where it is.
+    """
+    local = item.equations(equations)
+    done = _acting(unknowns, item, local, parameters)
+    strength, still = np.zeros(0), np.zeros(0, dtype=np.intp)
+    if done is not None:
+        strength = np.sqrt(np.mean((done.push + done.grip) ** 2, axis=1).sum(axis=-1))
+        spread = np.ptp(done.push, axis=1).max(axis=-1)
+        still = np.flatnonzero((spread <= CONSTANT * np.abs(done.push).max(axis=(1, 2))) & ~done.grip.any(axis=(1, 2)))
+    steps = steps_of(unknowns, z, strength)
+    joints = _variants(unknowns, z, steps, groups, done)
+    alone = Drives(run.drives.told[:, None], run.drives.kp[None], run.drives.kd[None], run.drives.limit)
+    x, v = variants_of(equations, local, (run.start[0][None], run.start[1][None]), alone, joints, run.dt)
+    x, v = x[:, :, 0], v[:, :, 0]
+    kept = np.clip(x[:, 0], run.near - REACH, run.near + REACH)
+    item.x, item.v = kept, np.where(kept == x[:, 0], v[:, 0], item.v)
+    return x, v, steps, still
 
 
 def _moved_by(unknowns: Unknowns, number: int) -> NDArray[np.intp]:
@@ -135,8 +160,6 @@ def _acting(unknowns: Unknowns, item: Tracked, local: Local, parameters: Array) 
         return None
     scene = scene_along(unknowns.robot, item.x, item.v, local, item.run.dt, parameters, len(item.x))
     found = acting(unknowns.effects, scene)
-    # a constant torque is the offset's: an amplitude that adds nothing else stays where it is
-    found.push[np.ptp(found.push, axis=1).max(axis=-1) <= CONSTANT * np.abs(found.push).max(axis=(1, 2))] = 0.0
     middle = Acting(0.5 * (found.push[:, 1:] + found.push[:, :-1]), 0.5 * (found.grip[:, 1:] + found.grip[:, :-1]))
     return middle
 
