@@ -266,7 +266,7 @@ class Climb:
     def ascend(self, locked: float | None = None) -> ClimbEnd:
         """Climb from rigid joints, or from the compliance that a locked frequency, Hz, of every joint means."""
         unknowns, elastic = self.unknowns, self.link.elastic
-        idle = ["lost", "stribeck", "further", *(() if self.with_load else ("load",))]
+        idle = ["lost", "bumps", "further", *(() if self.with_load else ("load",))]
         x = np.zeros(unknowns.size)
         x[unknowns["J"]], x[unknowns["p"]] = np.where(elastic, self.rotors.value, 0.0), 1e-3
         x, cost = self.rung(x, FIRST_RUNG, unknowns.free(*idle, "c"), 100.0)

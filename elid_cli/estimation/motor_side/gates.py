@@ -58,7 +58,7 @@ WORDS = {
     "valley": "values further off fit nearly as well",
     "delay": "the torques' delay is too long",
     "damping": "the transmission's damping is too strong",
-    "load_friction": "load friction has no possible value",
+    "load": "load friction has no possible value",
     "mass": "the links' inertia is not positive",
 }
 """Why a gate was not passed, the weightiest first."""
@@ -119,7 +119,7 @@ def _possible(told: Figures, i: int) -> list[str]:
         "rotor_told": told.rotor_sensitivity[i] <= SENSITIVITY,
         "delay": abs(told.delay) <= DELAY,
         "damping": abs(told.damping[i]) * 2 * np.pi * told.antiresonance[i] <= DAMPING,
-        "load_friction": -LOAD[0] - 3 * load_error < load < LOAD[1],
+        "load": -LOAD[0] - 3 * load_error < load < LOAD[1],
         "mass": told.least_mass > 0,
     }
     return [name for name, passed in checks.items() if not passed]

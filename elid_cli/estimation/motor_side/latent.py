@@ -25,7 +25,7 @@ from elid_cli.estimation.motor_side.operators import KnotSpline, low_pass_rows
 from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns, prior_of
 from elid_cli.signals.splines import ORDER
 
-PARTS = ("load", "stribeck", "lost")
+PARTS = ("load", "bumps", "lost")
 """Unknowns that are in the model only where they are asked for."""
 _LOAD_ROUNDING = 0.01
 """Torque within which |s| is rounded off, share of the joint's torque."""
@@ -179,9 +179,9 @@ class Latent:
             rounded = np.hypot(spring, self.rounding)
             tau += x[at["load"]] * sign * rounded
             steep = steep + x[at["load"]] * rounded * slope
-        if "stribeck" in self.parts:
+        if "bumps" in self.parts:
             bumps, slopes = self.log.bumps(speed, acceleration)
-            size = x[at["stribeck"]].reshape(len(STRIBECK_WIDTHS), 1, -1)
+            size = x[at["bumps"]].reshape(len(STRIBECK_WIDTHS), 1, -1)
             tau += (size * bumps).sum(axis=0)
             steep = steep + (size * slopes).sum(axis=0)
         for amplitude, friction in zip(x[at["further"]], self.further, strict=True):
@@ -276,7 +276,7 @@ class Latent:
             if len(now.rounded):
                 tau[:, i, at["load"][i]] = now.sign[:, i] * now.rounded[:, i]
             if len(now.bumps):
-                tau[:, i, at["stribeck"].reshape(-1, n)[:, i]] = now.bumps[:, :, i].T
+                tau[:, i, at["bumps"].reshape(-1, n)[:, i]] = now.bumps[:, :, i].T
         for place, friction in zip(at["further"], self.further, strict=True):
             tau[:, friction.joint, place] = friction.values(now.speed[:, friction.joint])
         return theta, tau

@@ -79,7 +79,7 @@ class LinkSide:
         led = [base.parameters[k] for k in base.leaders]
         self.bodies = tuple(name for name in led if name.kind not in _MOTOR_KINDS and name not in rotors)
         self.viscous = tuple(int(k) for k in np.flatnonzero(self.elastic))
-        self.names = (*(str(name) for name in self.bodies), *(f"link_viscous{k + 1}" for k in self.viscous))
+        self.names = (*(str(name) for name in self.bodies), *(f"viscous{k + 1}" for k in self.viscous))
         self.count = len(self.names)
 
     @cached_property

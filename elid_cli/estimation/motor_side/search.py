@@ -175,7 +175,7 @@ class _Columns:
         """Return the fit with some columns, floor by floor."""
         problem = self.setting.problem(parts, lost_scale)
         x = x.copy()
-        for name in {"load", "stribeck", "lost"} - set(parts):
+        for name in {"load", "bumps", "lost"} - set(parts):
             x[self.unknowns[name]] = 0.0
         for floor, steps in floors:
             problem.filter_torque(self.setting.cutoff, floor)
@@ -192,7 +192,7 @@ class _Columns:
             return found
         plain = self.level((), found.x, found.coefficients, FLOORS[-1:])
         if found.chi > _STRIBECK_FROM * min(1.0, plain.chi) or _pays(plain, found):
-            richer = self.level(("load", "stribeck"), found.x, found.coefficients, FLOORS[-2:])
+            richer = self.level(("load", "bumps"), found.x, found.coefficients, FLOORS[-2:])
             found = richer if _pays(found, richer) else found
         found = found if _pays(plain, found) else plain
         return self._with_lost_motion(found) if found.chi > _LOST_FROM else found
@@ -203,7 +203,7 @@ class _Columns:
         if _pays(found, richer) and not _gains_motion(richer):
             found = richer
         if found.chi > _CORNERED:
-            fresh = self.level(("load", "stribeck", "lost"), self.x, self.coefficients, FLOORS, scale)
+            fresh = self.level(("load", "bumps", "lost"), self.x, self.coefficients, FLOORS, scale)
             if _pays(found, fresh) and fresh.cost < 0.8 * found.cost and not _gains_motion(fresh):
                 found = fresh
         return found

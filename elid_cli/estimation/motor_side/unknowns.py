@@ -38,7 +38,7 @@ class Unknowns:
         n = self.link.n
         sizes = {
             "p": self.link.count, "J": n, "fv": n, "fs": n, "offset": n, "delay": 1, "damping": n, "lost": n, "c": n,
-            "load": n, "stribeck": n * len(STRIBECK_WIDTHS), "further": self.further,
+            "load": n, "bumps": n * len(STRIBECK_WIDTHS), "further": self.further,
         }  # fmt: skip
         ends = np.cumsum([0, *sizes.values()])
         places = {name: np.arange(ends[k], ends[k + 1]) for k, name in enumerate(sizes)}
@@ -77,5 +77,5 @@ def prior_of(unknowns: Unknowns, rotors: RotorPrior, torque: Array) -> tuple[Arr
     spread[unknowns["load"]] = LOAD_FRICTION_SPREAD
     turning = np.array([joint.revolute for joint in unknowns.link.robot.joints])
     spread[unknowns["lost"]] = np.where(turning, LOST_SPREAD, np.inf)
-    spread[unknowns["stribeck"]] = np.tile(STRIBECK_SPREAD * torque, len(STRIBECK_WIDTHS))
+    spread[unknowns["bumps"]] = np.tile(STRIBECK_SPREAD * torque, len(STRIBECK_WIDTHS))
     return mean, spread
