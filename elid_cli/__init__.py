@@ -9,6 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+    from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
     from elid_cli.diagnosis.diagnose import DiagnoseOptions, diagnose
     from elid_cli.diagnosis.result import Diagnosis
     from elid_cli.errors import DataError, ElidError, LogError, RobotError, UsageError
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from elid_cli.estimation.validation.prediction import Validation, validate
     from elid_cli.experiment.excitation import Excitation, ExciteOptions, excite
     from elid_cli.experiment.reference import write_trajectory
+    from elid_cli.experiment.replay.replay import Replay, ReplayOptions, replay
     from elid_cli.experiment.simulation.run import SimulationOptions, simulate
     from elid_cli.experiment.simulation.sensors import SensorOptions
     from elid_cli.logs.inspect import LogInfo, inspect_log
@@ -41,6 +44,8 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 _PLACES = {
+    "diagnosis.by_motion.diagnose": "diagnose_motion",
+    "diagnosis.by_motion.result": "MotionDiagnosis",
     "diagnosis.diagnose": "DiagnoseOptions diagnose",
     "diagnosis.result": "Diagnosis",
     "errors": "DataError ElidError LogError RobotError UsageError",
@@ -55,6 +60,7 @@ _PLACES = {
     "estimation.validation.prediction": "Validation validate",
     "experiment.excitation": "Excitation ExciteOptions excite",
     "experiment.reference": "write_trajectory",
+    "experiment.replay.replay": "Replay ReplayOptions replay",
     "experiment.simulation.run": "SimulationOptions simulate",
     "experiment.simulation.sensors": "SensorOptions",
     "logs.inspect": "LogInfo inspect_log",
@@ -93,9 +99,12 @@ __all__ = [
     "LogError",
     "LogInfo",
     "LogRequest",
+    "MotionDiagnosis",
     "PhysicalParameters",
     "Recording",
     "Regressor",
+    "Replay",
+    "ReplayOptions",
     "Robot",
     "RobotError",
     "SavedResult",
@@ -108,6 +117,7 @@ __all__ = [
     "__version__",
     "compare",
     "diagnose",
+    "diagnose_motion",
     "effect_classes",
     "excite",
     "find_base",
@@ -122,6 +132,7 @@ __all__ = [
     "read_result",
     "read_robot",
     "reduced_logs",
+    "replay",
     "shipped_robots",
     "simulate",
     "validate",

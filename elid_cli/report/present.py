@@ -12,12 +12,14 @@ from elid_cli.report.tree import Report, Section, Text
 from elid_cli.robot.robot import Joint, Robot
 
 if TYPE_CHECKING:
+    from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
     from elid_cli.diagnosis.result import Diagnosis
     from elid_cli.estimation.comparison import Comparison
     from elid_cli.estimation.physical.nearest import PhysicalParameters
     from elid_cli.estimation.result import Identification
     from elid_cli.estimation.validation.prediction import Validation
     from elid_cli.experiment.excitation import Excitation
+    from elid_cli.experiment.replay.replay import Replay
     from elid_cli.logs.inspect import LogInfo
     from elid_cli.model.base_parameters import BaseParameters
     from elid_cli.signals.recording import Recording
@@ -107,6 +109,31 @@ def _diagnosis(found: Diagnosis) -> View:
             for name, value in e["parameters"].items()
         ],
     )  # fmt: skip
+
+
+def _motion_diagnosis(found: MotionDiagnosis) -> View:
+    from elid_cli.report.answers import motion_diagnosis as answer
+
+    return View(
+        lambda: answer.motion_diagnosis_report(found, found.robot.name).sections,
+        lambda: answer.motion_diagnosis_payload(found),
+        lambda values: [
+            {"effect": e["effect"], "joint": e["joint"], "parameter": name, "value": value,
+             "std_error": e["std_error"].get(name), "gain": e["gain"]}
+            for e in values["effects"]
+            for name, value in e["parameters"].items()
+        ],
+    )  # fmt: skip
+
+
+def _replay(found: Replay) -> View:
+    from elid_cli.report.answers import replay as answer
+
+    return View(
+        lambda: answer.replay_report([found]).sections,
+        lambda: answer.replay_payload([found]),
+        lambda values: [{"joint": joint, **error} for joint, error in values["error"].items()],
+    )
 
 
 def _validation(found: Validation) -> View:
@@ -208,8 +235,10 @@ _VIEWS: dict[str, Callable[[Any], View]] = {
     "Excitation": _excitation,
     "Identification": _identification,
     "LogInfo": _inspected,
+    "MotionDiagnosis": _motion_diagnosis,
     "PhysicalParameters": _physical,
     "Recording": _recording,
+    "Replay": _replay,
     "Validation": _validation,
 }
 """By the name of their class, so that printing one imports no other."""

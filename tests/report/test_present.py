@@ -24,14 +24,17 @@ from elid_cli import (
     Excitation,
     ExciteOptions,
     Identification,
+    MotionDiagnosis,
     Recording,
     Regressor,
+    ReplayOptions,
     SensorOptions,
     SignalOptions,
     SimulationOptions,
     UsageError,
     compare,
     diagnose,
+    diagnose_motion,
     excite,
     find_base,
     identify,
@@ -41,11 +44,14 @@ from elid_cli import (
     read_recording,
     read_result,
     read_robot,
+    replay,
     simulate,
     validate,
     write_recording,
 )
+from elid_cli.logs import robot_as_logged
 from elid_cli.tables import Shown
+from tests.diagnosis.by_motion import plant
 
 ROBOT = read_robot("planar2")
 KNOWN_TO_COMMANDS_ONLY = {"schema", "command", "version", "log"}
@@ -113,6 +119,15 @@ def base() -> BaseParameters:
 
 
 @pytest.fixture(scope="module")
+def motion_diagnosis(tmp_path_factory: pytest.TempPathFactory) -> MotionDiagnosis:
+    folder = tmp_path_factory.mktemp("commands")
+    path = plant.written(folder, "log.h5", plant.moved(4, 6.0))
+    arm = robot_as_logged(plant.robot(folder), [path], None, {})
+    signals = prepare(read_recording([path], arm), arm)
+    return diagnose_motion(arm, signals, identify(arm, signals), only=("link_spring",))
+
+
+@pytest.fixture(scope="module")
 def results(
     log: str,
     recording: Recording,
@@ -121,11 +136,13 @@ def results(
     comparison: Comparison,
     excitation: Excitation,
     base: BaseParameters,
+    motion_diagnosis: MotionDiagnosis,
 ) -> dict[str, Shown]:
     """Return one result of every kind that shows itself."""
     found: list[Shown] = [
         recording, identification, diagnosis, comparison, excitation, base, inspect_log(log),
-        make_physical(identification), validate(ROBOT, prepare(recording, ROBOT)),
+        make_physical(identification), validate(ROBOT, prepare(recording, ROBOT)), motion_diagnosis,
+        replay(ROBOT, recording, ReplayOptions(horizon=0.2)),
     ]  # fmt: skip
     return {type(result).__name__: result for result in found}
 
@@ -138,8 +155,10 @@ WORDS = {
     "Excitation": ["use of the limits", "expected ± sd"],
     "Identification": ["14 base", "K1", "joint2"],
     "LogInfo": ["HDF5", "log.h5", "theta"],
+    "MotionDiagnosis": ["rms error of the simulated position", "three"],
     "PhysicalParameters": ["a robot that could be built", "decided by"],
     "Recording": ["at 500 Hz, 2 joints", "log.h5"],
+    "Replay": ["simulated minus measured position", "joint2"],
     "Validation": ["torque rms", "joint1", "N·m"],
 }
 

@@ -13,6 +13,7 @@ from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
+from elid_cli.tables import Shown
 
 
 @dataclass(frozen=True)
@@ -23,8 +24,8 @@ class PositionBeforeAfter:
     after: float
 
 
-@dataclass(frozen=True)
-class MotionDiagnosis:
+@dataclass(frozen=True, repr=False)
+class MotionDiagnosis(Shown):
     """Everything `elid diagnose` says of a log that holds commands."""
 
     robot: Robot

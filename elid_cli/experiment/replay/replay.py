@@ -18,6 +18,7 @@ from elid_cli.model.rollout import Along, Joints, Linearised, Local, motion_of
 from elid_cli.model.runs import Run, runs_of
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
+from elid_cli.tables import Shown
 
 TORQUE_HORIZON = 0.5
 """Seconds after which a replay of torques starts again: without feedback the smallest error grows."""
@@ -33,8 +34,8 @@ class ReplayOptions:
     engine: Literal["elid", "mujoco"] = "elid"
 
 
-@dataclass(frozen=True)
-class Replay:
+@dataclass(frozen=True, repr=False)
+class Replay(Shown):
     """Simulated and measured motion of a log."""
 
     robot: Robot

@@ -11,6 +11,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from elid_cli.cli import main
+from elid_cli.logs import robot_as_logged
 from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, OFFSET, VISCOUS, moved, robot, written
 
 SCHEMA = json.loads((Path(__file__).parents[3] / "docs" / "reference" / "elid-1.schema.json").read_text("utf-8"))
@@ -72,6 +73,24 @@ def test_missing_effects_and_a_delay_are_found_and_the_written_robot_moves_bette
     before = told(capsys, "replay", other, "--robot", out + ".plain.yaml")["mean_abs"]
     assert after < 0.5 * before
     assert after < 5e-4
+
+
+def test_from_python_and_as_tables(tmp_path: Path) -> None:
+    from elid_cli import diagnose_motion, identify, prepare, read_recording, replay
+
+    arm = robot(tmp_path)
+    log = written(tmp_path, "log.h5", moved(4, 10.0, push=lambda x, v, load: np.array([1.2, 0.0, 0.0]) * x))
+    arm = robot_as_logged(arm, [log], None, {})
+    recording = read_recording([log], arm)
+    signals = prepare(recording, arm)
+    found = diagnose_motion(arm, signals, identify(arm, signals))
+    assert found.to_dict()["effects"][0]["effect"] == "link_spring"
+    assert "link_spring" in str(found)
+    assert "MotionDiagnosis(" in repr(found)
+    again = replay(found.refined, recording)
+    assert again.to_dict()["mean_abs"] == pytest.approx(again.mean_abs)
+    assert again.mean_abs < 4e-4
+    assert "simulated minus measured position" in str(again)
 
 
 def test_a_spring_may_be_a_wrong_first_moment(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
