@@ -116,8 +116,8 @@ def _reading_words(given: Mapping[str, Any]) -> list[str]:
         options += ["--time", given["time"]]
     for name in ("kp", "kd"):
         value = given.get(name)
-        if value is not None:
-            numbers = value if isinstance(value, list) else [value]
+        if value is not None and "logs" in given:  # of simulate they are the controller's
+            numbers = value if isinstance(value, list | tuple) else [value]
             options += [f"--{name}", ",".join(f"{number:.12g}" for number in numbers)]
     if given.get("rate") is not None and "logs" in given:
         options += ["--rate", f"{given['rate']:.12g}"]

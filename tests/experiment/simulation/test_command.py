@@ -110,7 +110,7 @@ def test_a_bare_urdf_moves_by_its_bodies_alone_where_that_is_asked_for(tmp_path:
     refused = elid(*words, cwd=tmp_path)
     assert refused.returncode == 2
     assert "j1 Ja fs fv" in refused.stderr
-    assert "bare.elid.yaml, joints: {j1: {parameters: {Ja: …}}}" in refused.stderr
+    assert "bare.elid.yaml (elid init writes it), joints: {j1: {parameters: {Ja: …}}}" in refused.stderr
     assert "--ideal-drives" in refused.stderr
     done = elid(*words, "--ideal-drives", cwd=tmp_path)
     said = "taken as 0, as the description does not give them: j1 Ja fs fv"

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from elid_cli.estimation.regression.effect_columns import with_effects
 from elid_cli.experiment.simulation import ControlOptions, SensorOptions, Simulation, SimulationOptions, run
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects import effect_classes
@@ -106,7 +107,8 @@ def test_columns_explain_what_the_effect_did(name: str) -> None:
     scene = scene_of(result, motion)
     kind = effect_classes()[name]
     coefficients, shape = kind.coefficients(scene, number, parameters)
-    columns = kind(number, shape).columns(scene)
+    effect = kind(number, shape)
+    columns = effect.columns(with_effects(scene, [(effect, coefficients)]))
     # the ends are where interpolation and shifts of a log effect run out; reversals where sign(v) is rounded
     inner = (np.arange(motion.samples) > 20) & (np.arange(motion.samples) < motion.samples - 20)
     before, after = 0.0, 0.0
