@@ -101,6 +101,8 @@ def scene_of(result: Simulation, motion: Motion) -> Scene:
 @pytest.mark.parametrize("name", [name for name in effect_classes() if name not in ELSEWHERE])
 def test_columns_explain_what_the_effect_did(name: str) -> None:
     joint, parameters, tolerance = case(name)
+    # friction that follows the torque it is part of is found in a few rounds
+    tolerance = max(tolerance, 0.02) if effect_classes()[name].from_torque else tolerance
     number = 0 if joint is None else ROBOT.joint_names.index(joint)
     result = simulated(name)
     motion = logged_motion(result)
