@@ -85,7 +85,7 @@ def diagnose(
     from dataclasses import replace
 
     from elid_cli.cli.inputs import check_effects, diagnosis_conditioning, load_recording, load_robot, load_signals
-    from elid_cli.cli.output import check_output, emit, pictures_wanted
+    from elid_cli.cli.output import check_output, emit, note, pictures_wanted
     from elid_cli.cli.progress import progress
     from elid_cli.cli.robot_files import FOREIGN, check_described, write_found
 
@@ -105,6 +105,8 @@ def diagnose(
         machine = load_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
         if by_motion(machine, recording) and not (checks or lookup):
+            if accurate or jobs > 1:
+                note(["--accurate and --jobs are of the search by torques, not of this one by motion"], output)
             _by_motion(machine, recording, conditioning, only, gates, (fail_on_effect, fail_on_unexplained), files,
                        robot, output, advance)  # fmt: skip
             return
@@ -162,7 +164,7 @@ def _by_motion(
 
     from elid_cli.cli.gates import broken_gates
     from elid_cli.cli.inputs import load_signals
-    from elid_cli.cli.output import LimitError, emit
+    from elid_cli.cli.output import LimitError, emit, pictures_wanted
     from elid_cli.cli.robot_files import FOREIGN, write_found
     from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
     from elid_cli.estimation.identify import EstimateOptions, identify
@@ -179,7 +181,15 @@ def _by_motion(
         found.after, found.after.error, plain, output,
     )  # fmt: skip
     ours = next((path for path in written.files if not path.lower().endswith(FOREIGN)), None)
-    emit(motion_diagnosis_report(found, robot, ours), output)
+    report = motion_diagnosis_report(found, robot, ours)
+    if pictures_wanted(output):
+        from elid_cli.estimation.refined_robot import identified_robot
+        from elid_cli.experiment.replay import replay
+        from elid_cli.report.figures.build import replay_figures, with_figures
+
+        before, after = (replay(moving, recording) for moving in (identified_robot(found.before), found.refined))
+        report = with_figures(report, replay_figures(after, before))
+    emit(report, output)
     if found.partial:
         raise KeyboardInterrupt  # main knows its exit code
     if written.refusal:

@@ -114,3 +114,13 @@ def test_recordings_that_do_not_agree_are_told(tmp_path: Path, capsys: pytest.Ca
     np.testing.assert_allclose(changed[0]["values"], [1.5, 1.5, 0.2], atol=0.15)
     # what is written is the machine as it was last
     assert found["effects"][0]["parameters"]["stiffness"] == pytest.approx(0.2, abs=0.15)
+
+
+def test_pictures_show_the_motion_and_options_of_the_other_search_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, folder = written(tmp_path, "log.h5", moved(3, 6.0)), tmp_path / "pictures"
+    line = ["diagnose", log, "--robot", robot(tmp_path).source, "--only", "link_spring", "--plot", str(folder)]
+    assert main([*line, "--accurate"]) == 0
+    assert "--accurate and --jobs are of the search by torques" in capsys.readouterr().err
+    assert {path.stem for path in folder.iterdir()} == {f"replayed_{name}" for name in NAMES}
