@@ -20,8 +20,10 @@ if TYPE_CHECKING:
     from elid_cli.estimation.refined_robot import identified_robot
     from elid_cli.estimation.request import LogRequest
     from elid_cli.estimation.result import BaseEstimate, EstimateOptions, Identification, JointError
+    from elid_cli.estimation.sampling.sets import ParameterSets, sample
     from elid_cli.estimation.streaming.files import write_triangles
     from elid_cli.estimation.streaming.fleet import reduced_logs
+    from elid_cli.estimation.trend.trends import Trends, trend
     from elid_cli.estimation.validation.prediction import Validation, validate
     from elid_cli.experiment.excitation import Excitation, ExciteOptions, excite
     from elid_cli.experiment.reference import write_trajectory
@@ -55,8 +57,10 @@ _PLACES = {
     "estimation.refined_robot": "identified_robot",
     "estimation.request": "LogRequest",
     "estimation.result": "BaseEstimate EstimateOptions Identification JointError",
+    "estimation.sampling.sets": "ParameterSets sample",
     "estimation.streaming.files": "write_triangles",
     "estimation.streaming.fleet": "reduced_logs",
+    "estimation.trend.trends": "Trends trend",
     "estimation.validation.prediction": "Validation validate",
     "experiment.excitation": "Excitation ExciteOptions excite",
     "experiment.reference": "write_trajectory",
@@ -100,6 +104,7 @@ __all__ = [
     "LogInfo",
     "LogRequest",
     "MotionDiagnosis",
+    "ParameterSets",
     "PhysicalParameters",
     "Recording",
     "Regressor",
@@ -112,6 +117,7 @@ __all__ = [
     "SignalOptions",
     "Signals",
     "SimulationOptions",
+    "Trends",
     "UsageError",
     "Validation",
     "__version__",
@@ -133,8 +139,10 @@ __all__ = [
     "read_robot",
     "reduced_logs",
     "replay",
+    "sample",
     "shipped_robots",
     "simulate",
+    "trend",
     "validate",
     "write_recording",
     "write_robot",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
 from elid_cli._types import Progress
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
@@ -33,6 +34,9 @@ from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
+if TYPE_CHECKING:
+    from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
+
 
 @dataclass(frozen=True)
 class DiagnoseOptions:
@@ -46,6 +50,10 @@ class DiagnoseOptions:
     """Complete friction curves by collocation however long it takes; else only where it is quick."""
     jobs: int = 1
     """Processes that try effects side by side; the findings are the same, byte by byte, for any number."""
+    by: Literal["auto", "torque", "motion"] = "auto"
+    """What judges an effect: the torque of the rows, or the motion simulated under logged commands. ``auto``: motion
+    where the log is one of commands without torque and `by_motion` can judge it, and no curve is asked for. `accurate`
+    and `jobs` are of the search by torque alone."""
 
 
 def divided(robot: Robot, signals: Signals) -> Log:
@@ -78,8 +86,44 @@ def _check_only(robot: Robot, names: Sequence[str]) -> None:
 
 def diagnose(
     robot: Robot, signals: Signals, options: DiagnoseOptions | None = None, progress: Progress | None = None
+) -> Diagnosis | MotionDiagnosis:
+    """Find the effects that a robot's model lacks, as the log and the options say: by torque, or by motion.
+
+    Parameters
+    ----------
+    robot
+        The robot; its declared effects are part of the model before.
+    signals
+        The log.
+    options
+        See `DiagnoseOptions`.
+    progress
+        Called with a label and the finished part, 0 to 1.
+
+    Returns
+    -------
+    A `MotionDiagnosis` where the motion judged, as `diagnose_motion` does; else a `Diagnosis`.
+
+    Raises
+    ------
+    UsageError
+        An effect that can act at no joint, or a motion that cannot judge this log.
+    """
+    from elid_cli.diagnosis.by_motion.diagnose import by_motion, diagnose_motion
+
+    options = options or DiagnoseOptions()
+    able = options.by != "torque" and signals.recording is not None and by_motion(robot, signals.recording)
+    if options.by == "motion" and not able:
+        raise UsageError("the motion cannot judge this log", detail="it must hold commands, of a robot of known bodies")
+    if able and (options.by == "motion" or not options.lookup):
+        return diagnose_motion(robot, signals, None, options.only, progress)
+    return diagnose_torque(robot, signals, options, progress)
+
+
+def diagnose_torque(
+    robot: Robot, signals: Signals, options: DiagnoseOptions | None = None, progress: Progress | None = None
 ) -> Diagnosis:
-    """Find the effects that a robot's model lacks.
+    """Find the effects that a robot's model lacks in the residual of its torques.
 
     Parameters
     ----------

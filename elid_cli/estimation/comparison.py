@@ -48,6 +48,10 @@ class SavedResult:
     """What was corrected or found beside the base parameters: ``torque_offset of joint1: offset``."""
 
 
+Result = SavedResult | Shown | str | Path
+"""What was saved, where, or what `identify` and `diagnose` return."""
+
+
 @dataclass(frozen=True)
 class Change:
     """A base parameter in two results."""
@@ -97,36 +101,54 @@ def read_result(path: str | Path) -> SavedResult:
     UsageError
         No such file, not JSON, or not the JSON of a command that estimates parameters.
     """
-    data = saved_object(path)
+    return result_of(saved_object(path), str(path))
+
+
+def as_saved(results: Sequence[Result]) -> list[SavedResult]:
+    """Return results in the form in which they are compared; those that no file holds are called by their number.
+
+    Raises
+    ------
+    UsageError
+        See `read_result`.
+    """
+    return [
+        result if isinstance(result, SavedResult)
+        else result_of(result.to_dict(), f"result {k}") if isinstance(result, Shown)
+        else read_result(result)
+        for k, result in enumerate(results, start=1)
+    ]  # fmt: skip
+
+
+def result_of(data: Mapping[str, Any], path: str) -> SavedResult:
+    """Return what the JSON object of a result says; `path` is what it is called.
+
+    Raises
+    ------
+    UsageError
+        It is not of a command that estimates parameters.
+    """
     after = data.get("after")
     error = after.get("error") if isinstance(after, dict) else data.get("error")
-    parameters = _parameters(data.get("base_parameters"), str(path))
+    parameters = _parameters(data.get("base_parameters"), path)
     if not any(estimate.value is not None for estimate in parameters.values()):
         detail = f"it was made by elid {data.get('command')}"
         raise UsageError(f"{path}: holds no estimates", detail=detail, hint="compare results of identify or diagnose")
     joints = tuple(str(name) for name in data.get("joints", ()))
-    return SavedResult(str(path), str(data.get("robot", "")), parameters, _relative(error), joints, _beside(data))
+    return SavedResult(path, str(data.get("robot", "")), parameters, _relative(error), joints, _beside(data))
 
 
 def _beside(data: Mapping[str, Any]) -> dict[str, Estimate]:
     """Return the nuisances and effects of a saved result; none of those that a joint has several of."""
     items = [item for key in ("nuisances", "effects") for item in data.get(key) or () if isinstance(item, dict)]
-    return beside_of([
-        (str(item.get("effect")), item.get("joint"), item.get("parameters") or {}, item.get("std_error") or {})
-        for item in items
-    ])  # fmt: skip
-
-
-def beside_of(
-    items: Sequence[tuple[str, str | None, Mapping[str, Any], Mapping[str, Any]]],
-) -> dict[str, Estimate]:
-    """Return estimates by name of effects: their name, joint, parameters and standard errors of the amplitudes."""
     library = effect_classes()
-    counts = Counter((effect, joint) for effect, joint, *_ in items)
+    counts = Counter((str(item.get("effect")), item.get("joint")) for item in items)
     found = {}
-    for effect, joint, values, errors in items:
+    for item in items:
+        effect, joint = str(item.get("effect")), item.get("joint")
         if effect not in library or counts[effect, joint] > 1:
             continue
+        values, errors = item.get("parameters") or {}, item.get("std_error") or {}
         units = {p.name: p.unit for p in library[effect].amplitudes}
         for name in units:
             value, error = _number(values.get(name)), _number(errors.get(name))
@@ -155,8 +177,13 @@ def saved_object(path: str | Path) -> Mapping[str, Any]:
     return data
 
 
-def compare(results: Sequence[SavedResult]) -> tuple[Comparison, ...]:
+def compare(results: Sequence[Result]) -> tuple[Comparison, ...]:
     """Compare every result with the first.
+
+    Parameters
+    ----------
+    results
+        Files saved with ``--json``, what `read_result` made of them, or what `identify` and `diagnose` return.
 
     Raises
     ------
@@ -165,7 +192,7 @@ def compare(results: Sequence[SavedResult]) -> tuple[Comparison, ...]:
     """
     if len(results) < 2:
         raise UsageError("compare: one result given, at least two are needed", hint="elid compare A.json B.json")
-    first, *others = results
+    first, *others = as_saved(results)
     return tuple(_compare(first, other) for other in others)
 
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from elid_cli.estimation.comparison import Comparison
     from elid_cli.estimation.physical.nearest import PhysicalParameters
     from elid_cli.estimation.result import Identification
+    from elid_cli.estimation.sampling.sets import ParameterSets
+    from elid_cli.estimation.trend.trends import Trends
     from elid_cli.estimation.validation.prediction import Validation
     from elid_cli.experiment.excitation import Excitation
     from elid_cli.experiment.replay.replay import Replay
@@ -102,13 +104,18 @@ def _diagnosis(found: Diagnosis) -> View:
     return View(
         lambda: [Text("title", found.robot.name, "heading"), *answer.result_sections(told)],
         lambda: diagnosis_payload(told),
-        lambda values: [
-            {"effect": e["effect"], "joint": e["joint"], "parameter": name, "value": value,
-             "std_error": e["std_error"].get(name), "gain": e["gain"]}
-            for e in values["effects"]
-            for name, value in e["parameters"].items()
-        ],
-    )  # fmt: skip
+        _found_parameters,
+    )
+
+
+def _found_parameters(values: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return one row per parameter of an effect that was found."""
+    return [
+        {"effect": e["effect"], "joint": e["joint"], "parameter": name, "value": value,
+         "std_error": e["std_error"].get(name), "gain": e["gain"]}
+        for e in values["effects"]
+        for name, value in e["parameters"].items()
+    ]  # fmt: skip
 
 
 def _motion_diagnosis(found: MotionDiagnosis) -> View:
@@ -117,13 +124,8 @@ def _motion_diagnosis(found: MotionDiagnosis) -> View:
     return View(
         lambda: answer.motion_diagnosis_report(found, found.robot.name).sections,
         lambda: answer.motion_diagnosis_payload(found),
-        lambda values: [
-            {"effect": e["effect"], "joint": e["joint"], "parameter": name, "value": value,
-             "std_error": e["std_error"].get(name), "gain": e["gain"]}
-            for e in values["effects"]
-            for name, value in e["parameters"].items()
-        ],
-    )  # fmt: skip
+        _found_parameters,
+    )
 
 
 def _replay(found: Replay) -> View:
@@ -157,6 +159,24 @@ def _comparison(found: Comparison) -> View:
 
     report = comparison_report([found], SIGMAS)
     return View(lambda: report.sections, lambda: report.payload, lambda values: values["comparisons"][0]["changes"])
+
+
+def _trends(found: Trends) -> View:
+    from elid_cli.report.answers import trend as answer
+
+    report = answer.trend_report(found)
+    return View(lambda: report.sections, lambda: report.payload, lambda values: values["parameters"])
+
+
+def _sets(found: ParameterSets) -> View:
+    from elid_cli.report.answers.sampling import sampling_report, with_samples
+
+    report = with_samples(sampling_report(found), found)
+    return View(
+        lambda: report.sections,
+        lambda: {key: value for key, value in report.payload.items() if key != "written"},
+        lambda _: {name: found.values[:, k] for k, name in enumerate(found.names)},
+    )
 
 
 def _excitation(found: Excitation) -> View:
@@ -236,9 +256,11 @@ _VIEWS: dict[str, Callable[[Any], View]] = {
     "Identification": _identification,
     "LogInfo": _inspected,
     "MotionDiagnosis": _motion_diagnosis,
+    "ParameterSets": _sets,
     "PhysicalParameters": _physical,
     "Recording": _recording,
     "Replay": _replay,
+    "Trends": _trends,
     "Validation": _validation,
 }
 """By the name of their class, so that printing one imports no other."""

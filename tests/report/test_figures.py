@@ -17,7 +17,7 @@ from elid_cli.estimation.comparison import Estimate, SavedResult, compare
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.refined_robot import refined_robot, representative
 from elid_cli.estimation.result import Identification
-from elid_cli.estimation.trend.trends import trends_of
+from elid_cli.estimation.trend.trends import trend
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.experiment.excitation import ExciteOptions, excite
 from elid_cli.experiment.replay import replay
@@ -82,7 +82,7 @@ def every_kind(report: Report, planar: Robot) -> dict[str, Figure]:
                for f, v in (("a.json", 3000.0), ("b.json", 3010.0))]  # fmt: skip
     others = (*figures_of(FigureInput(excitation=trajectory)), *log_figures(log, planar),
               *comparison_figures(compare(results)),
-              *trend_figures(trends_of([*results, *results]), "recording"),
+              *trend_figures(trend([*results, *results])),
               *replay_figures(replay(planar, log)), EFFECT)  # fmt: skip
     return {figure.kind: figure for figure in (*others, *report.figures)}
 

@@ -25,16 +25,17 @@ from elid_cli import (
     ExciteOptions,
     Identification,
     MotionDiagnosis,
+    ParameterSets,
     Recording,
     Regressor,
     ReplayOptions,
     SensorOptions,
     SignalOptions,
     SimulationOptions,
+    Trends,
     UsageError,
     compare,
     diagnose,
-    diagnose_motion,
     excite,
     find_base,
     identify,
@@ -45,7 +46,9 @@ from elid_cli import (
     read_result,
     read_robot,
     replay,
+    sample,
     simulate,
+    trend,
     validate,
     write_recording,
 )
@@ -124,7 +127,9 @@ def motion_diagnosis(tmp_path_factory: pytest.TempPathFactory) -> MotionDiagnosi
     path = plant.written(folder, "log.h5", plant.moved(4, 6.0))
     arm = robot_as_logged(plant.robot(folder), [path], None, {})
     signals = prepare(read_recording([path], arm), arm)
-    return diagnose_motion(arm, signals, identify(arm, signals), only=("link_spring",))
+    found = diagnose(arm, signals, DiagnoseOptions(only=("link_spring",)))
+    assert isinstance(found, MotionDiagnosis)  # a log of commands, of known bodies
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +147,8 @@ def results(
     found: list[Shown] = [
         recording, identification, diagnosis, comparison, excitation, base, inspect_log(log),
         make_physical(identification), validate(ROBOT, prepare(recording, ROBOT)), motion_diagnosis,
-        replay(ROBOT, recording, ReplayOptions(horizon=0.2)),
+        replay(ROBOT, recording, ReplayOptions(horizon=0.2)), sample([identification], 50, seed=3),
+        trend([identification] * 3),
     ]  # fmt: skip
     return {type(result).__name__: result for result in found}
 
@@ -156,9 +162,11 @@ WORDS = {
     "Identification": ["14 base", "K1", "joint2"],
     "LogInfo": ["HDF5", "log.h5", "theta"],
     "MotionDiagnosis": ["rms error of the simulated position", "three"],
+    "ParameterSets": ["range of the sets", "2.5 %", "K1"],
     "PhysicalParameters": ["a robot that could be built", "decided by"],
     "Recording": ["at 500 Hz, 2 joints", "log.h5"],
     "Replay": ["simulated minus measured position", "joint2"],
+    "Trends": ["planar2 · 3 recordings", "slope per", "fv1"],
     "Validation": ["torque rms", "joint1", "N·m"],
 }
 
@@ -289,3 +297,31 @@ def test_dataclasses_with_arrays_do_not_print_them() -> None:
     with_arrays = {k for k in classes if any("Array" in str(f.type) for f in dataclasses.fields(k))}
     assert with_arrays
     assert {k.__name__ for k in with_arrays if "Brief" not in {c.__name__ for c in k.__mro__}} == set()
+
+
+def test_sets_and_trends_of_results_are_those_of_the_files_saved(
+    saved: list[str], identification: Identification, results: dict[str, Shown]
+) -> None:
+    first = saved[0]
+    drawn = results["ParameterSets"]
+    assert isinstance(drawn, ParameterSets)
+    assert np.array_equal(sample([first], 50, seed=3).values, drawn.values)
+    assert list(drawn.to_frame().columns) == list(drawn.names)
+    assert np.array_equal(drawn.to_frame().to_numpy(), drawn.values)
+    printed = elid("sample", first, "-n", "50", "--seed", "3")
+    assert printed["parameters"] == drawn.to_dict()["parameters"]
+    assert printed["samples"] == drawn.to_dict()["samples"]
+    over = trend([first, identification, read_result(first)])
+    assert isinstance(over, Trends)
+    assert over.files == (first, "result 2", first)
+    printed = elid("trend", first, first, first)
+    assert printed["parameters"] == trend([first] * 3).to_dict()["parameters"]
+    assert len(over.to_frame()) == len(printed["parameters"])
+    (same,) = compare([first, identification])
+    assert same.moved(0.0) == ()
+
+
+def test_a_diagnosis_chooses_what_judges(recording: Recording) -> None:
+    signals = prepare(recording, ROBOT, SignalOptions.for_diagnosis(recording.rate))
+    with pytest.raises(UsageError, match="the motion cannot judge this log"):
+        diagnose(ROBOT, signals, DiagnoseOptions(by="motion"))

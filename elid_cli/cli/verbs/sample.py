@@ -48,7 +48,6 @@ def sample(
     from elid_cli.cli.output import check_output, emit, note
     from elid_cli.cli.robot_files import check_sets, write_sets
     from elid_cli.estimation.sampling.files import RANGES, write_ranges
-    from elid_cli.estimation.sampling.saved import read_distribution
     from elid_cli.estimation.sampling.sets import sample as draw
     from elid_cli.files import check_suffix, check_writable
     from elid_cli.report.answers.sampling import sampling_report, with_samples
@@ -59,8 +58,7 @@ def sample(
     if ranges is not None:
         check_suffix(Path(ranges), RANGES, "ranges")
         check_writable(Path(ranges))
-    found = [read_distribution(result) for result in results]
-    sets = draw(found, count, None if robot is None else load_robot(robot), seed)
+    sets = draw(results, count, None if robot is None else load_robot(robot), seed)
     note(sets.notes, output)
     written = [name for name in (out, ranges) if name is not None]
     report = sampling_report(sets, written)

@@ -53,7 +53,7 @@ def trend(
                          hint=f"elid trend {logs[0]} … --robot ROBOT")  # fmt: skip
     with progress(output, "reading") as advance:
         from elid_cli.estimation.comparison import read_result
-        from elid_cli.estimation.trend.trends import trends_of
+        from elid_cli.estimation.trend.trends import trend as over_recordings
         from elid_cli.report.answers.trend import trend_report
 
         results = []
@@ -64,18 +64,14 @@ def trend(
             results.append(
                 read_result(name) if saved else _identified(name, robot or "", reading, conditioning, output)
             )
-        robots = list(dict.fromkeys(result.robot for result in results))
-        if len(robots) > 1:
-            raise UsageError(f"trend: results of different robots: {', '.join(robots[:4])}")
         hours = [Path(name).stat().st_mtime / 3600.0 for name in recordings] if by == "time" else None
         places = None if hours is None else [value - min(hours) for value in hours]
-        found = trends_of(results, places)
-        report = trend_report(found, "hour" if by == "time" else "recording")
+        found = over_recordings(results, places, "recording" if hours is None else "hour")
+        report = trend_report(found)
         if pictures_wanted(output):
             from elid_cli.report.figures.build import trend_figures, with_figures
 
-            axis = "hours since the first" if by == "time" else "recording, in the order given"
-            report = with_figures(report, trend_figures(found, axis, 0.0 if by == "time" else 1.0))
+            report = with_figures(report, trend_figures(found))
     emit(report, output)
     moved = [item.series.name for item in found.of("trend", "step")]
     if fail_on_trend and moved:
@@ -86,16 +82,8 @@ def _identified(log: str, robot: str, reading: Reading, conditioning: Conditioni
     """Return what identification says of one log, as a saved result would."""
     from elid_cli.cli.inputs import load_robot
     from elid_cli.cli.routes import log_request
-    from elid_cli.estimation.comparison import Estimate, SavedResult, beside_of
+    from elid_cli.estimation.comparison import result_of
     from elid_cli.estimation.identify import identify_logs
 
     request = log_request((log,), load_robot(robot), reading, conditioning, Spread(), output, None)
-    found = identify_logs(request).found
-    estimates = {
-        item.name: Estimate(None, None, item.unit) if item.verdict == "refused"
-        else Estimate(item.estimate, item.std_error, item.unit)
-        for item in found.parameters
-    }  # fmt: skip
-    items = [(n.effect, n.joint, n.parameters, n.std_error) for n in found.nuisances]
-    items += [(e.effect, e.joint or "", e.parameters, e.std_error) for e in found.effects]
-    return SavedResult(log, found.robot.name, estimates, {}, found.robot.joint_names, beside_of(items))
+    return result_of(identify_logs(request).found.to_dict(), log)

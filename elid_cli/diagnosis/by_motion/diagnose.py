@@ -14,8 +14,9 @@ from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeA
 from elid_cli.diagnosis.by_motion.search import Named, search
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
+from elid_cli.estimation.identify import identify
 from elid_cli.estimation.refined_robot import identified_robot
-from elid_cli.estimation.result import Identification
+from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.trajectory.differing import as_last, differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.identification import (
@@ -53,8 +54,18 @@ def by_motion(robot: Robot, recording: Recording) -> bool:
     return all(np.isfinite(known[p]) for p in bodies)
 
 
+def least_squares(robot: Robot, signals: Signals) -> Identification:
+    """Return what least squares say of a robot without effects: where a trajectory fit starts."""
+    plain = identify(replace(robot, effects=()), signals, EstimateOptions(guards=False))
+    return replace(plain, robot=robot)
+
+
 def diagnose_motion(
-    robot: Robot, signals: Signals, found: Identification, only: Sequence[str] = (), progress: Progress | None = None
+    robot: Robot,
+    signals: Signals,
+    found: Identification | None = None,
+    only: Sequence[str] = (),
+    progress: Progress | None = None,
 ) -> MotionDiagnosis:
     """Find the effects that a robot's motion under its commands lacks.
 
@@ -65,7 +76,7 @@ def diagnose_motion(
     signals
         One log or several, read together.
     found
-        What least squares say of them.
+        What least squares say of them; None: see `least_squares`.
     only
         Names of the effects to try; empty: all that a simulated motion can hold.
     progress
@@ -75,6 +86,7 @@ def diagnose_motion(
     """
     recording = signals.recording
     assert recording is not None  # `by_motion` looked at it
+    found = found or least_squares(robot, signals)
     runs = commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
     done = search(robot, runs, started_from(robot, signals), effects, amplitudes, only, progress)

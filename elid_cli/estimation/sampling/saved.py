@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.estimation.comparison import saved_object
+from elid_cli.tables import Shown
 
 INDEFINITE = 1e-6
 """Share of the largest eigenvalue of the correlations by which the smallest may be negative: rounding."""
@@ -54,7 +55,34 @@ def read_distribution(path: str | Path) -> SavedDistribution:
     UsageError
         No such file, not a result with estimates and their covariance, or a covariance that is none.
     """
-    data = saved_object(path)
+    return distribution_of(saved_object(path), str(path))
+
+
+def as_distribution(result: SavedDistribution | Shown | str | Path, number: int) -> SavedDistribution:
+    """Return a result as a distribution: read where it is a file, called by its number where none holds it.
+
+    Raises
+    ------
+    UsageError
+        See `read_distribution`.
+    """
+    if isinstance(result, SavedDistribution):
+        return result
+    return (
+        distribution_of(result.to_dict(), f"result {number}")
+        if isinstance(result, Shown)
+        else read_distribution(result)
+    )
+
+
+def distribution_of(data: Mapping[str, Any], path: str) -> SavedDistribution:
+    """Return what the JSON object of a result says; `path` is what it is called.
+
+    Raises
+    ------
+    UsageError
+        Not a result with estimates and their covariance, or a covariance that is none.
+    """
     entries = data.get("base_parameters")
     if not isinstance(entries, list) or not entries or not all(map(_well_formed, entries)):
         detail = f"it was made by elid {data.get('command')}"
@@ -64,15 +92,15 @@ def read_distribution(path: str | Path) -> SavedDistribution:
         raise UsageError(f"{path}: holds no covariance of its estimates", detail=detail, hint=AGAIN)
     joints = data.get("joints")
     found = SavedDistribution(
-        file=str(path),
+        file=path,
         robot=str(data.get("robot", "")),
         joints=tuple(str(name) for name in joints) if isinstance(joints, list) else (),
         names=tuple(str(e["name"]) for e in entries),
         units=tuple(str(e.get("unit", "")) for e in entries),
-        terms=tuple(_terms(e["terms"], str(path)) for e in entries),
-        estimate=_numbers([e.get("estimate") for e in entries], str(path)),
-        reference=_numbers([e.get("reference") for e in entries], str(path)),
-        covariance=_matrix(data["covariance"], len(entries), str(path)),
+        terms=tuple(_terms(e["terms"], path) for e in entries),
+        estimate=_numbers([e.get("estimate") for e in entries], path),
+        reference=_numbers([e.get("reference") for e in entries], path),
+        covariance=_matrix(data["covariance"], len(entries), path),
         biased=np.array([e.get("bias_possible") is True for e in entries]),
     )
     if len(set(found.names)) < len(found.names):

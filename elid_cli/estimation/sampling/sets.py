@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.sampling.draw import draw_sets
 from elid_cli.estimation.sampling.pool import Distribution, Origin, pooled
-from elid_cli.estimation.sampling.saved import SavedDistribution
+from elid_cli.estimation.sampling.saved import SavedDistribution, as_distribution
 from elid_cli.estimation.sampling.whole import as_identified, other_combinations, whole_sets
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.urdf.write import with_parameters
+from elid_cli.tables import Shown
 
 LOW, HIGH = 2.5, 97.5
 """Percentiles that ranges reach from and to."""
@@ -24,8 +26,8 @@ LISTED = 8
 """Parameters that a note names."""
 
 
-@dataclass(frozen=True)
-class ParameterSets:
+@dataclass(frozen=True, repr=False)
+class ParameterSets(Shown):
     """Sets of parameters, in SI units."""
 
     distribution: Distribution
@@ -34,7 +36,7 @@ class ParameterSets:
     units: tuple[str, ...]
     origin: tuple[Origin, ...]
     values: Array
-    """(N, p); NaN where nobody knows."""
+    """(N, p), in `units` (SI); NaN where nobody knows."""
     seed: int
     notes: tuple[str, ...]
     """What was held or limited, and why."""
@@ -60,14 +62,14 @@ class ParameterSets:
 
 
 def sample(
-    results: Sequence[SavedDistribution], count: int, robot: Robot | None = None, seed: int = 0
+    results: Sequence[SavedDistribution | Shown | str | Path], count: int, robot: Robot | None = None, seed: int = 0
 ) -> ParameterSets:
     """Draw parameter sets from the joint distribution that results of one robot tell.
 
     Parameters
     ----------
     results
-        Of one robot; the spread between several counts.
+        Of one robot; the spread between several counts. Files saved with ``--json``, or what `identify` returns.
     count
         Number of sets.
     robot
@@ -80,7 +82,7 @@ def sample(
     UsageError
         Results of unlike robots, or a robot that lacks their joints or parameters.
     """
-    found = pooled(results)
+    found = pooled([as_distribution(result, number) for number, result in enumerate(results, start=1)])
     generator = np.random.default_rng(seed)
     values = draw_sets(found.mean, found.covariance, found.positive, count, generator)
     notes = _held_words(found)

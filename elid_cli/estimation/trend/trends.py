@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from elid_cli.errors import UsageError
-from elid_cli.estimation.comparison import SavedResult
+from elid_cli.estimation.comparison import Result, as_saved
 from elid_cli.estimation.trend.series import LEAST, Series, Word, series_of
 from elid_cli.robot.robot import MOTOR_PARAMETERS
+from elid_cli.tables import Shown
 
 _LEADER = re.compile(r"([A-Za-z]+)(\d+)(?: |$)")
 FALSE_ALARMS = 0.01
@@ -32,14 +33,16 @@ class Trend:
         return leader is None or leader.group(1) in (*MOTOR_PARAMETERS, "K")
 
 
-@dataclass(frozen=True)
-class Trends:
+@dataclass(frozen=True, repr=False)
+class Trends(Shown):
     """What the recordings of one machine say together."""
 
     robot: str
     files: tuple[str, ...]
     trends: tuple[Trend, ...]
     joints: tuple[str, ...] = ()
+    axis: str = "recording"
+    """Of what slopes are given per one: ``recording``, ``hour``."""
 
     def joint_of(self, item: Trend) -> str:
         """Return the joint of a parameter: that of a sum's leading term, or the one that its name ends in."""
@@ -55,8 +58,8 @@ class Trends:
         return tuple(item for item in self.trends if item.word in words)
 
 
-def trends_of(results: Sequence[SavedResult], places: Sequence[float] | None = None) -> Trends:
-    """Return every base parameter over recordings, and what was corrected or found beside them.
+def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis: str = "recording") -> Trends:
+    """Return which base parameters of a machine change over its recordings, and what was corrected beside them.
 
     A trend or a step is named where its p-value holds among all parameters and both questions (Holm 1979), at
     `FALSE_ALARMS` for the machine. Of a parameter with neither, recordings disagree where they scatter farther than
@@ -65,19 +68,25 @@ def trends_of(results: Sequence[SavedResult], places: Sequence[float] | None = N
     Parameters
     ----------
     results
-        One per recording, in order.
+        One per recording, in order: files saved with ``--json``, or what `identify` returns.
     places
         Place of every recording on the axis of the slopes, such as hours; default its number.
+    axis
+        What one is on that axis, in a word.
 
     Raises
     ------
     UsageError
-        Fewer than three results, or no parameter in three of them.
+        Fewer than three results, of different robots, or no parameter in three of them.
     """
+    results = as_saved(results)
     if len(results) < LEAST:
         given = "1 recording is" if len(results) == 1 else f"{len(results)} recordings are"
         hint = " ".join(["elid compare", *(r.file for r in results)]) if len(results) > 1 else ""
         raise UsageError(f"trend: {given} given, at least {LEAST} are needed", hint=hint)
+    robots = list(dict.fromkeys(result.robot for result in results))
+    if len(robots) > 1:
+        raise UsageError(f"trend: results of different robots: {', '.join(robots[:4])}")
     at = np.arange(float(len(results))) if places is None else np.asarray(places, dtype=float)
     known = [{**result.parameters, **result.beside} for result in results]
     names = list(dict.fromkeys(name for parameters in known for name in parameters))
@@ -104,7 +113,7 @@ def trends_of(results: Sequence[SavedResult], places: Sequence[float] | None = N
         elif scattered[k]:
             word = "disagrees"
         trends.append(Trend(item, word))
-    return Trends(results[0].robot, tuple(r.file for r in results), tuple(trends), results[0].joints)
+    return Trends(results[0].robot, tuple(r.file for r in results), tuple(trends), results[0].joints, axis)
 
 
 def _holm(p: Sequence[float], level: float) -> list[bool]:

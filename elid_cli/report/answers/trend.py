@@ -17,22 +17,22 @@ WORDS = {
 }
 
 
-def trend_report(found: Trends, axis: str) -> Report:
-    """Return the report on recordings; slopes are per `axis` (``recording`` or ``hour``)."""
+def trend_report(found: Trends) -> Report:
+    """Return the report on recordings."""
     sections: list[Section] = [
         Text("title", f"{found.robot} · {len(found.files)} recordings", "heading"),
         KeyValues("answers", (("what has changed?", _changed(found)), ("what disagrees?", _disagreeing(found)))),
-        _table(found, axis),
+        _table(found),
     ]
-    return Report("trend", trend_payload(found, axis), tuple(sections))
+    return Report("trend", trend_payload(found), tuple(sections))
 
 
-def trend_payload(found: Trends, axis: str) -> dict[str, Any]:
+def trend_payload(found: Trends) -> dict[str, Any]:
     """Return the JSON object of a trend."""
     return {
         "robot": found.robot,
         "files": list(found.files),
-        "slope_per": axis,
+        "slope_per": found.axis,
         "parameters": [_entry(item, found.files) for item in found.trends],
     }
 
@@ -87,13 +87,13 @@ def _disagreeing(found: Trends) -> str:
     return f"{names}: recordings differ by more than their errors say, and no trend explains it."
 
 
-def _table(found: Trends, axis: str) -> Table:
+def _table(found: Trends) -> Table:
     columns = (
         Column("name", "base parameter", span=True),
         Column("mean", "mean", align="right"),
         Column("within", "± within", align="right"),
         Column("between", "± between", align="right"),
-        Column("slope", f"slope per {axis}", align="right"),
+        Column("slope", f"slope per {found.axis}", align="right"),
         Column("reach", "± 95 %", align="right"),
         Column("unit", "unit"),
         Column("word", "verdict"),

@@ -58,9 +58,9 @@ def replay_figures(found: Replay, other: Replay | None = None) -> tuple[Figure, 
     return figures_of(FigureInput(replays=(found,) if other is None else (found, other)))
 
 
-def trend_figures(found: Trends, axis: str, first: float = 0.0) -> tuple[Figure, ...]:
-    """Return the figures of parameters over recordings; `axis` names their places, the first of which is `first`."""
-    return figures_of(FigureInput(trends=found, axis=axis, first=first))
+def trend_figures(found: Trends) -> tuple[Figure, ...]:
+    """Return the figures of parameters over recordings."""
+    return figures_of(FigureInput(trends=found))
 
 
 def validation_figures(found: Validation, signals: Signals, others: Sequence[ByLog] = ()) -> tuple[Figure, ...]:

@@ -49,10 +49,7 @@ class FigureInput:
     comparisons: Sequence[Comparison] = ()
     """Saved results against the first one."""
     trends: Trends | None = None
-    """Parameters over recordings, and what their places are."""
-    axis: str = ""
-    first: float = 0.0
-    """What the axis calls the first recording."""
+    """Parameters over recordings."""
 
     @property
     def robot(self) -> Robot | None:

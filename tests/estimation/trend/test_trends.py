@@ -10,9 +10,9 @@ import pytest
 
 from elid_cli.cli import main
 from elid_cli.errors import UsageError
-from elid_cli.estimation.comparison import Estimate, SavedResult, beside_of
+from elid_cli.estimation.comparison import Estimate, SavedResult, result_of
 from elid_cli.estimation.trend.series import series_of
-from elid_cli.estimation.trend.trends import trends_of
+from elid_cli.estimation.trend.trends import trend
 from elid_cli.report.figures import picture
 from elid_cli.report.figures.build import trend_figures
 from tests.system.reproduce.trend_fleets import WEAR, fleet
@@ -64,7 +64,7 @@ def test_a_step_a_disagreement_and_an_odd_recording_have_their_words() -> None:
     odd[7] = 0.2
     columns = {"jump": 1.0 + 0.1 * (np.arange(24) > 11) + noise[0], "apart": 1.0 + apart + noise[1],
                "still": 1.0 + noise[2], "odd": 1.0 + odd + noise[3]}  # fmt: skip
-    found = {item.series.name: item for item in trends_of(machine(columns, 0.01)).trends}
+    found = {item.series.name: item for item in trend(machine(columns, 0.01)).trends}
     assert {name: item.word for name, item in found.items()} == {
         "jump": "step", "apart": "disagrees", "still": "steady", "odd": "disagrees",
     }  # fmt: skip
@@ -98,27 +98,32 @@ def test_the_command_reads_results_and_logs_and_has_a_gate(tmp_path: Path, capsy
 
 def test_what_cannot_be_answered_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(UsageError, match="at least 3"):
-        trends_of(machine({"K1": np.ones(2)}, 0.1))
+        trend(machine({"K1": np.ones(2)}, 0.1))
     assert main(["trend", str(ROOT / "sample_logs" / "planar2.h5")]) == 2
     assert "needs --robot" in capsys.readouterr().err
 
 
 def test_offsets_and_effects_are_followed_and_drawn_by_joint() -> None:
     rng = np.random.default_rng(2)
-    items = [("torque_offset", "hip", {"offset": 0.2 + 0.05 * k + 0.005 * rng.normal()}, {"offset": 0.005})
-             for k in range(8)]  # fmt: skip
-    twice = ("stribeck", "hip", {"amplitude": 1.0, "velocity": 0.1}, {"amplitude": 0.1})
+    offsets = [0.2 + 0.05 * k + 0.005 * rng.normal() for k in range(8)]
+    twice = {"effect": "stribeck", "joint": "hip", "parameters": {"amplitude": 1.0, "velocity": 0.1},
+             "std_error": {"amplitude": 0.1}}  # fmt: skip
     results = [
-        SavedResult(f"{k}.json", "arm", {"fv1": Estimate(1.0 + 0.01 * rng.normal(), 0.01, "N·m·s/rad"),
-                                         "m2 - 4*Izz1": Estimate(2.0 + 0.01 * rng.normal(), 0.01, "kg")},
-                    {}, ("hip", "knee"), beside_of([item, twice, twice]))
-        for k, item in enumerate(items)
+        result_of(
+            {"robot": "arm", "joints": ["hip", "knee"], "effects": [twice, twice], "base_parameters": [
+                {"name": "fv1", "unit": "N·m·s/rad", "estimate": 1.0 + 0.01 * rng.normal(), "std_error": 0.01},
+                {"name": "m2 - 4*Izz1", "unit": "kg", "estimate": 2.0 + 0.01 * rng.normal(), "std_error": 0.01}],
+             "nuisances": [{"effect": "torque_offset", "joint": "hip", "parameters": {"offset": offset},
+                            "std_error": {"offset": 0.005}}]},
+            f"{k}.json",
+        )
+        for k, offset in enumerate(offsets)
     ]  # fmt: skip
-    found = trends_of(results)
+    found = trend(results)
     words = {item.series.name: item.word for item in found.trends}
     assert words == {"fv1": "steady", "m2 - 4*Izz1": "steady", "torque_offset of hip: offset": "trend"}
     assert [found.joint_of(item) for item in found.trends] == ["hip", "knee", "hip"]
-    first, second = trend_figures(found, "recording")
+    first, second = trend_figures(found)
     assert (first.key, second.key) == ("trend_hip", "trend_knee")
     assert [p["name"] for p in first.data["parameters"]] == ["torque_offset of hip: offset", "fv1"]  # moved first
     line = first.data["parameters"][0]["line"]

@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 
 from elid_cli.estimation.comparison import Estimate, SavedResult
-from elid_cli.estimation.trend.trends import Trends, trends_of
+from elid_cli.estimation.trend.trends import Trends, trend
 
 PARAMETERS = 40
 ERROR, BETWEEN = 0.002, 0.004
@@ -31,7 +31,7 @@ def fleet(seed: int, recordings: int, wear: float = 0.0, parameters: int = PARAM
         SavedResult(f"{k}.json", "arm", {f"p{j}": Estimate(float(v), ERROR, "N·m") for j, v in enumerate(row)}, {})
         for k, row in enumerate(values)
     ]
-    return trends_of(results)
+    return trend(results)
 
 
 def main() -> None:

@@ -33,7 +33,11 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         groups.setdefault(told.trends.joint_of(item), []).append(item)
     for joint, items in groups.items():
         ordered = sorted(items, key=lambda item: (item.word == "steady", not item.drives))[:MOST]
-        data = {"axis": told.axis, "parameters": [_drawn(item, told.first) for item in ordered]}
+        hours = told.trends.axis == "hour"
+        data = {
+            "axis": "hours since the first" if hours else "recording, in the order given",
+            "parameters": [_drawn(item, 0.0 if hours else 1.0) for item in ordered],
+        }
         caption = "Estimate of every recording with its 95 % interval; dashed: the line or the step that was found."
         yield Figure(f"trend_{joint}", f"{joint}: parameters over recordings", "trended", data, caption)
 
