@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from elid_cli.errors import DataError, ElidError, LogError, RobotError, UsageError
     from elid_cli.estimation.comparison import Comparison, SavedResult, compare, read_result
     from elid_cli.estimation.identify import Identified, identify, identify_logs
+    from elid_cli.estimation.judgement import JointError
     from elid_cli.estimation.physical.nearest import PhysicalParameters, make_physical
     from elid_cli.estimation.refined_robot import identified_robot
     from elid_cli.estimation.request import LogRequest
-    from elid_cli.estimation.result import BaseEstimate, EstimateOptions, Identification, JointError
+    from elid_cli.estimation.result import BaseEstimate, EstimateOptions, Identification
     from elid_cli.estimation.sampling.sets import ParameterSets, sample
     from elid_cli.estimation.streaming.files import write_triangles
     from elid_cli.estimation.streaming.fleet import reduced_logs
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from elid_cli.experiment.simulation.run import SimulationOptions, simulate
     from elid_cli.experiment.simulation.sensors import SensorOptions
     from elid_cli.logs.inspect import LogInfo, inspect_log
-    from elid_cli.logs.mapping.language import read_map_options
+    from elid_cli.logs.mapping.options import read_map_options
     from elid_cli.logs.reading import read_recording
     from elid_cli.logs.writing import write_recording
     from elid_cli.model.base_parameters import BaseParameters, find_base
@@ -53,10 +54,11 @@ _PLACES = {
     "errors": "DataError ElidError LogError RobotError UsageError",
     "estimation.comparison": "Comparison SavedResult compare read_result",
     "estimation.identify": "Identified identify identify_logs",
+    "estimation.judgement": "JointError",
     "estimation.physical.nearest": "PhysicalParameters make_physical",
     "estimation.refined_robot": "identified_robot",
     "estimation.request": "LogRequest",
-    "estimation.result": "BaseEstimate EstimateOptions Identification JointError",
+    "estimation.result": "BaseEstimate EstimateOptions Identification",
     "estimation.sampling.sets": "ParameterSets sample",
     "estimation.streaming.files": "write_triangles",
     "estimation.streaming.fleet": "reduced_logs",
@@ -68,7 +70,7 @@ _PLACES = {
     "experiment.simulation.run": "SimulationOptions simulate",
     "experiment.simulation.sensors": "SensorOptions",
     "logs.inspect": "LogInfo inspect_log",
-    "logs.mapping.language": "read_map_options",
+    "logs.mapping.options": "read_map_options",
     "logs.reading": "read_recording",
     "logs.writing": "write_recording",
     "model.base_parameters": "BaseParameters find_base",

@@ -13,7 +13,8 @@ from elid_cli.report.tree import Report, Text
 from elid_cli.robot.parameter import StandardParameter
 
 if TYPE_CHECKING:
-    from elid_cli.estimation.result import Identification, Insufficient, JointError
+    from elid_cli.estimation.judgement import Insufficient, JointError
+    from elid_cli.estimation.result import Identification
     from elid_cli.robot.robot import Robot
 
 

@@ -12,7 +12,8 @@ from elid_cli.files import check_suffix, check_writable, write_text
 
 if TYPE_CHECKING:
     from elid_cli.cli.options import Files, Output
-    from elid_cli.estimation.result import Identification, JointError
+    from elid_cli.estimation.judgement import JointError
+    from elid_cli.estimation.result import Identification
     from elid_cli.estimation.sampling.sets import ParameterSets
     from elid_cli.robot.robot import EffectSpec, Robot
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from elid_cli.cli.options import INPUT, File, Number, Share, completing, effects, gathered, option
+from elid_cli.cli.options import INPUT, gathered, option
+from elid_cli.cli.values import File, Number, Share, completing, effects
 
 if TYPE_CHECKING:
     from elid_cli.experiment.simulation import SimulationOptions

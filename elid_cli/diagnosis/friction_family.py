@@ -18,16 +18,17 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.fit.state import Log, State, fit
 from elid_cli.errors import DataError, UsageError
+from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.refined_robot import representative
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of, with_effects
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.triangles import full_columns, to_triangles
-from elid_cli.estimation.result import JointError
 from elid_cli.estimation.stretches import STRETCHES, spans, stretch_of
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.declared import as_observed, declared_effects
-from elid_cli.model.effects.effect import Effect, Member, Scene
+from elid_cli.model.effects.effect import Effect, Member
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.signals import Signals

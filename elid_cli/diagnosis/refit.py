@@ -15,10 +15,11 @@ from elid_cli.errors import DataError
 from elid_cli.estimation.assembly import assemble, judged
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.identify import identify
+from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.standard_errors import covariance_of
-from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, JointError
+from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from elid_cli.diagnosis.evidence.quarters import Survival
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.residuals import Organised, RowState
-from elid_cli.estimation.result import FittedEffect, Identification, JointError, Nuisance
+from elid_cli.estimation.judgement import JointError
+from elid_cli.estimation.result import FittedEffect, Identification, Nuisance
 from elid_cli.estimation.validation.prediction import Validation
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording

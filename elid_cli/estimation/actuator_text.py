@@ -9,7 +9,7 @@ from typing import Any
 
 from elid_cli.estimation.actuators import UNITS, Actuators, Quantity, Value
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.effect import direction_widths
+from elid_cli.model.effects.scene import direction_widths
 from elid_cli.robot.mjcf.read import SPRING
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.robot.yaml import emit

@@ -18,8 +18,8 @@ from elid_cli.estimation.result import Identification, Verdict
 from elid_cli.estimation.validation.verdicts import REFUSED, WEAK
 from elid_cli.model.effects.breakaway import breakaway
 from elid_cli.model.effects.declared import resolve
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import MOTOR_PARAMETERS, EffectSpec, Robot
+from elid_cli.robot.parameter import MOTOR_PARAMETERS, StandardParameter
+from elid_cli.robot.robot import EffectSpec, Robot
 
 Quantity = Literal[
     "armature", "friction", "dynamic_friction", "viscous_friction", "transmission_stiffness", "offset", "delay"

@@ -10,10 +10,11 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.estimation.data import FitData, sum_row
 from elid_cli.estimation.default_fit import DefaultFit
+from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.other_shapes import sentences
 from elid_cli.estimation.regression.standard_errors import freedom
-from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, JointError, Nuisance, records
+from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, records
 from elid_cli.estimation.stiffness.link_equation import with_both_regressions, with_link_stiffness
 from elid_cli.estimation.stiffness.noise import stiffness_in_noise, with_pull
 from elid_cli.estimation.validation.cross_validation import held_out

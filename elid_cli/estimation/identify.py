@@ -19,18 +19,11 @@ from elid_cli.errors import UsageError
 from elid_cli.estimation.assembly import assemble, judged, with_unseen
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
+from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.motor_side.door import asked_motor_side, below_resonance, with_motor_side
 from elid_cli.estimation.regression.nuisances import DELAY, SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
-from elid_cli.estimation.result import (
-    EstimateOptions,
-    FittedEffect,
-    Identification,
-    JointError,
-    Judgement,
-    Nuisance,
-    Verdict,
-)
+from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
 from elid_cli.estimation.sanity import physics_warnings
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.estimation.validation.sufficiency import judge_model, judged_model

@@ -15,8 +15,8 @@ from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import consistency
 from elid_cli.model.effects.tilt import levelled
 from elid_cli.model.regressor import Regressor
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import POSITIVE, EffectSpec, Robot
+from elid_cli.robot.parameter import POSITIVE, StandardParameter
+from elid_cli.robot.robot import EffectSpec, Robot
 
 
 def representative(base: BaseParameters, estimate: Array, reference: Array) -> Array:

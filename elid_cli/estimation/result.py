@@ -8,13 +8,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
+from elid_cli.estimation.judgement import Insufficient, JointError, ModelWord, RowNoise
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.model.regressor import EstimationRow, Kind
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.tables import Shown
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from elid_cli.estimation.motor_side.result import MotorSide
 
 Verdict = Literal["supported", "weak", "refused"]
-ModelWord = Literal["sufficient", "insufficient", "not judged"]
 
 
 @dataclass(frozen=True)
@@ -52,93 +51,6 @@ class EstimateOptions:
         other = "--accurate" if self.accurate else "--estimator paper" if self.estimator == "paper" else ""
         if self.fit == "trajectory" and other:
             raise UsageError(f"--fit trajectory and {other} exclude each other", hint="leave one of them out")
-
-
-@dataclass(frozen=True)
-class SensorError:
-    """Errors of one joint against its torque sensor, N·m (N), on the same data."""
-
-    load_rms: float
-    """Reading minus what the bodies need."""
-    drive_rms: float
-    """Motor torque minus reading, less rotor and friction; NaN where the motor torque is not known."""
-    spring_rms: float
-    """Reading minus K (theta - q)."""
-    reading_rms: float
-    """rms of the reading."""
-
-
-@dataclass(frozen=True)
-class JointError:
-    """Error of the predicted motor torque of one joint on data not used in the fit, N·m (N)."""
-
-    rms: float
-    """Motor torque minus prediction with the spring eliminated (sum row)."""
-    relative: float
-    """`rms` over the rms of the torque."""
-    spring_rms: float | None
-    """Motor row alone: spring torque from K (theta - q); None for a rigid joint."""
-    spring_relative: float | None
-    torque_rms: float
-    floor: float | None = None
-    """rms that the sensors' noise alone would leave in the sum row."""
-    spring_floor: float | None = None
-    sensor: SensorError | None = None
-    """The same against the joint's torque sensor, where it has one."""
-
-    def of_torque(self, rms: float) -> JointError:
-        """Return the same error as a share of another torque, N·m (N) rms."""
-        share = None if self.spring_rms is None else self.spring_rms / rms
-        return replace(self, relative=self.rms / rms, spring_relative=share, torque_rms=rms)
-
-
-@dataclass(frozen=True)
-class RowNoise:
-    """What one row's residual is like beside the sensors' noise."""
-
-    joint: str
-    rows: Kind
-    """Row: ``sum`` or ``motor``; of a joint with a torque sensor ``load``, ``drive`` or ``spring``."""
-    floor: float
-    """rms that the sensors' noise alone would leave, N·m (N)."""
-    ratio: float
-    """Residual over it."""
-    correlation: float
-    """How long the residual remembers, s."""
-
-
-@dataclass(frozen=True)
-class Insufficient:
-    """A row whose residual follows the motion: the model lacks something there."""
-
-    joint: str
-    rows: Kind
-    ratio: float
-    """Residual over its noise."""
-    follows: str
-    """What it follows best."""
-    share: float
-    """Part of its variance that the motion predicts, stretch by stretch from the others."""
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """What the residual on one log says of the model."""
-
-    noise: tuple[RowNoise, ...]
-    insufficient: tuple[Insufficient, ...]
-    """The rows whose residual follows the motion."""
-    biased: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    """Base parameters that what is missing can move, (b,); none where nothing was fitted."""
-    misfitted: tuple[Insufficient, ...] = ()
-    """Rows of a described robot whose residual follows the motion as other values of its parameters would."""
-
-    @property
-    def model(self) -> ModelWord:
-        """What is said of the model."""
-        if not self.noise:
-            return "not judged"
-        return "insufficient" if self.insufficient else "sufficient"
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.triangles import to_triangles
 from elid_cli.estimation.result import Identification
 from elid_cli.model.regressor import Regressor
-from elid_cli.robot.robot import POSITIVE, Robot
+from elid_cli.robot.parameter import POSITIVE
+from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
 

@@ -2,7 +2,7 @@
 
 from elid_cli.logs.adapt import robot_as_logged
 from elid_cli.logs.inspect import ChannelInfo, LogInfo, inspect_log
-from elid_cli.logs.mapping.language import read_map_options
+from elid_cli.logs.mapping.options import read_map_options
 from elid_cli.logs.reading import read_recording
 from elid_cli.logs.writing import write_recording
 

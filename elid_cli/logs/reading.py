@@ -20,8 +20,9 @@ from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.profiles import known_messages
 from elid_cli.logs.mapping.resolve import Layer, Placement, ReadPlan, resolve
 from elid_cli.logs.mapping.suggest import suggestion
-from elid_cli.logs.repair.align import Aligned, Sampled, align
+from elid_cli.logs.repair.align import Aligned, align
 from elid_cli.logs.repair.clocks import another_clock, in_seconds
+from elid_cli.logs.repair.reachable import Sampled
 from elid_cli.logs.repair.sample_times import at_even_times
 from elid_cli.logs.source import Source, open_source
 from elid_cli.logs.writing import recognise

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.robot.inertia import inertial_parameters, pseudo_inertia
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot
+from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
+from elid_cli.robot.robot import Joint, Robot
 
 MARGIN = 1e-6
 """Smallest scaled eigenvalue, rotor inertia and stiffness that count as positive."""

@@ -10,13 +10,14 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
-from elid_cli.model.effects.effect import DIRECTION_WIDTH, direction_widths
+from elid_cli.model.effects.scene import DIRECTION_WIDTH, direction_widths
 from elid_cli.model.mass_matrix import BLOCKS, NotPositiveError, NumericEquations, ldl_solver, ldl_statements
+from elid_cli.model.program import Program, compile_program
 from elid_cli.model.regressor import Regressor, inputs_of
-from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
+from elid_cli.model.tracing import Graph, Scalar
 from elid_cli.robot.ideal import DRIVE
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import MOTOR_PARAMETERS, Robot
+from elid_cli.robot.parameter import MOTOR_PARAMETERS, StandardParameter
+from elid_cli.robot.robot import Robot
 from elid_cli.robot.yaml import quoted
 from elid_cli.signals.motion import Motion, random_motion
 

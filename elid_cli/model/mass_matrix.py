@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from functools import cache
 
 from elid_cli.model.kinematics import JointState, chain
+from elid_cli.model.program import Program, compile_program
 from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, MotorState
-from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
+from elid_cli.model.tracing import Graph, Scalar
 from elid_cli.robot.robot import Robot
 
 BLOCKS = 9

@@ -24,13 +24,14 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.memory import Recent
 from elid_cli.model.kinematics import JointState, chain
+from elid_cli.model.program import Program, compile_program
 from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, MotorState
 from elid_cli.model.terms.coulomb import Coulomb
 from elid_cli.model.terms.rigid_body import RigidBody
 from elid_cli.model.terms.rotor import Rotor
 from elid_cli.model.terms.spring import Spring
 from elid_cli.model.terms.viscous import Viscous
-from elid_cli.model.tracing import Graph, Node, Program, Scalar, compile_program
+from elid_cli.model.tracing import Graph, Node, Scalar
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot, check_size
 from elid_cli.signals.motion import Motion

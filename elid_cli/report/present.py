@@ -79,16 +79,18 @@ def _view(result: object) -> View:
 
 def _identification(found: Identification) -> View:
     from elid_cli.report.answers import identification as answer
+    from elid_cli.report.answers.error_tables import error_table, sensor_table
+    from elid_cli.report.answers.identification_json import identification_payload
 
     return View(
         lambda: [
             Text("title", f"{found.robot.name}: {dict(answer.result_items(found))['parameters']}", "heading"),
             *answer.base_tables(found),
-            answer.error_table("error", found.robot, found.error),
-            *answer.sensor_table("sensors", found.robot, found.error),
+            error_table("error", found.robot, found.error),
+            *sensor_table("sensors", found.robot, found.error),
             *(Text(f"warning{k}", line, "warning") for k, line in enumerate(found.warnings)),
         ],
-        lambda: answer.identification_payload(found),
+        lambda: identification_payload(found),
         lambda values: values["base_parameters"],
     )
 
@@ -140,14 +142,14 @@ def _replay(found: Replay) -> View:
 
 def _validation(found: Validation) -> View:
     from elid_cli.estimation.validation.sufficiency import judge_prediction
-    from elid_cli.report.answers import identification as answer
+    from elid_cli.report.answers.error_tables import error_table, sensor_table
     from elid_cli.report.answers.validation import validation_payload
 
     return View(
         lambda: [
             Text("title", found.robot.name, "heading"),
-            answer.error_table("error", found.robot, found.error, fitted=False),
-            *answer.sensor_table("sensors", found.robot, found.error),
+            error_table("error", found.robot, found.error, fitted=False),
+            *sensor_table("sensors", found.robot, found.error),
         ],
         lambda: validation_payload(found, judge_prediction(found)),
         lambda values: [{"joint": joint, **error} for joint, error in values["error"].items()],

@@ -9,8 +9,10 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError, UsageError, did_you_mean
+from elid_cli.robot.frames import rotation_z, rpy_of, translation, z_to
 from elid_cli.robot.inertia import inertial_parameters, moved, pseudo_inertia
-from elid_cli.robot.robot import BASE, LINK_PARAMETERS, Joint, Robot, rotation_z, rpy_of, translation, z_to
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import BASE, Joint, Robot
 from elid_cli.robot.urdf.write import in_joint_frames, origins
 
 

@@ -5,6 +5,25 @@ from __future__ import annotations
 import re
 from typing import Any, NoReturn
 
+LINK_PARAMETERS = ("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+"""Names of a body's ten inertial parameters, without the joint's number."""
+MOTOR_PARAMETERS = ("Jm", "Ja", "fs", "fv")
+"""Names of a motor's parameters; it has `Jm` where its gear ratio is known, `Ja` otherwise."""
+JOINT_PARAMETERS = (*LINK_PARAMETERS, *MOTOR_PARAMETERS, "K")
+"""Names of the 14 parameters of a joint, without its number, with the two names of its rotor's inertia."""
+POSITIVE = ("K", *MOTOR_PARAMETERS)
+"""Parameters that no physical joint has negative."""
+PARAMETER_GROUPS: tuple[tuple[str, ...], ...] = (
+    ("m",),
+    ("cx", "cy", "cz"),
+    ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"),
+    ("Jm", "Ja"),
+    ("fs",),
+    ("fv",),
+    ("K",),
+)
+"""Standard order, grouped by kind as eq. (14): every joint's m, then every joint's first moment, …"""
+
 
 class StandardParameter(str):
     """A standard parameter: one of the 14 kinds, such as ``K``, of a joint (from 0); as text its name, ``K2``.

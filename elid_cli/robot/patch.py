@@ -17,10 +17,13 @@ from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.files import LARGEST, read_text
 from elid_cli.robot.files import robot_from_text
+from elid_cli.robot.frames import translation
 from elid_cli.robot.inertia import about_centre, inertial_parameters, moved, pseudo_inertia
 from elid_cli.robot.locking import locked
-from elid_cli.robot.mjcf.read import SPRING, MjcfTree, MovingJoint, stiffness_and_rest
-from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot, translation
+from elid_cli.robot.mjcf.elements import stiffness_and_rest
+from elid_cli.robot.mjcf.read import SPRING, MjcfTree, MovingJoint
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.gears import OWN_PARAMETERS
 from elid_cli.robot.urdf.read import link_inertia
 from elid_cli.robot.urdf.write import in_joint_frames

@@ -12,17 +12,8 @@ from dataclasses import replace
 from typing import Any, cast
 
 from elid_cli.errors import did_you_mean
-from elid_cli.robot.robot import (
-    BASE,
-    JOINT_PARAMETERS,
-    MOST_JOINTS,
-    Convention,
-    EffectSpec,
-    Joint,
-    Limits,
-    Payload,
-    Robot,
-)
+from elid_cli.robot.parameter import JOINT_PARAMETERS
+from elid_cli.robot.robot import BASE, MOST_JOINTS, Convention, EffectSpec, Joint, Limits, Payload, Robot
 from elid_cli.robot.yaml import Value, parse_yaml
 
 MOST_EFFECTS = 200

@@ -8,7 +8,8 @@ import math
 import textwrap
 from collections.abc import Mapping, Sequence
 
-from elid_cli.robot.robot import JOINT_PARAMETERS, Joint, Limits, Robot
+from elid_cli.robot.parameter import JOINT_PARAMETERS
+from elid_cli.robot.robot import Joint, Limits, Robot
 from elid_cli.robot.yaml import emit, quoted
 
 COMMENT = 110

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from elid_cli.estimation.result import JointError
+from elid_cli.estimation.judgement import JointError
 from elid_cli.report.answers.diagnosis import WORSE, _against
 from elid_cli.report.answers.diagnosis_input import Check, DiagnosisInput
 from elid_cli.signals.recording import Recording

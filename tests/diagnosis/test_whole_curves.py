@@ -11,7 +11,7 @@ from elid_cli.diagnosis.search import friction_curves as whole_curves
 from elid_cli.diagnosis.search.by_collocation import Collocated, collocated
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.effects.effect import DIRECTION_WIDTH
+from elid_cli.model.effects.scene import DIRECTION_WIDTH
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot

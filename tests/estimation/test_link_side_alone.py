@@ -11,7 +11,7 @@ import pytest
 from elid_cli.estimation.identify import Identification, LogRequest, identify, identify_logs
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.logs import read_recording, write_recording
-from elid_cli.report.answers.identification import base_payload
+from elid_cli.report.answers.identification_json import base_payload
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare

@@ -13,7 +13,7 @@ import pytest
 
 from elid_cli.cli import main
 from elid_cli.estimation.identify import EstimateOptions, Identification, identify
-from elid_cli.estimation.result import Judgement
+from elid_cli.estimation.judgement import Judgement
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.estimation.validation.sufficiency import judge_prediction
 from elid_cli.robot.robot import Robot

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import RobotError
-from elid_cli.experiment.mjcf import known_parameters, mjcf_text, write_mjcf
+from elid_cli.experiment.mjcf import mjcf_text, write_mjcf
+from elid_cli.experiment.real_bodies import known_parameters
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Limits, Robot

@@ -14,7 +14,8 @@ import pytest
 
 from elid_cli.estimation.actuator_text import actuator_text
 from elid_cli.estimation.actuators import Actuators
-from elid_cli.experiment.mjcf import known_parameters, mjcf_text
+from elid_cli.experiment.mjcf import mjcf_text
+from elid_cli.experiment.real_bodies import known_parameters
 from elid_cli.experiment.simulation.effects_at_work import active_effects
 from elid_cli.experiment.simulation.integration import System, reference_scene
 from elid_cli.model.dynamics import Dynamics

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import LogError
-from elid_cli.logs.repair.align import Sampled, align
+from elid_cli.logs.repair.align import align
 from elid_cli.logs.repair.dropouts import impossible
+from elid_cli.logs.repair.reachable import Sampled
 
 ROOT = Path(__file__).parents[2]
 MEASURED = ROOT.parent / "shared" / "data"

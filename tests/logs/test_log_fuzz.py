@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from elid_cli.errors import ElidError, UsageError
 from elid_cli.logs.mapping.language import KEYS, SignalMap, parse_mapping
-from elid_cli.logs.repair.align import Sampled, align
+from elid_cli.logs.repair.align import align
 from elid_cli.logs.repair.grid import interpolate
+from elid_cli.logs.repair.reachable import Sampled
 from tests.logs.made_logs import JOINTS, ROBOT, SIGNALS, recording
 
 values = st.recursive(

@@ -12,18 +12,7 @@ import pytest
 from elid_cli.errors import visible
 from elid_cli.report import formats
 from elid_cli.report.figures import picture
-from elid_cli.report.tree import (
-    Column,
-    Figure,
-    KeyValues,
-    Mark,
-    Quantity,
-    Report,
-    Table,
-    Text,
-    file_name,
-    shown,
-)
+from elid_cli.report.tree import Column, Figure, KeyValues, Mark, Quantity, Report, Table, Text, file_name, shown
 
 EVIL = "\x1b]0;x\x07<script>alert(1)</script>\x9b31m\u202e$\\frac{$```--><!--\r\n\t\x00\x7f|"
 BAD = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")

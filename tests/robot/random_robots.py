@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import Joint, Robot
 
 
 def unit(rng: np.random.Generator) -> tuple[float, float, float]:

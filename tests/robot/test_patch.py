@@ -12,8 +12,9 @@ import pytest
 from elid_cli.errors import RobotError
 from elid_cli.robot.files import read_robot, robot_from_text
 from elid_cli.robot.locking import locked
+from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.patch import patched
-from elid_cli.robot.robot import LINK_PARAMETERS, Robot
+from elid_cli.robot.robot import Robot
 from elid_cli.robot.urdf.write import in_joint_frames
 from tests.robot.elastic_lagrange import inertia_matrix
 from tests.robot.test_mjcf import MODEL, compared, held, rigid

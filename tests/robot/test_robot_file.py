@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from elid_cli.errors import EXIT_USAGE, RobotError, UsageError
 from elid_cli.model.effects.declared import check_effects
 from elid_cli.robot.files import fingerprint, read_robot, robot_from_text, shipped_robots, write_robot
-from elid_cli.robot.robot import JOINT_PARAMETERS, EffectSpec, Joint, Limits, Robot
+from elid_cli.robot.parameter import JOINT_PARAMETERS
+from elid_cli.robot.robot import EffectSpec, Joint, Limits, Robot
 from elid_cli.robot.text import text_of
 
 GOOD = """\

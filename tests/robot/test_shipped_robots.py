@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elid_cli.robot.files import read_robot
-from elid_cli.robot.robot import LINK_PARAMETERS
+from elid_cli.robot.parameter import LINK_PARAMETERS
 
 GEARS = (-62.6111, 107.815, -53.7063, 76.0364, 71.923, 76.686)
 

@@ -19,8 +19,9 @@ from elid_cli.model.base_parameters import find_base
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot, robot_from_text
+from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.patch import patched
-from elid_cli.robot.robot import LINK_PARAMETERS, Robot
+from elid_cli.robot.robot import Robot
 from tests.model.test_pinocchio import pinocchio_model
 
 pin = pytest.importorskip("pinocchio", reason="needs the wheel pin (extra: test)")

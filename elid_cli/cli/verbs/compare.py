@@ -6,7 +6,8 @@ import click
 
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
-from elid_cli.cli.options import File, Number, Output
+from elid_cli.cli.options import Output
+from elid_cli.cli.values import File, Number
 
 
 @verb("elid compare january.json june.json --fail-on-change")

@@ -9,7 +9,8 @@ import click
 
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
-from elid_cli.cli.options import FIT, GATES, Conditioning, Files, Gates, Output, Reading, completing, effects, gathered
+from elid_cli.cli.options import FIT, GATES, Conditioning, Files, Gates, Output, Reading, gathered
+from elid_cli.cli.values import completing, effects
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

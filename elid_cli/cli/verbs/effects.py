@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import click
 
-from elid_cli.cli import options
+from elid_cli.cli import values
 from elid_cli.cli.group import verb
 from elid_cli.cli.options import Output, output
 
 
 @verb("elid effects stribeck")
-@click.argument("name", required=False, metavar="[NAME]", shell_complete=options.completing(options.effects))
+@click.argument("name", required=False, metavar="[NAME]", shell_complete=values.completing(values.effects))
 @output
 def effects(name: str | None, output: Output) -> None:
     """List the effects that elid knows, or explain one: physics, equation, typical size, how its residual looks,

@@ -9,7 +9,8 @@ from click.core import ParameterSource
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
-from elid_cli.cli.options import File, Number, Output, Reading, Share
+from elid_cli.cli.options import Output, Reading
+from elid_cli.cli.values import File, Number, Share
 
 if TYPE_CHECKING:
     from elid_cli.experiment.last_log import LastLog

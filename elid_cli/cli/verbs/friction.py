@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from elid_cli.cli import options
+from elid_cli.cli import options, values
 from elid_cli.cli.group import verb
 from elid_cli.cli.options import Conditioning, Output, Reading
 
@@ -18,7 +18,7 @@ from elid_cli.cli.options import Conditioning, Output, Reading
 @options.reading
 @options.conditioning
 @options.option(
-    options.OUTPUT, "--write-robot", "written", type=options.File(), metavar="FILE.yaml",
+    options.OUTPUT, "--write-robot", "written", type=values.File(), metavar="FILE.yaml",
     help="Write a robot file with the supported member of every joint.",
 )  # fmt: skip
 @options.output

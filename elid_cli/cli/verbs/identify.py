@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from elid_cli.cli import options
+from elid_cli.cli import options, values
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
 from elid_cli.cli.options import Conditioning, Files, FitOptions, Gates, Output, Reading, Spread
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 @options.option(
     options.FIT,
     "--payload",
-    type=options.CarriedType(),
+    type=values.CarriedType(),
     metavar="KG@JOINT",
     help="The second of two logs was recorded with this mass on the joint's body: find the gains of the drives, whose "
     "torque may be a current or a share. KG@JOINT:X,Y,Z also gives its centre, m in the joint's frame; declared: the "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from elid_cli.cli import options
+from elid_cli.cli import options, values
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
 from elid_cli.cli.options import Output
@@ -15,7 +15,7 @@ from elid_cli.cli.options import Output
 @options.option(
     options.OUTPUT,
     "--write-map",
-    type=options.File(),
+    type=values.File(),
     metavar="FILE.yaml",
     help="Write the mapping that reads the log: what was found and what is guessed, to be checked. For --map.",
 )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elid_cli.cli import options
+from elid_cli.cli import options, values
 from elid_cli.cli.group import verb
 from elid_cli.cli.options import LOCK, TIP, Output
 
@@ -21,8 +21,8 @@ LOGS = (".h5", ".hdf5", ".mat", ".csv", ".tsv", ".mcap", ".db3", ".npz", ".parqu
 
 
 @verb("elid init arm.urdf run07.mcap", "elid init arm.urdf run07.csv --map map.yaml --force")
-@click.argument("robot", type=options.File(), metavar="ROBOT")
-@click.argument("log", type=options.File(), metavar="[LOG]", required=False)
+@click.argument("robot", type=values.File(), metavar="ROBOT")
+@click.argument("log", type=values.File(), metavar="[LOG]", required=False)
 @options.held
 @options.maps
 @options.out("The file to write. Default: arm.elid.yaml beside arm.urdf, where elid looks for it.", required=False)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elid_cli.cli import options
+from elid_cli.cli import options, values
 from elid_cli.cli.group import verb
 from elid_cli.cli.options import Output, Reading
 
@@ -46,7 +46,7 @@ class Distance(click.ParamType):  # type: ignore[type-arg]
     options.INPUT, "--against", metavar="ROBOT", help="Another robot file to replay on the same logs, beside the first."
 )
 @options.option(
-    options.FIT, "--horizon", type=options.Number(above=0), metavar="SECONDS",
+    options.FIT, "--horizon", type=values.Number(above=0), metavar="SECONDS",
     help="Start again from the measured state every so often. Default: once, from the first pose; every 0.5 s where "
          "the log holds no commands and its torque drives the robot.",
 )  # fmt: skip

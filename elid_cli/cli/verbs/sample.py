@@ -7,7 +7,8 @@ import click
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
-from elid_cli.cli.options import File, Output
+from elid_cli.cli.options import Output
+from elid_cli.cli.values import File
 
 
 @verb(

@@ -6,8 +6,9 @@ from elid_cli.cli import options
 from elid_cli.cli import simulate_options as simulating
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
-from elid_cli.cli.options import File, Output
+from elid_cli.cli.options import Output
 from elid_cli.cli.simulate_options import ControlChoice, MotionChoice, SensorChoice
+from elid_cli.cli.values import File
 
 
 @verb(

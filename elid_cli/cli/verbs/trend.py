@@ -8,7 +8,8 @@ import click
 
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
-from elid_cli.cli.options import Conditioning, File, Output, Reading, Spread
+from elid_cli.cli.options import Conditioning, Output, Reading, Spread
+from elid_cli.cli.values import File
 
 if TYPE_CHECKING:
     from elid_cli.estimation.comparison import SavedResult

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.estimation.trajectory.acting import acting, can_act
-from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
 
 FINEST = 160
 """Shapes of one effect that are tried at a joint."""

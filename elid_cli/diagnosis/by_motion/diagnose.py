@@ -30,7 +30,8 @@ from elid_cli.estimation.trajectory.identification import (
 )
 from elid_cli.estimation.trajectory.normal_equations import BLOCKS
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
@@ -133,7 +134,7 @@ def _rivals(robot: Robot, named: Sequence[Named], scene: Scene) -> tuple[Rival, 
 
 def _as_moments(robot: Robot, effect: Effect, scene: Scene) -> float:
     """Return the part of an effect's torque that other first moments of the links would make as well."""
-    from elid_cli.model.effects.effect import EquationRow
+    from elid_cli.model.effects.scene import EquationRow
 
     model = Regressor(replace(robot, effects=()))
     still = np.zeros_like(scene.motion.q)

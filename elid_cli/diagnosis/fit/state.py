@@ -24,11 +24,14 @@ from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.noise_floor import Floor, PropagatedNoise, propagated
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import Declared
-from elid_cli.model.effects.effect import CurveEffect, Effect, Scene
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.kinds import CurveEffect
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.effects.shifts import Shifts, corrected
 from elid_cli.model.effects.tilt import settled, tilted, untilted
 from elid_cli.model.regressor import EstimationRow, Regressor
-from elid_cli.robot.robot import POSITIVE, EffectSpec, Robot
+from elid_cli.robot.parameter import POSITIVE
+from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.signals import Signals
 
 LONGEST_SHIFT = 0.05

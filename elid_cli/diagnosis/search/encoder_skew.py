@@ -17,8 +17,7 @@ from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.estimation.regression.covariance import regression
 from elid_cli.model.regressor import EstimationRow
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import MOTOR_PARAMETERS
+from elid_cli.robot.parameter import MOTOR_PARAMETERS, StandardParameter
 
 SURE = 6.0
 """Standard deviations by which a skew must differ from zero."""

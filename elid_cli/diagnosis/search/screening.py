@@ -14,7 +14,8 @@ from elid_cli.diagnosis.search.side_by_side import side_by_side
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.regression.known_columns import Fresh
 from elid_cli.estimation.regression.triangles import ExtraColumns
-from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
 
 FOLDS_LOST = 1
 """Folds in which an effect may fail to help, of those in which it acts."""

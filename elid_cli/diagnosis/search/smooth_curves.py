@@ -7,7 +7,8 @@ from elid_cli.diagnosis.residuals import HIGH
 from elid_cli.diagnosis.search.acceptance import predicted_better
 from elid_cli.diagnosis.search.screening import Candidate, score
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.effect import CurveEffect, CurveRows, Effect
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.kinds import CurveEffect, CurveRows
 from elid_cli.model.regressor import EstimationRow, Kind
 
 MOST = 3

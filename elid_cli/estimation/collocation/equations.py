@@ -16,9 +16,11 @@ from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.model.effects.declared import Declared
-from elid_cli.model.effects.effect import Effect, EquationRow, Scene, direction_widths
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import EquationRow, Scene, direction_widths
+from elid_cli.model.program import Program, compile_program
 from elid_cli.model.regressor import INPUTS, EstimationRow
-from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
+from elid_cli.model.tracing import Graph, Scalar
 from elid_cli.signals.motion import Motion
 
 _SLOW_WEIGHT = 0.05

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.model.program import Program
 from elid_cli.model.regressor import INPUTS
-from elid_cli.model.tracing import Program
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.trigonometry import sine_and_cosine
 

@@ -10,7 +10,8 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.robot.robot import LINK_PARAMETERS, Payload, Robot
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import Payload, Robot
 
 EXAMPLE = "--payload 2.805@joint6, or with its centre of mass in the joint's frame: --payload 2.805@joint6:0,0,0.04"
 

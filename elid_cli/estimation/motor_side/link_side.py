@@ -19,11 +19,12 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.duals import Dual
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.kinematics import Body, JointState, chain
+from elid_cli.model.program import Program, compile_program
 from elid_cli.model.regressor import Regressor
 from elid_cli.model.terms.base_term import ChainMotion, MotorState
 from elid_cli.model.terms.rigid_body import RigidBody
 from elid_cli.model.terms.rotor import Rotor
-from elid_cli.model.tracing import Graph, Program, Scalar, compile_program
+from elid_cli.model.tracing import Graph, Scalar
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.trigonometry import sine_and_cosine
 

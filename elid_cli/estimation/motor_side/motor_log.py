@@ -12,10 +12,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.operators import (
-    stencil,
-    thin,
-)
+from elid_cli.estimation.motor_side.operators import stencil, thin
 
 HIGHEST = 70.0
 """Limit of a band, Hz: above, splines would need too many knots."""

@@ -16,9 +16,10 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError
+from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.physical.semidefinite import nearest_physical, need_solver
 from elid_cli.estimation.regression.triangles import Triangles
-from elid_cli.estimation.result import Identification, JointError
+from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.cross_validation import joint_errors
 from elid_cli.model.consistency import Consistency, consistency, prior
 from elid_cli.model.regressor import EstimationRow

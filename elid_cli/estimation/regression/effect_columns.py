@@ -13,10 +13,10 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import pair
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.declared import Declared
-from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import EstimationRow, Regressor
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import MOTOR_PARAMETERS
+from elid_cli.robot.parameter import MOTOR_PARAMETERS, StandardParameter
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals

@@ -19,7 +19,8 @@ from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.other_shapes import APART
 from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
 from elid_cli.model.effects.declared import Declared, amplitude_prior
-from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.signals import Signals
 

@@ -18,7 +18,8 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.estimation.regression.effect_columns import extra_of
 from elid_cli.estimation.regression.triangles import ExtraColumns
-from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
 from elid_cli.signals.signals import Signals
 
 FITTED = frozenset({"tau", "load", "predicted", "parameters", "stiffness"})

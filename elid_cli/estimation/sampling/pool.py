@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.estimation.sampling.saved import SavedDistribution
-from elid_cli.robot.parameter import parameter_named
-from elid_cli.robot.robot import POSITIVE
+from elid_cli.robot.parameter import POSITIVE, parameter_named
 
 Origin = Literal["drawn", "split", "held", "unknown"]
 INERTIAL = ("m", "Ixx", "Iyy", "Izz")

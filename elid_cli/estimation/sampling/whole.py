@@ -21,8 +21,8 @@ from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import MARGIN, consistency
 from elid_cli.model.effects.tilt import levelled
 from elid_cli.model.regressor import Regressor
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import POSITIVE, Robot
+from elid_cli.robot.parameter import POSITIVE, StandardParameter
+from elid_cli.robot.robot import Robot
 
 LEAST = 0.2
 """Share of the drawn sets that must have bodies that could be built, for bodies to be drawn at all."""

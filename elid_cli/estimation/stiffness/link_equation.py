@@ -21,8 +21,7 @@ from elid_cli.estimation.result import BaseEstimate, Identification, Verdict
 from elid_cli.estimation.stiffness.noise import pull
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import POSITIVE
+from elid_cli.robot.parameter import POSITIVE, StandardParameter
 from elid_cli.signals.signals import Signals
 
 EXPLAINED = 0.6

@@ -18,8 +18,7 @@ from elid_cli.estimation.stiffness.noise import pull
 from elid_cli.estimation.streaming.accumulate import GrowingTriangle
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow, Regressor, RegressorPlan
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import POSITIVE
+from elid_cli.robot.parameter import POSITIVE, StandardParameter
 
 TOGETHER = 16_000
 """Instants that are taken at a time where blocks are passed over again."""

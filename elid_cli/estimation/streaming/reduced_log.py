@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.facts import SignalFacts
+from elid_cli.estimation.judgement import Judgement
 from elid_cli.estimation.regression.triangles import Triangle
-from elid_cli.estimation.result import Judgement
 from elid_cli.estimation.streaming.links import LinkSystem
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.recording import Recording

@@ -9,8 +9,9 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
+from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.regression.observation import observe
-from elid_cli.estimation.result import FittedEffect, Identification, JointError, Nuisance, Verdict, records
+from elid_cli.estimation.result import FittedEffect, Identification, Nuisance, Verdict, records
 from elid_cli.estimation.trajectory.acting import acting, can_act, declared, scene_along
 from elid_cli.estimation.trajectory.differing import Differing, as_last, differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fit_trajectory
@@ -20,7 +21,8 @@ from elid_cli.estimation.validation.prediction import validate
 from elid_cli.estimation.validation.verdicts import HELD, REFUSED, WEAK
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.declared import resolve
-from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.effects.shifts import Shifts, corrected
 from elid_cli.model.regressor import Regressor
 from elid_cli.model.rollout import Linearised

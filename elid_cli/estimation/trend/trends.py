@@ -11,7 +11,7 @@ import numpy as np
 from elid_cli.errors import UsageError
 from elid_cli.estimation.comparison import Result, as_saved
 from elid_cli.estimation.trend.series import LEAST, Series, Word, series_of
-from elid_cli.robot.robot import MOTOR_PARAMETERS
+from elid_cli.robot.parameter import MOTOR_PARAMETERS
 from elid_cli.tables import Shown
 
 _LEADER = re.compile(r"([A-Za-z]+)(\d+)(?: |$)")

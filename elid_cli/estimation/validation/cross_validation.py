@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.estimation.judgement import JointError, SensorError
 from elid_cli.estimation.regression.least_squares import Solution, solve_system
 from elid_cli.estimation.regression.triangles import Triangles, factor_of
-from elid_cli.estimation.result import JointError, SensorError
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
 

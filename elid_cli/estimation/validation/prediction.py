@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
+from elid_cli.estimation.judgement import JointError, SensorError
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of, with_effects
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.estimation.result import JointError, SensorError
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import as_observed, resolve
-from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.effects.shifts import corrected, declared_shifts, delivered, unshifted_robot
 from elid_cli.model.effects.tilt import declared_tilt, levelled
 from elid_cli.model.regressor import EstimationRow, Regressor

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.data import sampled, sum_row
 from elid_cli.estimation.default_fit import DefaultFit
+from elid_cli.estimation.judgement import Insufficient, JointError, Judgement, RowNoise
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, RowGroup
 from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
-from elid_cli.estimation.result import Identification, Insufficient, JointError, Judgement, RowNoise
+from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.cross_validation import floored
 from elid_cli.estimation.validation.following import followed, memory, motion_curves
 from elid_cli.estimation.validation.noise_floor import Floor, propagated

@@ -12,8 +12,8 @@ from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.result import Verdict
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import MOTOR_PARAMETERS, POSITIVE, Robot
+from elid_cli.robot.parameter import MOTOR_PARAMETERS, POSITIVE, StandardParameter
+from elid_cli.robot.robot import Robot
 
 WEAK = 0.3
 """Relative standard deviation above which a parameter is only weakly excited."""

@@ -11,7 +11,9 @@ from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.declared import resolve
-from elid_cli.model.effects.effect import Columns, Effect, MemoryEffect, OscillatorEffect, Scene
+from elid_cli.model.effects.effect import Columns, Effect
+from elid_cli.model.effects.kinds import MemoryEffect, OscillatorEffect
+from elid_cli.model.effects.scene import Scene
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
 

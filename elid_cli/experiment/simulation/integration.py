@@ -11,7 +11,8 @@ from elid_cli._types import Array
 from elid_cli.experiment.simulation.effects_at_work import ActiveEffect, Stage
 from elid_cli.experiment.simulation.kernel import Kernel
 from elid_cli.model.dynamics import Dynamics
-from elid_cli.model.effects.effect import OscillatorEffect, Scene
+from elid_cli.model.effects.kinds import OscillatorEffect
+from elid_cli.model.effects.scene import Scene
 
 Torque = Callable[[list[float], list[float]], list[float]]
 """Motor torques from (θ, θ') of all joints, at one instant."""

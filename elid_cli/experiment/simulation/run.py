@@ -19,7 +19,7 @@ from elid_cli.experiment.simulation.effects_at_work import ActiveEffect, active_
 from elid_cli.experiment.simulation.integration import System, longest_step, reference_scene
 from elid_cli.experiment.simulation.sensors import SensorOptions, measured
 from elid_cli.model.dynamics import Dynamics
-from elid_cli.model.effects.effect import DIRECTION_WIDTH
+from elid_cli.model.effects.scene import DIRECTION_WIDTH
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Recording, Segment

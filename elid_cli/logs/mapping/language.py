@@ -10,16 +10,14 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import UsageError, did_you_mean
-from elid_cli.files import read_text
 from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import parse_long
 from elid_cli.robot.robot import Robot
@@ -140,67 +138,6 @@ def parse_mapping(raw: Mapping[str, Any], robot: Robot, where: str) -> tuple[Sig
         else:
             signals[str(name)] = _signal(str(name), entry, robot, f"{where}: {name}")
     return signals, time
-
-
-def read_map_options(options: Sequence[str]) -> dict[str, Any]:
-    """Return one raw mapping from the values of ``--map``: YAML files, ``signal=place``, or lines as hints give them.
-
-    Raises
-    ------
-    UsageError
-        If a file cannot be read or is not a mapping.
-    """
-    merged: dict[str, Any] = {}
-    for option in options:
-        signal, equals, place = option.partition("=")
-        line = _line_of(option)
-        if line is not None:
-            merged.update(line)
-        elif equals and (signal in SIGNALS or signal == "t" or not Path(option).exists()):
-            if signal not in (*SIGNALS, "t"):
-                raise UsageError(f"--map: unknown signal {signal!r}", hint=did_you_mean(signal, ("t", *SIGNALS)))
-            merged[signal] = {"from": place}
-        else:
-            merged.update(_read_map_file(option))
-    return merged
-
-
-def _line_of(option: str) -> dict[str, Any] | None:
-    """Return the mapping that a value of ``--map`` spells out, as in a file: ``tau: {from: …}``, ``tau={from: …}``.
-
-    None where it does not; ``{joint}_torque`` is a pattern of columns.
-    """
-    from elid_cli.robot.yaml import parse_yaml
-
-    spelt = re.sub(r"^(\w+)=(?=\{\s*(from|field)\s*:)", r"\1: ", option)
-    if not re.match(r"\w+:\s*[\[{]", spelt):
-        return None
-    try:
-        raw = parse_yaml(spelt, "--map", UsageError).plain()
-    except UsageError as error:
-        error.hint = error.hint or "quote patterns: --map 'tau: {from: \"tau.{joint}\"}'"
-        raise
-    return dict(raw) if isinstance(raw, Mapping) else None
-
-
-def _read_map_file(name: str) -> dict[str, Any]:
-    from elid_cli.robot.yaml import parse_yaml
-
-    try:
-        text = read_text(Path(name), UsageError, suffixes=(".yaml", ".yml"))
-    except UsageError as error:
-        error.hint = error.hint or "--map map.yaml, or --map tau=/arm/motors.current"
-        raise
-    try:
-        raw = parse_yaml(text, name, UsageError).plain()
-    except UsageError as error:
-        error.hint = error.hint or 'quote patterns: "q.{joint}"'
-        raise
-    if isinstance(raw, Mapping) and set(raw) == {"log"}:
-        raw = raw["log"]
-    if not isinstance(raw, Mapping):
-        raise UsageError(f"{name}: holds no mapping", hint="q: {from: /arm/joint_states, field: position}")
-    return dict(raw)
 
 
 def _entry(name: Any, spec: Any, where: str) -> Mapping[str, Any]:

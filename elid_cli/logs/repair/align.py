@@ -12,16 +12,14 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import LogError
 from elid_cli.logs.mapping.language import COMMANDS
-from elid_cli.logs.repair.dropouts import impossible
 from elid_cli.logs.repair.grid import Grid, grid_of, identical, onto, regularised
+from elid_cli.logs.repair.reachable import SHORTEST, Sampled, possible
 from elid_cli.logs.repair.samples import fill, without_glitches
 from elid_cli.logs.repair.timeline import Timeline, build
 from elid_cli.memory import let_go, passed, writable
 
 REQUIRED = ("theta", "tau", "q")
 """Signals that decide the time base, in this order among equally fast ones."""
-SHORTEST = 20
-"""Samples of a stretch below which it is of no use."""
 UNPLACED = 0.5
 """Share of samples whose stamp is that of another one above which the clock is of no use."""
 COVERED = 0.9
@@ -33,18 +31,6 @@ SLOWEST = 0.2
 """s; a signal sampled at longer intervals tells nothing about a motion."""
 DENSE = 0.8
 """Share of numbers in a column below which it has stamps of its own rather than missing values."""
-
-
-@dataclass(frozen=True)
-class Sampled:
-    """One stream in SI units: its columns are `joints` (from 0) of `signal`."""
-
-    signal: str
-    joints: tuple[int, ...]
-    values: Array
-    """Shape (N, len(joints))."""
-    t: Array
-    """s, shape (N,), in the order of the file."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +65,7 @@ def align(streams: Sequence[Sampled], joints: Sequence[str], name: str, other: s
     streams = [_unbroken(stream, joints, repairs) for stream in streams]
     whole = [piece for stream in streams for piece in _without_holes(stream, repairs, sound)]
     lines = _timelines(whole, repairs, name, other)
-    whole, lines = _possible(whole, lines, joints, repairs, sound, name)
+    whole, lines = possible(whole, lines, joints, repairs, sound, name)
     tracks = [track for stream in whole for track in _tracks(stream, lines[id(stream)], joints, repairs, sound)]
     required = [track for track in tracks if track.signal in REQUIRED]
     if not required:
@@ -161,104 +147,6 @@ def _timelines(streams: Sequence[Sampled], repairs: list[str], name: str, other:
             shifts = shifts or line.shifts
         lines.update((id(stream), line) for stream in members)
     return lines
-
-
-POSITIONS = {"q": "theta", "theta": "q"}
-"""Signals that move without a step, and the other side of the transmission."""
-TOGETHER = 2.5
-"""Sample times within which both sides of a transmission jump at once."""
-
-
-def _possible(
-    streams: Sequence[Sampled],
-    lines: Mapping[int, Timeline | None],
-    joints: Sequence[str],
-    repairs: list[str],
-    sound: set[int],
-    name: str,
-) -> tuple[list[Sampled], dict[int, Timeline | None]]:
-    """Return the streams without samples that the motion cannot reach, and the timelines split where it jumps.
-
-    Raises
-    ------
-    LogError
-        If one side of a transmission jumps and stays away while the other goes on.
-    """
-    result: list[Sampled] = []
-    kept: dict[int, Timeline | None] = {}
-    jumps: dict[tuple[int, str], list[tuple[float, float]]] = {}
-    for stream in streams:
-        line = lines[id(stream)]
-        values = stream.values
-        if line is not None and stream.signal != "temperature":
-            lost: dict[int, list[tuple[int, float]]] = {}
-            ordered = values if line.rows is None else values[line.rows]
-            for start, stop in line.stretches:
-                found = impossible(ordered[start:stop], line.dt, jumpy=stream.signal not in POSITIONS)
-                for k, what in found.items():
-                    times = [(float(line.t[start + row]), size) for row, size in what.jumps]
-                    jumps.setdefault((stream.joints[k], stream.signal), []).extend(times)
-                    if what.rows.size:
-                        sound.discard(id(values))
-                        values = values.copy() if values is stream.values else values
-                        rows = what.rows + start
-                        values[rows if line.rows is None else line.rows[rows], k] = np.nan
-                        lost.setdefault(k, []).append((rows.size, what.largest))
-            for k, parts in lost.items():
-                count, largest = sum(number for number, _ in parts), max(size for _, size in parts)
-                repairs.append(
-                    f"{stream.signal} of {joints[stream.joints[k]]}: {count} sample{'s' * (count > 1)} that the motion "
-                    f"cannot reach left out (up to {largest:.3g} away from it)"
-                )
-        stream = stream if values is stream.values else replace(stream, values=values)
-        result.append(stream)
-        kept[id(stream)] = line
-    held = {(joint, stream.signal) for stream in result for joint in stream.joints}
-    for (joint, signal), places in jumps.items():
-        other = (joint, POSITIONS.get(signal, ""))
-        for when, size in places:
-            near = any(abs(when - at) < TOGETHER * _slowest(kept) for at, _ in jumps.get(other, ()))
-            if other in held and not near:
-                raise LogError(
-                    f"{name}: {signal} of {joints[joint]} jumps by {size:.3g} at t = {when:.6g} s and stays there",
-                    detail=f"{other[1]} goes on as before: an encoder lost its place, or was set while recording",
-                    hint="cut the log there, and use the parts as logs of their own",
-                )
-    at = np.unique([when for places in jumps.values() for when, _ in places])
-    if at.size:
-        who = " ".join(dict.fromkeys(joints[joint] for joint, _ in jumps if jumps[joint, _]))
-        repairs.append(f"the position of {who} jumps and stays, {at.size} time{'s' * (at.size > 1)}: split there")
-    return result, {key: line.split(at) if line is not None and at.size else line for key, line in kept.items()}
-
-
-def _slowest(lines: Mapping[int, Timeline | None]) -> float:
-    return max((line.dt for line in lines.values() if line is not None), default=0.0)
-
-
-def _at_one_instant(name: str, label: str, samples: int, other: str) -> LogError:
-    if samples < SHORTEST:
-        return LogError(
-            f"{name}: {samples} sample{'s' * (samples != 1)} of {label}",
-            detail=f"at least {SHORTEST} in a row are needed",
-            hint="record a longer motion",
-        )
-    return LogError(
-        f"{name}: time never advances",
-        detail=f"the stamps of {label} hold a single instant in {samples} samples",
-        hint=f"name another clock: {other}",
-    )
-
-
-def _stands_still(name: str, label: str, repeated: int, samples: int, other: str) -> LogError:
-    return LogError(
-        f"{name}: time stands still",
-        detail=f"{repeated} of {samples} samples of {label} have the same stamp as another, different one",
-        hint=f"name another clock: {other}",
-    )
-
-
-def _same(a: Array, b: Array) -> bool:
-    return a is b or (a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True)))
 
 
 def _tracks(
@@ -375,3 +263,29 @@ def _cut(signals: Mapping[str, Array], grid: Grid, mask: NDArray[np.bool_], repa
     shown = shown if rows is None else shown[rows]
     shown -= shown[0]
     return Aligned(shown, grid.dt, kept, tuple(segments), tuple(repairs))
+
+
+def _at_one_instant(name: str, label: str, samples: int, other: str) -> LogError:
+    if samples < SHORTEST:
+        return LogError(
+            f"{name}: {samples} sample{'s' * (samples != 1)} of {label}",
+            detail=f"at least {SHORTEST} in a row are needed",
+            hint="record a longer motion",
+        )
+    return LogError(
+        f"{name}: time never advances",
+        detail=f"the stamps of {label} hold a single instant in {samples} samples",
+        hint=f"name another clock: {other}",
+    )
+
+
+def _stands_still(name: str, label: str, repeated: int, samples: int, other: str) -> LogError:
+    return LogError(
+        f"{name}: time stands still",
+        detail=f"{repeated} of {samples} samples of {label} have the same stamp as another, different one",
+        hint=f"name another clock: {other}",
+    )
+
+
+def _same(a: Array, b: Array) -> bool:
+    return a is b or (a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True)))

@@ -15,8 +15,8 @@ from elid_cli._types import Array
 from elid_cli.model.kinematics import JointState, chain
 from elid_cli.model.terms.base_term import ChainMotion
 from elid_cli.model.terms.rigid_body import RigidBody
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import LINK_PARAMETERS, Robot
+from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
+from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.model.effects.declared import resolve
-from elid_cli.model.effects.effect import Scene
+from elid_cli.model.effects.scene import Scene
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
 

@@ -10,7 +10,8 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError, did_you_mean
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.recording import Recording

@@ -11,23 +11,20 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.terms.base_term import Side
+from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.motion import Motion
 
 Shapes = tuple[tuple[float, ...], ...]
 """Shapes of several terms."""
 Simulated = Literal["torque", "robot", "motor", "log"]
 """How an effect enters a simulation: ``torque`` through its columns (or its state), ``robot`` by `Effect.altered`,
 ``motor`` by `Effect.delivered`, ``log`` by `Effect.logged`."""
-CurveRows = Literal["motor", "link", "transmission"]
-"""Where a curve acts."""
 Place = Literal["motor", "link", "spring", "chain", "torque", "encoder", "sensor"]
 """Where an effect acts: a motor row, a link row, both rows of the spring with opposite signs, the link rows of
 the whole chain, the torque channel, the position channels, or the reading of the joint torque sensor."""
@@ -36,12 +33,6 @@ Channel = Literal["link", "torque"]
 """Channels that may be late: positions and velocities of the link, torque of the motor."""
 Nuisance = Literal["delay", "offset", "reading gain", "reading offset"]
 """Faults of a motor's torque channel, and of a joint torque sensor, that every fit estimates along."""
-
-DIRECTION_WIDTH = 5e-3
-"""Joint-side speed, rad/s, over which sign(v) is rounded as tanh(v / width), in effects and simulations only."""
-ARM = 0.1
-"""m; speeds of prismatic joints count as those of a point at this distance from a revolute joint's axis. Rounded over
-5 mm/s, the friction of a lift at 0.2 m/s would look like Stribeck friction."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +55,6 @@ class Parameter:
         return unit
 
 
-class EquationRow(NamedTuple):
-    """A row of eq. (13): the link or motor equation of joint `joint` (from 0)."""
-
-    side: Side
-    joint: int
-
-
 class Same(NamedTuple):
     """Another effect that is the same in every row of a log."""
 
@@ -78,57 +62,6 @@ class Same(NamedTuple):
     joint: int
     values: Mapping[str, float]
     """Its named parameters as far as they follow."""
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What effects are computed from: the motion, the torques and the model as far as it is known.
-
-    Arrays are (N, n), SI, at N consecutive instants `dt` apart (N = 1 in a simulator).
-    """
-
-    robot: Robot
-    motion: Motion
-    dt: float
-    tau: Array
-    """Motor torque as logged."""
-    load: Array
-    """Torque through the transmission, K (theta - q) or its best estimate (zeros where unknown)."""
-    predicted: Array
-    """Motor torque that the present model predicts (zeros where unknown)."""
-    parameters: Array
-    """Standard parameters of the present model, any representative of the base parameters, shape (p,)."""
-    duration: float
-    """Length of the whole log, s; effects that vary with time are scaled by it."""
-    stiffness: Array
-    """Transmission stiffness as far as known, shape (n,); NaN where unknown or rigid."""
-    starts: Sequence[int] = (0,)
-    """Indices at which a new segment begins; effects with memory start afresh there."""
-    temperature: Array | None = None
-    tau_link: Array | None = None
-    """Measured torque in the transmission, where joint torque sensors exist."""
-    cache: dict[object, Array] = field(default_factory=dict, compare=False, repr=False)
-    """Results that several effects share, keyed by (name, …)."""
-
-    @property
-    def samples(self) -> int:
-        """Number of instants."""
-        return self.motion.samples
-
-    def direction(self, joint: int) -> Array:
-        """Return the rounded sign of motor velocity, shape (N,)."""
-        width = DIRECTION_WIDTH if self.robot.joints[joint].revolute else ARM * DIRECTION_WIDTH
-        rounded: Array = np.tanh(self.motion.dtheta[:, joint] / width)
-        return rounded
-
-    def deflection(self, joint: int) -> Array:
-        """Return q - theta, shape (N,)."""
-        return self.motion.q[:, joint] - self.motion.theta[:, joint]
-
-
-def direction_widths(robot: Robot, width: float = DIRECTION_WIDTH) -> Array:
-    """Return the speed over which the sign of each joint's velocity is rounded, (n,), rad/s or m/s."""
-    return np.array([width if joint.revolute else ARM * width for joint in robot.joints])
 
 
 class Member(NamedTuple):
@@ -368,75 +301,3 @@ class Effect(ABC):
 
         """
         raise NotImplementedError(f"{self.name} does not act in the log")
-
-
-class MemoryEffect(Effect):
-    """An effect whose columns follow from an internal state driven by one signal (hysteresis, creep)."""
-
-    memory: ClassVar[bool] = True
-
-    @abstractmethod
-    def drive(self, scene: Scene) -> Array:
-        """Return the signal that drives the state, shape (N,)."""
-
-    @abstractmethod
-    def advance(self, state: float, previous: float, now: float) -> float:
-        """Return the state after the drive moved from `previous` to `now` within one sample."""
-
-    @abstractmethod
-    def columns_of(self, scene: Scene, state: Array) -> Columns:
-        """Return the columns for a history of states, shape (N,)."""
-
-    def columns(self, scene: Scene) -> Columns:
-        """Run the state through the log, from 0 at every segment's start."""
-        return self.columns_of(scene, self.history(scene))
-
-    def history(self, scene: Scene) -> Array:
-        """Return the state at every instant, shape (N,)."""
-        drive = self.drive(scene).tolist()
-        states = np.zeros(len(drive))
-        starts = set(scene.starts)
-        state = 0.0
-        for k in range(1, len(drive)):
-            state = 0.0 if k in starts else self.advance(state, drive[k - 1], drive[k])
-            states[k] = state
-        return states
-
-
-class CurveEffect(Effect):
-    """A smooth curve that describes what is left and explains nothing: asked for (``--lookup``), never searched.
-
-    Its shapes include ``low`` and ``high``; the heights of its parts are held near 0.
-    """
-
-    searched: ClassVar[bool] = False
-    variables: ClassVar[tuple[str, ...]]
-    """What a curve may run over."""
-
-    @classmethod
-    @abstractmethod
-    def over(cls, scene: Scene, joint: int, variable: str, rows: CurveRows) -> Effect | None:
-        """Return the curve over the range that a variable covers in this log, or None where it covers none."""
-
-    @classmethod
-    @abstractmethod
-    def words(cls, values: Mapping[str, float]) -> str:
-        """Return what a curve runs over and where it acts: ``velocity in the motor row``."""
-
-
-class OscillatorEffect(Effect):
-    """An effect with a continuous state of its own that the motion drives (a flexible mode of link or base).
-
-    The simulator integrates `rates` together with the robot; `columns` of a log has to integrate them itself.
-    """
-
-    states: ClassVar[int] = 2
-    memory: ClassVar[bool] = True
-
-    @abstractmethod
-    def rates(self, scene: Scene, state: Array) -> Array:
-        """Return the state's time derivative (states, N); accelerations in `scene.motion` are valid here."""
-
-    @abstractmethod
-    def columns_of(self, scene: Scene, state: Array) -> Columns:
-        """Return the columns for given states (states, N); accelerations in `scene.motion` are not valid here."""

@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Effect, Parameter, Scene
+from elid_cli.model.effects.effect import Effect, Parameter
+from elid_cli.model.effects.scene import Scene
 
 PHASE = Parameter("phase", "rad", "phase of the sine at zero angle", low=-math.pi, high=math.pi)
 APART = 0.75

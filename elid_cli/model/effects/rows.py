@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Columns, EquationRow
+from elid_cli.model.effects.effect import Columns
+from elid_cli.model.effects.scene import EquationRow
 
 # np.array, not np.stack: the same rows in a tenth of the time where a simulator asks for one instant
 

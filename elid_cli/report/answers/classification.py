@@ -18,8 +18,8 @@ from elid_cli.report.answers.inputs import (
     used_items,
 )
 from elid_cli.report.tree import Cell, Column, Folded, KeyValues, Mark, Report, Section, Table, Text, Tone, number_text
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import JOINT_PARAMETERS, Robot
+from elid_cli.robot.parameter import JOINT_PARAMETERS, StandardParameter
+from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 
 WORDS: dict[str, tuple[str, Tone]] = {

@@ -15,7 +15,8 @@ from elid_cli.report.answers.diagnosis_tables import (
     residual_table,
     unexplained_section,
 )
-from elid_cli.report.answers.identification import base_tables, torque_unit
+from elid_cli.report.answers.error_tables import torque_unit
+from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.inputs import (
     Items,
     command,

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 from elid_cli.diagnosis import Diagnosis
 from elid_cli.diagnosis.refit import Contribution
-from elid_cli.estimation.result import Identification, JointError
+from elid_cli.estimation.judgement import JointError
+from elid_cli.estimation.result import Identification
 from elid_cli.signals.recording import Recording
 
 

@@ -8,11 +8,12 @@ from typing import Any
 
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import RowState
-from elid_cli.estimation.result import Identification, JointError
+from elid_cli.estimation.judgement import JointError
+from elid_cli.estimation.result import Identification
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
 from elid_cli.report.answers.diagnosis_tables import curve_words
-from elid_cli.report.answers.identification import error_payload as errors
-from elid_cli.report.answers.identification import identification_payload
+from elid_cli.report.answers.identification_json import error_payload as errors
+from elid_cli.report.answers.identification_json import identification_payload
 from elid_cli.report.answers.inputs import log_payload, nuisance_payload
 
 

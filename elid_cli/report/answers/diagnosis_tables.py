@@ -10,11 +10,11 @@ from elid_cli.diagnosis.evidence.quarters import Survival
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import Organised
 from elid_cli.diagnosis.unexplained import HELD_OUT
-from elid_cli.estimation.result import JointError
+from elid_cli.estimation.judgement import JointError
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.effect import CurveEffect
+from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
-from elid_cli.report.answers.identification import LIGHTS, torque_unit
+from elid_cli.report.answers.error_tables import LIGHTS, torque_unit
 from elid_cli.report.answers.inputs import Items, effect_text
 from elid_cli.report.answers.summary import AT_FLOOR, light, listed, share_text
 from elid_cli.report.tree import (

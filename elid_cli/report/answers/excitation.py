@@ -7,18 +7,7 @@ from typing import Any
 
 from elid_cli.experiment.excitation import Excitation
 from elid_cli.report.answers.inputs import heading, robot_payload
-from elid_cli.report.tree import (
-    Cell,
-    Column,
-    KeyValues,
-    Quantity,
-    Report,
-    Section,
-    Table,
-    Text,
-    number_text,
-    percent,
-)
+from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, percent
 
 SHOWN = 20
 

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from elid_cli.diagnosis.friction_family import PLAIN, FrictionFamily, MemberFit, family
-from elid_cli.report.answers.identification import error_payload, torque_unit
+from elid_cli.report.answers.error_tables import torque_unit
+from elid_cli.report.answers.identification_json import error_payload
 from elid_cli.report.answers.inputs import (
     command,
     effect_text,

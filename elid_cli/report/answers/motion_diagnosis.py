@@ -11,7 +11,8 @@ from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.diagnosis_tables import variable_words, whose
-from elid_cli.report.answers.identification import base_tables, error_payload, identification_payload
+from elid_cli.report.answers.identification import base_tables
+from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.inputs import (
     command,
     effect_text,

@@ -9,7 +9,8 @@ import shlex
 from collections.abc import Collection, Mapping, Sequence
 from math import isfinite
 
-from elid_cli.estimation.result import BaseEstimate, Identification, Insufficient, JointError, RowNoise
+from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
+from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
 from elid_cli.report.answers.inputs import Items
 from elid_cli.report.tree import KeyValues, Mark, Section, number_text

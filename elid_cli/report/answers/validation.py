@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from elid_cli.estimation.result import Judgement, Nuisance
+from elid_cli.estimation.judgement import Judgement
+from elid_cli.estimation.result import Nuisance
 from elid_cli.estimation.validation.prediction import ByLog, Validation
 from elid_cli.estimation.validation.sufficiency import above_noise
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.declared import as_observed
-from elid_cli.report.answers.identification import error_payload, error_table, log_table, model_payload, sensor_table
+from elid_cli.report.answers.error_tables import error_table, log_table, sensor_table
+from elid_cli.report.answers.identification_json import error_payload, model_payload
 from elid_cli.report.answers.inputs import (
     command,
     heading,

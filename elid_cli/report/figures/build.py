@@ -8,7 +8,8 @@ from dataclasses import replace
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.estimation.comparison import Comparison
-from elid_cli.estimation.result import Identification, JointError
+from elid_cli.estimation.judgement import JointError
+from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trend.trends import Trends
 from elid_cli.estimation.validation.noise_floor import noise_floor
 from elid_cli.estimation.validation.prediction import ByLog, Validation, validate

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.robot.robot import rotation_z, translation
+from elid_cli.robot.frames import rotation_z, translation
 from elid_cli.robot.urdf.xml import Element
 
 MAIN = "main"

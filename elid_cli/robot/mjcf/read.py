@@ -7,7 +7,7 @@ the inertia of bodies that have nothing but meshes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,31 +15,18 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
-from elid_cli.files import LARGEST, read_text
+from elid_cli.robot.frames import rotation_z, rpy_of, translation, z_to
 from elid_cli.robot.inertia import about_origin, inertial_parameters, moved, pseudo_inertia
 from elid_cli.robot.mjcf.attributes import ACTUATORS, MAIN, Conventions, merged
+from elid_cli.robot.mjcf.elements import axis_of, first_number, included, inertial_of, placed_frames
 from elid_cli.robot.mjcf.geoms import geom_inertia
-from elid_cli.robot.robot import (
-    BASE,
-    LINK_PARAMETERS,
-    MOST_READ,
-    EffectSpec,
-    Joint,
-    Limits,
-    Robot,
-    rotation_z,
-    rpy_of,
-    translation,
-    z_to,
-)
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import BASE, MOST_READ, EffectSpec, Joint, Limits, Robot
 from elid_cli.robot.urdf.xml import Element, parse_xml
 
 MOVING = {"hinge": "revolute", "slide": "prismatic"}
-DEEPEST_INCLUDE = 10
 SPRING = "link_spring"
 """Effect that `stiffness` and `springref` of a joint stand for."""
-SOFTEST = 1e-9
-"""Stiffness per N·m of preload that stands for none."""
 
 
 @dataclass
@@ -78,7 +65,7 @@ class MjcfTree:
         self.root = parse_xml(text, file)
         if self.root.tag != "mujoco":
             raise RobotError(f"{file}:{self.root.line}: <{self.root.tag}> where an MJCF has <mujoco>")
-        self.root.children = list(_included(self.root, Path(file).parent, 0))
+        self.root.children = list(included(self.root, Path(file).parent, 0))
         self.conventions = Conventions.of(self.root)
         self.moving: list[MovingJoint] = []
         self.links: dict[str, str] = {}
@@ -173,7 +160,7 @@ class MjcfTree:
         if self.conventions.from_geoms == "false":
             return np.zeros((4, 4))
         total = np.zeros((4, 4))
-        for part, at in [(body, np.eye(4)), *_placed_frames(body, self.conventions)]:
+        for part, at in [(body, np.eye(4)), *placed_frames(body, self.conventions)]:
             for geom in part.all("geom"):
                 inertia = geom_inertia(self.conventions.effective(geom, childclass), self.conventions)
                 if inertia is None:
@@ -308,60 +295,3 @@ def _compiled_inertia(model: object, body: int) -> Array:
 def _placed(position: Array, quaternion: Array) -> Array:
     text = {key: " ".join(map(repr, map(float, value))) for key, value in (("pos", position), ("quat", quaternion))}
     return Conventions().pose(Element("body", text, "", 0))
-
-
-def stiffness_and_rest(spring: Mapping[str, float]) -> tuple[float, float]:
-    """Return the stiffness, N·m/rad (N/m), and the position at rest, rad (m), of a `SPRING` with these parameters."""
-    # a constant torque alone is a spring so soft, and so far from rest, that it is one
-    stiffness = spring["stiffness"] or SOFTEST * max(abs(spring["preload"]), 1.0)
-    return stiffness, -spring["preload"] / stiffness
-
-
-def axis_of(element: Element) -> tuple[float, float, float]:
-    """Return a joint's unit axis in its body's frame."""
-    axis = np.array(element.numbers("axis", (0.0, 0.0, 1.0)))
-    length = float(np.linalg.norm(axis))
-    if length < 1e-9:
-        raise element.error("axis 0 0 0")
-    x, y, z = (axis if abs(length - 1) < 1e-14 else axis / length).tolist()
-    return x, y, z
-
-
-def inertial_of(inertial: Element, conventions: Conventions) -> Array:
-    """Return the 4x4 pseudo-inertia of an ``<inertial>`` in its body's frame."""
-    if "fullinertia" in inertial.attributes:
-        xx, yy, zz, xy, xz, yz = inertial.numbers("fullinertia", (0.0,) * 6)
-        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    else:
-        tensor = np.diag(inertial.numbers("diaginertia", (0.0, 0.0, 0.0)))
-    own = pseudo_inertia(about_origin(inertial.number("mass", 0.0), np.zeros(3), tensor))
-    return moved(own, conventions.pose(inertial))
-
-
-def first_number(element: Element, key: str) -> float:
-    """Return the first number of an attribute; MuJoCo takes polynomials and six-dimensional gears there."""
-    parts = element.attributes[key].split()
-    return element.parsed(parts[0] if parts else "", 1, key)[0]
-
-
-def _placed_frames(holder: Element, conventions: Conventions) -> Iterator[tuple[Element, Array]]:
-    for frame in holder.all("frame"):
-        pose = conventions.pose(frame)
-        yield frame, pose
-        yield from ((inner, pose @ at) for inner, at in _placed_frames(frame, conventions))
-
-
-def _included(holder: Element, folder: Path, depth: int) -> Iterator[Element]:
-    """Yield an element's children, ``<include>`` replaced by what the files hold."""
-    for child in holder.children:
-        if child.tag != "include":
-            child.children = list(_included(child, folder, depth))
-            yield child
-            continue
-        if depth >= DEEPEST_INCLUDE:
-            raise child.error(f"includes nested deeper than {DEEPEST_INCLUDE}")
-        path = folder / child.need("file")
-        text = read_text(path, RobotError, suffixes=(".xml",), most=LARGEST * 20)
-        inner = parse_xml(text, str(path))
-        inner.faults = holder.faults
-        yield from _included(inner, folder, depth + 1)

@@ -16,7 +16,8 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import did_you_mean
 from elid_cli.robot.inertia import inertial_parameters, inverse, moved, pseudo_inertia
-from elid_cli.robot.robot import LINK_PARAMETERS, Convention, Joint, Robot, Transmission
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import Convention, Joint, Robot, Transmission
 from elid_cli.robot.schema import TRANSMISSIONS
 from elid_cli.robot.urdf.xml import Element
 

@@ -19,18 +19,10 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError, did_you_mean, nearest
+from elid_cli.robot.frames import rotation_rpy, rpy_of, translation
 from elid_cli.robot.inertia import about_origin, inertial_parameters, moved, pseudo_inertia
-from elid_cli.robot.robot import (
-    BASE,
-    LINK_PARAMETERS,
-    MOST_READ,
-    Joint,
-    Limits,
-    Robot,
-    rotation_rpy,
-    rpy_of,
-    translation,
-)
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import BASE, MOST_READ, Joint, Limits, Robot
 from elid_cli.robot.urdf.gears import Gears, default_axis, gears_of, written_as_dh
 from elid_cli.robot.urdf.write import UNLIMITED
 from elid_cli.robot.urdf.xml import Element, parse_xml

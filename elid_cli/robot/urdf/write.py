@@ -18,8 +18,10 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.files import write_text
+from elid_cli.robot.frames import rpy_of
 from elid_cli.robot.inertia import about_centre, about_origin, inertial_parameters, moved, pseudo_inertia
-from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot, rpy_of
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.gears import OWN_PARAMETERS
 
 UNLIMITED = 1e9

@@ -15,8 +15,9 @@ from elid_cli.estimation.default_fit import fit_log
 from elid_cli.estimation.identify import EstimateOptions
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.model.base_parameters import find_base
+from elid_cli.model.program import compile_program
 from elid_cli.model.regressor import Regressor
-from elid_cli.model.tracing import Graph, compile_program
+from elid_cli.model.tracing import Graph
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.signals import prepare

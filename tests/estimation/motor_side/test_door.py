@@ -12,7 +12,7 @@ from elid_cli import Identification, identify, prepare
 from elid_cli.cli import main
 from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
 from elid_cli.logs import write_recording
-from elid_cli.report.answers.identification import identification_payload
+from elid_cli.report.answers.identification_json import identification_payload
 from elid_cli.robot.text import text_of
 from tests.system.motor_arms import Case, motor_log, random_motor_arm, told_robot
 from tests.system.plain_arms import Arm

@@ -16,7 +16,8 @@ from elid_cli.model.consistency import consistency
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.inertia import pseudo_inertia
-from elid_cli.robot.robot import LINK_PARAMETERS, Array, Robot
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import Array, Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
 

@@ -12,8 +12,9 @@ import pytest
 from elid_cli.estimation.regression.effect_columns import extra_of
 from elid_cli.estimation.regression.known_columns import KnownColumns
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.library.flexible_mode import decaying
+from elid_cli.model.effects.scene import Scene
 from elid_cli.signals.recording import Segment
 from tests.model.effects.effect_scenes import N, planar, scene_of
 

@@ -13,7 +13,7 @@ from elid_cli.estimation.regression.effect_columns import with_effects
 from elid_cli.experiment.simulation import ControlOptions, SensorOptions, Simulation, SimulationOptions, run
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.effect import Scene
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import EffectSpec

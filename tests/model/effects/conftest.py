@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from elid_cli.model.effects.effect import Scene
+from elid_cli.model.effects.scene import Scene
 from tests.model.effects.effect_scenes import planar, scene_of, spatial
 
 

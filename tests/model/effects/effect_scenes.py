@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.model.effects.effect import DIRECTION_WIDTH, Scene
+from elid_cli.model.effects.scene import DIRECTION_WIDTH, Scene
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Joint, Robot

@@ -34,7 +34,8 @@ from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.experiment import simulation
 from elid_cli.logs import write_recording
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.effect import Effect, Scene
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.files import write_robot
 from elid_cli.robot.robot import EffectSpec, Robot

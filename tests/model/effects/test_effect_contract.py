@@ -13,7 +13,9 @@ import pytest
 from elid_cli.errors import RobotError
 from elid_cli.model.effects import effect_classes, effect_that, twins_of
 from elid_cli.model.effects.declared import as_observed, lost_effects, resolve
-from elid_cli.model.effects.effect import Effect, EquationRow, MemoryEffect, Parameter, Scene
+from elid_cli.model.effects.effect import Effect, Parameter
+from elid_cli.model.effects.kinds import MemoryEffect
+from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.robot import EffectSpec
 from tests.model.effects.effect_scenes import DT, instant, planar, scene_of, spatial
 

@@ -12,13 +12,13 @@ from scipy.interpolate import BSpline
 
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.bodies import gravity_torque, last_body
-from elid_cli.model.effects.effect import EquationRow, Scene
 from elid_cli.model.effects.library.flexible_mode import FlexibleMode
 from elid_cli.model.effects.library.hysteresis import Hysteresis
 from elid_cli.model.effects.library.lookup import Lookup, b_splines
 from elid_cli.model.effects.library.payload import independent
 from elid_cli.model.effects.rows import derivative
-from elid_cli.robot.robot import LINK_PARAMETERS
+from elid_cli.model.effects.scene import EquationRow, Scene
+from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.signals.motion import Motion
 from tests.model.effects.effect_scenes import DT, motion_of, planar, scene_of, spatial, torque_of
 

@@ -15,7 +15,7 @@ NAMES = frozenset(effect_classes())
 MJCF = {"contact", "link_spring"}
 """In the reader of MJCF: an element that is spelled alike; what the joint springs of that format are as effects."""
 
-SPELLED_ALIKE = {"robot/beside.py": {"payload"}, "robot/schema.py": {"payload"}, "cli/options.py": {"payload"}}
+SPELLED_ALIKE = {"robot/beside.py": {"payload"}, "robot/schema.py": {"payload"}, "cli/values.py": {"payload"}}
 """A known mass that a log was recorded with, as a key of robot files and an option: no effect."""
 
 

@@ -23,7 +23,8 @@ from elid_cli.experiment.simulation.run import SimulationOptions, simulate
 from elid_cli.experiment.simulation.sensors import SensorOptions
 from elid_cli.logs import write_recording
 from elid_cli.robot.files import read_robot
-from elid_cli.robot.robot import LINK_PARAMETERS, Robot
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import Robot
 
 
 def loaded(robot: Robot, joint: str, mass: float, centre: np.ndarray, own: float) -> Robot:

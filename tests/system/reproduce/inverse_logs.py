@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.model.regressor import EstimationRow, Regressor
-from elid_cli.robot.robot import LINK_PARAMETERS, Joint, Robot
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import Joint, Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Recording, Segment
 

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Effect, Parameter
 from elid_cli.model.effects.rows import link_row
+from elid_cli.model.effects.scene import Scene
 
 WIDTHS = (0.15, 0.3, 0.6)
 """s; lengths of a push that are tried."""

@@ -8,8 +8,9 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.model.effects.bodies import body_torque
-from elid_cli.model.effects.effect import Columns, Effect, EquationRow, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Effect, Parameter
 from elid_cli.model.effects.rows import derivative, spring_rows
+from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.time_shift import shifted
 

@@ -9,8 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Columns, OscillatorEffect, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Parameter
+from elid_cli.model.effects.kinds import OscillatorEffect
 from elid_cli.model.effects.rows import link_row
+from elid_cli.model.effects.scene import Scene
 
 SPACING = 1.12
 """Ratio of neighbouring frequencies: a search from the nearest one still climbs the right peak."""

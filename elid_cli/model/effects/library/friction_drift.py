@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Effect, Parameter
 from elid_cli.model.effects.rows import motor_row
+from elid_cli.model.effects.scene import Scene
 from elid_cli.robot.parameter import StandardParameter
 
 LINEAR = 5.0

@@ -6,7 +6,8 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.model.effects.bodies import gravity_torque, horizontal_axes, turned, with_gravity
-from elid_cli.model.effects.effect import Alteration, Columns, Effect, EquationRow, Parameter, Scene
+from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter
+from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.robot import Robot
 
 

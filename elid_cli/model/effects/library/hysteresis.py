@@ -7,8 +7,10 @@ import math
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Columns, MemoryEffect, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Parameter
+from elid_cli.model.effects.kinds import MemoryEffect
 from elid_cli.model.effects.rows import spring_rows
+from elid_cli.model.effects.scene import Scene
 
 
 class Hysteresis(MemoryEffect):

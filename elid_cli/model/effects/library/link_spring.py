@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Effect, Parameter
 from elid_cli.model.effects.rows import link_row
+from elid_cli.model.effects.scene import Scene
 
 
 class LinkSpring(Effect):

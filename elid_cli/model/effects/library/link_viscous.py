@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Effect, Parameter
 from elid_cli.model.effects.rows import link_row
+from elid_cli.model.effects.scene import Scene
 
 
 class LinkViscous(Effect):

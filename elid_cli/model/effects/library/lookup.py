@@ -7,8 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Columns, CurveEffect, CurveRows, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Parameter
+from elid_cli.model.effects.kinds import CurveEffect, CurveRows
 from elid_cli.model.effects.rows import link_row, motor_row, spring_rows
+from elid_cli.model.effects.scene import Scene
 
 ROWS: tuple[CurveRows, ...] = ("motor", "link", "transmission")
 CURVES = 16

@@ -8,9 +8,10 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.model.effects.bodies import last_body
-from elid_cli.model.effects.effect import Alteration, Columns, Effect, EquationRow, Parameter, Scene
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import LINK_PARAMETERS, Robot
+from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter
+from elid_cli.model.effects.scene import EquationRow, Scene
+from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
+from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import random_motion
 
 TOLERANCE = 1e-8

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from elid_cli.model.effects.effect import Columns, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Parameter
 from elid_cli.model.effects.harmonics import ORDER, PHASE, Harmonic
 from elid_cli.model.effects.rows import motor_row
+from elid_cli.model.effects.scene import Scene
 
 
 class PositionFriction(Harmonic):

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Effect, Parameter
 from elid_cli.model.effects.rows import motor_row
+from elid_cli.model.effects.scene import Scene
 
 FLAT = (0.75, 1.3)
 """Powers that cannot be told from viscous friction."""

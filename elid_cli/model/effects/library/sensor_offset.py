@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Effect, Parameter
 from elid_cli.model.effects.library.sensor_gain import has_sensor
 from elid_cli.model.effects.rows import spring_rows
+from elid_cli.model.effects.scene import Scene
 
 
 class SensorOffset(Effect):

@@ -11,8 +11,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Columns, Effect, Member, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Effect, Member, Parameter
 from elid_cli.model.effects.rows import motor_row
+from elid_cli.model.effects.scene import Scene
 
 STRIBECK, LOADED, BOTH, DIRECTIONAL, QUADRATIC = 2, 3, 4, 5, 6
 """Members beyond M1."""

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene, Shapes
+from elid_cli.model.effects.effect import Columns, Effect, Parameter, Shapes
 from elid_cli.model.effects.rows import motor_row
+from elid_cli.model.effects.scene import Scene
 
 SLOWEST = 0.015
 """Least Stribeck velocity, as a part of the top speed."""

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Columns, Effect, Parameter, Scene
+from elid_cli.model.effects.effect import Columns, Effect, Parameter
 from elid_cli.model.effects.rows import derivative, motor_row
+from elid_cli.model.effects.scene import Scene
 from elid_cli.signals.time_shift import shifted
 
 LATEST = -0.015

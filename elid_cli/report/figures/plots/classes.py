@@ -9,8 +9,7 @@ import numpy as np
 
 from elid_cli.report.figures.drawing import Cells, Drawing, Panel
 from elid_cli.report.tree import Figure
-from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import JOINT_PARAMETERS
+from elid_cli.robot.parameter import JOINT_PARAMETERS, StandardParameter
 
 if TYPE_CHECKING:
     from elid_cli.report.figures.input import FigureInput

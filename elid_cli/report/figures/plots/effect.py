@@ -111,7 +111,7 @@ def effect_views(found: Diagnosis, parts: Sequence[Contribution]) -> tuple[Effec
 
 def _friction(found: Diagnosis, joint: int, terms: Sequence[int]) -> tuple[Array, Array, Array] | None:
     """Return (motor velocity, friction before, friction after) of effects that are a friction curve; None of others."""
-    from elid_cli.model.effects.effect import EquationRow
+    from elid_cli.model.effects.scene import EquationRow
 
     state = found.state_after
     effects = [state.effects[k] for k in terms]

@@ -1,0 +1,78 @@
+"""What effects are computed from: the motion, the torques and the model as far as it is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.model.terms.base_term import Side
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.motion import Motion
+
+DIRECTION_WIDTH = 5e-3
+"""Joint-side speed, rad/s, over which sign(v) is rounded as tanh(v / width), in effects and simulations only."""
+ARM = 0.1
+"""m; speeds of prismatic joints count as those of a point at this distance from a revolute joint's axis. Rounded over
+5 mm/s, the friction of a lift at 0.2 m/s would look like Stribeck friction."""
+
+
+class EquationRow(NamedTuple):
+    """A row of eq. (13): the link or motor equation of joint `joint` (from 0)."""
+
+    side: Side
+    joint: int
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What effects are computed from: the motion, the torques and the model as far as it is known.
+
+    Arrays are (N, n), SI, at N consecutive instants `dt` apart (N = 1 in a simulator).
+    """
+
+    robot: Robot
+    motion: Motion
+    dt: float
+    tau: Array
+    """Motor torque as logged."""
+    load: Array
+    """Torque through the transmission, K (theta - q) or its best estimate (zeros where unknown)."""
+    predicted: Array
+    """Motor torque that the present model predicts (zeros where unknown)."""
+    parameters: Array
+    """Standard parameters of the present model, any representative of the base parameters, shape (p,)."""
+    duration: float
+    """Length of the whole log, s; effects that vary with time are scaled by it."""
+    stiffness: Array
+    """Transmission stiffness as far as known, shape (n,); NaN where unknown or rigid."""
+    starts: Sequence[int] = (0,)
+    """Indices at which a new segment begins; effects with memory start afresh there."""
+    temperature: Array | None = None
+    tau_link: Array | None = None
+    """Measured torque in the transmission, where joint torque sensors exist."""
+    cache: dict[object, Array] = field(default_factory=dict, compare=False, repr=False)
+    """Results that several effects share, keyed by (name, …)."""
+
+    @property
+    def samples(self) -> int:
+        """Number of instants."""
+        return self.motion.samples
+
+    def direction(self, joint: int) -> Array:
+        """Return the rounded sign of motor velocity, shape (N,)."""
+        width = DIRECTION_WIDTH if self.robot.joints[joint].revolute else ARM * DIRECTION_WIDTH
+        rounded: Array = np.tanh(self.motion.dtheta[:, joint] / width)
+        return rounded
+
+    def deflection(self, joint: int) -> Array:
+        """Return q - theta, shape (N,)."""
+        return self.motion.q[:, joint] - self.motion.theta[:, joint]
+
+
+def direction_widths(robot: Robot, width: float = DIRECTION_WIDTH) -> Array:
+    """Return the speed over which the sign of each joint's velocity is rounded, (n,), rad/s or m/s."""
+    return np.array([width if joint.revolute else ARM * width for joint in robot.joints])

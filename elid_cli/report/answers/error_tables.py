@@ -1,0 +1,128 @@
+"""Tables of prediction errors: joints, torque sensors, several logs."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from math import isnan
+
+from elid_cli.estimation.judgement import JointError
+from elid_cli.estimation.validation.prediction import ByLog
+from elid_cli.report.answers.summary import light, share_text
+from elid_cli.report.tree import Cell, Column, Quantity, Section, Table, percent
+from elid_cli.robot.robot import Robot
+
+TITLE = "torque of each joint on stretches that the fit never saw"
+ODD = 1.5
+"""A log whose error is this many times the next worst one's fits worse than the others."""
+LIGHTS = (
+    "good: only the sensors' noise is left (1 % of the torque where that is not known); fair: within 5 % of the torque;"
+    " poor: worse. × noise: error over what the sensors' noise alone would leave"
+)
+SIDES = "motor side alone: the same, of the motor's equation, with the spring's torque from the deflection"
+
+
+def small(fraction: float | None) -> str:
+    """Return a share in percent, its unit in the column's head."""
+    return "–" if fraction is None else share_text(fraction).removesuffix(" %")
+
+
+def error_table(
+    key: str,
+    robot: Robot,
+    error: Mapping[str, JointError],
+    title: str = "",
+    *,
+    fitted: bool = True,
+    lacking: Collection[str] = (),
+) -> Table:
+    """Return how well each joint's torque is predicted, on data that the fit (if any) never saw.
+
+    `lacking` are joints whose residual follows the motion.
+    """
+    columns = [
+        Column("joint", "joint"),
+        Column("trust", "model"),
+        Column("torque_rms", "torque rms", align="right"),
+        Column("rms", "held-out error" if fitted else "error", align="right"),
+        Column("relative", "of torque", align="right"),
+    ]
+    with_floor = any(e.floor is not None for e in error.values())
+    with_spring = any(e.spring_rms is not None for e in error.values())
+    if with_floor:
+        columns.append(Column("floor", "× noise", align="right"))
+    if with_spring:
+        columns.append(Column("spring_relative", "motor side alone", align="right"))
+    rows = []
+    for name, e in error.items():
+        unit, mark = torque_unit(robot, name), light(e, lacking=name in lacking)
+        row: list[Cell] = [
+            name,
+            mark,
+            Quantity(e.torque_rms, unit, 3),
+            Quantity(e.rms, unit, 3),
+        ]
+        row.append(share_text(e.relative))
+        if with_floor:
+            row.append(Quantity(e.rms / e.floor, digits=2, tone=mark.tone) if e.floor else None)
+        if with_spring:
+            row.append(None if e.spring_relative is None else share_text(e.spring_relative))
+        rows.append(tuple(row))
+    return Table(key, tuple(columns), tuple(rows), title=title, note=f"{LIGHTS}; {SIDES}" if with_spring else LIGHTS)
+
+
+def sensor_table(key: str, robot: Robot, error: Mapping[str, JointError]) -> list[Section]:
+    """Return how well each joint torque sensor is predicted, side by side; nothing without sensors."""
+    columns = (
+        Column("joint", "joint"),
+        Column("reading_rms", "sensor rms", align="right"),
+        Column("load_rms", "bodies", align="right"),
+        Column("load_share", "share", align="right"),
+        Column("spring_rms", "spring", align="right"),
+        Column("spring_share", "share", align="right"),
+        Column("drive_rms", "motor side", align="right"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for name, e in error.items():
+        if e.sensor is None:
+            continue
+        unit, s = torque_unit(robot, name), e.sensor
+        row: list[Cell] = [name, Quantity(s.reading_rms, unit, 3)]
+        for size in (s.load_rms, s.spring_rms):
+            row += [Quantity(size, unit, 3), percent(size / s.reading_rms if s.reading_rms else None)]
+        rows.append((*row, Quantity(None if isnan(s.drive_rms) else s.drive_rms, unit, 3)))
+    title = "error against the joint torque sensors"
+    return [Table(key, columns, tuple(rows), title=title)] if rows else []
+
+
+def log_table(robot: Robot, logs: Sequence[ByLog]) -> list[Section]:
+    """Return a table of logs (or robots) by joints; the worst of each joint stands out where it is well above."""
+    if not logs:
+        return []
+    joints = list(dict.fromkeys(joint for log in logs for joint in log.error))
+    columns = (
+        Column("file", "judged"),
+        *(Column(joint, joint, torque_unit(robot, joint), "right") for joint in joints),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for log in logs:
+        cells: list[Cell] = [log.file]
+        for joint in joints:
+            error = log.error.get(joint)
+            others = [o.error[joint].rms for o in logs if o is not log and joint in o.error]
+            odd = error is not None and others and error.rms > ODD * max(others)
+            cells.append(Quantity(error.rms if error else None, digits=3, tone="warn" if odd else "plain"))
+        rows.append(tuple(cells))
+    return [Table("by_log", columns, tuple(rows), title="error of each, side by side", note=_odd_note(logs, joints))]
+
+
+def _odd_note(logs: Sequence[ByLog], joints: Sequence[str]) -> str:
+    for joint in joints:
+        ranked = sorted((log for log in logs if joint in log.error), key=lambda log: log.error[joint].rms)
+        if len(ranked) > 1 and ranked[-1].error[joint].rms > ODD * ranked[-2].error[joint].rms:
+            return f"{ranked[-1].file} fits worse than the others at {joint}"
+    return ""
+
+
+def torque_unit(robot: Robot, joint: str) -> str:
+    """Return the unit of a joint's torque (or force)."""
+    return "N·m" if robot.joints[robot.joint_names.index(joint)].revolute else "N"

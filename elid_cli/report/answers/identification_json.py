@@ -1,0 +1,115 @@
+"""JSON of an identification."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
+from elid_cli.estimation.result import Identification
+from elid_cli.report.answers.classification import class_payload
+from elid_cli.report.answers.drive_gains import gains_payload
+from elid_cli.report.answers.inputs import log_payload, nuisance_payload, robot_payload
+from elid_cli.report.answers.motor_side import motor_side_payload, stiffness_record
+from elid_cli.signals.recording import Recording
+
+
+def identification_payload(found: Identification, recording: Recording | None = None) -> dict[str, Any]:
+    """Return the JSON object of an identification (docs/reference/json.md), without a log where that is not at hand."""
+    listed = base_payload(found)
+    return {
+        **robot_payload(found.robot),
+        **({} if recording is None else {"log": log_payload(recording)}),
+        "estimator": found.estimator,
+        "settings": dict(found.settings),
+        **class_payload(found.base, found),
+        "condition": found.condition,
+        "rank": found.rank,
+        "rank_margin": found.rank_margin,
+        "base_parameters": listed,
+        "covariance": covariance_payload(found, len(listed)),
+        "error": error_payload(found.error),
+        **model_payload(found.model, found.noise, found.insufficient),
+        **motor_side_payload(found),
+        "nuisances": nuisance_payload(found.nuisances),
+        "effects": nuisance_payload(found.effects),
+        **gains_payload(found.drive_gains),
+        "notes": list(found.notes),
+        "warnings": list(found.warnings),
+    }
+
+
+def base_payload(found: Identification) -> list[dict[str, Any]]:
+    """Return the list ``base_parameters`` of JSON; the estimate of a refused one is null."""
+    relative = found.relative_error()
+    units: dict[str, str] = dict(zip(found.robot.parameter_names(), found.robot.parameter_units(), strict=True))
+    leaders = {found.base.parameters[leader] for leader in found.base.leaders}
+    side = found.motor_side.joints if found.motor_side else ()
+    stiffnesses = {joint.parameter: stiffness_record(found, joint) for joint in side}
+    unseen = [
+        {
+            "name": name, "terms": {name: 1}, "unit": units.get(name, ""), "class": "unidentifiable", "estimate": None,
+            "std_error": None, "reference": None, "relative_error": None, "verdict": "refused",
+        }
+        for name in found.hidden
+        if name not in leaders and name not in stiffnesses
+    ]  # fmt: skip
+    return [
+        {
+            "name": found.base.names[k],
+            "terms": dict(found.base.terms[k]),
+            "unit": found.base.units[k],
+            "class": found.base.classes[found.base.parameters[found.base.leaders[k]]],
+            "estimate": found.estimate[k],
+            "std_error": found.std_error[k],
+            "reference": found.reference[k],
+            "relative_error": relative[k],
+            "verdict": found.verdict[k],
+            "bias_possible": found.parameters[k].bias_possible,
+        }
+        for k in range(found.base.count)
+    ] + [*stiffnesses.values(), *unseen]
+
+
+def covariance_payload(found: Identification, count: int) -> list[list[float | None]]:
+    """Return the matrix ``covariance`` of JSON, a row and a column for each of the `count` listed base parameters."""
+    shown: list[list[float | None]] = found.joint_covariance.tolist()
+    unseen: list[float | None] = [None] * (count - len(shown))
+    rows = [[*row, *unseen] for row in shown] + [[None] * count for _ in unseen]
+    side = found.motor_side.joints if found.motor_side else ()
+    for k, joint in enumerate(side, start=len(shown)):  # found by itself: no correlation is known
+        if joint.verdict != "refused":
+            rows[k][k] = joint.std_error**2
+    return rows
+
+
+def model_payload(model: str, noise: Sequence[RowNoise], insufficient: Sequence[Insufficient]) -> dict[str, Any]:
+    """Return what JSON says of the model: ``model``, ``noise`` and ``insufficient``."""
+    return {"model": model, "noise": noise_payload(noise), "insufficient": [asdict(item) for item in insufficient]}
+
+
+def noise_payload(noise: Sequence[RowNoise]) -> dict[str, Any]:
+    """Return the object ``noise`` of JSON: by joint and row."""
+    joints: dict[str, dict[str, Any]] = {}
+    for item in noise:
+        entry = {"floor": item.floor, "ratio": item.ratio, "correlation": item.correlation}
+        joints.setdefault(item.joint, {})[item.rows] = entry
+    return joints
+
+
+def error_payload(error: Mapping[str, JointError]) -> dict[str, Any]:
+    """Return an object ``error`` of JSON."""
+    return {
+        joint: {
+            "rms": e.rms,
+            "relative": e.relative,
+            "spring_rms": e.spring_rms,
+            "spring_relative": e.spring_relative,
+            "torque_rms": e.torque_rms,
+            "floor": e.floor,
+            "spring_floor": e.spring_floor,
+            **({} if e.sensor is None else {"sensor": asdict(e.sensor)}),
+        }
+        for joint, e in error.items()
+    }
