@@ -90,18 +90,29 @@ def words(rows: tuple[RowState, ...]) -> tuple[str, ...]:
             sentences += _sensor_words(joint, {kind: ratio.get((joint, kind), 0.0) for kind in SENSOR_KINDS})
         elif motor is None:
             if total > HIGH:
-                sentences.append(f"{joint}: {total:.1f} times the sensors' noise is left (rigid joint: one equation)")
-        elif motor > HIGH >= total:
-            sentences.append(f"{joint}: the transmission: motor side {motor:.1f} times the noise, whole joint at it")
-        elif motor > HIGH and total > HIGH:
-            sentences.append(
-                f"{joint}: motor side or torque channel: whole joint {total:.1f}, motor side {motor:.1f} × noise"
-            )
-        elif total > HIGH:
-            sentences.append(f"{joint}: link side: whole joint {total:.1f} times the noise, motor side down to it")
+                sentences.append(f"{joint}: the residual is {_digits(total)} times the sensors' noise")
+        elif motor > HIGH or total > HIGH:
+            sentences.append(f"{joint}: look at the {_side(total > HIGH, motor > HIGH)}; {_sizes(total, motor)}")
     if len(high_sum) > 1:
-        sentences.append(f"several joints at once ({', '.join(high_sum)}): payload, gravity, contact or the base, too")
+        named = f"{len(high_sum)} joints at once ({', '.join(high_sum)})"
+        sentences.append(f"{named}: a payload, gravity, a contact or the base can do that")
     return tuple(sentences)
+
+
+def _side(whole: bool, motor: bool) -> str:
+    """Return where to look, from which residuals of a joint are above noise."""
+    if not whole:
+        return "transmission"
+    return "motor or its torque signal" if motor else "link side"
+
+
+def _sizes(whole: float, motor: float) -> str:
+    sizes = (f"{_digits(ratio)} times the sensors' noise" if ratio > HIGH else "noise only" for ratio in (whole, motor))
+    return "residual of the whole joint: {}; of the motor side: {}".format(*sizes)
+
+
+def _digits(ratio: float) -> str:
+    return f"{ratio:.1f}" if ratio < 10 else f"{ratio:.0f}"
 
 
 def _sensor_words(joint: str, ratio: Mapping[str, float]) -> list[str]:
@@ -110,13 +121,17 @@ def _sensor_words(joint: str, ratio: Mapping[str, float]) -> list[str]:
     if not high:
         return []
     if len(high) == 1:
-        where = {"load": "link side", "drive": "motor side, torque channel or sensor gain", "spring": "transmission"}
+        where = {
+            "load": "link side",
+            "drive": "motor side, its torque signal or the torque sensor's gain",
+            "spring": "transmission",
+        }
         side = where[high[0]]
     else:  # what the rows share is the reading
         side = "joint torque sensor, or more than one side"
     named = {"load": "link side", "drive": "drive", "spring": "transmission"}
-    sizes = ", ".join(f"{named[kind]} {ratio[kind]:.1f}" for kind in SENSOR_KINDS)
-    return [f"{joint}: {side}: {sizes} times the noise"]
+    sizes = ", ".join(f"{named[kind]} {_digits(ratio[kind])}" for kind in SENSOR_KINDS)
+    return [f"{joint}: look at the {side}; residuals over the sensors' noise: {sizes}"]
 
 
 def organise(state: State, row: EstimationRow) -> list[Organised]:

@@ -118,9 +118,9 @@ def test_the_report_goes_from_the_residual_to_the_next_command(report) -> None:
     text = report("stribeck.h5", COLUMNS="80")
     order = (
         "planar2 · stribeck.h5", "can I trust it?", "what is missing?", "Stribeck at joint1", "what to record next?",
-        "missing from the model", "stribeck joint1", "amplitude", "not distinguishable here: nothing",
-        "error on the held-out stretches", " → good", "what the model leaves", "joint1: the transmission",
-        "parameters of drives and transmissions", "moved by what was missing: fs1", "how it was computed", "recorded",
+        "missing from the model", "stribeck joint1", "amplitude", "No other effect does as well",
+        "error on the held-out stretches", " → good", "residual without what is missing", "joint1: look at the",
+        "parameters of drives and transmissions", "adding it moved fs1 by", "how it was computed", "recorded",
         f"Next: elid diagnose stribeck.h5 --robot arm.yaml {' '.join(FEW)} --write-robot",
     )  # fmt: skip
     places = [text.find(words) for words in order]

@@ -6,7 +6,7 @@ blocks of time not fitted to support, fit all again. An effect stays only if the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +34,10 @@ HOPEFUL = 0.4
 """The same of one that is tried at all: screening knows nothing of a joint that sticks."""
 ALIKE = 0.9
 """Part of the best effect's gain from which another one does as well."""
+SHARES = (0.15, 0.25)
+"""Parts of the whole work that the first fit and each round take, about; the rest is the report's."""
+SCREENED = 0.6
+"""Part of a round after which its effects are chosen, about; the rest fits the motion again."""
 LEAST = 0.15
 """Part of the squared error that an effect must take away, at least, whatever it says itself."""
 
@@ -59,6 +63,8 @@ class Searched:
     """The best candidate of every joint that was not taken."""
     tried: int
     partial: bool
+    waiting: tuple[Named, ...] = ()
+    """Effects that were chosen but not judged yet when the search was stopped."""
 
 
 def search(
@@ -86,53 +92,88 @@ def search(
         Called with a label and the finished part.
     """
     kinds = kinds_of(effect_classes(), only)
-    _say(progress, "simulating", 0.05)
-    before = fit_trajectory(robot, runs, start, declared, amplitudes)
+    say = _Told(progress)
+    before = fit_trajectory(
+        robot, runs, start, declared, amplitudes, tell=say.within("fitting the motion", 0, SHARES[0])
+    )
     fit, named, tried, partial = before, list[Named](), 0, False
     left: tuple[Candidate, ...] = ()
+    waiting: list[Named] = []
     try:
         for number in range(ROUNDS):
-            _say(progress, "trying effects", 0.2 + 0.2 * number)
-            best, left, count = _best(fit, kinds)
+            best, left, count = _best(fit, kinds, say.screening(number))
             tried += count
             if not best:
                 break
-            fit = grown(fit, [item.effect for item in best])
-            named += best
-            fit, named = _kept(fit, named, len(declared))
+            waiting = best
+            tell = say.fitting(number, len(named) + len(best))
+            # nothing counts as found before it is judged: Ctrl-C may come at any time
+            fit, named = _kept(grown(fit, [item.effect for item in best], tell), [*named, *best], len(declared), tell)
+            waiting = []
         else:
             _, left, _ = _best(fit, kinds)
     except KeyboardInterrupt:
         partial = True
-    return Searched(before, fit, tuple(named), left, tried, partial)
+    return Searched(before, fit, tuple(named), left, tried, partial, tuple(waiting))
 
 
-def _say(progress: Progress | None, what: str, share: float) -> None:
-    if progress is not None:
-        progress(what, share)
+@dataclass(frozen=True)
+class _Told:
+    """What is said of the search while it runs: what it does, and how far the whole is."""
+
+    progress: Progress | None
+
+    def within(self, what: str, first: float, width: float) -> Callable[[float], None] | None:
+        """Return what is called with the finished part of a step that takes `width` of the whole."""
+        progress = self.progress
+        if progress is None:
+            return None
+        return lambda part: progress(f"searching, {what}", first + width * part)
+
+    def screening(self, number: int) -> Callable[[str, float], None] | None:
+        """Return what is called with what is tried and the finished part of a round's screening."""
+        progress, first = self.progress, SHARES[0] + SHARES[1] * number
+        if progress is None:
+            return None
+        head = f"searching, round {number + 1} of {ROUNDS} at most"
+        return lambda what, part: progress(f"{head}: {what}", first + SCREENED * SHARES[1] * part)
+
+    def fitting(self, number: int, effects: int) -> Callable[[float], None] | None:
+        """Return what is called with the finished part of the fits that end a round."""
+        what = f"round {number + 1} of {ROUNDS} at most: fitting again with {effects} effect{'s' * (effects > 1)}"
+        return self.within(what, SHARES[0] + SHARES[1] * (number + SCREENED), SHARES[1] * (1 - SCREENED))
 
 
-def grown(fit: TrajectoryFit, effects: Sequence[Effect]) -> TrajectoryFit:
+def grown(fit: TrajectoryFit, effects: Sequence[Effect], tell: Callable[[float], None] | None = None) -> TrajectoryFit:
     """Return the fit with further effects, started from what is known."""
     own = fit.unknowns
     unknowns = Unknowns(own.robot, (*own.effects, *effects), own.recordings)
     z = np.zeros(unknowns.count)
     z[: own.delays.start] = fit.z[: own.delays.start]
     z[unknowns.delays] = fit.delays
-    return again(fit, unknowns, z)
+    return again(fit, unknowns, z, tell)
 
 
-def again(fit: TrajectoryFit, unknowns: Unknowns, z: Array) -> TrajectoryFit:
+def again(
+    fit: TrajectoryFit, unknowns: Unknowns, z: Array, tell: Callable[[float], None] | None = None
+) -> TrajectoryFit:
     """Return a fit of other unknowns to the same stretches; delays stay at 0 where the log does not show them."""
     tracked = [Tracked(item.run, item.x, item.v, item.local) for item in fit.tracked]
-    return fitted(unknowns, tracked, z, prompt=not fit.delays.any())
+    return fitted(unknowns, tracked, z, prompt=not fit.delays.any(), tell=tell)
 
 
-def _best(fit: TrajectoryFit, kinds: Sequence[type[Effect]]) -> tuple[list[Named], tuple[Candidate, ...], int]:
+def _best(
+    fit: TrajectoryFit, kinds: Sequence[type[Effect]], tell: Callable[[str, float], None] | None = None
+) -> tuple[list[Named], tuple[Candidate, ...], int]:
     """Return the effects to take, one at most per joint, the best that was not taken elsewhere, and how many tried."""
+    names = fit.unknowns.robot.joint_names
+    if tell is not None:
+        tell("simulating", 0.0)
     views = views_of(fit)
     found, left, tried = list[Named](), list[Candidate](), 0
-    for joint in range(fit.unknowns.robot.n):
+    for joint, name in enumerate(names):
+        if tell is not None:
+            tell(f"{len(kinds)} effects at {name} ({joint + 1} of {len(names)})", joint / len(names))
         candidates = screened(by_recording(views, own_unknowns(fit.unknowns, joint), joint), joint, kinds,
                               fit.unknowns.effects)  # fmt: skip
         tried += len(candidates)
@@ -173,7 +214,9 @@ def by_recording(views: Sequence[View], unknown: NDArray[np.intp], joint: int) -
     return found
 
 
-def _kept(fit: TrajectoryFit, named: list[Named], declared: int) -> tuple[TrajectoryFit, list[Named]]:
+def _kept(
+    fit: TrajectoryFit, named: list[Named], declared: int, tell: Callable[[float], None] | None = None
+) -> tuple[TrajectoryFit, list[Named]]:
     """Drop effects without which the motion is predicted as well, or whose values no robot has; fit again."""
     while named:
         views = views_of(fit)
@@ -182,7 +225,8 @@ def _kept(fit: TrajectoryFit, named: list[Named], declared: int) -> tuple[Trajec
         if not weak:
             return fit, judged
         worst = min(weak, key=lambda k: judged[k].gain)
-        fit, named = without(fit, declared + worst), [item for k, item in enumerate(judged) if k != worst]
+        fit = without(fit, declared + worst, tell)
+        named = [item for k, item in enumerate(judged) if k != worst]
     return fit, named
 
 
@@ -215,9 +259,9 @@ def _judged(fit: TrajectoryFit, views: Sequence[View], place: int, item: Named) 
     return replace(item, gain=share, helped=helped)
 
 
-def without(fit: TrajectoryFit, place: int) -> TrajectoryFit:
+def without(fit: TrajectoryFit, place: int, tell: Callable[[float], None] | None = None) -> TrajectoryFit:
     """Return the fit without one effect."""
     own = fit.unknowns
     part = own.amplitudes_of(place)
     unknowns = Unknowns(own.robot, (*own.effects[:place], *own.effects[place + 1 :]), own.recordings)
-    return again(fit, unknowns, np.delete(fit.z, np.arange(part.start, part.stop)))
+    return again(fit, unknowns, np.delete(fit.z, np.arange(part.start, part.stop)), tell)

@@ -7,7 +7,7 @@ computed from them, does not bias it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,6 +101,7 @@ def fit_trajectory(
     amplitudes: Sequence[float] = (),
     *,
     late: bool = True,
+    tell: Callable[[float], None] | None = None,
 ) -> TrajectoryFit:
     """Fit the drive parameters of a robot to stretches of logs.
 
@@ -118,6 +119,8 @@ def fit_trajectory(
         Their amplitudes to start from; 0 where not given.
     late
         Whether every recording may have a delay between commands and motion, where the log shows one.
+    tell
+        Called with the part of the work that is done, at most: a fit may end early.
 
     Raises
     ------
@@ -129,11 +132,17 @@ def fit_trajectory(
     unknowns = Unknowns(robot, tuple(effects), 1 + max(run.source for run in runs))
     z = started(unknowns, start, amplitudes)
     tracked = [Tracked.of(run) for run in runs]
-    prompt = fitted(unknowns, tracked, z, prompt=True)
-    return fitted(unknowns, tracked, prompt.z) if late and prompt.late > WORTH else prompt
+    first = None if tell is None else lambda part: tell(0.5 * part)
+    prompt = fitted(unknowns, tracked, z, prompt=True, tell=first)
+    if not late or prompt.late <= WORTH:
+        return prompt
+    return fitted(unknowns, tracked, prompt.z, tell=None if tell is None else lambda part: tell(0.5 + 0.5 * part))
 
 
-def fitted(unknowns: Unknowns, tracked: list[Tracked], z: Array, *, prompt: bool = False) -> TrajectoryFit:
+def fitted(
+    unknowns: Unknowns, tracked: list[Tracked], z: Array, *, prompt: bool = False,
+    tell: Callable[[float], None] | None = None,
+) -> TrajectoryFit:  # fmt: skip
     """Fit unknowns (U,), started from z (see `fit_trajectory`); `prompt`: the delays stay where they are."""
     robot = unknowns.robot
     equations, parameters = Linearised(robot, without=("Ja", "fs", "fv")), robot.reference()
@@ -142,6 +151,8 @@ def fitted(unknowns: Unknowns, tracked: list[Tracked], z: Array, *, prompt: bool
     before: Array | None = None
     last, steps = np.inf, 0
     for number in range(1, CYCLES + 1):
+        if tell is not None:
+            tell((number - 1) / CYCLES)
         every, columns = passed(equations, tracked, unknowns, z, parameters, weights)
         if not np.isfinite(every.rms).all():
             raise DataError("the simulated motion runs away from the measured one", hint="are the gains right?")

@@ -101,10 +101,10 @@ def _loud_words(told: DiagnosisInput) -> str:
         return ""
     worst = max(rows, key=lambda row: row.ratio)
     memory = [n.correlation for n in told.after.noise if n.joint == worst.joint]
-    lasts = f" and remembers {max(memory) * 1e3:.0f} ms" if memory else ""
+    lasts = f" with a correlation time of {max(memory) * 1e3:.0f} ms" if memory else ""
     return (
         f" What is left at {worst.joint}, {number_text(worst.ratio, 2)} times the sensors' white noise, does not "
-        f"follow the motion{lasts}: noise of the torque."
+        f"follow the motion: it is torque noise{lasts}."
     )
 
 
@@ -113,20 +113,21 @@ def _trust_words(told: DiagnosisInput) -> str:
     verdict, _, rest = words.partition(": ")
     if not told.contributions or not rest:
         return words
-    return f"{verdict}, once what is missing is added: {rest}"
+    added = "once" if words.startswith("Yes") else "even when"
+    return f"{verdict}, {added} what is missing is added: {rest}"
 
 
 def _moved_words(told: DiagnosisInput) -> str:
     """Return what the missing effects had moved, and what is known of the parameters' errors."""
-    words = ["of the model after" if told.contributions else ""]
+    words = ["with what is missing added to the model" if told.contributions else ""]
     moved = [m for m in told.found.moved if abs(m.deviations) > MOVED]
     if moved:
-        named = ", ".join(f"{m.name} {m.deviations:+.0f} sd" for m in moved[:NAMED])
-        words.append(f"moved by what was missing: {named}{f' and {len(moved) - NAMED} more' * (len(moved) > NAMED)}")
+        named = ", ".join(f"{m.name} by {m.deviations:+.0f} sd" for m in moved[:NAMED])
+        words.append(f"adding it moved {named}{f' and {len(moved) - NAMED} more' * (len(moved) > NAMED)}")
     if referenced(told.before):
         first, last = (share_text(m.normalised_mean_error()) for m in (told.before, told.after))
-        change = f"{first} → {last}" if told.contributions else last
-        words.append(f"mean error against the robot file's parameters: {change}")
+        change = f"{first} before, {last} after" if told.contributions else last
+        words.append(f"mean difference from the robot file's parameters: {change}")
     return "\n".join(word for word in words if word)
 
 

@@ -82,6 +82,7 @@ SIDE_NOTES = {
     "drive": "drive: motor torque less the sensor's against rotor and friction",
     "spring": "transmission: torque sensor against the deflection",
 }
+SAME = "does as well: this log cannot tell it apart"
 VAGUE_ERROR = 0.1
 """Relative standard error from which on another log should sharpen an effect's amplitude."""
 
@@ -102,11 +103,16 @@ def missing_words(told: DiagnosisInput) -> str:
     order = [*found.robot.joint_names, found.robot.name].index
     words = [f"{effect.replace('_', ' ')} at {listed(sorted(set(p), key=order))}" for effect, p in places.items()]
     said = "; ".join(words) + (f" ({named[0].effect.summary})" if len(places) == 1 else "")
-    gains = {c.joint: _better(found, c) for c in sorted(named, key=lambda c: order(c.joint))}
-    better = listed([f"{number_text(times, 2)} times at {joint}" for joint, times in gains.items() if times > BETTER])
+    gains = {c.joint: (_better(found, c), c.rows) for c in sorted(named, key=lambda c: order(c.joint))}
+    better = listed([
+        f"{number_text(times, 2)} times at {joint}{' (motor side)' if rows == 'motor' else ''}"
+        for joint, (times, rows) in gains.items() if times > BETTER
+    ])  # fmt: skip
     worth = f" With {'it' if len(places) == 1 else 'them'} the error is smaller: {better}." if better else ""
-    rivals = ", ".join(dict.fromkeys(whose(r.effect, r.joint) for r in found.also_possible))
-    tied = f" This log cannot tell it from {rivals}." if rivals else ""
+    rivals = dict.fromkeys(whose(r.effect.replace("_", " "), r.joint) for r in found.also_possible)
+    tied = (
+        f" This log cannot tell {'it' if len(places) == 1 else 'them'} from {listed(list(rivals))}." if rivals else ""
+    )
     return f"{said[:1].upper()}{said[1:]}.{worth}{tied}{rest}"
 
 
@@ -161,8 +167,8 @@ def residual_table(found: Diagnosis) -> Table:
                 _follows(found.organised.get((row.joint, row.rows), ())) if high else "",
             )
         )
-    return Table("residual", columns, tuple(rows), title="what the model leaves without them" if found.effects
-                 else "what the model leaves")  # fmt: skip
+    return Table("residual", columns, tuple(rows), title="residual without what is missing" if found.effects
+                 else "residual")  # fmt: skip
 
 
 def _follows(organised: Sequence[Organised]) -> str:
@@ -194,7 +200,7 @@ def _found(robot: Robot, key: str, title: str, contributions: Sequence[Contribut
         Column("rows", "equation"),
         Column("error", "held-out error", align="right"),
         Column("gain", "explains", align="right"),
-        Column("worst_quarter", "at least", align="right"),
+        Column("worst_quarter", "worst quarter", align="right"),
     )
     rows: list[tuple[Cell, ...]] = []
     meanings: list[tuple[str, Cell]] = []
@@ -210,7 +216,10 @@ def _found(robot: Robot, key: str, title: str, contributions: Sequence[Contribut
         side = SIDES.get(c.rows, c.rows)
         rows.append((Mark(name, "warn"), where, side, error, percent(c.effect.gain, 2), worst))
         meanings.append((f"{name} {joint or ''}".strip(), _meaning_of(robot, [term.effect for term in terms])))
-    note = "explains: share of what the joint's error holds beyond noise; at least: in the worst quarter of the log"
+    note = (
+        "explains: share of the error beyond noise that it takes away; worst quarter: share of the error in that "
+        "quarter of the log where it is least, predicted from the other three"
+    )
     return [Table(key, columns, tuple(rows), title=title, note=note), KeyValues(f"{key}_meaning", tuple(meanings))]
 
 
@@ -236,15 +245,15 @@ def _meaning_of(robot: Robot, terms: Sequence[FoundEffect]) -> str:
 
 def _also_possible(found: Diagnosis) -> list[Section]:
     if not found.also_possible:
-        return [Text("also_possible", "not distinguishable here: nothing")] if found.effects else []
+        return [Text("also_possible", "No other effect does as well on this log.")] if found.effects else []
     items: tuple[tuple[str, Cell], ...] = tuple(
         (
             f"{r.effect} {r.joint or ''}".strip(),
-            f"instead of {r.instead_of}, gain {share_words(r.gain)}; to tell them apart record {r.separate}",
+            f"in place of {r.instead_of} it explains {share_words(r.gain)}; to tell them apart, record: {r.separate}",
         )
         for r in found.also_possible
     )
-    return [KeyValues("also_possible", items, title="not distinguishable here")]
+    return [KeyValues("also_possible", items, title=SAME)]
 
 
 def before_after_table(

@@ -170,8 +170,8 @@ def _verdict_note(found: Identification) -> str:
     if any(item.bias_possible for item in found.parameters):
         return "bias possible: what the model lacks can move it by more than ± sd says"
     if all(verdict == "supported" for verdict in found.verdict):
-        return "this log tells every one of them"
-    return "weak: known only roughly, to worse than 30 %; refused: not known from this log; the others are known"
+        return "this log shows all of them"
+    return "weak: known only roughly, to worse than 30 %; refused: not shown by this log; the others are known"
 
 
 def _next(found: Identification, recording: Recording, robot_argument: str, written: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.model.effects import effect_classes
-from elid_cli.report.answers.diagnosis_tables import variable_words, whose
+from elid_cli.report.answers.diagnosis_tables import SAME, variable_words, whose
 from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.inputs import (
@@ -52,7 +52,7 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
         _position_table(found),
         *_differing_section(found),
         *_unexplained_section(found),
-        *base_tables(found.after, "of the model after" if found.effects else ""),
+        *base_tables(found.after, "with what is missing added to the model" if found.effects else ""),
         *([KeyValues("record", tuple(dict(further).items()), "what to record next")] if further else []),
         KeyValues("inputs", (
             *recorded_items(found.robot, recording), *nuisance_items(found.robot, found.after.nuisances),
@@ -159,9 +159,10 @@ def _effect_sections(found: MotionDiagnosis) -> list[Section]:
     tables: list[Section] = [Table("effects", columns, tuple(rows), title="missing from the model", note=note),
                              KeyValues("meaning", tuple(meanings))]  # fmt: skip
     rivals: list[tuple[str, Cell]] = [
-        (whose(r.effect, r.joint), f"instead of {r.instead_of}, gain {share_text(r.gain)}") for r in found.also_possible
+        (whose(r.effect, r.joint), f"in place of {r.instead_of} it explains {share_text(r.gain)}")
+        for r in found.also_possible
     ]
-    return [*tables, *([KeyValues("also_possible", tuple(rivals), "not distinguishable here")] if rivals else [])]
+    return [*tables, *([KeyValues("also_possible", tuple(rivals), SAME)] if rivals else [])]
 
 
 def _position_table(found: MotionDiagnosis) -> Table:

@@ -77,11 +77,11 @@ def trust_words(robot: Robot, error: Mapping[str, JointError], lacking: Collecti
         return f"Yes: the torque of every joint is predicted {down}, {shares[worst]} off at worst.{but}"
     poor = [joint for joint, mark in marks.items() if mark == "poor"]
     if poor:
-        sizes = ", ".join(f"{joint} is off by {shares[joint]}" for joint in poor[:NAMED])
-        return f"Not at {listed(poor)}: of its torque {sizes}.{but}"
+        sizes = listed([f"{shares[joint]} at {joint}" for joint in poor])
+        return f"Not at {listed(poor)}: the predicted torque is off by {sizes}.{but}"
     fair = [joint for joint, mark in marks.items() if mark == "fair"]
     times = max(((times, j) for j in fair if (times := above_noise(error[j])) is not None), default=None)
-    left = f"; {times[1]} holds {number_text(times[0], 2)} times the sensors' noise" if times else ""
+    left = f"; the error is up to {number_text(times[0], 2)} times the sensors' noise (at {times[1]})" if times else ""
     return f"Mostly: every joint's torque is predicted within {shares[worst]}{left}.{but}"
 
 
@@ -100,14 +100,14 @@ def missing_words(
     if model == "not judged":
         return "Not looked for: elid diagnose does that."
     if model == "insufficient":
-        bias = f" What is missing can move {', '.join(moved)} beyond ± sd." if moved else ""
-        return f"Something: {rows_words(insufficient)}.{bias} elid diagnose looks for it."
+        bias = f" It can bias {listed(moved)} by more than the standard error." if moved else ""
+        return f"Something: {rows_words(insufficient)}.{bias} elid diagnose looks for the cause."
     loud = max(noise, key=lambda n: n.ratio, default=None)
     memory = ""
     if loud is not None and loud.ratio > LOUD:
         memory = (
-            f" {loud.joint} holds {number_text(loud.ratio, 2)} times the white noise of its sensors: torque noise that"
-            f" remembers {loud.correlation * 1e3:.0f} ms."
+            f" The residual of {loud.joint} is {number_text(loud.ratio, 2)} times the white noise of its sensors: "
+            f"torque noise with a correlation time of {loud.correlation * 1e3:.0f} ms."
         )
     return f"Nothing that this log shows: no joint's residual follows the motion beyond the sensors' noise.{memory}"
 
@@ -117,10 +117,12 @@ def rows_words(rows: Sequence[Insufficient]) -> str:
     worst: dict[str, Insufficient] = {}
     for item in sorted(rows, key=lambda item: item.ratio):
         worst[item.joint] = item
-    return "; ".join(
-        f"{joint} leaves {number_text(item.ratio, 2)} times the sensors' noise, which follows the {item.follows}"
-        for joint, item in worst.items()
-    )
+    ranked = sorted(worst.items(), key=lambda pair: -pair[1].ratio)
+    said = [
+        f"the residual of {joint} follows the {item.follows} ({number_text(item.ratio, 2)} times the sensors' noise)"
+        for joint, item in ranked[:NAMED]
+    ]
+    return "; ".join((*said, *([f"and {len(ranked) - NAMED} more joints"] if len(ranked) > NAMED else ())))
 
 
 def parameter_words(found: Identification) -> str:
@@ -128,11 +130,13 @@ def parameter_words(found: Identification) -> str:
     supported = [item for item in found.parameters if item.verdict == "supported"]
     moved = sum(item.bias_possible for item in supported)
     held = sum(item.reason.startswith(HELD) for item in found.parameters)
-    counts = {"only if nothing is missing": moved, "roughly": found.verdict.count("weak"),
-              "held at the file's values": held, "not at all": found.verdict.count("refused") - held}  # fmt: skip
+    counts = {"could be biased by what is missing": moved, "known only roughly": found.verdict.count("weak"),
+              "held at the file's values": held,
+              "not shown by this log": found.verdict.count("refused") - held}  # fmt: skip
     rest = [f"{count} {words}" for words, count in counts.items() if count]
-    known = f"{len(supported) - moved} of {len(found.verdict)} base parameters are known"
-    whole = f"All {len(found.verdict)} base parameters are known" if not rest else ", ".join((known, *rest))
+    sure, total = len(supported) - moved, len(found.verdict)
+    known = f"{sure} of {total} base parameters are known" if sure else f"None of the {total} base parameters is known"
+    whole = f"All {total} base parameters are known" if not rest else f"{known}, {', '.join(rest)}"
     sizes: list[str] = []
     for word in dict.fromkeys(JOINT_KINDS.values()):
         spreads = [
@@ -144,8 +148,8 @@ def parameter_words(found: Identification) -> str:
             and item.estimate
         ]
         if spreads and max(spreads) < 1:
-            sizes.append(f"{word} to {share_text(max(spreads))}")
-    return f"{whole}; {', '.join(sizes)} or better." if sizes else f"{whole}."
+            sizes.append(f"{word} {share_text(max(spreads))}")
+    return f"{whole}. Largest standard errors: {', '.join(sizes)}." if sizes else f"{whole}."
 
 
 def record_sections(found: Identification, further: Items, arguments: Sequence[str]) -> tuple[str, list[Section]]:

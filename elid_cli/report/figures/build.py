@@ -35,11 +35,21 @@ def shares(error: Mapping[str, JointError]) -> dict[str, float]:
     return {joint: e.relative for joint, e in error.items()}
 
 
+def motor_sides(cases: Sequence[tuple[str, Mapping[str, JointError]]]) -> list[tuple[str, dict[str, float]]]:
+    """Return the relative error of each joint's motor side alone, of every case that has one."""
+    known = [(label, {joint: e.spring_relative for joint, e in error.items() if e.spring_relative is not None})
+             for label, error in cases]  # fmt: skip
+    return [(label, sides) for label, sides in known if sides]
+
+
 def identification_figures(found: Identification, refined: Robot, signals: Signals) -> tuple[Figure, ...]:
     """Return the figures of an identification; `refined` describes what was found."""
     judged = validate(refined, signals)
     cases = [("held-out error", shares(found.error))]
-    told = FigureInput(signals, judged, floor=_floor(found, signals, judged), identified=found, cases=cases)
+    sides = motor_sides([("held-out error", found.error)])
+    told = FigureInput(
+        signals, judged, floor=_floor(found, signals, judged), identified=found, cases=cases, sides=sides
+    )
     return figures_of(told)
 
 
@@ -66,8 +76,9 @@ def trend_figures(found: Trends) -> tuple[Figure, ...]:
 
 def validation_figures(found: Validation, signals: Signals, others: Sequence[ByLog] = ()) -> tuple[Figure, ...]:
     """Return the figures of a validation, compared with other robots or logs where there are any."""
-    cases = [(case.file, shares(case.error)) for case in others] or [("error", shares(found.error))]
-    return figures_of(FigureInput(signals, found, cases=cases))
+    errors = [(case.file, case.error) for case in others] or [("error", found.error)]
+    cases = [(label, shares(error)) for label, error in errors]
+    return figures_of(FigureInput(signals, found, cases=cases, sides=motor_sides(errors)))
 
 
 def diagnosis_figures(
@@ -76,8 +87,9 @@ def diagnosis_figures(
     """Return the figures of a diagnosis; `identified` is the model after, `parts` are its `contributions`."""
     floor = found.state_after.floor.rms
     before, after = found.validation_before, found.validation_after
-    cases = [(word, shares(error)) for word, error in (("before", found.before), ("after", found.after))]
-    return figures_of(FigureInput(signals, after, before, floor, identified, found, parts, cases=cases))
+    errors = [("before", found.before), ("after", found.after)]
+    cases, sides = [(word, shares(error)) for word, error in errors], motor_sides(errors)
+    return figures_of(FigureInput(signals, after, before, floor, identified, found, parts, cases=cases, sides=sides))
 
 
 def _floor(found: Identification, signals: Signals, judged: Validation) -> Mapping[EstimationRow, float] | None:

@@ -46,6 +46,8 @@ class FigureInput:
     """A replayed log, and the same with another robot."""
     cases: Sequence[tuple[str, Mapping[str, float]]] = ()
     """Errors to compare: a label, and the relative error of each joint."""
+    sides: Sequence[tuple[str, Mapping[str, float]]] = ()
+    """The same of the motor side alone, where joints have one."""
     comparisons: Sequence[Comparison] = ()
     """Saved results against the first one."""
     trends: Trends | None = None

@@ -101,7 +101,7 @@ def _answered(said: Sequence[Section]) -> list[str]:
         left = [s for s in left if s not in chosen]
         if not chosen:
             continue
-        inner = "".join(map(_section, chosen))
+        inner = "".join(_section(s, heading) for s in chosen)
         page.append(_over_time(chosen) if keys is PARTS[-1][1] else f"<section><h2>{heading}</h2>{inner}</section>")
     rest = "".join(_folded(s, True) for s in left)
     return [*page, f"<section class=rest><h2>Everything else</h2>{rest}</section>"]
@@ -193,7 +193,8 @@ def _origin(report: Report) -> str:
     return "<br>".join(escape(visible(line)) for line in lines)
 
 
-def _section(section: Section) -> str:
+def _section(section: Section, under: str = "") -> str:
+    """Return a section, with its title unless that is the heading that it stands `under`."""
     if isinstance(section, Text):
         return _text(section)
     if isinstance(section, Figure):
@@ -201,7 +202,7 @@ def _section(section: Section) -> str:
     if isinstance(section, Table) and len(section.rows) > LONG:
         return _folded(section, True)
     name = section.title or (section.key.replace("_", " ") if isinstance(section, Table) else "")
-    return (f"<h3>{escape(_upper(name))}</h3>" if name else "") + _bare(section)
+    return (f"<h3>{escape(_upper(name))}</h3>" if name and _upper(name) != under else "") + _bare(section)
 
 
 def _bare(section: KeyValues | Table) -> str:

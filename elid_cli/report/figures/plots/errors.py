@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elid_cli.report.figures.drawing import CYCLE, Bars, Drawing, Mark, Panel, Words
-from elid_cli.report.tree import Figure, number_text
+from elid_cli.report.answers.summary import share_text
+from elid_cli.report.figures.drawing import CYCLE, Bars, Color, Drawing, Mark, Panel, Words
+from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:
     from elid_cli.report.figures.input import FigureInput
@@ -16,26 +17,42 @@ if TYPE_CHECKING:
 ORDER = 2
 THICK = 9.0
 """px of a bar."""
+CHANGE: tuple[Color, ...] = ("orange", "blue")
+"""Colours of before and after, as in the figures of effects."""
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
     """Yield one figure of all joints and cases."""
     if any(shares for _, shares in told.cases):
-        yield Figure("errors", "Error of each joint", "errors", {"cases": told.cases}, "Shares of the joint's torque.")
+        caption = "Shares of the joint's torque, rms."
+        if told.sides:
+            caption += (
+                " Whole joint: motor torque against the motion of all bodies. Motor side alone: with the "
+                "transmission's torque from the measured deflection, where a fault of the motor shows more clearly."
+            )
+        yield Figure("errors", "Error of each joint", "errors", {"cases": told.cases, "sides": told.sides}, caption)
 
 
 def draw(figure: Figure) -> Drawing:
-    """Draw ``cases``: pairs of a label and the relative error of each joint, by name."""
-    cases = figure.data["cases"]
+    """Draw ``cases`` and ``sides``: pairs of a label and the relative error of each joint, by name."""
+    cases, sides = figure.data["cases"], figure.data.get("sides") or ()
+    panels = [_panel(cases, "whole joint" if sides else "")]
+    return Drawing([*panels, _panel(sides, "motor side alone")] if sides else panels)
+
+
+def _panel(cases: Sequence[tuple[str, Mapping[str, float]]], title: str) -> Panel:
     joints = list(dict.fromkeys(joint for _, shares in cases for joint in shares))
+    changed = [label for label, _ in cases] == ["before", "after"]
     marks: list[Mark] = []
     for number, (label, shares) in enumerate(cases):
         place = (number + 0.5) / len(cases) * 0.84 - 0.42
         y = np.array([joints.index(joint) + place for joint in shares])
         size = np.array([100.0 * share for share in shares.values()])
-        marks.append(Bars(y, np.zeros(len(y)), size, CYCLE[number % len(CYCLE)][0], THICK, label))
-        marks.append(Words(y, [f" {number_text(float(s), 2)} %" for s in size], size, "ink"))
+        color = CHANGE[number] if changed else CYCLE[number % len(CYCLE)][0]
+        marks.append(Bars(y, np.zeros(len(y)), size, color, THICK, label))
+        # a space of its own width: SVG takes an ordinary one away at the beginning of a text
+        marks.append(Words(y, [f"\N{NO-BREAK SPACE}{share_text(share)}" for share in shares.values()], size, "ink"))
     most = max((100.0 * share for _, shares in cases for share in shares.values()), default=1.0)
-    height = 46.0 + len(joints) * max(18.0, (THICK + 3.0) * len(cases) + 6.0)
+    height = 46.0 + (20.0 if title else 0.0) + len(joints) * max(18.0, (THICK + 3.0) * len(cases) + 6.0)
     limits = (0.0, 1.25 * most or 1.0), (len(joints) - 0.5, -0.5)
-    return Drawing([Panel(marks, "", "error (% of torque)", "", *limits, height, ynames=joints)])
+    return Panel(marks, title, "error (% of torque)", "", *limits, height, ynames=joints)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +30,10 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         data = {"names": found.base.names, "leaders": [p.leader for p in found.parameters],
                 "estimate": found.estimate, "std_error": found.std_error,
                 "reference": found.reference, "verdict": found.verdict}  # fmt: skip
-        caption = "Each on the scale of its own value, beside it its standard error; the table below has the numbers."
+        caption = (
+            "Each on the scale of its own value, with its standard error at the right; near 0: the interval holds 0. "
+            "The tables below have the numbers."
+        )
         yield Figure("parameters", "Base parameters", "parameters", data, caption)
 
 
@@ -40,8 +44,15 @@ def draw(figure: Figure) -> Drawing:
     drives = [k for k in order if data["leaders"][k].kind in JOINT_KINDS]
     bodies = [k for k in order if k not in set(drives)]
     titled = [("drives and transmissions", drives), ("bodies", bodies)]
-    pieces = [(title, rows[k : k + MOST]) for title, rows in titled for k in range(0, len(rows), MOST)]
+    pieces = [(title, part) for title, rows in titled for part in _parts(rows)]
     return Drawing([_panel(data, title, rows) for title, rows in pieces])
+
+
+def _parts(rows: Sequence[int]) -> list[Sequence[int]]:
+    """Return rows in as few parts as `MOST` allows, about equally long."""
+    count = -(-len(rows) // MOST)
+    edges = [round(k * len(rows) / count) for k in range(count + 1)] if count else []
+    return [rows[first:last] for first, last in pairwise(edges)]
 
 
 def _panel(data: Mapping[str, Any], title: str, index: Sequence[int]) -> Panel:
@@ -57,7 +68,7 @@ def _panel(data: Mapping[str, Any], title: str, index: Sequence[int]) -> Panel:
         Rule(x=0.0),
         Bars(y, x - half, x + half, "blue", 2.0),
         Dots(x, y, "blue", size=6, label="estimate with 95 % interval"),
-        Dots(reference / scale, y, "orange", "d", 9, label="robot file"),
+        *([Dots(reference / scale, y, "orange", "d", 9, label="robot file")] if np.isfinite(reference).any() else []),
         Words(y, [_spread(data["verdict"][k], data["estimate"][k], data["std_error"][k]) for k in index]),
     ]
     shown = [name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…" for name in names]
@@ -72,4 +83,4 @@ def _spread(verdict: str, estimate: float, deviation: float) -> str:
     if verdict == "refused" or not np.isfinite(deviation):
         return "refused"
     share = deviation / abs(estimate) if estimate else np.inf
-    return f"± {share_text(share)}" if share < 1 else "> 100 %"
+    return f"± {share_text(share)}" if share < 1 else "near 0"

@@ -18,14 +18,15 @@ if TYPE_CHECKING:
     from elid_cli.report.figures.input import FigureInput
 
 ORDER = 2
-MOTOR_SIDE = "motor side alone, with the spring's torque from the deflection"
+MOTOR_SIDE = "motor side alone"
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
     """Yield a figure of every joint whose torque is known."""
     caption = (
-        "Filtered motor torque, measured and predicted with the spring eliminated, and their difference. Grey: "
-        "left out, around reversals."
+        "Filtered motor torque, measured and predicted from the motion, and their difference. Motor side alone: the "
+        "same with the transmission's torque from the measured deflection. Grey: left out, around reversals; green: "
+        "held out, stretches that the fit never saw."
     )
     held_out = () if told.diagnosis is None else told.diagnosis.held_out
     for view in told.views:
@@ -70,7 +71,7 @@ def _residual(t: Array, part: Mapping[str, Any], shades: Sequence[Mark], used: N
         marks.append(Line(t, before, "before", "", 1.3, "residual before"))
     marks.append(Line(t, residual, "ink", "", 1.0, "residual" if before is None else "residual after"))
     if floor:
-        marks += [Rule(y=side * floor, color="orange", dash="5 3", label="± 2 × noise") for side in (-2.0, 2.0)]
+        marks += [Rule(y=side * floor, color="purple", dash="5 3", label="± 2 × noise") for side in (-2.0, 2.0)]
     drawn = [values for values in (residual, before) if values is not None]
     shown = [np.abs(values[used & np.isfinite(values)]) for values in drawn]
     # what was left out of the fit may be far off and must not set the scale

@@ -123,12 +123,25 @@
   const repaint = () => plots.forEach(u => u.redraw(false));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
   matchMedia("print").addEventListener("change", repaint);
+  // paper: plots as wide as a sheet, and tables of parameters unfolded
+  const paper = 680, closed = [];
+  addEventListener("beforeprint", () => {
+    document.querySelectorAll("section:not(.rest) details:not([open])").forEach(d => {
+      if (d.querySelector("table") && !d.querySelector(".plot")) { d.open = true; closed.push(d); }
+    });
+    for (const u of plots) u.setSize({width: paper, height: u.height});
+  });
+  addEventListener("afterprint", () => {
+    for (const d of closed.splice(0)) d.open = false;
+    fit();
+  });
   let waiting = 0;
+  const fit = () => plots.forEach(u => {
+    const width = u.root.parentElement.clientWidth;
+    if (width && width !== u.width) u.setSize({width, height: u.height});
+  });
   addEventListener("resize", () => {
     cancelAnimationFrame(waiting);
-    waiting = requestAnimationFrame(() => plots.forEach(u => {
-      const width = u.root.parentElement.clientWidth;
-      if (width && width !== u.width) u.setSize({width, height: u.height});
-    }));
+    waiting = requestAnimationFrame(fit);
   });
 })();
