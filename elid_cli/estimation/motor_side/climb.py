@@ -41,6 +41,8 @@ _LEAST_MASS = 0.05
 """Least link inertia over the rotor's that weights assume."""
 _FITS = 4.0
 """A rung above counts while its cost is within this many times the lowest below it."""
+_RATE = 12.0
+"""Sample rate of the misfit over the signals' band limit: none of its products reach the half of it."""
 _STEPS = 6
 _SAME = 0.10
 """Two ends are one where no compliance differs by more than this share."""
@@ -66,7 +68,10 @@ class _Band:
     sign: list[Array]
     load: list[Array]
     carried: list[Array]
-    taper: Array
+
+    def every(self, stride: int) -> _Band:
+        """Return every `stride`-th sample."""
+        return _Band(*([values[::stride] for values in signal] for signal in vars(self).values()))
 
 
 class Climb:
@@ -79,10 +84,10 @@ class Climb:
         smooth, _ = filtered(log.theta, log.dt, 1.3 * band, 1.6)
         whole = self._spline.fit(smooth)
         self._direction, _ = log.direction(*(self._spline.matrices[d] @ whole for d in (1, 2)))
-        self._frequencies = np.fft.rfftfreq(log.count, log.dt)
-        self._scale = 1 / np.sqrt(0.95 * log.count / 2)
         self._cut = 0.0
+        self._whole: _Band
         self._band: _Band
+        """Every `_stride`-th sample."""
         self.with_load = True
         """Whether load friction is an unknown."""
 
@@ -90,6 +95,8 @@ class Climb:
 
     def _limit(self, cutoff: float) -> None:
         """Band-limit all signals for a cut-off, Hz."""
+        from scipy.fft import next_fast_len
+
         cut = max(_BEYOND * cutoff, 5.0)
         if abs(cut - self._cut) < 0.02 * self._cut:
             return
@@ -100,7 +107,14 @@ class Climb:
         rates = [B @ inner for B in matrices]
         rates.append(matrices[1] @ self._spline.fit(rates[4]))
         still = [np.zeros_like(theta)] * 4
-        self._band = _Band(rates, self._derivatives(tau, 5), self._derivatives(sign), still, still, self._taper(reach))
+        self._whole = _Band(rates, self._derivatives(tau, 5), self._derivatives(sign), still, still)
+        self._stride = max(1, int(1 / (_RATE * cut * self.log.dt)))
+        self._reach = reach
+        self._window = self._taper(reach)[:: self._stride]
+        self._size = next_fast_len(len(self._window), real=True)
+        self._frequencies = np.fft.rfftfreq(self._size, self._stride * self.log.dt)
+        self._scale = self._stride / np.sqrt(0.95 * self.log.count / 2)
+        self._band = self._whole.every(self._stride)
 
     def _derivatives(self, values: Array, count: int = 4) -> list[Array]:
         coefficients = self._spline.fit(values)
@@ -118,18 +132,18 @@ class Climb:
     def _follow(self, x: Array) -> None:
         """Take what is not linear in the unknowns from where they stand: load friction, what carries the rotors."""
         for _ in range(2 if self.with_load or self.link.coupled else 0):
-            spring, q = self._parts(x)
+            spring, q = self._parts(x, self._whole)
             if self.with_load:
                 load, _ = filtered(self._direction * np.abs(spring[0]), self.log.dt, self._cut)
-                self._band.load = self._derivatives(load)
+                self._whole.load = self._derivatives(load)
             if self.link.coupled:
-                self._band.carried = self._derivatives(self.link.terms(q[0], q[1], q[2]).carried)
+                self._whole.carried = self._derivatives(self.link.terms(q[0], q[1], q[2]).carried)
+            self._band = self._whole.every(self._stride)
 
     # ---- residual
 
-    def _columns(self) -> dict[str, list[Array]]:
+    def _columns(self, band: _Band) -> dict[str, list[Array]]:
         """Return the motor row's columns and their three derivatives by the unknown they belong to."""
-        band = self._band
         one = np.ones_like(band.sign[0])
         constant = [one, 0 * one, 0 * one, 0 * one]
         rotor = [a + b for a, b in zip(band.theta[2:6], band.carried, strict=True)]
@@ -138,10 +152,9 @@ class Climb:
             "load": band.load,
         }  # fmt: skip
 
-    def _parts(self, x: Array) -> tuple[list[Array], list[Array]]:
+    def _parts(self, x: Array, band: _Band) -> tuple[list[Array], list[Array]]:
         """Return the torque through the transmissions with three derivatives, and q with two."""
-        band, at = self._band, self.unknowns.places
-        columns = self._columns()
+        at, columns = self.unknowns.places, self._columns(band)
         spring = [
             band.tau[d] - sum((x[at[name]] * rows[d] for name, rows in columns.items()), np.zeros(())) for d in range(4)
         ]
@@ -151,7 +164,7 @@ class Climb:
 
     def _misfit(self, x: Array) -> tuple[Array, LinkTerms, list[Array], list[Array]]:
         """Return Y(q) p - s, (N, n), the link side's terms, s and q."""
-        spring, q = self._parts(x)
+        spring, q = self._parts(x, self._band)
         terms, at, band = self.link.terms(q[0], q[1], q[2]), self.unknowns.places, self._band
         needed = terms.columns @ x[at["p"]] + self.link.loads(terms, x[at["J"]], band.theta[1], band.theta[2])
         return needed - spring[0], terms, spring, q
@@ -162,7 +175,7 @@ class Climb:
         at, band, n = self.unknowns.places, self._band, self.link.n
         J, c, damping = x[at["J"]], x[at["c"]], x[at["damping"]]
         by_motion = self.link.slopes(q, x[at["p"]], J, (band.theta[1], band.theta[2])).torque
-        found = np.zeros((self.log.count, n, self.unknowns.size))
+        found = np.zeros((*spring[0].shape, self.unknowns.size))
         found[:, :, at["p"]] = terms.columns
         if len(terms.by_speed):
             found[:, :, at["J"]] = (
@@ -170,7 +183,7 @@ class Climb:
             )
         for i in range(n):
             motions = by_motion[:, :, :, i]
-            for name, rows in self._columns().items():
+            for name, rows in self._columns(band).items():
                 place = at[name][0 if name == "delay" else i]
                 found[:, i, place] += rows[0][:, i]
                 if c[i]:
@@ -183,8 +196,8 @@ class Climb:
 
     def mass(self, x: Array) -> Array:
         """Return each link's mean inertia about its joint, kg·m², (n,), kept positive."""
-        _, q = self._parts(x)
-        mean = np.diag(self.link.mass(q[0][::40], x[self.unknowns["p"]]).mean(axis=0))
+        _, q = self._parts(x, self._band)
+        mean = np.diag(self.link.mass(q[0][:: max(1, 40 // self._stride)], x[self.unknowns["p"]]).mean(axis=0))
         acceleration = np.maximum(self._band.theta[2].std(axis=0), 1e-9)
         least = np.maximum(self.rotors.value, 0.01 * self.log.torque / acceleration)
         mass: Array = np.maximum(mean, _LEAST_MASS * least)
@@ -234,6 +247,8 @@ class Climb:
         soft
             One over the spread of the compliances about zero, (n,), where they are held.
         """
+        from scipy.fft import rfft
+
         self._limit(cutoff)
         self._follow(x)
         bins = max(8, int(np.searchsorted(self._frequencies, 1.5 * cutoff)))
@@ -241,8 +256,7 @@ class Climb:
 
         def spectrum(values: Array) -> Array:
             shape = (-1, *[1] * (values.ndim - 1))
-            taper = self._band.taper.reshape(shape)
-            parts = np.fft.rfft(values * taper, axis=0)[:bins]
+            parts = rfft(values * self._window.reshape(shape), self._size, axis=0)[:bins]
             parts = parts * (self._scale * weight).reshape(bins, -1, *[1] * (values.ndim - 2))
             found: Array = np.reshape(
                 np.concatenate([parts.real, parts.imag]), (2 * bins * self.link.n, *values.shape[2:])
@@ -303,7 +317,12 @@ class Climb:
         """Return the links' positions that an end means at instants t (M,), (M, n)."""
         self._limit(end.top)
         self._follow(end.x)
-        return self._spline.at(t, self._spline.fit(self._parts(end.x)[1][0]))
+        _, (q, *_) = self._parts(end.x, self._whole)
+        # near the ends differences of high order know nothing: the deflection stays what it is further in
+        inside = np.flatnonzero(self._taper(self._reach)[:, 0])
+        place = np.clip(np.arange(len(q)), inside[0], inside[-1])
+        theta = self._whole.theta[0]
+        return self._spline.at(t, self._spline.fit(theta + (q - theta)[place]))
 
 
 def apart(x: Array, other: Array, unknowns: Unknowns) -> float:

@@ -115,7 +115,7 @@ def _failed(found: Search, told: Figures) -> list[tuple[str, ...]]:
         loose = told.error[k] > TIGHT * told.compliance[k] or told.fall > CRAWLS
         if verdict_of(names) != "refused" and (loose or verdict == "weak"):
             share, least = RISES[verdict]
-            if not rise(found, k, share) > least:
+            if not rise(found, k, share, least) > least:
                 names.append("valley")
     return [tuple(names) for names in failed]
 

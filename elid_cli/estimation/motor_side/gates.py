@@ -9,15 +9,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elid_cli.estimation.motor_side.refits import MISFIT, Figures, Moves
+from elid_cli.estimation.motor_side.refits import GAIN, MISFIT, Figures, Moves
 from elid_cli.estimation.result import Verdict
 
 FALL, CRAWLS = 0.001, 1e-4
 """Most that further steps may lower the cost, share of it, and how much of it asks for a look at the valley."""
 SURE, CLOSE = 5.0, 0.03
 """Compliance over its standard error, at least, and standard error over the compliance, at most."""
-GAIN, LOWEST = 2.0, 0.98
-"""Least cost of a rigid joint over the cost, of the joint itself and of any."""
+LOWEST = 0.98
+"""Least cost of any rigid joint over the cost; of the joint itself: `GAIN`."""
 MOVE, HALVES = 0.03, 0.05
 """Most that the compliance may move in a refit, and on half of the log."""
 FRICTION_GAIN, FRICTION_MOVE = 1.6, 0.01

@@ -22,8 +22,8 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.link_side import LinkSide, LinkTerms
 from elid_cli.estimation.motor_side.motor_log import STRIBECK_WIDTHS, MotorLog
 from elid_cli.estimation.motor_side.operators import KnotSpline, low_pass_rows
+from elid_cli.estimation.motor_side.pieces import Pieces
 from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns, prior_of
-from elid_cli.signals.splines import ORDER
 
 PARTS = ("load", "bumps", "lost")
 """Unknowns that are in the model only where they are asked for."""
@@ -80,12 +80,16 @@ class Model:
 
 @dataclass(frozen=True)
 class Linearised:
-    """Derivatives by the coefficients (sparse, one matrix per joint) and by x, (rows, n, size)."""
+    """Derivatives at one model."""
 
-    theta: list[Any]
-    tau: list[Any]
+    torque: list[Array]
+    """Of the torque through every transmission by the six coefficients of every joint at work, (N, 6 n)."""
+    carried: list[Array]
+    """Of what the links' motion adds to the rotors' acceleration; empty without coupling."""
     theta_x: Array
+    """Of θ by x, (N, n, size)."""
     tau_x: Array
+    """Of the low-passed torques by x, (rows, n, size)."""
 
 
 class Latent:
@@ -121,21 +125,23 @@ class Latent:
         self.link: LinkSide = unknowns.link
         self.parts, self.further = tuple(parts), tuple(further)
         self.lost_scale = np.ones(log.n) if lost_scale is None else lost_scale
-        self.spline = KnotSpline(log.t, spacing)
+        self.spline = log.kept(("spline", spacing), lambda: KnotSpline(log.t, spacing))
         self.prior_mean, self.prior_spread = prior_of(unknowns, rotors, log.torque)
         self.rounding = _LOAD_ROUNDING * log.torque
-        columns = (self.spline.first[:, None] + np.arange(ORDER))[:, :, None] * log.n + np.arange(log.n)
-        self._index = columns.reshape(-1)
-        self._ends = np.arange(0, self._index.size + 1, ORDER * log.n)
         self.rows: Any
         self.centres: NDArray[np.intp]
         self.tau_noise: Array
+        self.pieces: Pieces
 
     def filter_torque(self, cutoff: float, floor: float) -> None:
         """Low-pass the torque rows at `cutoff`, Hz; their noise is at least `floor`, a share of the torque."""
-        self.cutoff = cutoff
-        self.rows, gain, self.centres = low_pass_rows(self.log.count, self.log.dt, cutoff)
-        self.tau_noise = np.hypot(self.log.tau_noise * gain, floor * self.log.torque)
+        log = self.log
+        self.rows, gain, self.centres = log.kept(("rows", cutoff), lambda: low_pass_rows(log.count, log.dt, cutoff))
+        self.pieces = log.kept(
+            ("pieces", self.spacing, cutoff, self.link.levels),
+            lambda: Pieces(log, self.spline, self.rows, self.centres, self.link.levels),
+        )
+        self.tau_noise = np.hypot(log.tau_noise * gain, floor * log.torque)
 
     # ---- the model
 
@@ -198,51 +204,66 @@ class Latent:
     # ---- derivatives
 
     def linearised(self, now: Model, x: Array) -> Linearised:
-        """Return the derivatives of θ and of the low-passed τ at a model of x."""
+        """Return the derivatives at a model of x, those by the coefficients left to `by_motion`."""
         at = self.unknowns.places
         slopes = self.link.slopes(now.q, x[at["p"]], x[at["J"]], (now.speed, now.acceleration))
-        theta, tau = self._by_motion(now, x, slopes.torque, slopes.carried)
         theta_x, tau_x = self._by_unknowns(now, x)
         filtered = np.stack([self.rows @ tau_x[:, i] for i in range(self.log.n)], axis=1)
-        return Linearised(theta, [self.rows @ matrix for matrix in tau], theta_x, filtered)
+        joints = range(self.log.n)
+        by_torque = [self.pieces.supported(slopes.torque[:, :, i]) for i in joints]
+        by_carried = [self.pieces.supported(slopes.carried[:, :, i]) for i in joints if self.link.coupled]
+        return Linearised(by_torque, by_carried, theta_x, filtered)
 
-    def _by_motion(self, now: Model, x: Array, torque: Array, carried: Array) -> tuple[list[Any], list[Any]]:
-        """Return d θ_i / d C and d τ_i / d C, before the low-pass, (N, knots n) each."""
-        from scipy.sparse import diags
+    def by_motion(self, now: Model, x: Array, slopes: Linearised, part: slice) -> Array:
+        """Return derivatives of θ and of the low-passed τ by the coefficients of some pieces' windows.
 
-        at, n = self.unknowns.places, self.log.n
-        (first, second), (short, shorter) = self.log.rates, self.log.short_rates
-        values = [self.spline.values(d) for d in range(3)]
-        theta: list[Any] = [None] * n
-        tau: list[Any] = [None] * n
+        Rows as in `Pieces.rows_of`, columns as in the window, (C, n (T + R), W n).
+        """
+        at, n, pieces = self.unknowns.places, self.log.n, self.pieces
+        basis = pieces.basis[part]
+        own_basis = pieces.own(basis, part)
+        first, second = (rate[part] for rate in pieces.rates)
+        low_pass = pieces.low_pass[part]
+        motions: dict[int, Array] = {}
+        parts: list[Array] = [np.zeros(0)] * (2 * n)
         for i in reversed(range(n)):
-            spring = self._sparse(values, torque[:, :, i])
+            spring = pieces.spread(slopes.torque[i], part)
             for j in self.link.behind[i]:
-                J = x[at["J"][j]]
-                spring = spring + diags(J * now.terms.by_speed[:, i, j]) @ (first @ theta[j])
-                spring = spring + diags(J * now.terms.by_acceleration[:, i, j]) @ (second @ theta[j])
-            own = np.zeros((3, self.log.count, n))
-            own[0, :, i] = 1.0
-            theta[i] = self._sparse(values[:1], own)
+                speed, acceleration = (
+                    x[at["J"][j]] * pieces.seen(rotor[:, i, j, None], part)
+                    for rotor in (now.terms.by_speed, now.terms.by_acceleration)
+                )
+                spring += (speed * first + acceleration * second) @ motions[j]
+            steep = low_pass * pieces.seen(now.steep[:, i], part)[:, None]
+            by_theta, by_spring = steep @ first, low_pass * pieces.seen(self._spring_share(now, x, i), part)[:, None]
+            theta = np.zeros((len(own_basis), own_basis.shape[1], spring.shape[2]))
             if self.link.elastic[i]:
-                c, T = x[at["c"][i]], x[at["damping"][i]]
-                theta[i] = theta[i] + c * (spring - T * (short @ spring) + T**2 * (shorter @ spring))
-                if x[at["lost"][i]]:
-                    theta[i] = theta[i] + diags(self._lost_slope(now, x, i)) @ spring
-            tau[i] = diags(now.steep[:, i]) @ (first @ theta[i]) + diags(self._spring_share(now, x, i)) @ spring
-            if self.link.elastic[i]:
-                tau[i] = tau[i] + x[at["J"][i]] * (second @ theta[i])
-                if self.link.coupled:
-                    tau[i] = tau[i] + self._sparse(values, x[at["J"][i]] * carried[:, :, i])
-        return theta, tau
+                by_theta += x[at["J"][i]] * pieces.filtered_acceleration[part]
+                yields = self._yields(now, x, i, part)
+                by_spring += by_theta @ yields
+                theta += pieces.own(yields, part) @ spring
+                if self.link.loading[i]:
+                    motions[i] = yields @ spring
+            elif self.link.loading[i]:
+                motions[i] = np.zeros_like(spring)
+            tau = by_spring @ spring
+            theta[:, :, i::n] += own_basis
+            tau[:, :, i::n] += by_theta @ basis
+            if self.link.loading[i]:
+                motions[i][:, :, i::n] += basis
+            if self.link.elastic[i] and self.link.coupled:
+                tau += x[at["J"][i]] * (low_pass @ pieces.spread(slopes.carried[i], part))
+            parts[2 * i], parts[2 * i + 1] = theta, tau
+        return np.concatenate(parts, axis=1)
 
-    def _sparse(self, values: Sequence[Array], slopes: Array) -> Any:
-        """Return sum over d of slopes[d] (N, n) times basis values[d] (N, 6) as rows over the coefficients."""
-        from scipy.sparse import csr_matrix
-
-        dense = sum(v[:, :, None] * slopes[d][:, None, :] for d, v in enumerate(values))
-        shape = self.log.count, self.spline.count * self.log.n
-        return csr_matrix((np.asarray(dense).reshape(-1), self._index, self._ends), shape=shape)
+    def _yields(self, now: Model, x: Array, i: int, part: slice) -> Array:
+        """Return the derivatives of a motor's position by the torque through its transmission, (C, S, S)."""
+        at, (short, shorter) = self.unknowns.places, (rate[part] for rate in self.pieces.short_rates)
+        c, T = x[at["c"][i]], x[at["damping"][i]]
+        found: Array = shorter * (c * T**2) - short * (c * T)
+        diagonal = np.arange(found.shape[1])
+        found[:, diagonal, diagonal] += c + self.pieces.seen(self._lost_slope(now, x, i), part)
+        return found
 
     def _lost_slope(self, now: Model, x: Array, joint: int) -> Array:
         s0, size = self.lost_scale[joint], x[self.unknowns["lost"][joint]]

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.latent import PARTS, Latent, Linearised, Model
-from elid_cli.estimation.motor_side.operators import upper_band
+from elid_cli.estimation.motor_side.latent import PARTS, Latent, Model
 
 HUBER = 4.0
 """Torque residual in standard deviations beyond which it counts less."""
 _TRIES = 9
 _BLOCKS = 20
 """Blocks of time whose scores tell of correlated residuals."""
+_FAR, _FAR_FALL = 10.0, 0.3
+"""Costs beyond this many times the one asked about, falling by less than that share, will not come down to it."""
+_HOPELESS = 100.0
+"""Steps as large as the last one that a fit would need to come down to it, from which on it is not waited for."""
 _SETTLED = 0.1
 """Move of every compliance, in standard errors, below which iteration may end."""
 
@@ -47,8 +50,10 @@ class LatentFit:
     """Of positions (N, n) and torques (rows, n), over their noise."""
     free: NDArray[np.intp]
     steps: int
-    system: tuple[Any, Array, Array, Schur]
-    """Derivatives by coefficients and by free unknowns, residual, and the undamped Schur complement."""
+    root: Array
+    """Square roots of the torque rows' robust weights, (rows, n)."""
+    schur: Schur
+    """The undamped Schur complement."""
 
     @property
     def chi(self) -> float:
@@ -63,20 +68,24 @@ class LatentFit:
     @cached_property
     def covariance(self) -> Array:
         """Inverse of the undamped Schur complement, in unit noise, (size, size); zeros where held."""
-        schur = self.system[3]
+        schur = self.schur
         unit = np.linalg.pinv(schur.matrix * schur.scale[:, None] * schur.scale, hermitian=True)
         return self._whole(schur.scale[:, None] * unit * schur.scale)
 
     @cached_property
     def block_covariance(self) -> Array:
         """The same from the scores of blocks of time, which keep the residual's correlation."""
-        A, P, r, schur = self.system
-        scores = (P - A @ schur.solved[:, :-1]) * r[:, None]
-        problem, n = self.problem, self.problem.log.n
-        count = problem.log.count
-        block = np.r_[np.tile(np.arange(count) * _BLOCKS // count, n), np.tile(problem.centres * _BLOCKS // count, n)]
-        sums = np.zeros((_BLOCKS, scores.shape[1]))
-        np.add.at(sums, block, scores)
+        problem, count = self.problem, self.problem.log.count
+        sums = np.zeros((_BLOCKS, len(self.free)))
+        in_block, filtered = (
+            np.tile((k * _BLOCKS // count)[:, None], problem.log.n) for k in (np.arange(count), problem.centres)
+        )
+        rows = _Rows(problem, self.model, self.x, self.residuals, self.root, self.free)
+        for part, A, P, r in rows:
+            cells = problem.pieces.first_knot[part, None] * problem.log.n + np.arange(A.shape[2])
+            scores = (P - A @ self.schur.solved[cells, :-1]) * r[:, :, None]
+            block = problem.pieces.rows_of(in_block, filtered, part)
+            np.add.at(sums, block.ravel().astype(np.intp), scores.reshape(-1, scores.shape[2]))
         sums -= sums.mean(axis=0)
         inverse = self.covariance[np.ix_(self.free, self.free)]
         return self._whole(inverse @ (sums.T @ sums) @ inverse * _BLOCKS / (_BLOCKS - 1))
@@ -103,6 +112,17 @@ class Iteration:
     robust: bool = True
     settle: bool = False
     """Whether it goes on until the compliances have settled."""
+    least: int = 2
+    """Fewest steps."""
+    low: float = 0.0
+    """Cost that is low enough to end."""
+    high: float = np.inf
+    """Cost that is asked about: far above it, and falling slowly, no more is to be learnt."""
+
+    def decided(self, cost: float, fall: float) -> bool:
+        """Return whether a cost that fell by a share of it answers what was asked."""
+        above = cost > _FAR * self.high and fall < _FAR_FALL
+        return cost < self.low or above or (cost - self.high) * (1 - fall) > _HOPELESS * cost * fall
 
 
 def fit(
@@ -147,8 +167,9 @@ class _Descent:
         weight = self._weight(tau)
         cost, taken = self._cost(theta, tau, weight, x), 0
         for number in range(self.how.steps):
-            A, P, r = self._stacked(problem.linearised(now, x), theta, tau, weight)
-            normal = _Normal(A, P, r, self.pull[self.free], (x - problem.prior_mean)[self.free])
+            root = np.sqrt(weight)
+            rows = _Rows(problem, now, x, (theta, tau), root, self.free)
+            normal = _Normal(rows, self.pull[self.free], (x - problem.prior_mean)[self.free])
             done = None
             for attempt in range(_TRIES):
                 schur = normal.eliminated(self.damping)
@@ -172,14 +193,18 @@ class _Descent:
             self.damping = max(self.damping / 8, 1e-10) if done[0] == 0 else self.damping
             weight = self._weight(tau)
             cost = self._cost(theta, tau, weight, x)
-            if fall < self.how.tolerance and number > 1 and (not self.how.settle or self._settled(move, *done[1:])):
+            if number + 1 < self.how.least:
+                continue
+            if self.how.decided(cost, fall):
+                break
+            if fall < self.how.tolerance and (not self.how.settle or self._settled(move, *done[1:])):
                 break
         undamped = normal.eliminated(0.0)
         if undamped is None:
             raise np.linalg.LinAlgError("singular")
         freedom = theta.size + tau.size - coefficients.size - len(self.free)
         return LatentFit(
-            problem, x, coefficients, now, cost, freedom, (theta, tau), self.free, taken, (A, P, r, undamped)
+            problem, x, coefficients, now, cost, freedom, (theta, tau), self.free, taken, root, undamped
         )  # fmt: skip
 
     def _settled(self, move: Array, schur: Schur, unit: Array) -> bool:
@@ -187,28 +212,50 @@ class _Descent:
         c = np.isin(self.free, self.problem.unknowns["c"])
         return bool(np.all(np.abs(move[c]) < _SETTLED * deviation[c]))
 
-    def _stacked(self, slopes: Linearised, theta: Array, tau: Array, weight: Array) -> tuple[Any, Array, Array]:
-        """Return derivatives by coefficients (sparse) and free unknowns, and the residual, all over the noise."""
-        from scipy.sparse import diags, vstack
 
-        problem, size = self.problem, len(self.problem.prior_mean)
-        root = np.sqrt(weight)
-        rows = [matrix * (1 / problem.log.theta_noise[i]) for i, matrix in enumerate(slopes.theta)]
-        rows += [diags(root[:, i] / problem.tau_noise[i]) @ matrix for i, matrix in enumerate(slopes.tau)]
-        by_theta = (slopes.theta_x / problem.log.theta_noise[:, None]).transpose(1, 0, 2).reshape(-1, size)
-        by_tau = (slopes.tau_x * (root / problem.tau_noise)[:, :, None]).transpose(1, 0, 2).reshape(-1, size)
-        residual = np.concatenate([theta.T.ravel(), (tau * root).T.ravel()])
-        return vstack(rows, format="csr"), np.concatenate([by_theta, by_tau])[:, self.free], residual
+class _Rows:
+    """Rows of the normal equations over their noise, piece by piece.
+
+    Iterating gives the pieces, derivatives by their windows' coefficients and by the free unknowns, and residuals.
+    """
+
+    def __init__(
+        self, problem: Latent, now: Model, x: Array, residuals: tuple[Array, Array], root: Array,
+        free: NDArray[np.intp],
+    ) -> None:  # fmt: skip
+        self.problem, self._now, self._x = problem, now, x
+        self._slopes = problem.linearised(now, x)
+        theta, tau = residuals
+        self._over = np.broadcast_to(1 / problem.log.theta_noise, theta.shape), root / problem.tau_noise
+        self._by_x = self._slopes.theta_x[:, :, free], self._slopes.tau_x[:, :, free]
+        self._residual = theta, tau * root
+
+    def __iter__(self) -> Iterator[tuple[slice, Array, Array, Array]]:
+        pieces = self.problem.pieces
+        for part in pieces.batches(self.problem.log.n):
+            over = pieces.rows_of(*self._over, part)[:, :, None]
+            A = self.problem.by_motion(self._now, self._x, self._slopes, part)
+            A *= over
+            yield part, A, pieces.rows_of(*self._by_x, part) * over, pieces.rows_of(*self._residual, part)
 
 
 class _Normal:
     """Normal equations of coefficients (banded) and free unknowns (a border)."""
 
-    def __init__(self, A: Any, P: Array, r: Array, pull: Array, miss: Array) -> None:
-        self._band = upper_band(A.T @ A)
-        self._gradient, self._border = A.T @ r, A.T @ P
-        self._corner = P.T @ P + np.diag(pull)
-        self._edge = P.T @ r - pull * miss
+    def __init__(self, rows: _Rows, pull: Array, miss: Array) -> None:
+        pieces, n = rows.problem.pieces, rows.problem.log.n
+        size = rows.problem.spline.count * n
+        self._band = np.zeros(((pieces.reach + 1) * n, size))
+        sides = np.zeros((size, len(pull) + 1))
+        self._corner, self._edge = np.diag(pull), -pull * miss
+        for part, A, P, r in rows:
+            turned = A.transpose(0, 2, 1)
+            pieces.added_band(turned @ A, part.start, self._band)
+            pieces.added(turned @ np.concatenate([P, r[:, :, None]], axis=2), part.start, sides)
+            P = P.reshape(-1, P.shape[2])
+            self._corner += P.T @ P
+            self._edge += P.T @ r.ravel()
+        self._border, self._gradient = sides[:, :-1], sides[:, -1]
 
     def eliminated(self, damping: float) -> Schur | None:
         """Return the Schur complement, or None where the band is not positive definite."""

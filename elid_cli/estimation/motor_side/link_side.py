@@ -94,6 +94,19 @@ class LinkSide:
         pairs = {(i, j) for _, i, j in self._places[1]}
         return tuple(tuple(j for j in range(self.n) if (i, j) in pairs) for i in range(self.n))
 
+    @cached_property
+    def loading(self) -> tuple[bool, ...]:
+        """Of every joint, whether its rotor loads another."""
+        return tuple(any(j in behind for behind in self.behind) for j in range(self.n))
+
+    @cached_property
+    def levels(self) -> int:
+        """How many joints follow each other whose rotors load the next, and one."""
+        depth = [1] * self.n
+        for i in reversed(range(self.n)):
+            depth[i] = 1 + max((depth[j] for j in self.behind[i]), default=0)
+        return max(depth)
+
     def terms(self, q: Array, dq: Array, ddq: Array) -> LinkTerms:
         """Return columns and coupling at N instants of links' motion, (N, n) each."""
         program, (bodies, rotors, carried) = self._program, self._places

@@ -5,6 +5,7 @@ Noise is what the spectrum shows where nothing moves; the band ends where the po
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -112,6 +113,13 @@ class MotorLog:
         """Standard deviation of the torques, N·m (N), (n,)."""
         self.width = samples.width
         self._averaged = _kernel_instants(step, samples.rate)
+        self._kept: dict[object, Any] = {}
+
+    def kept(self, name: object, made: Callable[[], Any]) -> Any:
+        """Return what several fits of this log use, made once."""
+        if name not in self._kept:
+            self._kept[name] = made()
+        return self._kept[name]
 
     @cached_property
     def rates(self) -> tuple[Any, Any]:

@@ -16,12 +16,15 @@ from elid_cli.estimation.motor_side.unknowns import Unknowns
 
 LOWER_CUT, FINER = 0.75, 0.75
 """Cut-off of the torque rows over the end of the band, and distance of knots over the first one, of two refits."""
+GAIN = 2.0
+"""Least cost of a rigid joint over the cost."""
 MISFIT = 3.0
 """Most cost per degree of freedom of a model that is believed."""
 WIDTHS = (0.4, 2.5)
 """Factors on the speed within which friction changes its sign, of refits of motion below an antiresonance."""
 PATIENT = Iteration(60, 1e-5)
 """How a fit iterates along a flat valley, where the cost falls little in a step."""
+PLAIN, _LONGER, _LONGEST = (Iteration(steps, settle=True) for steps in (10, 12, 15))
 _SHARPER = 0.4
 """Torque over which lost motion is passed where the model has some already, share of the transmission's."""
 
@@ -83,7 +86,7 @@ class _Refits:
     def fitted(
         self, log: MotorLog | None = None, *, spacing: float = 0.0, cutoff: float = 0.0, parts: Sequence[str] = (),
         further: Sequence[Friction] = (), lost_scale: Array | None = None, rigid: int | None = None,
-        held: tuple[int, float] | None = None, steps: int = 10,
+        held: tuple[int, float] | None = None, how: Iteration = PLAIN,
     ) -> LatentFit | None:  # fmt: skip
         """Return a refit from the best fit's end, or None where it fails."""
         best, setting, log = self.best, self.setting, log or self.best.problem.log
@@ -94,15 +97,15 @@ class _Refits:
         x, free = np.zeros(unknowns.size), unknowns.free()
         x[: len(best.x)] = best.x
         q = best.problem.spline.at(log.t, best.coefficients)
+        same = log is best.problem.log and problem.spline is best.problem.spline and rigid is None
         if rigid is not None:
             x[unknowns["c"][rigid]], free[unknowns["c"][rigid]] = 0.0, False
             q[:, rigid] = log.theta[:, rigid]
         if held is not None:
             x[unknowns["c"][held[0]]], free[unknowns["c"][held[0]]] = held[1], False
         problem.filter_torque(cutoff or setting.cutoff, FLOORS[-1][0])
-        how = Iteration(steps, settle=rigid is None) if held is None else PATIENT
         try:
-            return fit(problem, x, problem.spline.fit(q), free, how)
+            return fit(problem, x, best.coefficients if same else problem.spline.fit(q), free, how)
         except (np.linalg.LinAlgError, ValueError):
             return None
 
@@ -121,7 +124,7 @@ class _Refits:
     def _half(self, part: Samples, whole: MotorLog) -> tuple[Array, Array]:
         log = MotorLog(part, 2 / self.setting.spacing)
         log.theta_noise, log.tau_noise, log.torque = whole.theta_noise, whole.tau_noise, log.torque
-        found = self.fitted(log, steps=12)
+        found = self.fitted(log, how=_LONGER)
         if found is None:
             return np.full(self.n, np.inf), np.zeros(self.n)
         place = found.problem.unknowns["c"]
@@ -147,7 +150,7 @@ def first_figures(found: Search) -> Figures:
     at, x, n = best.problem.unknowns.places, best.x, setting.link.n
     gain = np.full(n, np.inf)
     for j in np.flatnonzero(setting.link.elastic).tolist() if best.chi <= MISFIT else ():
-        rigid = refits.fitted(rigid=j, steps=12)
+        rigid = refits.fitted(rigid=j, how=Iteration(12, high=GAIN * best.cost))
         gain[j] = 1.0 if rigid is None else rigid.cost / best.cost
     prior, V, J = setting.rotors, best.covariance, x[at["J"]]
     with np.errstate(all="ignore"):
@@ -164,8 +167,8 @@ def with_moves(found: Search, told: Figures) -> Figures:
     refits, best, setting = _Refits(found), found.best, found.setting
     finer = setting.spacing * FINER
     share = _SHARPER if "lost" in best.problem.parts else LOST_SHARE
-    friction = refits.fitted(further=refits.frictions(), parts=("load",), steps=12)
-    spring = refits.fitted(parts=("lost",), lost_scale=share * best.model.spring.std(axis=0), steps=12)
+    friction = refits.fitted(further=refits.frictions(), parts=("load",), how=_LONGER)
+    spring = refits.fitted(parts=("lost",), lost_scale=share * best.model.spring.std(axis=0), how=_LONGER)
     moves = Moves(
         cut=refits.move(refits.fitted(cutoff=LOWER_CUT * setting.band)),
         knots=refits.move(refits.fitted(MotorLog(setting.samples, 2 / finer), spacing=finer)),
@@ -178,15 +181,23 @@ def with_moves(found: Search, told: Figures) -> Figures:
     return replace(told, moves=moves)
 
 
-def rise(found: Search, joint: int, share: float) -> float:
+def rise(found: Search, joint: int, share: float, least: float) -> float:
     """Return the least rise of the cost, in units of the misfit, with a compliance held off by ± a share of it.
+
+    No more than is needed to tell whether it is above `least`.
 
     Where a valley of the cost is bent or has neighbours, a standard error from its curvature promises too much.
     """
     refits, best = _Refits(found), found.best
-    ends = [refits.fitted(held=(joint, float(best.compliance[joint]) * (1 + sign * share))) for sign in (-1, 1)]
-    costs = [np.inf if end is None else end.cost - best.cost for end in ends]
-    return float(min(costs)) / max(1.0, best.chi)
+    unit = max(1.0, best.chi)
+    lowest, limit = np.inf, best.cost + least * unit
+    for sign in (-1, 1):
+        held = joint, float(best.compliance[joint]) * (1 + sign * share)
+        end = refits.fitted(held=held, how=replace(PATIENT, low=limit, high=limit))
+        lowest = min(lowest, np.inf if end is None else (end.cost - best.cost) / unit)
+        if lowest < least:
+            break
+    return float(lowest)
 
 
 def friction_width(found: Search) -> Array:
@@ -197,7 +208,7 @@ def friction_width(found: Search) -> Array:
         samples = replace(setting.samples, width=factor * setting.samples.width)
         log = MotorLog(samples, 2 / setting.spacing)
         log.theta_noise, log.tau_noise = found.best.problem.log.theta_noise, found.best.problem.log.tau_noise
-        moves.append(np.abs(refits.move(refits.fitted(log, steps=15))))
+        moves.append(np.abs(refits.move(refits.fitted(log, how=_LONGEST))))
     return np.asarray(np.max(moves, axis=0))
 
 

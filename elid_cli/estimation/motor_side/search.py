@@ -34,7 +34,7 @@ _PAYS = 20.0
 """Fall of the cost, per further unknown and unit of misfit, from which on a column stays."""
 _STRIBECK_FROM, _LOST_FROM, _CORNERED, _UNFIT = 1.3, 1.3, 2.5, 2.0
 """Misfits from which on are tried: Stribeck's columns, lost motion, all from the start, a climb without load."""
-FURTHER = Iteration(20, 1e-4)
+FURTHER = Iteration(20, 1e-4, least=1)
 """How the best end is gone on from: a fit that crawls has not found its valley's bottom, whatever it looks like."""
 LOST, LOST_AT_ONCE = 1000.0, 100.0
 """Cost from which on a climb leads nowhere, and that of one that gets no further than its first rung: what follows
@@ -179,7 +179,7 @@ class _Columns:
             x[self.unknowns[name]] = 0.0
         for floor, steps in floors:
             problem.filter_torque(self.setting.cutoff, floor)
-            found = fit(problem, x, coefficients, self.unknowns.free(), Iteration(steps, settle=True))
+            found = fit(problem, x, coefficients, self.unknowns.free(), Iteration(steps, settle=True, least=3))
             x, coefficients = found.x, found.coefficients
             if found.chi > HOPELESS:
                 break
