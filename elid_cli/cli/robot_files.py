@@ -108,7 +108,7 @@ def _beside(spec: EffectSpec, files: Files) -> bool:
     from elid_cli.model.effects import effect_classes
 
     kind = effect_classes()[spec.effect]
-    return files.write_actuators is not None and bool(kind.in_simulators or kind.nuisance == "delay")
+    return files.write_actuators is not None and bool(kind.acts_as or kind.nuisance == "delay")
 
 
 def _elsewhere(held: Sequence[EffectSpec], files: Files) -> list[str]:

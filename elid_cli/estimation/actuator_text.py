@@ -75,7 +75,7 @@ def _effect(spec: EffectSpec) -> dict[str, Any]:
         "effect": spec.effect,
         "joint": spec.joint,
         "parameters": {name: _finite(value) for name, value in spec.parameters.items()},
-        "as": kind.in_simulators or None,
+        "as": ("friction" if kind.acts_as == "friction" else "torque") if kind.acts_as else None,
         "at": kind.place,
         "in_mjcf": spec.effect == SPRING,
         "equation": kind.equation,

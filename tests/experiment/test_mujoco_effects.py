@@ -25,7 +25,7 @@ from elid_cli.robot.robot import EffectSpec, Limits, Robot
 
 mujoco = pytest.importorskip("mujoco")
 SNIPPET = Path(__file__).parents[2] / "docs/how-to/mujoco_effects.py"
-APPLIED = sorted(name for name, kind in effect_classes().items() if kind.in_simulators and kind.nuisance is None)
+APPLIED = sorted(name for name, kind in effect_classes().items() if kind.acts_as and kind.nuisance is None)
 OFFSET = next(name for name, kind in effect_classes().items() if kind.nuisance == "offset")
 
 

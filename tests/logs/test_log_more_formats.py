@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import sqlite3
 import zipfile
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ def database(path: Path, rows: slice = slice(None), packed: bool = False, defini
     """Write what `ros2 bag record -s sqlite3` writes; `packed`: with --compression-mode message."""
     encode = encoder(KIND, joint_state_schema().decode())
     squeeze = zstandard.ZstdCompressor().compress if packed else bytes
-    with sqlite3.connect(path) as base:
+    with closing(sqlite3.connect(path)) as base, base:
         base.execute("CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL)")
         base.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
         base.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
@@ -45,7 +46,6 @@ def database(path: Path, rows: slice = slice(None), packed: bool = False, defini
             for k, message in ((1, link), (2, motor)):
                 made = (k, stamp, squeeze(encode(message)))
                 base.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES(?, ?, ?)", made)
-    base.close()
     return path
 
 

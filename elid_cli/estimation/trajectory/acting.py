@@ -93,12 +93,12 @@ def acting(effects: Sequence[Effect], scene: Scene) -> Acting:
     """Return what effects do along a scene, amplitude by amplitude."""
     shape = (sum(len(effect.amplitudes) for effect in effects), scene.samples, scene.robot.n)
     push, grip = np.zeros((2, *shape))
-    creeping, direction = _creeping(scene) if any(effect.holds for effect in effects) else (scene, np.zeros(0))
+    creeping, direction = _creeping(scene) if any(effect.holds() for effect in effects) else (scene, np.zeros(0))
     first = 0
     for effect in effects:
         last = first + len(effect.amplitudes)
-        for row, columns in effect.columns(creeping if effect.holds else scene).items():
-            if effect.holds:
+        for row, columns in effect.columns(creeping if effect.holds() else scene).items():
+            if effect.holds():
                 grip[first:last, :, row.joint] += columns * direction[:, row.joint]
             else:
                 push[first:last, :, row.joint] += columns

@@ -37,7 +37,8 @@ class Db3Log(McapLog):
         for number, source in enumerate(self._sources):
             container = Container(budget=Budget(source.name, source.size))
             try:
-                with closing(_connected(source, container.budget)) as base:
+                with closing(_opened(source, container.budget)) as base:
+                    _restrict(base, source, container.budget)
                     yield from ((container, messages) for messages in _messages(base, container))
             except sqlite3.Error as error:
                 self.losses.append(f"{source.name}: the database is damaged ({str(error).lower()[:80]})")
@@ -45,9 +46,8 @@ class Db3Log(McapLog):
                 self._sources[0].tell((number + 1) / len(self._sources))
 
 
-def _connected(source: Source, budget: Budget) -> sqlite3.Connection:
-    """Return the database, in which nothing but plain tables is read, within the file's budget."""
-    base = _opened(source, budget)
+def _restrict(base: sqlite3.Connection, source: Source, budget: Budget) -> None:
+    """Keep reading within the file's budget, and refuse what is not a plain table."""
     base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(budget.most, LONGEST))
     base.set_progress_handler(_Patience(source.size), INSTRUCTIONS)
     kinds = {name: kind for name, kind in base.execute("SELECT name, type FROM sqlite_master")}
@@ -57,7 +57,6 @@ def _connected(source: Source, budget: Budget) -> sqlite3.Connection:
             raise sqlite3.DatabaseError(f"no table {table}")
         if any(column[6] for column in base.execute(f"PRAGMA table_xinfo({table})")):
             raise sqlite3.DatabaseError(f"columns of {table} are computed")
-    return base
 
 
 class _Patience:
@@ -79,7 +78,11 @@ def _opened(source: Source, budget: Budget) -> sqlite3.Connection:
     if data.startswith(ZSTD_MAGIC):
         data = _unzstd(data, budget)
     base = sqlite3.connect(":memory:")
-    base.deserialize(data)
+    try:
+        base.deserialize(data)
+    except sqlite3.Error:
+        base.close()
+        raise
     return base
 
 

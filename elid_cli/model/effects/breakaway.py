@@ -29,7 +29,7 @@ def breakaway(robot: Robot, spec: EffectSpec) -> float:
         See `resolve`.
     """
     kind, joint = resolve(robot, spec)
-    if kind.in_simulators != "friction" or kind.place != "motor":
+    if kind.acts_as != "friction" or not kind.holds():
         return 0.0
     scene = _slowly(robot)
     linear, shape = kind.coefficients(scene, joint, spec.parameters)

@@ -135,8 +135,6 @@ class Effect(ABC):
     """Whether `Scene.predicted` has to hold the torque of the effects, too, its own among them."""
     memory: ClassVar[bool] = False
     """Whether the effect has an internal state (see `MemoryEffect`)."""
-    holds: ClassVar[bool] = False
-    """Whether it is Coulomb friction, which holds a joint at rest: a size times the direction of motion."""
     searched: ClassVar[bool] = True
     """Whether a diagnosis tries the effect by itself."""
     corrects: ClassVar[Channel | None] = None
@@ -155,9 +153,10 @@ class Effect(ABC):
     """Why the effect stays in the model where part of the log speaks against naming it; empty: it does not stay."""
     members: ClassVar[Mapping[str, Member]] = {}
     """Nested members of a family, the simplest first, by their published names; see `friction_family`."""
-    in_simulators: ClassVar[Literal["", "friction", "torque"]] = ""
-    """How a simulator that lacks the effect applies it from its parameters (docs/how-to/mujoco_effects.py): as a size
-    of dry friction, as a torque; empty: not at all."""
+    acts_as: ClassVar[Literal["", "torque", "friction", "directed friction"]] = ""
+    """What it is to a simulator that lacks it and applies it from its parameters (docs/how-to/mujoco_effects.py): a
+    torque; dry friction of a size; dry friction of unlike sizes forwards and backwards, which simulators do not know and
+    apply as a torque; empty: nothing that can be applied. Dry friction of a motor holds its joint at rest."""
     simulated: ClassVar[Simulated] = "torque"
     """Which of the simulator's hooks brings the effect into a simulated log."""
 
@@ -189,6 +188,11 @@ class Effect(ABC):
     def distinct(cls, scene: Scene, joint: int, shape: Sequence[float], present: Sequence[Sequence[float]]) -> bool:
         """Return whether the effect can stand at a joint in this shape, too, beside those with shapes `present`."""
         return not present
+
+    @classmethod
+    def holds(cls) -> bool:
+        """Whether it is dry friction of a motor: a size times the direction of motion, which holds a joint at rest."""
+        return cls.place == "motor" and cls.acts_as in ("friction", "directed friction")
 
     @classmethod
     def whole_curves(cls, scene: Scene, joint: int, shape: Sequence[float]) -> tuple[Shapes, ...]:

@@ -156,7 +156,7 @@ def keeping(robot: Robot, word: str, effects: Iterable[str] = ()) -> tuple[str, 
     kinds = [effect_classes()[name] for name in effects]
     if not kinds:
         return options
-    held = all(kind.in_simulators or kind.nuisance == "delay" for kind in kinds)
+    held = all(kind.acts_as or kind.nuisance == "delay" for kind in kinds)
     return (*options, *(("--write-actuators", f"{robot.name}-{word}.json") if held else ("--drop-effects",)))
 
 

@@ -23,7 +23,7 @@ class Backlash(Effect):
     fingerprint = "motor row high with the sum row at its floor, odd in the deflection, a plateau of torque around zero"
     record = "torques that change sign often and slowly: gravity on both sides, or contact with either flank"
     place = "spring"
-    in_simulators = "torque"
+    acts_as = "torque"
     elastic_only = True
     amplitudes = (
         Parameter(

@@ -22,7 +22,7 @@ class CubicStiffness(Effect):
     fingerprint = "motor row high with the sum row at its floor, odd in the deflection and curved, no plateau at zero"
     record = "loads up to the rated torque in both directions, slowly"
     place = "spring"
-    in_simulators = "torque"
+    acts_as = "torque"
     elastic_only = True
     amplitudes = (Parameter("cubic", "N·m/rad³", "coefficient of the deflection's cube"),)
     example = {"cubic": 4000000.0}

@@ -20,7 +20,7 @@ class LinkCoulomb(Effect):
     fingerprint = "sum row high with the motor row at its floor, along the sign of the link's velocity"
     record = "slow reversals with link and motor encoders; without elasticity it is the motor's own friction"
     place = "link"
-    in_simulators = "friction"
+    acts_as = "friction"
     elastic_only = True
     amplitudes = (Parameter("friction", "N·m", "friction torque while the link moves", low=0.0),)
     example = {"friction": 1.5}

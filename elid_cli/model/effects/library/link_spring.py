@@ -20,7 +20,7 @@ class LinkSpring(Effect):
     fingerprint = "sum row high with the motor row at its floor, a function of the link's angle alone, at rest too"
     record = "the joint's full range, with slow and fast passes: gravity of the same shape comes with inertia"
     place = "link"
-    in_simulators = "torque"
+    acts_as = "torque"
     amplitudes = (
         Parameter("stiffness", "N·m/rad", "torque per angle"),
         Parameter("preload", "N·m", "torque at q = 0; -preload/stiffness is the angle at which the spring is at rest"),

@@ -18,7 +18,7 @@ class LinkViscous(Effect):
     fingerprint = "sum row high with the motor row at its floor, along the link's velocity"
     record = "fast motion with link and motor encoders; without elasticity it is the motor's own friction"
     place = "link"
-    in_simulators = "torque"
+    acts_as = "torque"
     elastic_only = True
     amplitudes = (Parameter("friction", "N·m·s/rad", "friction torque per link velocity", low=0.0),)
     example = {"friction": 0.8}

@@ -19,8 +19,7 @@ class PositionFriction(Harmonic):
     fingerprint = "motor and sum rows, periodic in the angle, and its sign flips with the direction of motion"
     record = "whole turns of the joint, or its full range, in both directions at low speed"
     place = "motor"
-    in_simulators = "friction"
-    holds = True
+    acts_as = "friction"
     amplitudes = (Parameter("amplitude", "N·m", "how far Coulomb friction swings about its mean", low=0.0), PHASE)
     shapes = (ORDER,)
     example = {"amplitude": 0.5, "phase": -2.0, "order": 3.0}

@@ -49,7 +49,7 @@ class ServoFriction(Effect):
     fingerprint = "motor and sum rows, odd in velocity, more under load and at low speed"
     record = "slow and fast motion in both directions under different loads, lifting as well as lowering"
     place = "motor"
-    in_simulators = "friction"
+    acts_as = "friction"
     amplitudes = (
         Parameter("static", "N·m", "K_cs: friction beyond Coulomb's at no speed", low=0.0),
         Parameter("motor", "1", "K_m: friction per motor torque; without direction K_l, of motor torque and load"),

@@ -36,8 +36,7 @@ class Stribeck(Effect):
     fingerprint = "motor and sum rows, odd in velocity, within three Stribeck velocities of standstill"
     record = "slow passes through zero speed in both directions, and steady slow motion"
     place = "motor"
-    in_simulators = "friction"
-    holds = True
+    acts_as = "friction"
     amplitudes = (Parameter("amplitude", "N·m", "friction beyond Coulomb and viscous, at zero speed"),)
     shapes = (
         Parameter("velocity", "rad/s", "speed over which it fades", low=1e-4),

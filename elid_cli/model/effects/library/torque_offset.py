@@ -22,7 +22,7 @@ class TorqueOffset(Effect):
     fingerprint = "motor and sum rows, constant in everything"
     record = "rests as well as motion in both directions: asymmetric friction vanishes at rest, an offset does not"
     place = "motor"
-    in_simulators = "torque"
+    acts_as = "torque"
     of_channel = True
     amplitudes = (Parameter("offset", "N·m", "torque that the log holds beyond what the joint needs"),)
     nuisance = "offset"

@@ -21,7 +21,7 @@ class TorqueRipple(Harmonic):
     fingerprint = "motor and sum rows, periodic in the motor's angle whatever the direction of motion"
     record = "slow steady motion in both directions, slow enough that the ripple stays below the filter's cut-off"
     place = "motor"
-    in_simulators = "torque"
+    acts_as = "torque"
     amplitudes = (Parameter("amplitude", "N·m", "height of the ripple", low=0.0), PHASE)
     shapes = (ORDER,)
     example = {"amplitude": 0.8, "phase": 2.5, "order": 12.0}

@@ -18,7 +18,7 @@ class TransmissionDamping(Effect):
     fingerprint = "motor row high with the sum row at its floor, along the deflection's rate"
     record = "motion that makes the joint vibrate (jerky steps), link encoder and torque on one clock"
     place = "spring"
-    in_simulators = "torque"
+    acts_as = "torque"
     elastic_only = True
     amplitudes = (Parameter("damping", "N·m·s/rad", "damping torque per deflection rate", low=0.0),)
     example = {"damping": 8.0}
