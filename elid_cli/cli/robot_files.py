@@ -175,10 +175,9 @@ def _without(
 
 def _late(found: Identification) -> bool:
     """Whether parameters are those beside a delay between commands and motion, without which they are others."""
-    from elid_cli.model.effects import effect_that
+    from elid_cli.model.effects import nuisance_of
 
-    delay = effect_that(nuisance="delay").name
-    return found.estimator == "trajectory" and any(item.effect == delay for item in found.nuisances)
+    return found.estimator == "trajectory" and any(nuisance_of(item.effect) == "delay" for item in found.nuisances)
 
 
 def _nuisances() -> set[str]:

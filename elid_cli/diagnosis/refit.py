@@ -17,10 +17,10 @@ from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.refined_robot import identified_robot
-from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.standard_errors import covariance_of
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification
 from elid_cli.estimation.stretches import STRETCHES
+from elid_cli.model.effects import nuisance_of
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
@@ -97,7 +97,7 @@ def _identified_again(
     if state.known is not None:
         return at_search, None
     described_ = described(robot, state)
-    held = tuple(spec for spec in described_.effects if spec.effect != DELAY)
+    held = tuple(spec for spec in described_.effects if nuisance_of(spec.effect) != "delay")
     try:
         found = identify(replace(described_, effects=held), signals, EstimateOptions(hold=HELD))
     except DataError:  # too few instants at the lower cut-off

@@ -11,7 +11,6 @@ from elid_cli._types import Array
 from elid_cli.estimation.data import FitData, sum_row
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.judgement import JointError
-from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.other_shapes import sentences
 from elid_cli.estimation.regression.standard_errors import freedom
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, records
@@ -125,7 +124,7 @@ def _nuisances(fit: DefaultFit) -> tuple[tuple[Nuisance, ...], Array]:
     for k, extra in enumerate(fit.nuisances):
         joint = sum_row(extra).joint
         kind = effect_classes()[extra.name].amplitudes[0].name
-        value = float(delays[joint] if extra.name == DELAY else fit.solution.values[p + k])
+        value = float(delays[joint] if extra.nuisance == "delay" else fit.solution.values[p + k])
         found.append(Nuisance(extra.name, robot.joints[joint].name, {kind: value}, {kind: _deviation(fit, p + k)}))
     return tuple(found), delays
 

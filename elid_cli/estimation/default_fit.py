@@ -19,7 +19,7 @@ from elid_cli.estimation.regression.covariance import lasting_weights
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of, with_effects
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.least_squares import Solution, reweighted
-from elid_cli.estimation.regression.nuisances import DELAY, LONGEST, OFFSET, reading_columns, short_enough, significant
+from elid_cli.estimation.regression.nuisances import LONGEST, reading_columns, short_enough, significant
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.other_shapes import check_shape_ambiguity, triangles_with_effects
 from elid_cli.estimation.regression.standard_errors import amplitudes_of, covariance_of
@@ -27,6 +27,7 @@ from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.model.base_parameters import BaseParameters
+from elid_cli.model.effects import nuisance_of
 from elid_cli.model.effects.declared import declared_effects
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.parameter import StandardParameter
@@ -104,7 +105,7 @@ class DefaultFit:
         """Delay of every torque channel that the nuisances still correct, s, (n,)."""
         late = np.zeros(self.model.robot.n)
         for k, extra in enumerate(self.nuisances):
-            if extra.name == DELAY:
+            if extra.nuisance == "delay":
                 late[sum_row(extra).joint] = self.solution.values[self.model.parameters + k]
         return late
 
@@ -237,9 +238,13 @@ def with_delays(fit: DefaultFit, options: EstimateOptions) -> DefaultFit:
     A sharper estimator may: without them, rotor inertias and viscous friction would be bent by what is left of one. Not
     those that came out longer than any channel's, nor those that the robot file declares.
     """
-    had = {sum_row(extra).joint for extra in fit.nuisances if extra.name == DELAY}
+    had = {sum_row(extra).joint for extra in fit.nuisances if extra.nuisance == "delay"}
     names = fit.model.robot.joint_names
-    had |= {names.index(spec.joint) for spec in fit.model.robot.effects if spec.effect == DELAY and spec.joint in names}
+    had |= {
+        names.index(spec.joint)
+        for spec in fit.model.robot.effects
+        if nuisance_of(spec.effect) == "delay" and spec.joint in names
+    }
     missing = [e for e in fit.data.delays() if sum_row(e).joint not in had]
     while missing and options.delays:
         nuisances = (*fit.nuisances, *missing)
@@ -263,7 +268,7 @@ def _borne_out(
     Noise in accelerations pulls a mass towards 0, and an offset then takes up its weight: significant, and wrong.
     """
     robot = data.model.robot
-    for extra in [e for e in nuisances if e.name == OFFSET]:
+    for extra in [e for e in nuisances if e.nuisance == "offset"]:
         name = robot.joint_names[sum_row(extra).joint]
         fewer = [e for e in nuisances if e is not extra]
         errors = []

@@ -21,13 +21,14 @@ from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
 from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.motor_side.door import asked_motor_side, below_resonance, with_motor_side
-from elid_cli.estimation.regression.nuisances import DELAY, SIGNIFICANT
+from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
 from elid_cli.estimation.sanity import physics_warnings
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
 from elid_cli.model.base_parameters import find_base
+from elid_cli.model.effects import nuisance_of
 from elid_cli.model.effects.declared import as_observed, with_lost_effects
 from elid_cli.model.effects.tilt import declared_tilt, is_tilt, levelled, settled, tilted, untilted
 from elid_cli.model.regressor import Regressor
@@ -316,8 +317,10 @@ def _accurate(
         return replace(found, notes=(*found.notes, note))
     every = [(n, *better.nuisance(k)) for k, n in enumerate(result.nuisances)]
     beyond = [abs(value) > SIGNIFICANT * deviation for _, value, deviation in every]
-    late = any(sure and n.effect == DELAY for (n, _, _), sure in zip(every, beyond, strict=True))
-    firm = [n for k, (n, _, _) in enumerate(every) if k < told or beyond[k] or (late and n.effect == DELAY)]
+    late = any(sure and nuisance_of(n.effect) == "delay" for (n, _, _), sure in zip(every, beyond, strict=True))
+    firm = [
+        n for k, (n, _, _) in enumerate(every) if k < told or beyond[k] or (late and nuisance_of(n.effect) == "delay")
+    ]
     return replace(
         result, nuisances=tuple(firm), estimator="accurate", notes=(*result.notes, note), warnings=found.warnings
     )

@@ -17,7 +17,6 @@ from elid_cli.estimation.default_fit import solve_with
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of
 from elid_cli.estimation.regression.known_columns import KnownColumns
 from elid_cli.estimation.regression.least_squares import Solution, reweighted, solve
-from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stretches import STRETCHES
@@ -152,7 +151,7 @@ class State:
         return {
             sum_row(extra).joint: float(self.solution.values[first + k])
             for k, extra in enumerate(self.nuisances)
-            if extra.name == DELAY
+            if extra.nuisance == "delay"
         }
 
     @cached_property

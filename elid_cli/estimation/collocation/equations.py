@@ -14,7 +14,6 @@ from elid_cli.estimation.collocation.problem import Setting, States
 from elid_cli.estimation.collocation.states import fill, moved_together, slots_of
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import FittedEffects
-from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import EquationRow, Scene, direction_widths
@@ -282,7 +281,7 @@ class RobotEquations:
         for number, extra in enumerate(self._fit.nuisances, start=self._model.parameters):
             if number not in self._place:
                 continue
-            rates = self._layout.rates[states.piece] if extra.name == DELAY else None
+            rates = self._layout.rates[states.piece] if extra.nuisance == "delay" else None
             for row in extra.rows:
                 known = row in self._row and row.kind != "sum"
                 if known or (row.kind == "sum" and not self._model.robot.joints[row.joint].elastic):

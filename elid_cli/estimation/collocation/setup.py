@@ -12,7 +12,6 @@ from elid_cli.estimation.collocation.equations import RobotEquations, UnknownsLa
 from elid_cli.estimation.collocation.problem import CollocationSegment, Iterate, Problem, Setting
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import FittedEffects
-from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.model.effects.declared import amplitude_prior, declared_effects
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.parameter import StandardParameter
@@ -168,7 +167,7 @@ class Setup:
         """Return every torque channel's delay in the fit, s, and whether it is an unknown here too, (n,) each."""
         delays, free = np.zeros(self.fit.model.robot.n), np.zeros(self.fit.model.robot.n, dtype=bool)
         for k, extra in enumerate(self.fit.nuisances):
-            if extra.name == DELAY:
+            if extra.nuisance == "delay":
                 joint, column = next(iter(extra.rows)).joint, self.fit.model.parameters + k
                 delays[joint], free[joint] = self.fit.solution.values[column], column in self.p_columns
         return delays, free

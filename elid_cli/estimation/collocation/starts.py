@@ -21,7 +21,6 @@ from elid_cli.estimation.collocation.gauss_newton import Outcome, iterate
 from elid_cli.estimation.collocation.problem import Iterate, States
 from elid_cli.estimation.collocation.setup import SHAPE_SPREAD, Setup
 from elid_cli.estimation.default_fit import DefaultFit
-from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.other_shapes import APART, explains_as_well
 
 MOVES = np.linspace(-1.6, 1.6, 9)
@@ -181,7 +180,7 @@ def values_of(setup: Setup, outcome: Outcome) -> Array:
     values = np.zeros(fit.triangles.width)
     values[setup.p_columns] = outcome.p
     for k, extra in enumerate(fit.nuisances):  # a delay that is no unknown stays as it was fitted
-        if extra.name == DELAY and fit.model.parameters + k not in setup.p_columns:
+        if extra.nuisance == "delay" and fit.model.parameters + k not in setup.p_columns:
             values[fit.model.parameters + k] = fit.solution.values[fit.model.parameters + k]
     return values
 

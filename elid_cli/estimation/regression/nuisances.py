@@ -117,7 +117,7 @@ def significant(
         if len(where) and solution.determined(parameters + k):
             values[k] = solution.values[parameters + k]
             deviations[k] = np.sqrt(covariance[where[0], where[0]])
-    delays = np.array([extra.name == DELAY for extra in nuisances], dtype=bool)
+    delays = np.array([extra.nuisance == "delay" for extra in nuisances], dtype=bool)
     firm = beyond_doubt(values, deviations, delays, dt, longest, late=late)
     return [e for e, kept in zip(nuisances, firm, strict=True) if kept]
 

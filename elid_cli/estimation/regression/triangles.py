@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation, RowGroup
 from elid_cli.lapack import lapack
+from elid_cli.model.effects import nuisance_of
+from elid_cli.model.effects.effect import Nuisance
 from elid_cli.model.regressor import EstimationRow
 
 _SLICE, _PANEL = 2048, 8
@@ -35,6 +37,11 @@ class ExtraColumns:
         """Number of columns d; an effect outside the log acts in no row but keeps its amplitudes."""
         first = next(iter(self.rows.values()), None)
         return len(self.units) if first is None else first.shape[0]
+
+    @property
+    def nuisance(self) -> Nuisance | None:
+        """Which fault of a torque channel or sensor they are; None: another effect."""
+        return nuisance_of(self.name)
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ class TriangleData:
 
     def numbers(self, nuisances: Sequence[ExtraColumns]) -> list[int]:
         """Return the numbers of nuisances among a robot's: k < n the delay of channel k, from n on the offsets."""
-        return [sum_row(extra).joint + (self.merged.joints if extra.name == OFFSET else 0) for extra in nuisances]
+        return [sum_row(extra).joint + (self.merged.joints if extra.nuisance == "offset" else 0) for extra in nuisances]
 
     def triangles(self, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None) -> Triangles:
         """See `FitData`."""

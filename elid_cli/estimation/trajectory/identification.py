@@ -84,7 +84,7 @@ def unsuited(robot: Robot) -> str:
             return f"{joint.name} has a gear_ratio: this fit finds the reflected inertia Ja"
     for spec in robot.effects:
         kind, _ = resolve(robot, spec)
-        if not can_act(kind) and spec.effect not in (_offset(), _delay()):
+        if not can_act(kind) and kind.nuisance not in ("offset", "delay"):
             return f"it does not hold the effect {spec.effect} that the robot file declares"
     return ""
 

@@ -11,7 +11,7 @@ import pkgutil
 from functools import cache
 
 from elid_cli.model.effects import library
-from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.effect import Effect, Nuisance
 
 
 @cache
@@ -29,6 +29,12 @@ def effect_classes() -> dict[str, type[Effect]]:
 def effect_that(**says: object) -> type[Effect]:
     """Return the effect whose attributes are these: ``effect_that(nuisance="delay")``."""
     return next(kind for kind in effect_classes().values() if all(getattr(kind, k) == v for k, v in says.items()))
+
+
+def nuisance_of(name: str) -> Nuisance | None:
+    """Return which fault of a torque channel or sensor an effect is; None for another one, or for no effect."""
+    kind = effect_classes().get(name)
+    return None if kind is None else kind.nuisance
 
 
 def twins_of(kind: type[Effect]) -> tuple[str, ...]:

@@ -155,8 +155,8 @@ class Effect(ABC):
     """Nested members of a family, the simplest first, by their published names; see `friction_family`."""
     acts_as: ClassVar[Literal["", "torque", "friction", "directed friction"]] = ""
     """What it is to a simulator that lacks it and applies it from its parameters (docs/how-to/mujoco_effects.py): a
-    torque; dry friction of a size; dry friction of unlike sizes forwards and backwards, which simulators do not know and
-    apply as a torque; empty: nothing that can be applied. Dry friction of a motor holds its joint at rest."""
+    torque; dry friction of a size; dry friction of unlike sizes forwards and backwards, which simulators do not know
+    and apply as a torque; empty: nothing that can be applied. Dry friction of a motor holds its joint at rest."""
     simulated: ClassVar[Simulated] = "torque"
     """Which of the simulator's hooks brings the effect into a simulated log."""
 

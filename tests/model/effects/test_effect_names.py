@@ -41,3 +41,25 @@ def test_no_file_but_its_own_names_an_effect(path: Path) -> None:
     if path.parent != LIBRARY:
         modules = [n.module or "" for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
         assert not [name for name in modules if name.startswith("elid_cli.model.effects.library.")]
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_no_file_compares_the_names_of_effects_that_it_looked_up(path: Path) -> None:
+    """What an effect is, it is asked: `nuisance_of`, not ``name == effect_that(…).name``."""
+    tree = ast.parse(path.read_text("utf-8"))
+    names = {
+        target.id
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("effect_that(")
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    } | {"DELAY", "OFFSET", "READING_GAIN", "READING_OFFSET"}
+    if path.parts[-3:-1] == ("logs", "repair"):
+        names -= {"OFFSET"}  # of a grid
+    equalities = (
+        part
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.Eq | ast.NotEq)
+        for part in (node.left, *node.comparators)
+    )
+    assert not [ast.unparse(part) for part in equalities if isinstance(part, ast.Name) and part.id in names]
