@@ -55,10 +55,12 @@ class Dynamics:
         self, robot: Robot, parameters: Array | None = None, *, friction_width: float = DIRECTION_WIDTH
     ) -> None:
         self.robot = robot
+        self._friction_width = friction_width
         self.model = Regressor(robot)
         self.parameters = _known(self.model, robot.reference() if parameters is None else parameters)
-        self._widths = direction_widths(robot, friction_width)
-        self._width_list: list[float] = self._widths.tolist()
+        self.widths = direction_widths(robot, friction_width)
+        """Speed over which each joint's Coulomb friction is rounded, shape (n,)."""
+        self._width_list: list[float] = self.widths.tolist()
         self._values = dict(zip(self.model.names, self.parameters.tolist(), strict=True))
         self._folded = NumericEquations(robot, self.model.terms, self._values)
         self.elastic = self._folded.elastic
@@ -168,6 +170,14 @@ class Dynamics:
             motors.append(f"m{number} = {out[place + number]}{terms}")
         return [*lines, *core, *solved, *motors], [*ddq, *(f"m{k}" for k in range(len(motors)))]
 
+    def described_by(self, parameters: Array) -> Dynamics:
+        """Return the same robot with other standard parameters (p,)."""
+        return Dynamics(self.robot, parameters, friction_width=self._friction_width)
+
+    def value(self, parameter: StandardParameter) -> float:
+        """Return a parameter's value, 0 where the robot has no such parameter."""
+        return float(self._values.get(parameter, 0.0))
+
     def mass_matrix(self, q: Vector) -> Array:
         """Return the mass matrix of eq. (8), rows and columns q then θ of the elastic joints, shape (n+m, n+m)."""
         n, m = self.robot.n, len(self.elastic)
@@ -192,7 +202,7 @@ class Dynamics:
                 for link in range(3):
                     columns[link + 3][0, k] = columns[link][0, k]
         inputs = inputs_of(Motion(np.zeros(1), *columns))
-        inputs[7::9, 0] = np.tanh(inputs[5::9, 0] / self._widths)
+        inputs[7::9, 0] = np.tanh(inputs[5::9, 0] / self.widths)
         out = self._inverse(inputs[:, 0].tolist())
         return out[: self.robot.n], out[self.robot.n :]
 
@@ -216,7 +226,7 @@ class Dynamics:
         """
         n = self.robot.n
         inputs = inputs_of(Motion(np.zeros(q.shape[0]), q, dq, ddq, q, dq, ddq))
-        inputs[7::9] = np.tanh(inputs[5::9] / (_WIDE * self._widths[:, None]))
+        inputs[7::9] = np.tanh(inputs[5::9] / (_WIDE * self.widths[:, None]))
         out = np.empty((2 * n, q.shape[0]))
         self.inverse_program.run(inputs, out)
         total = out[:n] + out[n:]

@@ -121,6 +121,7 @@ def follow(
     clock: Clock,
     *,
     continuous: bool,
+    accuracy: float = 1.0,
     progress: Callable[[float], None] | None = None,
 ) -> Trace:
     """Run the loop from state `x` and return what happened at every sample.
@@ -139,6 +140,8 @@ def follow(
         Time steps.
     continuous
         Whether the controller acts at every instant; otherwise its torque is held over a period.
+    accuracy
+        Factor by which steps are finer than the default.
     progress
         Called with the fraction done.
 
@@ -154,6 +157,8 @@ def follow(
     stages = 2 * steps if continuous else 1
     for _, system in phases:
         system.prepare(4 * steps * periods)
+        if not continuous:
+            system.hold(period, steps, accuracy)
     for first in range(0, periods, _CHUNK):
         count = min(_CHUNK, periods - first)
         plan = controller.plan(period * (first + np.arange(count * stages + 1) / stages))

@@ -9,6 +9,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.experiment.simulation.effects_at_work import ActiveEffect, Stage
+from elid_cli.experiment.simulation.exponential import ExactSprings
 from elid_cli.experiment.simulation.kernel import Kernel
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.kinds import OscillatorEffect
@@ -53,6 +54,8 @@ class System:
             size += count
         self.size = size
         self._kernel: Kernel | None = None
+        self._exact: ExactSprings | None = None
+        self._last: tuple[list[float], list[float], list[float]] | None = None
 
     def reset(self) -> None:
         """Let effects with memory begin anew."""
@@ -72,9 +75,28 @@ class System:
     def prepare(self, evaluations: int) -> None:
         """Make ready for so many evaluations of the dynamics: what has no effects runs as one function."""
         self._kernel = None if self._effects else Kernel(self.dynamics, evaluations)
+        self._exact = self._last = None
+
+    def hold(self, period: float, steps: int, accuracy: float) -> None:
+        """Make ready for torques that are held over periods (s), for which classical steps must be so many.
+
+        Where stiff modes or friction ask for more of them than everything else does, springs are taken exactly.
+        """
+        if self._kernel is not None and steps > math.ceil(period / LONGEST_STEP * accuracy):
+            self._exact = ExactSprings(self.dynamics, self._kernel, period, accuracy)
+
+    @property
+    def longest(self) -> float | None:
+        """The longest step where springs are taken exactly, s; else None."""
+        return None if self._exact is None else self._exact.longest
 
     def advance(self, t: float, h: float, steps: int, x: list[float], tau: list[float]) -> list[float]:
         """Return the state after some steps of h s with torques that are held."""
+        if self._exact is not None and self._kernel is not None:
+            known = self._last if self._last is not None and self._last[0] is x and self._last[1] is tau else None
+            now = self._exact.advance(x, tau, self._kernel.accelerations(x, tau) if known is None else known[2])
+            if all(map(math.isfinite, now)):
+                return now
         if self._kernel is not None:
             now = list(self._kernel.advance(x, tau, h, steps))
             if all(map(math.isfinite, now)):
@@ -100,6 +122,7 @@ class System:
         if self._kernel is not None:
             found = list(self._kernel.accelerations(x, tau))
             if all(map(math.isfinite, found)):
+                self._last = (x, tau, found)  # a step that begins here need not ask again
                 return found[: self._n], found[self._n :], []
         q, dq, theta, dtheta = self.split(x)
         deflection = [a - b for a, b in zip(q, theta, strict=True)]

@@ -1,6 +1,6 @@
 """The robot without effects as one straight-line function per controller period, compiled where Numba is installed.
 
-It is the arithmetic of `System.step` written out: the same operations in the same order, without lists in between.
+It is the arithmetic of `System.step` written out, without lists in between, for the robot in its base parameters.
 """
 
 from __future__ import annotations
@@ -11,6 +11,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.model.base_parameters import find_base
 from elid_cli.model.dynamics import Dynamics
 
 WORTH = 200_000
@@ -32,16 +36,18 @@ class Kernel:
 
     def __init__(self, dynamics: Dynamics, evaluations: int) -> None:
         self.compiled = evaluations >= WORTH and importlib.util.find_spec("numba") is not None
-        sources = _sources(dynamics)
+        sources = _sources(_regrouped(dynamics))
         # Numba keeps what it compiled by name, place and bytecode, which does not hold the numbers: the name must
         mark = hashlib.sha256("".join(text for _, text in sources).encode()).hexdigest()[:16]
-        scope: dict[str, Any] = {"__name__": __name__, "sin": math.sin, "cos": math.cos, "tanh": math.tanh}
+        scope: dict[str, Any] = {"__name__": __name__, "sin": math.sin, "cos": math.cos, "tanh": math.tanh, "np": np}
         for name, text in sources:
             marked = text.replace(f"def {name}(", f"def {name}_{mark}(", 1)
             exec(compile(marked, __file__, "exec"), scope)  # the text holds nothing but the names below and numbers
             scope[name] = _compiled(scope[f"{name}_{mark}"]) if self.compiled else scope[f"{name}_{mark}"]
         self._accelerations: Callable[..., Numbers] = scope["accelerations"]
         self._advance: Callable[..., Numbers] = scope["advance"]
+        self.through: Callable[..., Array] | None = scope["through"] if self.compiled else None
+        """Steps of `ExactSprings`, where compiled."""
 
     def accelerations(self, x: Sequence[float], tau: Sequence[float]) -> Numbers:
         """Return q'' and θ'' of the elastic joints at a state of `System`; not finite where there are none."""
@@ -50,6 +56,14 @@ class Kernel:
     def advance(self, x: Sequence[float], tau: Sequence[float], h: float, steps: int) -> Numbers:
         """Return the state after some steps of h s; not finite where the motion gets no further."""
         return _tried(self._advance, h, steps, *x, *tau)
+
+
+def _regrouped(dynamics: Dynamics) -> Dynamics:
+    """Return the same robot described by its base parameters alone, all others 0: the same motion, fewer operations."""
+    base = find_base(dynamics.model)
+    parameters = np.zeros_like(dynamics.parameters)
+    parameters[base.leaders] = base.transform @ dynamics.parameters
+    return dynamics.described_by(parameters)
 
 
 def _compiled(function: Callable[..., Numbers]) -> Callable[..., Numbers]:
@@ -83,7 +97,11 @@ def _sources(dynamics: Dynamics) -> list[tuple[str, str]]:
     nothing = f"return {', '.join(['1e999'] * half)},"
     lines += [line.split("return")[0] + nothing if "return" in line else line for line in statements]
     lines.append(f"return {', '.join(results)},")  # a tuple of one, too
-    return [("accelerations", "\n ".join(lines)), ("advance", _runge_kutta(half, state, torque))]
+    return [
+        ("accelerations", "\n ".join(lines)),
+        ("advance", _runge_kutta(half, state, torque)),
+        ("through", _exponential(half, n)),
+    ]
 
 
 def _runge_kutta(half: int, state: Sequence[str], torque: Sequence[str]) -> str:
@@ -105,3 +123,29 @@ def _runge_kutta(half: int, state: Sequence[str], torque: Sequence[str]) -> str:
     lines += [f"  x{i} = z{i}" for i in range(2 * half)]
     lines.append(f" return {', '.join(state)}")
     return "\n".join(lines)
+
+
+def _exponential(half: int, n: int) -> str:
+    """Return `ExactSprings._stepped`; a sum runs in the order of its terms."""
+
+    def rates(place: str, source: str) -> list[str]:
+        states = [f"{source}[{i}]" for i in range(2 * half)]
+        return [f"found = accelerations({', '.join([*states, *(f'tau[{k}]' for k in range(n))])})",
+                *(f"z[{place} + {i}] = found[{i}]" for i in range(half))]  # fmt: skip
+
+    def product(matrix: str, width: str, source: str, store: str) -> list[str]:
+        return [f"for i in range({matrix}.shape[0]):", " total = 0.0", f" for j in range({width}):",
+                f"  total += {matrix}[i, j] * {source}[j]", f" {store}"]  # fmt: skip
+
+    size = 2 * half
+    lines = [f"z, x, at = np.empty({size + 4 * half}), x.copy(), np.empty({size})", "for number in range(steps):"]
+    step = [f"z[:{size}] = x", "if number == 0:", f" z[{size}:{size + half}] = start", "else:",
+            *(f" {line}" for line in rates(str(size), "x")),
+            *product("linear", str(size), "x", f"z[{size} + i] -= total")]  # fmt: skip
+    for stage, weight in enumerate(("first", "second", "third"), 1):
+        end = size + stage * half
+        step += [*product(weight, str(end), "z", "at[i] = total"), *rates(str(end), "at"),
+                 *product("linear", str(size), "at", f"z[{end} + i] -= total")]  # fmt: skip
+    step += product("last", str(size + 4 * half), "z", "x[i] = total")
+    head = "def through(x, tau, start, linear, first, second, third, last, steps):"
+    return "\n ".join([head, *lines, *(f" {line}" for line in step), "return x"])

@@ -80,7 +80,9 @@ class Simulation:
     """Link positions that were asked for, shape (N, n)."""
     gains: Gains
     step: float
-    """Integration step, s."""
+    """Integration step, the longest where steps differ, s."""
+    exact_springs: bool
+    """Whether springs were taken exactly (`ExactSprings`); else the classical Runge-Kutta scheme took all."""
     period: float
     """Controller's sample time, s."""
     facts: tuple[JointFacts, ...]
@@ -136,14 +138,18 @@ def run(
     theta = positions[0] + np.nan_to_num(first.dynamics.gravity(positions[:1])[0] / first.dynamics.stiffness)
     trace = follow(
         phases, controller, first.initial(positions[0], theta), samples, clock,
-        continuous=options.control.continuous, progress=progress,
+        continuous=options.control.continuous, accuracy=options.accuracy, progress=progress,
     )  # fmt: skip
     motion = _motion(trace)
     recording = _recording(robot, motion, trace, effects, dt, options)
     asked = reference.evaluate(motion.t)[0]
     facts = _facts(recording, motion, asked, gains)
     delivered, transmitted = np.array(trace.delivered), np.array(trace.transmitted)
-    return Simulation(recording, motion, delivered, transmitted, asked, gains, clock.step, clock.period, facts)
+    exact = [system.longest for _, system in phases if system.longest is not None]
+    step = max([clock.step, *exact])
+    return Simulation(
+        recording, motion, delivered, transmitted, asked, gains, step, bool(exact), clock.period, facts
+    )  # fmt: skip
 
 
 def exact(result: Simulation) -> Recording:

@@ -40,7 +40,8 @@ def simulation_report(robot: Robot, result: Simulation, options: SimulationOptio
 def _items(robot: Robot, result: Simulation, options: SimulationOptions) -> tuple[tuple[str, str], ...]:
     held = f"held for {number_text(1e3 * result.period, 3)} ms, logged at its start"
     torque = "acts at every instant" if options.control.continuous else held
-    step = f"{number_text(1e6 * result.step, 3)} µs, fourth-order Runge-Kutta"
+    scheme = "at most, exponential Runge-Kutta of order four" if result.exact_springs else "fourth-order Runge-Kutta"
+    step = f"{number_text(1e6 * result.step, 3)} µs{' ' if result.exact_springs else ', '}{scheme}"
     effects = [("effect", _effect_text(spec)) for spec in robot.effects] or [("effects", "none")]
     return (("seed", str(options.seed)), ("step", step), ("torque", torque), *effects)
 

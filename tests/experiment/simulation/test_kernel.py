@@ -37,8 +37,8 @@ def test_the_kernel_is_the_steps(name: str, worth: int, monkeypatch: pytest.Monk
     system.prepare(1)
     assert system._kernel is not None
     assert system._kernel.compiled == (worth == 0)
-    # a compiled sine may differ in its last digit
-    close = {"rtol": 1e-12, "atol": 1e-12} if worth == 0 else {"rtol": 0.0, "atol": 0.0}
+    # the same robot in fewer parameters: the same numbers but for rounding
+    close = {"rtol": 1e-11, "atol": 1e-11}
     assert np.allclose(system.advance(0.0, 1e-4, 5, x, tau), plain, **close)
     for found, expected in zip(system.accelerations(0.0, x, tau), plain_rates, strict=True):
         assert np.allclose(found, expected, **close)
