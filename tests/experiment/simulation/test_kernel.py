@@ -60,12 +60,12 @@ def test_a_mass_matrix_that_is_not_positive_is_named_as_by_the_steps(
         system.advance(0.0, 1e-4, 3, [0.1] * system.size, [0.0] * 2)
 
 
-def test_compiled_dynamics_are_much_faster(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiled_dynamics_are_faster(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("numba")
     spent = []
     for worth in (10**9, 0, 0):  # the second run finds what the first compiled
         monkeypatch.setattr(kernel, "WORTH", worth)
         begin = time.process_time()
-        run(read_robot("puma560"), SimulationOptions(duration=0.5, seed=2))
+        run(read_robot("puma560"), SimulationOptions(duration=3.0, seed=2))
         spent.append(time.process_time() - begin)
     assert spent[2] < 0.7 * spent[0]
