@@ -17,6 +17,7 @@ import sys
 import tempfile
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from threading import Lock
 from typing import IO, Any, Generic, TypeVar
@@ -98,7 +99,16 @@ def _nameless() -> IO[bytes] | None:
 
 
 def side_by_side(arrays: Sequence[Array]) -> Array:
-    """Return the columns of arrays (N, k) in one (N, sum of k), mapped where it is large."""
+    """Return the columns of arrays (N, k) in one (N, sum of k), mapped where it is large.
+
+    Where they are all columns of one array in its own order, it is that array.
+    """
+    whole = arrays[0].base
+    if isinstance(whole, np.ndarray) and whole.shape == (len(arrays[0]), sum(array.shape[1] for array in arrays)):
+        starts = np.cumsum([0] + [array.shape[1] for array in arrays])
+        own = [whole[:, a:b] for a, b in pairwise(starts.tolist())]
+        if all(_is(array, part) for array, part in zip(arrays, own, strict=True)):
+            return whole.view(np.ndarray)
     if sum(array.nbytes for array in arrays) < LEAST:
         return np.hstack(arrays)
     grown = MappedRows(sum(array.shape[1] for array in arrays))
@@ -106,6 +116,21 @@ def side_by_side(arrays: Sequence[Array]) -> Array:
         grown.append(np.hstack([array[start : start + ROWS] for array in arrays]))
         let_go(*arrays)
     return grown.finish()
+
+
+def _is(array: Array, other: Array) -> bool:
+    """Whether two arrays are the same memory, seen alike."""
+    a, b = array.__array_interface__, other.__array_interface__
+    same = a["data"] == b["data"] and a["shape"] == b["shape"] and a["typestr"] == b["typestr"]
+    return bool(same) and array.strides[0] == other.strides[0]
+
+
+def alike(array: Array, other: Array) -> bool:
+    """Whether two arrays hold the same values, NaN where the other has NaN."""
+    if array is other or array.shape != other.shape:
+        return array is other
+    starts = range(0, len(array), ROWS)
+    return all(np.array_equal(array[k : k + ROWS], other[k : k + ROWS], equal_nan=True) for k in starts)
 
 
 def let_go(*arrays: NDArray[Any] | None) -> None:

@@ -75,6 +75,9 @@ def test_many_rows_lie_in_a_file_and_come_back_when_let_go(monkeypatch: pytest.M
     let_go(mapped)
     np.testing.assert_array_equal(mapped, values)
     np.testing.assert_array_equal(column_of(mapped, 1), values[:, 1])
+    whole = side_by_side([mapped[:, :1], mapped[:, 1:]])
+    assert np.shares_memory(whole, mapped)  # nothing to copy
+    np.testing.assert_array_equal(whole, values)
     joined = side_by_side([mapped[:, 2:], mapped[:, :1]])
     assert not joined.flags.writeable
     np.testing.assert_array_equal(joined, values[:, [2, 0]])

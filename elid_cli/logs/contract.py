@@ -50,6 +50,8 @@ class Pick:
     columns: tuple[int | str, ...]
     time: str = ""
     """Column or dataset with the stamps of this channel; empty: the log's own time."""
+    signal: str = field(default="", compare=False)
+    """The signal that it is a part of: a table keeps the columns of one signal together."""
 
 
 @dataclass(frozen=True)

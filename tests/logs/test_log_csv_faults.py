@@ -184,8 +184,10 @@ def test_faults_are_read_around_block_by_block(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(csv_text, "PART", 1 << 12)
     monkeypatch.setattr(csv_text, "LARGE", large)
     body = text[dialect.first :].encode()
-    found, told = csv_text.parse_blocks(io.BytesIO(body), len(body), dialect, wanted)
-    np.testing.assert_array_equal(found, whole)
+    groups = [wanted[:1], wanted[4:7], wanted[1:]]  # a column may be asked for twice
+    found, told = csv_text.parse_blocks(io.BytesIO(body), len(body), dialect, groups)
+    for part, columns in zip(found, (whole[:, :1], whole[:, 4:7], whole[:, 1:]), strict=True):
+        np.testing.assert_array_equal(part, columns)
     assert told == said
     assert said[0] == "2 CSV rows left out: line 101 has 9 cells of 10, line 502 has 9 cells of 10"
     assert said[1] == "text where numbers belong taken as missing: line 302"

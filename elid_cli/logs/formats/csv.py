@@ -15,7 +15,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import LogError, did_you_mean
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog, Stream
-from elid_cli.logs.formats.csv_text import HEAD, Dialect, first_rows, parse_blocks, parse_columns, sniff
+from elid_cli.logs.formats.csv_text import HEAD, Dialect, first_rows, parse_blocks, parse_columns, parted, sniff
 from elid_cli.logs.formats.long_form import LongLog, recognised
 from elid_cli.logs.mapping.language import SIGNALS
 from elid_cli.logs.mapping.long_table import LongTable
@@ -106,9 +106,14 @@ class CsvLog:
         return [time | patterns[0], *patterns[1:], *_topics()]
 
     def load(self, picks: Sequence[Pick]) -> list[Stream]:
-        """Parse the picked columns and their times."""
-        wanted = list(dict.fromkeys(name for pick in picks for name in (pick.source, pick.time) if name))
-        for name in wanted:
+        """Parse the picked columns and their times; the columns of one signal lie side by side in one array."""
+        groups: dict[str, dict[str, int]] = {}
+        for pick in picks:
+            places = groups.setdefault(f"of {pick.signal}", {})
+            places.setdefault(pick.source, len(places))
+            if pick.time:
+                groups.setdefault(f"time {pick.time}", {pick.time: 0})
+        for name in dict.fromkeys(name for places in groups.values() for name in places):
             if self._dialect.names.count(name) > 1:
                 raise LogError(
                     f"{self._name}: column {name!r} appears {self._dialect.names.count(name)} times",
@@ -116,16 +121,23 @@ class CsvLog:
                 )
             if name not in self._dialect.names:
                 raise LogError(f"{self._name}: no column {name!r}", hint=did_you_mean(name, self._dialect.names))
-        table, said = self._parsed(wanted)
+        parsed, said = self._parsed([list(places) for places in groups.values()])
         self.losses.extend(text for text in said if text not in self.losses)
-        places = {name: k for k, name in enumerate(wanted)}
-        times = {name: column_of(table, places[name]) for name in {pick.time for pick in picks} if name}
+        tables = dict(zip(groups, parsed, strict=True))
+        times = {name: column_of(tables[f"time {name}"], 0) for name in {pick.time for pick in picks} if name}
         return [
-            Stream(table[:, places[pick.source], None], {"t": times[pick.time]} if pick.time else {}) for pick in picks
+            Stream(
+                tables[own][:, groups[own][pick.source], None], {"t": times[pick.time]} if pick.time else {}
+            )
+            for pick in picks
+            for own in (f"of {pick.signal}",)
         ]
 
-    def _parsed(self, wanted: Sequence[str]) -> tuple[Array, list[str]]:
-        """Return the wanted columns and what had to be said: block by block, texts of another kind whole."""
+    def _parsed(self, wanted: Sequence[Sequence[str]]) -> tuple[list[Array], list[str]]:
+        """Return a table per group of wanted columns and what had to be said.
+
+        Texts in UTF-8 are read block by block, others whole.
+        """
         if self._first >= 0:
             data = self._data
             with self._source.stream() if data is None else BytesIO(data) as stream:
@@ -134,7 +146,9 @@ class CsvLog:
                 with contextlib.suppress(ValueError):
                     return parse_blocks(stream, size, self._dialect, wanted, self._tell)
         text = self._text
-        return parse_columns(text, sniff(text, self._name), wanted, self._name)
+        columns = [name for group in wanted for name in group]
+        table, said = parse_columns(text, sniff(text, self._name), columns, self._name)
+        return parted(table, wanted), said
 
     @property
     def _text(self) -> str:

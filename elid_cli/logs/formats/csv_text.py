@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 
@@ -26,8 +26,8 @@ LARGE = 8 << 20
 """Bytes of a file from which starting Arrow pays."""
 HEAD = 1 << 16
 """Characters in which the first rows are looked for."""
-PART = 1 << 22
-"""Bytes that are parsed at a time."""
+PART = 1 << 20
+"""Bytes that are parsed at a time: text and numbers stay in the cache."""
 LONGEST_LINE = 4 << 20
 """Characters of the longest row that is read."""
 TABLE = "a CSV log has one header row and one row per sample"
@@ -120,10 +120,10 @@ def parse_blocks(
     stream: IO[bytes],
     size: int,
     dialect: Dialect,
-    wanted: Sequence[str],
+    wanted: Sequence[Sequence[str]],
     tell: Callable[[float], None] | None = None,
-) -> tuple[Array, list[str]]:
-    """Return the wanted columns, shape (N, len(wanted)), and what had to be said, of a text read block by block.
+) -> tuple[list[Array], list[str]]:
+    """Return a table per group of columns, (N, len(group)), and what had to be said, of a text read block by block.
 
     Only blocks with a fault are read row by row, and with care.
 
@@ -136,7 +136,7 @@ def parse_blocks(
     dialect
         How it is written.
     wanted
-        Columns by name.
+        Groups of columns, by name.
     tell
         Told the share that has been read.
 
@@ -145,34 +145,50 @@ def parse_blocks(
     ValueError
         A row without end, or no row at all.
     """
-    columns = [dialect.names.index(column) for column in wanted]
-    arrow = size > LARGE and dialect.separator != " " and importlib.util.find_spec("pyarrow") is not None
-    parse = _by_arrow if arrow else _by_numpy
-    table, care, done, rest = MappedRows(len(wanted)), _Care(dialect, columns), 0, b""
+    columns = [dialect.names.index(column) for group in wanted for column in group]
+    parse = _by_arrow if _for_arrow(size, dialect) else _by_numpy
+    tables, care, done, rest = [MappedRows(len(group)) for group in wanted], _Care(dialect, columns), 0, b""
     while True:
         block = stream.read(PART)
         done += len(block)
         cut = block.rfind(b"\n") + 1 if block else 0
         lines, rest = (rest + block[:cut], block[cut:]) if cut else (b"", rest + block) if block else (rest, b"")
-        if lines.strip():
+        if lines and not lines.isspace():
             try:
-                table.append(parse(lines, dialect, columns))
-                care.passed(lines)
+                found, count = parse(lines, dialect, columns)
+                care.passed(count)
             except ValueError:
-                table.append(care.rows(lines.decode("utf-8", errors="replace")))
+                found = care.rows(lines.decode("utf-8", errors="replace")).T
+            for table, part in zip(tables, _cut(found, wanted), strict=True):
+                table.append(part.T)
         if len(rest) > LONGEST_LINE:
             raise ValueError("a row without end")
         if tell is not None and size:
             tell(done / size)
         if not block:
             break
-    if not table.rows:
+    if not tables[0].rows:
         raise ValueError("no row")
-    return table.finish(), care.said
+    return [table.finish() for table in tables], care.said
 
 
-def _by_arrow(lines: bytes, dialect: Dialect, columns: Sequence[int]) -> Array:
-    """Parse by Apache Arrow's reader, which refuses what is not a table of numbers."""
+def parted(table: Array, groups: Sequence[Sequence[str]]) -> list[Array]:
+    """Return the columns of each group, which stand one after another in a table (N, k)."""
+    return [part.T for part in _cut(table.T, groups)]
+
+
+def _cut(columns: Array, groups: Sequence[Sequence[str]]) -> list[Array]:
+    return np.split(columns, np.cumsum([len(group) for group in groups])[:-1])
+
+
+def _for_arrow(size: int, dialect: Dialect) -> bool:
+    """Whether Arrow reads such a text, and is there: of one column it would take an empty line for a row."""
+    fits = size > LARGE and dialect.separator != " " and len(dialect.names) > 1
+    return fits and importlib.util.find_spec("pyarrow") is not None
+
+
+def _by_arrow(lines: bytes, dialect: Dialect, columns: Sequence[int]) -> tuple[Array, int]:
+    """Parse by Apache Arrow's reader, which refuses what is not a table of numbers: columns (k, m) and the count of lines."""
     import pyarrow as pa
     from pyarrow import csv as reader
 
@@ -180,21 +196,25 @@ def _by_arrow(lines: bytes, dialect: Dialect, columns: Sequence[int]) -> Array:
     chosen = [names[k] for k in columns]
     table = reader.read_csv(
         pa.BufferReader(lines),
-        reader.ReadOptions(column_names=names, block_size=PART, use_threads=False),
-        reader.ParseOptions(delimiter=dialect.separator, quote_char=False),
+        reader.ReadOptions(column_names=names, block_size=len(lines) + 1, use_threads=False),
+        reader.ParseOptions(delimiter=dialect.separator, quote_char=False, ignore_empty_lines=False),
         reader.ConvertOptions(
             include_columns=list(dict.fromkeys(chosen)), column_types=dict.fromkeys(chosen, pa.float64()),
             null_values=[""], decimal_point="," if dialect.decimal_comma else ".", check_utf8=False,
         ),
     )  # fmt: skip
-    out = np.empty((table.num_rows, len(chosen)))
-    for k, name in enumerate(chosen):
-        out[:, k] = table[name].to_numpy()
-    return out
+    return np.array([floats_of(table[name].chunk(0)) for name in chosen]), table.num_rows
 
 
-def _by_numpy(lines: bytes, dialect: Dialect, columns: Sequence[int]) -> Array:
-    """Parse by NumPy's reader, which refuses empty cells, text and rows of other lengths."""
+def floats_of(column: Any) -> Array:
+    """Return an array of Arrow's float64, NaN where it has none; Arrow's own way would import pandas."""
+    if column.null_count:
+        column = column.fill_null(math.nan)
+    return np.frombuffer(column.buffers()[1], np.float64, len(column), 8 * column.offset)
+
+
+def _by_numpy(lines: bytes, dialect: Dialect, columns: Sequence[int]) -> tuple[Array, int]:
+    """Parse alike by NumPy's reader, which refuses empty cells, text and rows of other lengths."""
     separator = None if dialect.separator == " " else dialect.separator
     if b"#" in lines or b"%" in lines:
         raise ValueError("comments between the rows")
@@ -202,7 +222,8 @@ def _by_numpy(lines: bytes, dialect: Dialect, columns: Sequence[int]) -> Array:
         _check_rectangular(lines, separator, len(dialect.names))
     text = lines.decode("utf-8")
     rows = io.StringIO(text.replace(",", ".") if dialect.decimal_comma else text)
-    return np.loadtxt(rows, delimiter=separator, usecols=columns, comments=None, ndmin=2, dtype=float)
+    found = np.loadtxt(rows, delimiter=separator, usecols=columns, comments=None, ndmin=2, dtype=float)
+    return found.T, lines.count(b"\n")
 
 
 def _check_rectangular(lines: bytes, separator: str, width: int) -> None:
@@ -223,9 +244,9 @@ class _Care:
         self._ragged: list[str] = []
         self._unreadable: list[str] = []
 
-    def passed(self, lines: bytes) -> None:
+    def passed(self, lines: int) -> None:
         """Count lines that others have read."""
-        self._number += lines.count(b"\n")
+        self._number += lines
 
     def rows(self, body: str) -> Array:
         """Return the wanted columns of some lines, (m, k)."""

@@ -14,7 +14,7 @@ from elid_cli.budget import Budget
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import LogFormat
 from elid_cli.logs.formats.csv import CsvLog
-from elid_cli.logs.formats.csv_text import Dialect, number_of, without_units
+from elid_cli.logs.formats.csv_text import Dialect, floats_of, number_of, parted, without_units
 from elid_cli.logs.mcap.bulk_decode import GrowingArray
 from elid_cli.logs.source import Source
 
@@ -108,11 +108,11 @@ class ParquetLog(CsvLog):
             csv.write_csv(table, text, csv.WriteOptions(include_header=number == 0))
         return text.getvalue().decode("utf-8", errors="replace")
 
-    def _parsed(self, wanted: Sequence[str]) -> tuple[Array, list[str]]:
-        """Return the wanted columns, (N, len(wanted)), and what had to be said."""
-        own = [self._columns[self._dialect.names.index(name)] for name in wanted]
+    def _parsed(self, wanted: Sequence[Sequence[str]]) -> tuple[list[Array], list[str]]:
+        """Return a table per group of wanted columns and what had to be said."""
+        own = [self._columns[self._dialect.names.index(name)] for group in wanted for name in group]
         rows = max(self._file.metadata.num_rows, 1)
-        table = GrowingArray(len(wanted), hint=rows)
+        table = GrowingArray(len(own), hint=rows)
         for batch in self._batches(AT_ONCE, own):
             part = table.extend(batch.num_rows)
             for k, column in enumerate(own):
@@ -120,7 +120,7 @@ class ParquetLog(CsvLog):
             self._tell(table.rows / rows)
         if not table.rows:
             raise LogError(f"{self._name}: no readable row")
-        return table.finish(), []
+        return parted(table.finish(), wanted), []
 
 
 def _opened(source: Source) -> Any:
@@ -194,8 +194,7 @@ def _numbers(column: Any) -> Array:
     if types.is_timestamp(column.type) or types.is_duration(column.type):
         second = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[column.type.unit]
         return _numbers(column.cast(arrow.int64())) / second
-    found: Array = column.cast(arrow.float64(), safe=False).to_numpy(zero_copy_only=False)
-    return found
+    return floats_of(column.cast(arrow.float64(), safe=False))
 
 
 FORMAT = LogFormat(

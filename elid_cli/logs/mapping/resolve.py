@@ -219,7 +219,8 @@ def _place_each(
         elif channel.width != 1:
             reason = reason or f"{channel.address} holds {channel.width} values per sample, not one"
             continue
-        picks.append(Pick(channel.source, channel.field, (column,), _stamps(spec, channel, by_source, time)))
+        stamps = _stamps(spec, channel, by_source, time)
+        picks.append(Pick(channel.source, channel.field, (column,), stamps, spec.signal))
         joints.append((j,))
     if not picks:
         return reason or "no column is named"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.logs.repair.align import Aligned
+from elid_cli.memory import alike
 
 GLANCE = 6000
 """Rows of the first stretch that tell whether times wander at all."""
@@ -85,7 +86,7 @@ def at_even_times(aligned: Aligned) -> Aligned:
 def _side(signals: Mapping[str, Array]) -> tuple[str, str] | None:
     """Return the one logged side of the joints that has positions and velocities."""
     held = [position for position, _ in SIDES if position in signals]
-    if len(held) == 2 and not np.array_equal(signals["q"], signals["theta"], equal_nan=True):
+    if len(held) == 2 and not alike(signals["q"], signals["theta"]):
         return None
     rates = [velocity for _, velocity in SIDES if velocity in signals]
     return (held[0], rates[0]) if held and rates else None
