@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable
+from functools import lru_cache
 from itertools import islice
 from typing import ClassVar
 
@@ -126,7 +127,13 @@ def nearest(name: str, names: Iterable[str]) -> str | None:
     if len(name) > LONGEST:
         return None
     short = (str(candidate) for candidate in names)
-    known = {text.lower(): text for text in islice((text for text in short if len(text) <= LONGEST), COMPARED)}
+    return _closest(name, tuple(islice((text for text in short if len(text) <= LONGEST), COMPARED)))
+
+
+@lru_cache(maxsize=64)
+def _closest(name: str, names: tuple[str, ...]) -> str | None:
+    """Return the name closest to `name`; logs of one recorder ask the same again and again."""
+    known = {text.lower(): text for text in names}
     found = difflib.get_close_matches(name.lower(), list(known), n=1, cutoff=0.5)
     return known[found[0]] if found else None
 

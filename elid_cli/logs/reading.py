@@ -26,7 +26,7 @@ from elid_cli.logs.repair.reachable import Sampled
 from elid_cli.logs.repair.sample_times import at_even_times
 from elid_cli.logs.source import Source, open_source
 from elid_cli.logs.writing import recognise
-from elid_cli.memory import let_go, side_by_side
+from elid_cli.memory import Recent, let_go, side_by_side
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording, Segment, repeated, unique_notices
 
@@ -143,7 +143,7 @@ def _part_name(source: Source, raw: RawLog) -> str:
 def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     robot = options.robot
     raw = reshaped(raw, options.mapping, robot.log)
-    plan = resolve(raw.channels, layers_of(raw, robot, options.mapping), robot)
+    plan = _plan_of(raw, robot, options.mapping)
     if not {"q", "theta"} & set(plan.placements):
         check({}, robot, plan, raw, name, strict=options.strict)
     streams = raw.load([pick for placement in plan.placements.values() for pick in placement.picks])
@@ -181,6 +181,16 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     checked.warnings.extend(suspicions(checked, aligned, robot, plan))
     let_go(*signals.values())
     return _Part(aligned, checked, plan, index, [*raw.losses, *plan.unfit, *aligned.repairs], notes)
+
+
+_PLANS: Recent[tuple[Robot, ReadPlan]] = Recent(8)
+"""Where signals were found, with the robot, so that its identity stands for it."""
+
+
+def _plan_of(raw: RawLog, robot: Robot, mapping: Mapping[str, Any] | None) -> ReadPlan:
+    """Return where every signal is; logs of one recorder have the same channels, for which it is decided once."""
+    key = (id(robot), repr(mapping), repr(raw.canonical), tuple(raw.channels))
+    return _PLANS.of(key, lambda: (robot, resolve(raw.channels, layers_of(raw, robot, mapping), robot)))[1]
 
 
 def layers_of(raw: RawLog, robot: Robot, mapping: Mapping[str, Any] | None) -> list[Layer]:

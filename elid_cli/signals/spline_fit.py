@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.lapack import lapack
-from elid_cli.signals.splines import DEGREE, ORDER, UniformSpline, basis
+from elid_cli.signals.splines import DEGREE, ORDER, UniformSpline, basis, interval_basis
 
 _STRETCH = 32768
 """Samples taken at a time."""
@@ -99,7 +99,7 @@ def fit_spline(
     ridge = np.zeros(len(band))
     for derivative, data, ratio in observed:
         for first, part in _stretches(data, channels if derivative == 0 else None, stride, intervals):
-            design = basis(np.arange(stride + 1) / stride, derivative) / (stride * dt) ** derivative
+            design = interval_basis(stride, derivative) / (stride * dt) ** derivative
             _accumulate(band, right, part, ratio, design, first, whole=whole)
         if derivative == 0:
             ridge = _RIDGE * np.maximum(band[:, 0].max(axis=1), 1e-300)
@@ -206,7 +206,7 @@ def _refined(
     stride, dt = spline.stride, spline.dt
     right = np.zeros_like(spline.coefficients)
     for derivative, data, ratio in observed:
-        design = basis(np.arange(stride + 1) / stride, derivative) / (stride * dt) ** derivative
+        design = interval_basis(stride, derivative) / (stride * dt) ** derivative
         for first, part in _stretches(data, channels if derivative == 0 else None, stride, intervals):
             start = first * stride
             rest = part - spline.between(start, start + part.shape[1], derivative + 1, first=derivative)[0]

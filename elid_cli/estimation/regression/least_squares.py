@@ -24,6 +24,8 @@ DATA_TOLERANCE = 1e-7
 ROUNDING = 1e-13
 """Norm below which a standard parameter's column is zero, relative to the largest."""
 WEIGHT_ITERATIONS = 6
+LOWEST = 1e-5
+"""Share of a row group's torque below which its residual counts as this, so that a perfect fit stays finite."""
 
 
 @dataclass(frozen=True)
@@ -166,15 +168,13 @@ def reweighted(triangles: Triangles, rank: int | None = None, folds: Sequence[in
     to infinity and every parameter to zero.
     """
     whole = triangles.joined(folds)
-    weights = {}
-    for row in whole.rows:
-        scale = whole.torque_rms(row)
-        if np.isfinite(scale) and scale > 0:
-            weights[row] = 1.0 / scale
+    scales = {row: whole.torque_rms(row) for row in whole.rows}
+    weights = {row: 1.0 / scale for row, scale in scales.items() if np.isfinite(scale) and scale > 0}
     start = solve(whole, weights, None, rank)
     values, parts = start.values, _parts(whole, start.basis)
+    alone = {triangle.row: triangle for triangle in whole.items}  # joined: one triangle for every row group
     for _ in range(WEIGHT_ITERATIONS):
-        weights = weights_of(whole, values, weights)
+        weights = {row: 1.0 / max(alone[row].rms(values), LOWEST * scales[row]) for row in weights}
         found = _least_squares(
             np.concatenate([(1.0 if row is None else weights.get(row, 0.0)) * part for row, part in parts])
         )
@@ -224,6 +224,6 @@ def weights_of(
     weights = {}
     for row in present:
         rms = triangles.rms(values, row, folds)
-        lowest = 1e-5 * triangles.torque_rms(row, folds)
+        lowest = LOWEST * triangles.torque_rms(row, folds)
         weights[row] = 1.0 / max(rms, lowest)
     return weights

@@ -59,8 +59,14 @@ class Triangle:
 
     def squares(self, solution: Array) -> float:
         """Return the residual sum of squares for a solution over all columns."""
-        residual = self.factor @ np.append(solution[self.index], -1.0)
+        known = np.empty(len(self.index) + 1)
+        known[:-1], known[-1] = solution[self.index], -1.0
+        residual = self.factor @ known
         return float(residual @ residual)
+
+    def rms(self, solution: Array) -> float:
+        """Return the residual rms for a solution over all columns, N·m."""
+        return float(np.sqrt(self.squares(solution) / self.count))
 
 
 @dataclass(frozen=True)
@@ -108,7 +114,7 @@ class Triangles:
             first = parts[0]
             factor = first.factor if len(parts) == 1 else factor_of(np.concatenate([part.factor for part in parts]))
             count, power = sum(part.count for part in parts), sum(part.power for part in parts)
-            items.append(replace(first, fold=0, factor=factor, count=count, power=power))
+            items.append(Triangle(first.row, 0, first.index, factor, count, power))
         return replace(self, items=tuple(items), folds=1)
 
     def stacked(self, weights: Mapping[EstimationRow, float], folds: Sequence[int] | None = None) -> Array:
@@ -225,7 +231,8 @@ def _with_fewer(triangles: Triangles, given: Sequence[ExtraColumns], extras: Seq
         order = kept[np.argsort(number[triangle.index[kept]])]
         whole = np.array_equal(order, np.arange(len(triangle.index)))
         factor = triangle.factor if whole else factor_of(triangle.factor[:, np.append(order, len(triangle.index))])
-        items.append(replace(triangle, index=number[triangle.index[order]], factor=factor))
+        index = number[triangle.index[order]]
+        items.append(Triangle(triangle.row, triangle.fold, index, factor, triangle.count, triangle.power))
     return replace(triangles, items=tuple(items), extras=start - triangles.parameters)
 
 

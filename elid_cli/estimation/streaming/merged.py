@@ -36,6 +36,11 @@ class MergedTriangles:
     folds: int
     steady: tuple[Triangle, ...]
     reversing: tuple[Triangle, ...]
+    _combined: dict[bytes, list[Triangle]] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _chosen: dict[tuple[bytes, tuple[int, ...]], Triangles] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    """What was made before, by gliding joints and nuisances: a fit asks for the same again and again."""
 
     def counted(self, gliding: NDArray[np.bool_]) -> list[Triangle]:
         """Return the triangles that count with the reversals of the `gliding` joints (n,)."""
@@ -46,14 +51,23 @@ class MergedTriangles:
 
         Nuisance k < n is the delay, k >= n the offset of torque channel k mod n; they are numbered anew from p on.
         """
+        glides = gliding.tobytes()
+        key = glides, tuple(nuisances)
+        if key not in self._chosen:
+            if glides not in self._combined:
+                self._combined[glides] = combined(self.counted(gliding))
+            self._chosen[key] = self._with(self._combined[glides], nuisances)
+        return self._chosen[key]
+
+    def _with(self, triangles: Sequence[Triangle], nuisances: Sequence[int]) -> Triangles:
         number = np.full(self.parameters + 2 * self.joints, -1, dtype=np.intp)
         number[: self.parameters] = np.arange(self.parameters)
         number[self.parameters + np.array(nuisances, dtype=np.intp)] = self.parameters + np.arange(len(nuisances))
         items = []
-        for triangle in combined(self.counted(gliding)):
-            kept = number[triangle.index] >= 0
-            factor = triangle.factor[:, np.append(kept, True)]
-            items.append(replace(triangle, index=number[triangle.index[kept]], factor=factor))
+        for t in triangles:
+            kept = number[t.index] >= 0
+            factor = t.factor[:, np.append(kept, True)]
+            items.append(Triangle(t.row, t.fold, number[t.index[kept]], factor, t.count, t.power))
         rows = sorted({t.row for t in items}, key=lambda row: (_ORDER[row.kind], row.joint))
         return Triangles(tuple(items), self.parameters, len(nuisances), self.folds, tuple(rows))
 
@@ -70,13 +84,13 @@ def combined(items: Iterable[Triangle]) -> list[Triangle]:
     for triangle in items:
         groups.setdefault((triangle.row, triangle.fold), []).append(triangle)
     merged = []
-    for (row, _), members in sorted(groups.items(), key=lambda g: (_ORDER[g[0][0].kind], g[0][0].joint, g[0][1])):
+    for _, members in sorted(groups.items(), key=lambda g: (_ORDER[g[0][0].kind], g[0][0].joint, g[0][1])):
         first = members[0]
         if len(members) > 1:
             factor = factor_of(np.concatenate([t.factor for t in members]))
             count, power = sum(t.count for t in members), sum(t.power for t in members)
             first = replace(first, factor=factor, count=count, power=power)
-        merged.append(replace(first, row=row))
+        merged.append(first)
     return merged
 
 

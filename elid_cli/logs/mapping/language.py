@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -135,9 +136,18 @@ def parse_mapping(raw: Mapping[str, Any], robot: Robot, where: str) -> tuple[Sig
         entry = _entry(name, spec, where)
         if name == "t":
             time = _time(entry, where)
+        elif set(entry) <= {"from", "field"} and all(isinstance(value, str) for value in entry.values()):
+            signals[str(name)] = _named(str(name), tuple(entry.items()))
         else:
             signals[str(name)] = _signal(str(name), entry, robot, f"{where}: {name}")
     return signals, time
+
+
+@lru_cache(maxsize=1024)
+def _named(name: str, entry: tuple[tuple[str, str], ...]) -> SignalMap:
+    """Return a signal that is only named, which every log and robot has alike."""
+    given = dict(entry)
+    return SignalMap(signal=name, source=given.get("from", ""), field=given.get("field", ""), written=given)
 
 
 def _entry(name: Any, spec: Any, where: str) -> Mapping[str, Any]:

@@ -112,8 +112,11 @@ class _Usual:
         if not bends.size:
             return _Usual(np.inf, np.inf, 0.0)
         moved = steps[steps > FINEST * float(np.nanmax(np.abs(seen)))]
-        finest = 2 * float(np.quantile(moved, 0.02)) if moved.size else 0.0
-        return _Usual(float(np.quantile(bends, 0.7)), float(np.quantile(steps, 0.999)), finest)
+        if moved.size == steps.size:  # of as good as every log: one partition gives both
+            fine, coarse = np.quantile(steps, (0.02, 0.999))
+        else:
+            fine, coarse = np.quantile(moved, 0.02) if moved.size else 0.0, np.quantile(steps, 0.999)
+        return _Usual(float(np.quantile(bends, 0.7)), float(coarse), 2 * float(fine))
 
 
 def _glance(values: Array) -> Array:
