@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from elid_cli import memory
-from elid_cli.memory import MappedRows, Recent, column_of, let_go, side_by_side
+from elid_cli.memory import MappedRows, Recent, alike, column_of, let_go, side_by_side
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
@@ -81,6 +81,17 @@ def test_many_rows_lie_in_a_file_and_come_back_when_let_go(monkeypatch: pytest.M
     joined = side_by_side([mapped[:, 2:], mapped[:, :1]])
     assert not joined.flags.writeable
     np.testing.assert_array_equal(joined, values[:, [2, 0]])
+
+
+def test_arrays_are_alike_where_all_values_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "ROWS", 64)
+    _, values = grown()
+    values[3, 1] = np.nan
+    other = values.copy()
+    assert alike(values, other)
+    assert not alike(values, other[:-1])
+    other[-1, 0] += 1e-12
+    assert not alike(values, other)
 
 
 @pytest.mark.parametrize("written", [0, 3])

@@ -50,7 +50,7 @@ class Pick:
     columns: tuple[int | str, ...]
     time: str = ""
     """Column or dataset with the stamps of this channel; empty: the log's own time."""
-    signal: str = field(default="", compare=False)
+    signal: str = ""
     """The signal that it is a part of: a table keeps the columns of one signal together."""
 
 

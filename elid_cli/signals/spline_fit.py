@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.lapack import lapack
-from elid_cli.signals.splines import DEGREE, ORDER, UniformSpline, basis, interval_basis
+from elid_cli.signals.splines import DEGREE, ORDER, UniformSpline, interval_basis
 
 _STRETCH = 32768
 """Samples taken at a time."""

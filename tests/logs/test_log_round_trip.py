@@ -146,3 +146,13 @@ def test_rigid_joints_need_one_side(tmp_path: Path) -> None:
         got = read_recording([written(tmp_path, "log.csv", like(base, **{missing: nan}))], rigid)
         assert np.array_equal(got.q, got.theta)
         assert got.warnings == ()
+
+
+def test_where_signals_are_is_decided_anew_for_another_mapping_or_robot(tmp_path: Path) -> None:
+    path = written(tmp_path, "log.csv")
+    first = read(path)
+    swapped = read_recording([path], ROBOT, {"tau": {"from": "tau.{joint}", "scale": 2.0}})
+    np.testing.assert_allclose(swapped.tau, 2 * first.tau)
+    fewer = Robot("one", ROBOT.joints[:1])
+    assert read_recording([path], fewer).joints == JOINTS[:1]
+    np.testing.assert_array_equal(read(path).tau, first.tau)

@@ -126,9 +126,7 @@ class CsvLog:
         tables = dict(zip(groups, parsed, strict=True))
         times = {name: column_of(tables[f"time {name}"], 0) for name in {pick.time for pick in picks} if name}
         return [
-            Stream(
-                tables[own][:, groups[own][pick.source], None], {"t": times[pick.time]} if pick.time else {}
-            )
+            Stream(tables[own][:, groups[own][pick.source], None], {"t": times[pick.time]} if pick.time else {})
             for pick in picks
             for own in (f"of {pick.signal}",)
         ]

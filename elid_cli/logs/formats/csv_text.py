@@ -188,7 +188,7 @@ def _for_arrow(size: int, dialect: Dialect) -> bool:
 
 
 def _by_arrow(lines: bytes, dialect: Dialect, columns: Sequence[int]) -> tuple[Array, int]:
-    """Parse by Apache Arrow's reader, which refuses what is not a table of numbers: columns (k, m) and the count of lines."""
+    """Parse by Apache Arrow's reader, which refuses what is no table of numbers: (k, m), count of lines."""
     import pyarrow as pa
     from pyarrow import csv as reader
 

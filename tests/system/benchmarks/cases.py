@@ -210,6 +210,46 @@ def hdf5_arrays(path: str) -> dict[str, float]:
     return in_turn({"h5py": plain, "elid": ours, "floor": lambda: [a.copy() for a in arrays]}, 3)
 
 
+def csv_reading(path: str) -> dict[str, float]:
+    """CPU seconds of a CSV log read and checked, against pandas' plain read of it."""
+    import pandas
+    import pyarrow.csv  # noqa: F401  # started, as pandas is
+
+    from elid_cli.logs import read_recording
+    from tests.system.benchmarks import made
+
+    robot = made.seven()
+    read_recording([path], robot)
+    return in_turn({"pandas": lambda: pandas.read_csv(path), "elid": lambda: read_recording([path], robot)}, 3)
+
+
+def csv_memory(path: str) -> dict[str, float]:
+    """MB of the process before a CSV log is read, and of its arrays."""
+    import resource
+
+    import pyarrow.csv  # noqa: F401
+
+    from elid_cli.logs import read_recording
+    from tests.system.benchmarks import made
+
+    robot = made.seven()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    found = read_recording([path], robot)
+    arrays = (found.t, found.q, found.theta, found.tau)
+    return {"before": before, "arrays": sum(array.nbytes for array in arrays) / 1e6}
+
+
+def short_logs(folder: str) -> dict[str, float]:
+    """CPU ms of each of many short logs that are identified in one call."""
+    from elid_cli import LogRequest, identify_logs
+    from elid_cli.robot.files import read_robot
+
+    logs, robot = sorted(map(str, Path(folder).iterdir())), read_robot("planar2")
+    identify_logs(LogRequest(tuple(logs[:2]), robot))
+    found = in_turn({"elid": lambda: identify_logs(LogRequest(tuple(logs), robot))}, 1)
+    return {"each": 1e3 * found["elid"] / len(logs)}
+
+
 def read_and_filter(path: str) -> dict[str, float]:
     """CPU seconds of reading an HDF5 log and filtering its channels, and nothing else."""
     import h5py
@@ -273,6 +313,9 @@ CASES: dict[str, Callable[..., dict[str, float]]] = {
         identify_arrays,
         by_hand,
         hdf5_arrays,
+        csv_reading,
+        csv_memory,
+        short_logs,
         read_and_filter,
         mcap_decode,
         simulate,

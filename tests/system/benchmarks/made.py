@@ -123,6 +123,40 @@ def write_hdf5(robot: Robot, path: Path, seconds: float, rate: float = 1000.0, m
                 dataset[start:stop] = values
 
 
+def write_csv(robot: Robot, path: Path, seconds: float, rate: float = 1000.0) -> None:
+    """Write a CSV log of any length without holding it, every digit of it."""
+    draw, samples = np.random.default_rng(0), int(seconds * rate)
+    speed, phase = 2 * np.pi * np.linspace(0.2, 0.7, robot.n), np.arange(robot.n)
+    with path.open("w") as file:
+        names = [f"{signal}.{joint}" for signal in ("q", "theta", "tau") for joint in robot.joint_names]
+        file.write(",".join(["t", *names]) + "\n")
+        for start in range(0, samples, BLOCK):
+            t = np.arange(start, min(start + BLOCK, samples)) / rate
+            q, dq = np.sin(speed * t[:, None] + phase), speed * np.cos(speed * t[:, None] + phase)
+            theta = q + 1e-3 * dq + 1e-6 * draw.standard_normal(q.shape)
+            tau = -3 * speed**2 * q + 2 * np.sign(dq) + 0.05 * draw.standard_normal(q.shape)
+            rows = np.hstack([t[:, None], q, theta, tau]).tolist()
+            file.writelines(",".join(map(repr, row)) + "\n" for row in rows)
+
+
+def write_short_logs(folder: Path, count: int, samples: int = 1000) -> None:
+    """Write many logs of a second, cut at random from the shipped log of planar2, with noise of their own."""
+    from elid_cli.logs import read_recording, write_recording
+    from elid_cli.signals.recording import Segment
+
+    whole = read_recording([Path(__file__).parents[3] / "sample_logs/planar2.h5"], read_robot("planar2"))
+    draw = np.random.default_rng(0)
+    for number in range(count):
+        first = int(draw.integers(0, whole.samples - samples))
+        part = slice(first, first + samples)
+        q, theta = (a[part] + 1e-6 * draw.standard_normal(a[part].shape) for a in (whole.q, whole.theta))
+        tau = whole.tau[part] + 0.05 * draw.standard_normal(whole.tau[part].shape)
+        log = replace(
+            whole, t=whole.t[part] - whole.t[first], q=q, theta=theta, tau=tau, segments=(Segment(0, samples),)
+        )
+        write_recording(log, folder / f"{number:04d}.h5")
+
+
 def write_other(robot: Robot, path: Path, seconds: float, rate: float = 1000.0) -> None:
     """Write a log in the format of the name's suffix."""
     from elid_cli.logs import write_recording

@@ -174,6 +174,36 @@ def mcap(folder: Path, minutes: float, messages: int) -> Iterator[Row]:
     yield Row("its memory", f"{peak:.0f} MB", "", "", "≤ 900 MB for an hour")
 
 
+def tables(folder: Path, minutes: float) -> Iterator[Row]:
+    """Yield CSV logs of seven joints: one of 105 MB, and a long one."""
+    from tests.system.benchmarks import made
+
+    long = f"CSV, {minutes:g} min of 7 joints at 1 kHz"
+    sizes = (("CSV, 105 MB", 251.0, "≤ 0.6 s", "≤ 100 MB"), (long, 60 * minutes, "≤ 3×", ""))
+    for label, seconds, most, room in sizes:
+        path = folder / "table.csv"
+        made.write_csv(made.seven(), path, seconds)
+        found, memory = case("csv_reading", str(path)), case("csv_memory", str(path))
+        size = path.stat().st_size / 1e6
+        yield Row(f"{label}, read and checked", f"{found['elid']:.2f} s", f"{found['pandas']:.2f} s, pandas",
+                  f"{found['elid'] / found['pandas']:.2f}×", most, f"{size:.0f} MB")  # fmt: skip
+        beyond = memory["peak"] - memory["before"] - memory["arrays"]
+        yield Row("its memory", f"{memory['peak']:.0f} MB", f"{memory['arrays']:.0f} MB, its arrays",
+                  f"{beyond:+.0f} MB", room or "≤ 700 MB in all", f"{memory['before']:.0f} MB before it")  # fmt: skip
+
+
+def short(folder: Path, count: int) -> Iterator[Row]:
+    """Yield what each of many short logs takes that are identified in one call."""
+    from tests.system.benchmarks import made
+
+    place = folder / "short"
+    place.mkdir()
+    made.write_short_logs(place, count)
+    found = case("short_logs", str(place))
+    yield Row(f"identify {count} logs of 1 s, 2 joints, in one call", f"{found['each']:.1f} ms each", "", "",
+              "≤ 20 ms", f"{found['peak']:.0f} MB")  # fmt: skip
+
+
 def start_up(folder: Path) -> Iterator[Row]:
     """Yield what a short log takes, start of Python included."""
     from elid_cli.robot.files import write_robot
@@ -214,7 +244,9 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--mcap-minutes", type=float, default=60.0)
     parser.add_argument("--messages", type=int, default=600_000)
-    parser.add_argument("--only", default="", help="regressors, arrays, start, waiting, hours or mcap")
+    parser.add_argument("--short-logs", type=int, default=2000)
+    words = "regressors, arrays, start, waiting, hours, csv, short or mcap"
+    parser.add_argument("--only", default="", help=words)
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -227,6 +259,8 @@ def main() -> None:
             "start": lambda: start_up(folder),
             "waiting": waiting,
             "hours": lambda: hours(folder, chosen.minutes),
+            "csv": lambda: tables(folder, chosen.minutes),
+            "short": lambda: short(folder, chosen.short_logs),
             "mcap": lambda: mcap(folder, chosen.mcap_minutes, chosen.messages),
         }
         print("| what | elid | against | ratio | goal | floor |\n|---|---|---|---|---|---|", flush=True)
