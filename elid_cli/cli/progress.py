@@ -44,16 +44,16 @@ def progress(output: Output, first: str = "reading") -> Iterator[Progress | None
         TextColumn("left", style="dim"),
     )
     with Bars(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bars:
-        task = bars.add_task(first, total=None)
+        bars.add_task(first, total=None)
         bars.refresh()
 
         def advance(stage: str, share: float) -> None:
-            nonlocal task
             stage = visible(stage)
             # what stands behind a comma is a detail of the same stage, whose clock goes on
             if bars.tasks[-1].description.partition(",")[0] != stage.partition(",")[0]:
-                bars.remove_task(task)
-                task = bars.add_task(stage, total=1.0)
-            bars.update(task, description=stage, total=1.0, completed=min(max(share, 0.0), 1.0))
+                bars.add_task(stage, total=1.0)
+                for old in bars.task_ids[:-1]:  # the last one stays: Ctrl-C may come between any two lines
+                    bars.remove_task(old)
+            bars.update(bars.task_ids[-1], description=stage, total=1.0, completed=min(max(share, 0.0), 1.0))
 
         yield advance

@@ -192,12 +192,9 @@ def _tell_motion(
     ours = next((path for path in written.files if not path.lower().endswith(FOREIGN)), None)
     report = motion_diagnosis_report(found, robot, ours)
     if pictures_wanted(output):
-        from elid_cli.estimation.refined_robot import identified_robot
-        from elid_cli.experiment.replay import replay
-        from elid_cli.report.figures.build import replay_figures, with_figures
+        from elid_cli.report.figures.build import motion_figures, with_figures
 
-        before, after = (replay(moving, found.recording) for moving in (identified_robot(found.before), found.refined))
-        report = with_figures(report, replay_figures(after, before))
+        report = with_figures(report, motion_figures(found))
     emit(report, output)
     broken = [*broken_gates(gates, found.after.error), *(named_effects(found) if gates.fail_on_effect else ())]
     broken += [f"{u.joint}: motion left unexplained" for u in found.unexplained if gates.fail_on_unexplained]

@@ -92,7 +92,8 @@ def diagnose_motion(
     effects, amplitudes = declared_along(robot, runs[0])
     done = search(robot, runs, started_from(robot, signals), effects, amplitudes, only, progress)
     if progress is not None:
-        progress("judging", 0.9)
+        finishing = "finishing with what was found; Ctrl-C again stops at once"
+        progress(finishing if done.partial else "searching, judging what was found", 0.9)
     changes = differing(done.after)
     after = as_last(done.after, changes)
     refined = identification_of(found, after, signals)
@@ -103,6 +104,7 @@ def diagnose_motion(
         _effects(robot, after, done.named, len(effects)), _rivals(robot, done.named, scene_of_fit(after)),
         _unexplained(robot, after, views, signals, {c.effect.joint: c.gain for c in done.left}),
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, done.partial,
+        tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),
     )  # fmt: skip
 
 

@@ -45,6 +45,8 @@ class MotionDiagnosis(Shown):
     """The robot with what was found; where a joint changed between recordings, as it was in the last ones."""
     tried: int
     partial: bool = False
+    waiting: tuple[tuple[str, str], ...] = ()
+    """Effects and joints that were chosen but not judged yet when the search was stopped."""
 
     @property
     def mean_abs(self) -> tuple[float, float]:

@@ -133,6 +133,8 @@ def _moved_words(told: DiagnosisInput) -> str:
 
 def _next(told: DiagnosisInput) -> str:
     found, recording = told.found, told.recording
+    if found.partial:
+        return command("diagnose", recording, told.robot_argument)
     if found.sufficient:
         keep = keeping(found.robot, "identified", [spec.effect for spec in found.robot.effects])
         return command("identify", recording, told.robot_argument, *keep)

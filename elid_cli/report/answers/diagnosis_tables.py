@@ -92,7 +92,10 @@ def missing_words(told: DiagnosisInput) -> str:
     found = told.found
     named = [c for c in told.contributions if c.effect not in found.curves]
     left = [u.joint for u in found.unexplained]
-    rest = f" More than noise is left at {listed(list(dict.fromkeys(left)))}, which nothing explains." if left else ""
+    nothing = "nothing found so far" if found.partial else "nothing"
+    rest = f" More than noise is left at {listed(list(dict.fromkeys(left)))}, which {nothing} explains." if left else ""
+    if found.partial and not named:
+        return f"Not known yet: the search was stopped before it found anything.{rest}"
     if not named:
         sticking = any(r.ratio > AT_FLOOR >= r.away for r in found.rows_after)
         where = " away from reversals" if sticking else ""

@@ -14,6 +14,7 @@ from elid_cli.report.answers.diagnosis_tables import SAME, variable_words, whose
 from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.inputs import (
+    Items,
     command,
     effect_text,
     heading,
@@ -21,12 +22,27 @@ from elid_cli.report.answers.inputs import (
     nuisance_payload,
     recorded_items,
 )
-from elid_cli.report.answers.summary import answers, listed, parameter_words, share_text
-from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, percent
+from elid_cli.report.answers.summary import answers, listed, parameter_words, record_sections, share_text
+from elid_cli.report.tree import (
+    Cell,
+    Column,
+    KeyValues,
+    Mark,
+    Quantity,
+    Report,
+    Section,
+    Table,
+    Text,
+    number_text,
+    percent,
+)
 
 SCALES = {True: ("mrad", 1e3), False: ("mm", 1e3)}
 METHOD = "judged by the simulated motion, on blocks of time that the values were not fitted to"
-PARTIAL = "stopped by Ctrl-C: this is what the search had found so far; more effects may be missing"
+PARTIAL = (
+    "stopped by Ctrl-C: this is what the search had found so far; more effects may be missing, and no robot file is"
+    " written"
+)
 
 
 def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written: str | None = None) -> Report:
@@ -42,10 +58,11 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
         elid's robot file that was written, if any.
     """
     recording = found.recording
-    further = [(whose(r.effect, r.joint) + f" or {r.instead_of}", r.separate) for r in found.also_possible]
+    further = {whose(r.effect, r.joint) + f" or {r.instead_of}": r.separate for r in found.also_possible}
+    record, planned = _record(found, tuple(further.items()), robot_argument)
     sections: list[Section] = [
         heading(found.robot, recording),
-        answers(_trust(found), _missing(found), parameter_words(found.after), _record(found)),
+        answers(_trust(found), _missing(found), parameter_words(found.after), record),
         *([Text("partial", PARTIAL, "warning")] if found.partial else []),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.after.warnings))),
         *_effect_sections(found),
@@ -53,7 +70,7 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
         *_differing_section(found),
         *_unexplained_section(found),
         *base_tables(found.after, "with what is missing added to the model" if found.effects else ""),
-        *([KeyValues("record", tuple(dict(further).items()), "what to record next")] if further else []),
+        *planned,
         KeyValues("inputs", (
             *recorded_items(found.robot, recording), *nuisance_items(found.robot, found.after.nuisances),
             ("tried", f"{found.tried} effects at their joints; {METHOD}"),
@@ -106,29 +123,34 @@ def _effect_payload(effect: FoundEffect) -> dict[str, Any]:
 
 
 def _trust(found: MotionDiagnosis) -> str:
-    before, after = (1e3 * value for value in found.mean_abs)
-    once = f"; with what is missing {number_text(after, 3)}" if found.effects else ""
+    before, after = (number_text(1e3 * value, 2) for value in found.mean_abs)
     unit = SCALES[all(joint.revolute for joint in found.robot.joints)][0]
     worst = max(found.position, key=lambda name: found.position[name].after)
+    left = found.unexplained
+    verdict = f"Not down to the encoders' noise{' at ' + listed([u.joint for u in left])}" if left else "Yes"
+    added = ", " + ("even when" if left else "once") + " what is missing is added" if found.effects else ""
+    was = f" ({before} without)" if found.effects else ""
     return (
-        f"Simulated under the commands, the robot is off by {number_text(before, 3)} {unit} on average{once}. Worst is "
-        f"{worst}, {number_text(1e3 * found.position[worst].after, 2)} rms on stretches not fitted to."
+        f"{verdict}{added}: the motion simulated under the commands is off by {after} {unit} on average{was}, "
+        f"at most by {number_text(1e3 * found.position[worst].after, 2)} {unit} rms (at {worst})."
     )
 
 
 def _missing(found: MotionDiagnosis) -> str:
+    left = f" More than noise is left at {listed([u.joint for u in found.unexplained])}." if found.unexplained else ""
+    if found.partial and not found.effects:
+        return f"Not known yet: the search was stopped before anything was judged.{left}"
     if not found.effects:
-        left = (
-            f" More than noise is left at {listed([u.joint for u in found.unexplained])}." if found.unexplained else ""
-        )
         return f"No effect of the library brings the motion nearer.{left}"
     places: dict[str, list[str]] = {}
     for effect in found.effects:
         places.setdefault(effect.effect, []).append(effect.joint or found.robot.name)
     words = [f"{name.replace('_', ' ')} at {listed(list(dict.fromkeys(joints)))}" for name, joints in places.items()]
     said = "; ".join(words)
-    rivals = list(dict.fromkeys(whose(r.effect.replace("_", " "), r.joint) for r in found.also_possible))
-    tied = f" This log cannot tell it from {listed(rivals)}." if rivals else ""
+    rivals = dict.fromkeys(whose(r.effect.replace("_", " "), r.joint) for r in found.also_possible)
+    tied = (
+        f" This log cannot tell {'it' if len(places) == 1 else 'them'} from {listed(list(rivals))}." if rivals else ""
+    )
     changed = [d for d in found.differing if d.changed_at is not None and d.of_effect]
     moved = "".join(
         f" {d.name} of {d.joint} changed before {found.recording.files[d.changed_at or 0]}." for d in changed
@@ -136,15 +158,20 @@ def _missing(found: MotionDiagnosis) -> str:
     return f"{said[:1].upper()}{said[1:]}.{tied}{moved}"
 
 
-def _record(found: MotionDiagnosis) -> str:
-    if found.also_possible:
-        first = found.also_possible[0]
-        return f"{first.separate[:1].upper()}{first.separate[1:]}, for {whose(first.effect, first.joint)}."
-    return "Another run of the same machine: elid replay tells how the model moves on it."
+def _record(found: MotionDiagnosis, further: Items, robot_argument: str) -> tuple[str, list[Section]]:
+    """Return what the next log should hold, in a sentence and as a list."""
+    record, planned = record_sections(found.after, further, (found.recording.files[0], robot_argument))
+    if planned:
+        return record, planned
+    return "Nothing more for these parameters; another run of the same machine would check them (elid replay).", []
 
 
 def _effect_sections(found: MotionDiagnosis) -> list[Section]:
+    waiting = [KeyValues("waiting", tuple((joint, effect) for effect, joint in found.waiting),
+                         "chosen but not judged yet when it was stopped")] if found.waiting else []  # fmt: skip
     if not found.effects:
+        if found.partial:
+            return [*waiting]
         return [Text("effects", "No effect that a simulated motion can hold explains what is left.")]
     columns = (Column("effect", "effect"), Column("joint", "joint"), Column("gain", "explains", align="right"))
     rows: list[tuple[Cell, ...]] = [(e.effect, e.joint, percent(e.gain)) for e in found.effects]
@@ -157,7 +184,7 @@ def _effect_sections(found: MotionDiagnosis) -> list[Section]:
         for e in found.effects
     ]
     tables: list[Section] = [Table("effects", columns, tuple(rows), title="missing from the model", note=note),
-                             KeyValues("meaning", tuple(meanings))]  # fmt: skip
+                             KeyValues("meaning", tuple(meanings)), *waiting]  # fmt: skip
     rivals: list[tuple[str, Cell]] = [
         (whose(r.effect, r.joint), f"in place of {r.instead_of} it explains {share_text(r.gain)}")
         for r in found.also_possible
@@ -167,15 +194,17 @@ def _effect_sections(found: MotionDiagnosis) -> list[Section]:
 
 def _position_table(found: MotionDiagnosis) -> Table:
     columns = (
-        Column("joint", "joint"), Column("before", "before", align="right"), Column("after", "after", align="right"),
-        Column("torque", "torque error after", align="right"),
+        Column("joint", "joint"), Column("trust", "motion"), Column("before", "before", align="right"),
+        Column("after", "after", align="right"), Column("torque", "torque error after", align="right"),
     )  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
+    left = {item.joint for item in found.unexplained}
     for joint in found.robot.joints:
         unit, scale = SCALES[joint.revolute]
         item, torque = found.position[joint.name], found.after.error.get(joint.name)
         rows.append((
-            joint.name, Quantity(scale * item.before, unit, 3), Quantity(scale * item.after, unit, 3),
+            joint.name, Mark("more than noise", "warn") if joint.name in left else Mark("noise only", "good"),
+            Quantity(scale * item.before, unit, 3), Quantity(scale * item.after, unit, 3),
             None if torque is None else percent(torque.relative),
         ))  # fmt: skip
     return Table("position", columns, tuple(rows), title="rms error of the simulated position", note=METHOD)
@@ -210,6 +239,8 @@ def _unexplained_section(found: MotionDiagnosis) -> list[Section]:
 
 
 def _next(found: MotionDiagnosis, robot_argument: str, written: str | None) -> str:
+    if found.partial:
+        return command("diagnose", found.recording, robot_argument)
     if written is not None:
         return command("replay", found.recording, written)
     if found.effects:

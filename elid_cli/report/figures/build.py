@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.estimation.comparison import Comparison
@@ -64,9 +65,33 @@ def log_figures(recording: Recording, robot: Robot) -> tuple[Figure, ...]:
     return figures_of(FigureInput(recording=recording, described=robot))
 
 
-def replay_figures(found: Replay, other: Replay | None = None) -> tuple[Figure, ...]:
-    """Return the figures of a replay, and of the same log with another robot where there is one."""
-    return figures_of(FigureInput(replays=(found,) if other is None else (found, other)))
+def replay_figures(found: Replay, other: Replay | None = None, names: Sequence[str] = ()) -> tuple[Figure, ...]:
+    """Return the figures of a replay, and of the same log with another robot where there is one; `names` of both."""
+    replays = (found,) if other is None else (found, other)
+    labels = names if len(names) == len(replays) > 1 else ("error", "error of the other robot")
+    cases = [(label, {joint: 1e3 * e.mean_abs for joint, e in item.error.items()})
+             for label, item in zip(labels, replays, strict=False)]  # fmt: skip
+    return figures_of(FigureInput(replays=replays, cases=cases, unit=milli(found.robot)))
+
+
+def motion_figures(found: MotionDiagnosis) -> tuple[Figure, ...]:
+    """Return the figures of a diagnosis by motion, whose motion before and after is simulated for them."""
+    from elid_cli.estimation.refined_robot import identified_robot
+    from elid_cli.experiment.replay import replay
+
+    after, before = (replay(moving, found.recording) for moving in (found.refined, identified_robot(found.before)))
+    cases = [("before", {joint: 1e3 * p.before for joint, p in found.position.items()}),
+             ("after", {joint: 1e3 * p.after for joint, p in found.position.items()})]  # fmt: skip
+    return figures_of(FigureInput(
+        identified=found.after, replays=(after, before), replay_labels=("error after", "error before"), cases=cases,
+        unit=milli(found.robot),
+    ))  # fmt: skip
+
+
+def milli(robot: Robot) -> str:
+    """Return what errors of positions are told in."""
+    turning = [joint.revolute for joint in robot.joints]
+    return "mrad" if all(turning) else "mm" if not any(turning) else "mrad or mm"
 
 
 def trend_figures(found: Trends) -> tuple[Figure, ...]:

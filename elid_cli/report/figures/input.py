@@ -44,8 +44,11 @@ class FigureInput:
     described: Robot | None = None
     replays: Sequence[Replay] = ()
     """A replayed log, and the same with another robot."""
+    replay_labels: tuple[str, str] = ("error", "error of the other robot")
     cases: Sequence[tuple[str, Mapping[str, float]]] = ()
-    """Errors to compare: a label, and the relative error of each joint."""
+    """Errors to compare: a label, and the error of each joint, a share of its torque or in `unit`."""
+    unit: str = ""
+    """What `cases` are in, of positions: ``mrad``, ``mm``; empty: they are shares of torques."""
     sides: Sequence[tuple[str, Mapping[str, float]]] = ()
     """The same of the motor side alone, where joints have one."""
     comparisons: Sequence[Comparison] = ()

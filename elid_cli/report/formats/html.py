@@ -32,11 +32,12 @@ SUFFIXES, FIGURES = (".html", ".htm"), True
 LONG = 16
 """Rows of a table beyond which it is folded."""
 PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("What it rests on", ("figure:effect", "figure:errors", "figure:trended", "effects*", "also_possible",
-                          "before_after", "error*", "triage", "by_log")),
+    ("What it rests on", ("figure:effect", "figure:errors", "figure:trended", "effects*", "meaning", "waiting",
+                          "also_possible", "before_after", "position", "error*", "triage", "unexplained", "differing",
+                          "by_log")),
     ("Parameters", ("figure:parameters", "joint_parameters", "base_parameters", "reasons", "physical*", "std_error")),
     ("What to record next", ("record", "next")),
-    ("Over time", ("figure:torque", "figure:trajectory", "figure:signals")),
+    ("Over time", ("figure:torque", "figure:trajectory", "figure:replayed", "figure:signals")),
 )  # fmt: skip
 """Heading -> keys of sections and kinds of figures under it, in that order; what is in none of them is folded."""
 OPEN = 1

@@ -9,7 +9,7 @@ import numpy as np
 
 from elid_cli.report.answers.summary import share_text
 from elid_cli.report.figures.drawing import CYCLE, Bars, Color, Drawing, Mark, Panel, Words
-from elid_cli.report.tree import Figure
+from elid_cli.report.tree import Figure, number_text
 
 if TYPE_CHECKING:
     from elid_cli.report.figures.input import FigureInput
@@ -24,35 +24,39 @@ CHANGE: tuple[Color, ...] = ("orange", "blue")
 def figures(told: FigureInput) -> Iterator[Figure]:
     """Yield one figure of all joints and cases."""
     if any(shares for _, shares in told.cases):
-        caption = "Shares of the joint's torque, rms."
+        caption = "Simulated minus measured position." if told.unit else "Shares of the joint's torque, rms."
         if told.sides:
             caption += (
                 " Whole joint: motor torque against the motion of all bodies. Motor side alone: with the "
                 "transmission's torque from the measured deflection, where a fault of the motor shows more clearly."
             )
-        yield Figure("errors", "Error of each joint", "errors", {"cases": told.cases, "sides": told.sides}, caption)
+        title = "Error of the simulated position" if told.unit else "Error of each joint"
+        data = {"cases": told.cases, "sides": told.sides, "unit": told.unit}
+        yield Figure("errors", title, "errors", data, caption)
 
 
 def draw(figure: Figure) -> Drawing:
-    """Draw ``cases`` and ``sides``: pairs of a label and the relative error of each joint, by name."""
+    """Draw ``cases`` and ``sides``: pairs of a label and the error of each joint, by name, in ``unit`` or as shares."""
     cases, sides = figure.data["cases"], figure.data.get("sides") or ()
-    panels = [_panel(cases, "whole joint" if sides else "")]
+    panels = [_panel(cases, "whole joint" if sides else "", figure.data.get("unit", ""))]
     return Drawing([*panels, _panel(sides, "motor side alone")] if sides else panels)
 
 
-def _panel(cases: Sequence[tuple[str, Mapping[str, float]]], title: str) -> Panel:
+def _panel(cases: Sequence[tuple[str, Mapping[str, float]]], title: str, unit: str = "") -> Panel:
     joints = list(dict.fromkeys(joint for _, shares in cases for joint in shares))
+    scale = 1.0 if unit else 100.0
     changed = [label for label, _ in cases] == ["before", "after"]
     marks: list[Mark] = []
     for number, (label, shares) in enumerate(cases):
         place = (number + 0.5) / len(cases) * 0.84 - 0.42
         y = np.array([joints.index(joint) + place for joint in shares])
-        size = np.array([100.0 * share for share in shares.values()])
+        size = scale * np.array(list(shares.values()))
         color = CHANGE[number] if changed else CYCLE[number % len(CYCLE)][0]
         marks.append(Bars(y, np.zeros(len(y)), size, color, THICK, label))
         # a space of its own width: SVG takes an ordinary one away at the beginning of a text
-        marks.append(Words(y, [f"\N{NO-BREAK SPACE}{share_text(share)}" for share in shares.values()], size, "ink"))
-    most = max((100.0 * share for _, shares in cases for share in shares.values()), default=1.0)
+        texts = [f"{number_text(share, 2)} {unit}" if unit else share_text(share) for share in shares.values()]
+        marks.append(Words(y, [f"\N{NO-BREAK SPACE}{text}" for text in texts], size, "ink"))
+    most = max((scale * share for _, shares in cases for share in shares.values()), default=1.0)
     height = 46.0 + (20.0 if title else 0.0) + len(joints) * max(18.0, (THICK + 3.0) * len(cases) + 6.0)
     limits = (0.0, 1.25 * most or 1.0), (len(joints) - 0.5, -0.5)
-    return Panel(marks, title, "error (% of torque)", "", *limits, height, ynames=joints)
+    return Panel(marks, title, f"error ({unit})" if unit else "error (% of torque)", "", *limits, height, ynames=joints)

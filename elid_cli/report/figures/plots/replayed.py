@@ -24,21 +24,25 @@ def figures(told: FigureInput) -> Iterator[Figure]:
     caption = "Position as measured and as simulated under the same commands, and their difference."
     for k, joint in enumerate(first.robot.joints):
         data = {"t": first.t, "unit": "rad" if joint.revolute else "m", "measured": first.measured[:, k],
-                "simulated": first.simulated[:, k], "against": other[0].simulated[:, k] if other else None}  # fmt: skip
+                "simulated": first.simulated[:, k], "against": other[0].simulated[:, k] if other else None,
+                "labels": told.replay_labels}  # fmt: skip
         yield Figure(f"replayed_{joint.name}", f"{joint.name}: measured and simulated", "replayed", data, caption)
 
 
 def draw(figure: Figure) -> Drawing:
-    """Draw ``t``, ``measured``, ``simulated`` and ``against`` (M,) or None, rad or m as ``unit`` says."""
+    """Draw ``t``, ``measured``, ``simulated`` and ``against`` (M,) or None, rad or m as ``unit`` says.
+
+    ``labels`` are those of the two errors.
+    """
     data = figure.data
     t, measured, simulated, against = (data[key] for key in ("t", "measured", "simulated", "against"))
-    unit = data["unit"]
+    unit, (own, others) = data["unit"], data["labels"]
     moved: list[Mark] = [Line(t, measured, "measured", "", 3.0, "measured"),
                          Line(t, simulated, "ink", "5 2", 1.1, "simulated")]  # fmt: skip
     errors: list[Mark] = []
     if against is not None:
-        errors.append(Line(t, 1e3 * (against - measured), "before", "", 1.3, "error of the other robot"))
-    errors.append(Line(t, 1e3 * (simulated - measured), "ink", "", 1.0, "error"))
+        errors.append(Line(t, 1e3 * (against - measured), "before", "", 1.3, others))
+    errors.append(Line(t, 1e3 * (simulated - measured), "ink", "", 1.0, own))
     drawn = [values for values in (simulated, against) if values is not None]
     sizes = [np.abs(1e3 * (values - measured)) for values in drawn]
     reach = max([1.15 * float(v[np.isfinite(v)].max(initial=0.0)) for v in sizes]) or 1.0
