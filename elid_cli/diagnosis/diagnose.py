@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from elid_cli._types import Progress
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
+from elid_cli.diagnosis.evidence.leftover import only_helps
 from elid_cli.diagnosis.evidence.moments import friction_at_rest, one_of_many
 from elid_cli.diagnosis.evidence.quarters import Survival, judged
 from elid_cli.diagnosis.fit.state import Log, fit, refreshed, without
@@ -146,7 +147,7 @@ def diagnose_torque(
     library = {
         name: kind
         for name, kind in effect_classes().items()
-        if kind.searched and (not options.only or name in options.only)
+        if kind.searched and kind.nuisance != "offset" and (not options.only or name in options.only)
     }
     plain = reweighted(to_triangles(log.training, (), log.fold), log.base.count).values[: model.parameters]
     declared = [d.effect for d in declared_effects(model.robot, scene_of(model, signals, plain))]
@@ -180,7 +181,7 @@ def _surviving(found: Found, declared: int) -> tuple[Found, tuple[Survival, ...]
 
 
 def _supported(found: Found, declared: int) -> Found:
-    """Drop effects that the held-out stretches do not support, or whose values the others have made impossible.
+    """Drop effects that held-out stretches do not support, that only help, or whose values others have made impossible.
 
     What acts for a moment need not show in the held-out stretches, but it must stand out from all other moments, and
     not be a motor's sticking.
@@ -195,7 +196,8 @@ def _supported(found: Found, declared: int) -> Found:
                 possible = not (one_of_many(state, declared + k) or friction_at_rest(state, declared + k))
                 if possible:
                     continue
-            if not possible or held_out_gain(state, declared + k) < step.candidate.effect.least_gain:
+            gain = held_out_gain(state, declared + k) if possible else 0.0
+            if gain < step.candidate.effect.least_gain or only_helps(state, declared + k, gain):
                 state = refreshed(without(state, declared + k))
                 gone = steps.pop(k).candidate
                 steps = [beside(left, gone) for left in steps]

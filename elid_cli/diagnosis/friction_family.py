@@ -17,12 +17,12 @@ from scipy.stats import t as student
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.fit.state import Log, State, fit
+from elid_cli.diagnosis.summary import channel_specs
 from elid_cli.errors import DataError, UsageError
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.refined_robot import representative
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of, with_effects
 from elid_cli.estimation.regression.least_squares import reweighted
-from elid_cli.estimation.regression.nuisances import DELAY
 from elid_cli.estimation.regression.triangles import full_columns, to_triangles
 from elid_cli.estimation.stretches import STRETCHES, spans, stretch_of
 from elid_cli.model.effects import effect_classes
@@ -282,11 +282,10 @@ def _whole(log: Log, effects: Sequence[Effect]) -> tuple[Robot, dict[str, dict[s
         EffectSpec(effect.name, None if effect.whole_robot else names[effect.joint], state.named(k))
         for k, effect in enumerate(state.effects)
     ]
-    (delay,) = effect_classes()[DELAY].amplitudes
-    late = [EffectSpec(DELAY, names[k], {delay.name: value}) for k, value in state.delays.items()]
-    kept = [spec for spec in declared if spec.effect not in {item.effect for item in (*specs, *late)}]
+    channels = channel_specs(state)
+    kept = [spec for spec in declared if spec.effect not in {item.effect for item in (*specs, *channels)}]
     errors = {names[e.joint]: _errors(state, k) for k, e in enumerate(state.effects) if e.members}
-    return replace(log.model.robot, joints=joints, effects=(*kept, *specs, *late)), errors
+    return replace(log.model.robot, joints=joints, effects=(*kept, *specs, *channels)), errors
 
 
 def _errors(state: State, number: int) -> dict[str, float]:

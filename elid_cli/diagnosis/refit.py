@@ -10,7 +10,8 @@ from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect
 from elid_cli.diagnosis.stiffness_by_load import with_load
-from elid_cli.diagnosis.summary import described
+from elid_cli.diagnosis.summary import channel_specs, described
+from elid_cli.diagnosis.written import robot_between, worse
 from elid_cli.errors import DataError
 from elid_cli.estimation.assembly import assemble, judged
 from elid_cli.estimation.default_fit import DefaultFit
@@ -20,7 +21,8 @@ from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.regression.standard_errors import covariance_of
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification
 from elid_cli.estimation.stretches import STRETCHES
-from elid_cli.model.effects import nuisance_of
+from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects.shifts import corrected, declared_shifts
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
@@ -66,6 +68,8 @@ class Published(NamedTuple):
     before: Identification
     after: Identification
     robot: Robot
+    worse: tuple[str, ...] = ()
+    """Joints whose left-out torque is predicted worse with what was found: the robot then has the parameters before."""
 
 
 def published(found: Diagnosis, signals: Signals) -> Published:
@@ -82,26 +86,60 @@ def published(found: Diagnosis, signals: Signals) -> Published:
         The log as identification takes it.
     """
     declared = len(found.state_before.effects)
-    before, _ = _identified_again(found.robot, found.state_before, found.before, signals, declared)
-    after, robot = _identified_again(found.robot, found.state_after, found.after, signals, declared)
+    first = _identified_again(found.robot, found.state_before, found.before, signals, declared)
+    last = _identified_again(found.robot, found.state_after, found.after, signals, declared)
     rows = {(row.joint, row.rows): row for row in found.rows_after}
-    noise = tuple(item for item in after.noise if (item.joint, item.rows) in rows)
-    lacking = after.model if not found.unexplained else "insufficient"
-    return Published(before, replace(after, noise=noise, model=lacking), robot or found.refined)
+    noise = tuple(item for item in last.told.noise if (item.joint, item.rows) in rows)
+    lacking = last.told.model if not found.unexplained else "insufficient"
+    after = replace(last.told, noise=noise, model=lacking)
+    if last.robot is None or first.robot is None:
+        return Published(first.told, after, last.robot or found.refined)
+    joints = worse(first.left_out(), last.left_out()) if found.effects else ()
+    robot = robot_between(first.robot, last.robot) if joints else last.robot
+    return Published(first.told, after, robot, joints)
+
+
+class _Again(NamedTuple):
+    """What identification says of a model: of its parameters, the robot with them, errors on stretches left out."""
+
+    told: Identification
+    robot: Robot | None = None
+    fitted: tuple[Robot, Signals] | None = None
+
+    def left_out(self) -> Mapping[str, JointError]:
+        """Return the errors on left-out stretches at the cut-off of the signals, whatever the fit chose."""
+        assert self.fitted is not None
+        robot, signals = self.fitted
+        if self.told.settings["published"]["cutoff"] == signals.filter.cutoff:  # type: ignore[index]
+            return self.told.published
+        return identify(robot, replace(signals, cutoff_free=False), _HOLDING).error
+
+
+_HOLDING = EstimateOptions(hold=HELD)
 
 
 def _identified_again(
     robot: Robot, state: State, error: Mapping[str, JointError], signals: Signals, declared: int
-) -> tuple[Identification, Robot | None]:
+) -> _Again:
     at_search = identified(state, error, declared)
     if state.known is not None:
-        return at_search, None
+        return _Again(at_search)
     described_ = described(robot, state)
-    held = tuple(spec for spec in described_.effects if nuisance_of(spec.effect) != "delay")
+    own = channel_specs(state)  # identification estimates these itself, and delays of any size
+    held, late = [], []
+    for spec in described_.effects:
+        kind = effect_classes()[spec.effect]
+        if kind.corrects == "link":
+            late.append(spec)
+        elif kind.nuisance != "delay" and spec not in own:
+            held.append(spec)
+    # a late link encoder is put right as a prediction does it: its first order alone would bend the bodies' torques
+    moved = corrected(signals, declared_shifts(replace(described_, effects=tuple(late))))
+    fitted = replace(described_, effects=tuple(held)), moved
     try:
-        found = identify(replace(described_, effects=held), signals, EstimateOptions(hold=HELD))
+        found = identify(*fitted, _HOLDING)
     except DataError:  # too few instants at the lower cut-off
-        return at_search, None
+        return _Again(at_search)
     items = zip(found.parameters, at_search.parameters, strict=True)
     told = replace(
         at_search,
@@ -110,7 +148,8 @@ def _identified_again(
         rank_margin=found.rank_margin, noise=found.noise, insufficient=found.insufficient, model=found.model,
         settings={**at_search.settings, "published": dict(found.settings)}, published=found.error,
     )  # fmt: skip
-    return told, identified_robot(found)
+    written = identified_robot(found)
+    return _Again(told, replace(written, effects=(*written.effects, *late)), fitted)
 
 
 @dataclass(frozen=True)

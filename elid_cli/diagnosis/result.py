@@ -162,6 +162,14 @@ class Diagnosis(Shown):
         return self._published.robot
 
     @property
+    def predicted_worse(self) -> tuple[str, ...]:
+        """Joints whose torque, at identification's cut-off and on left-out stretches, what was found predicts worse.
+
+        `written_robot` then has the parameters before, and of what was found what lies between motor and link.
+        """
+        return self._published.worse
+
+    @property
     def identified_with_effects(self) -> Identification:
         """`identified_after` with the standard errors of the effects that the search found."""
         known = (FittedEffect(e.effect, e.joint, e.parameters, e.std_error) for e in self.effects)

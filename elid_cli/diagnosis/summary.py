@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from elid_cli.diagnosis.evidence.channel_zeros import constants
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.fit.state import Log, State
 from elid_cli.diagnosis.residuals import Organised, RowState, follows_motion, judged_rows, organise, rows_of, words
@@ -75,7 +76,7 @@ def result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence
 
 
 def described(robot: Robot, state: State) -> Robot:
-    """Return the robot description that a state amounts to: parameters, effects, corrected torque delays."""
+    """Return the robot description that a state amounts to: parameters, effects, corrected torque channels."""
     base = state.log.base
     standard = representative(base, base.transform @ state.standard, robot.reference())
     names = robot.joint_names
@@ -83,7 +84,7 @@ def described(robot: Robot, state: State) -> Robot:
         EffectSpec(e.name, None if e.whole_robot else names[e.joint], state.named(k))
         for k, e in enumerate(state.effects)
     ]
-    specs += [late_by("torque", names[j], delay) for j, delay in state.delays.items()]
+    specs += channel_specs(state)
     moved_joints = {e.joint for e in state.effects if e.corrects == "link"}
     specs += [
         late_by("link", names[j], float(state.log.shifts.link[j]))
@@ -91,6 +92,17 @@ def described(robot: Robot, state: State) -> Robot:
         if j not in moved_joints
     ]
     return refined_robot(robot, standard, specs)
+
+
+def channel_specs(state: State) -> list[EffectSpec]:
+    """Return what a state corrects in the torque channels, as effects of the measurement: delays and offsets."""
+    names = state.log.model.robot.joint_names
+    offset = effect_that(nuisance="offset")
+    late = [late_by("torque", names[j], delay) for j, delay in state.delays.items()]
+    shifted = [
+        EffectSpec(offset.name, names[j], {offset.amplitudes[0].name: value}) for j, value in state.offsets.items()
+    ]
+    return [*late, *shifted]
 
 
 def late_by(channel: Channel, joint: str, seconds: float) -> EffectSpec:
@@ -212,9 +224,18 @@ def _rivals(state: State, declared: int, steps: Sequence[Step], effects: Sequenc
                 candidate.values,
                 candidate.effect.record,
             )
-    for rival in _together(robot, effects):
+    for rival in (*_together(robot, effects), *_constants(state)):
         rivals.setdefault((rival.effect, rival.joint), rival)
     return tuple(rivals.values())
+
+
+def _constants(state: State) -> Iterator[Rival]:
+    """Yield what constants of the torque channels, which no effect is made of, could be: an offset or its twin."""
+    robot, offset = state.log.model.robot, effect_that(nuisance="offset")
+    for item in constants(state):
+        joint, twin = robot.joint_names[item.joint], item.twin
+        yield Rival(twin.name, joint, offset.name, item.gain, item.values, offset.record)
+        yield Rival(offset.name, joint, twin.name, item.gain, item.offset, offset.record)
 
 
 def _together(robot: Robot, effects: Sequence[FoundEffect]) -> list[Rival]:

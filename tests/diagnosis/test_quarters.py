@@ -52,22 +52,27 @@ def test_a_true_effect_helps_on_every_quarter(diagnosed: Diagnosed, effect: str)
     assert min(found.effects[0].quarters) > 0.5
 
 
-def test_an_offset_that_turns_in_the_last_quarter_is_not_named(log: Logs, robot: Robot) -> None:
-    offset = effect_classes()["torque_offset"](0)
+def ripple(recording: Recording, *parts: float) -> np.ndarray:
+    """Return a torque that waves with joint 1's angle, by one amplitude (N·m) for each part of a log."""
+    return part(recording, *parts) * np.sin(3.0 * recording.theta[:, 0])
+
+
+def test_a_ripple_that_turns_in_the_last_quarter_is_not_named(log: Logs, robot: Robot) -> None:
+    effect = effect_classes()["torque_ripple"](0, (3.0,))
     recording = log()
-    _, found = with_torque(recording, robot, part(recording, 2.0, 2.0, 2.0, -2.0), offset)
+    _, found = with_torque(recording, robot, ripple(recording, 1.0, 1.0, 1.0, -0.3), effect)
     left, failed = judged(found, 0)
     assert failed is not None
-    assert (failed.effect, failed.joint) == ("torque_offset", "joint1")
+    assert (failed.effect, failed.joint) == ("torque_ripple", "joint1")
     assert failed.lost[3]
     assert failed.gains[3] < -0.05
     assert (left.steps, left.after.effects) == ((), ())
 
 
-def test_the_same_offset_all_along_survives_and_says_by_how_much(log: Logs, robot: Robot) -> None:
-    offset = effect_classes()["torque_offset"](0)
+def test_the_same_ripple_all_along_survives_and_says_by_how_much(log: Logs, robot: Robot) -> None:
+    effect = effect_classes()["torque_ripple"](0, (3.0,))
     recording = log()
-    _, found = with_torque(recording, robot, part(recording, 2.0), offset)
+    _, found = with_torque(recording, robot, ripple(recording, 1.0), effect)
     left, failed = judged(found, 0)
     assert failed is None
     assert min(left.steps[0].quarters) > 0.9

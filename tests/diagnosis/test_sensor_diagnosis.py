@@ -81,7 +81,8 @@ def test_the_refined_robot_predicts_the_sensor_on_held_out_stretches() -> None:
     before, after = (errors["joint2"].sensor for errors in (found.before, found.after))
     assert before is not None
     assert after is not None
-    assert after.drive_rms < 0.2 * before.drive_rms
+    # before, the zero of the motor's torque channel takes what the gain makes of the mean load
+    assert after.drive_rms < 0.65 * before.drive_rms
     again = validate(found.refined, found.state_after.log.raw, found.chosen).error["joint2"].sensor
     assert again == after
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.search.acceptance import touched
 from elid_cli.estimation.regression.triangles import Triangles, to_triangles
+from elid_cli.model.regressor import EstimationRow
 
 
 def held_out_triangles(state: State) -> Triangles:
@@ -16,7 +19,11 @@ def held_out_triangles(state: State) -> Triangles:
 def held_out_gain(state: State, number: int) -> float:
     """Return the part of the held-out residual variance that effect `number` takes away in its rows."""
     lacking = without(state, number)
-    rows = touched(lacking, state, state.columns[number].rows)
+    return held_out_share(lacking, state, touched(lacking, state, state.columns[number].rows))
+
+
+def held_out_share(lacking: State, state: State, rows: Sequence[EstimationRow]) -> float:
+    """Return the part of the held-out residual variance in some rows that a state takes away from a lacking one."""
     outside, inside = held_out_triangles(lacking), held_out_triangles(state)
     # rows are compared in units of their noise floor, or the noisier row would hide what the quieter one shows
     weight = {r: max(state.floor.rms[r], 1e-4 * state.triangles.torque_rms(r)) ** -2 for r in rows}

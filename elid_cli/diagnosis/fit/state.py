@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,17 +13,18 @@ from elid_cli._types import Array
 from elid_cli.diagnosis.fit.projection import Projected, project
 from elid_cli.diagnosis.fit.whitening import whiteners
 from elid_cli.estimation.data import SampledData, sum_row
-from elid_cli.estimation.default_fit import solve_with
+from elid_cli.estimation.default_fit import Solved, solve_with
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of
 from elid_cli.estimation.regression.known_columns import KnownColumns
 from elid_cli.estimation.regression.least_squares import Solution, reweighted, solve
+from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.noise_floor import Floor, PropagatedNoise, propagated
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import Declared
-from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.effect import Effect, Nuisance
 from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.effects.shifts import Shifts, corrected
@@ -147,11 +148,19 @@ class State:
     @property
     def delays(self) -> dict[int, float]:
         """Return the torque delay that is corrected, s, by joint."""
+        return self._of_channels("delay")
+
+    @property
+    def offsets(self) -> dict[int, float]:
+        """Return the torque offset that is corrected, N·m (N), by joint."""
+        return self._of_channels("offset")
+
+    def _of_channels(self, which: Nuisance) -> dict[int, float]:
         first = self.log.model.parameters
         return {
             sum_row(extra).joint: float(self.solution.values[first + k])
             for k, extra in enumerate(self.nuisances)
-            if extra.nuisance == "delay"
+            if extra.nuisance == which
         }
 
     @cached_property
@@ -203,7 +212,7 @@ class State:
         return {row: self.rms(row) / max(self.floor.rms[row], least[row]) for row in self.triangles.rows}
 
 
-def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None) -> State:
+def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None, *, but: Collection[int] = ()) -> State:
     """Fit the model with some effects to the training stretches, by the one fit (`default_fit.solve_with`).
 
     Parameters
@@ -214,17 +223,57 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None) -> Stat
         Effects with their shapes.
     scene
         Scene from which the effects' columns are computed; None: made from a fit without effects.
+    but
+        Joints whose torque channel is taken to have no offset.
     """
     data = log.data
     if scene is None:
         plain = reweighted(data.triangles(()), log.base.count).values
         scene = scene_of(log.model, log.signals, plain[: log.model.parameters])
     columns = tuple(extra_of(effect, scene, log.signals) for effect in effects)
+    held = _held(log, effects, columns)
+    channels, own = _of_channels(data, effects, columns, but), FittedEffects(held, columns, scene)
+    found = solve_with(log.base, data, channels, own, longest=0.0)
+    if any(extra.nuisance == "offset" for extra in found.nuisances):
+        firm = _firm(data, found)
+        if len(firm) < len(found.nuisances):
+            found = solve_with(log.base, data, firm, own, longest=0.0)
+    return State(log, tuple(effects), found.nuisances, columns, found.triangles, found.solution, scene)
+
+
+def _of_channels(
+    data: SampledData, effects: Sequence[Effect], columns: Sequence[ExtraColumns], but: Collection[int]
+) -> list[ExtraColumns]:
+    """Return delay and offset of every torque channel, as identification estimates them along.
+
+    Not those that effects of the model are: a late channel, a constant torque in the rows of the channel.
+    """
     late = {e.joint for e in effects if e.corrects == "torque"}
     delays = [extra for extra in data.delays() if sum_row(extra).joint not in late]
-    held = _held(log, effects, columns)
-    found = solve_with(log.base, data, delays, FittedEffects(held, columns, scene), longest=0.0)
-    return State(log, tuple(effects), found.nuisances, columns, found.triangles, found.solution, scene)
+    offsets = [extra for extra in data.offsets() if sum_row(extra).joint not in but]
+    return delays + [extra for extra in offsets if not any(_constant(own, extra) for own in columns)]
+
+
+def _firm(data: SampledData, found: Solved) -> list[ExtraColumns]:
+    """Return the nuisances without offsets that stood out only as long as others were beside them."""
+    covariance = data.covariance(found.solution, found.nuisances, found.effects)
+    deviation = dict(zip(found.solution.basis.tolist(), np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
+    first = found.triangles.parameters
+    return [
+        extra for k, extra in enumerate(found.nuisances)
+        if extra.nuisance != "offset"
+        or abs(found.solution.values[first + k]) > SIGNIFICANT * deviation.get(first + k, np.inf)
+    ]  # fmt: skip
+
+
+def _constant(own: ExtraColumns, offset: ExtraColumns) -> bool:
+    """Whether an effect holds the offset of a torque channel: one of its columns is a constant in the same rows."""
+    if own.rows.keys() != offset.rows.keys():
+        return False
+    return any(
+        all(np.ptp(values[k]) <= 1e-9 * np.abs(values[k]).max() for values in own.rows.values())
+        for k in range(own.width)
+    )
 
 
 def _held(log: Log, effects: Sequence[Effect], columns: Sequence[ExtraColumns]) -> tuple[Declared, ...]:

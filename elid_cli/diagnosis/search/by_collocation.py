@@ -86,7 +86,7 @@ def _collocated(
     log = state.log
     model = Regressor(replace(log.model.robot, effects=tuple(specs)))
     signals = _stretch(log, log.fold >= 0)
-    fitted = fit_log(model, log.base, signals, EstimateOptions(offsets=False, guards=False))
+    fitted = fit_log(model, log.base, signals, EstimateOptions(offsets=bool(state.offsets), guards=False))
     if fitted.effects is None or len(fitted.effects.effects) != len(effects):
         return None
     setup = Setup(fitted)

@@ -194,7 +194,8 @@ def _told(found: Found, alone: Collocated, whole: Collocated, curves: Mapping[in
         return found
     state = fit(found.after.log, [item.effect for item in shapes.effects], found.after.scene)
     values = values_of(whole.setup, whole.outcome)
-    if [extra.rows.keys() for extra in state.nuisances] != [extra.rows.keys() for extra in whole.fit.nuisances]:
+    one, other = ([(extra.name, extra.rows.keys()) for extra in n] for n in (state.nuisances, whole.fit.nuisances))
+    if one != other:
         return found  # a delay that the one fit finds and the other does not: rare, and not worth two truths
     solution = replace(state.solution, values=values)
     # values in the basis of the one solution, told in that of the other

@@ -27,7 +27,7 @@ from elid_cli.report.answers.inputs import (
     span_words,
     used_items,
 )
-from elid_cli.report.answers.summary import answers, parameter_words, record_sections, share_text, trust_words
+from elid_cli.report.answers.summary import answers, listed, parameter_words, record_sections, share_text, trust_words
 from elid_cli.report.tree import KeyValues, Report, Section, Text, number_text
 from elid_cli.signals.recording import Recording
 
@@ -58,7 +58,7 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
         heading(found.robot, recording),
         answers(_trust_words(told), missing_words(told) + _loud_words(told), parameter_words(told.after), record),
         *([Text("partial", PARTIAL, "warning")] if found.partial else []),
-        *(Text(f"against{k}", line, "warning") for k, line in enumerate(_against(told))),
+        *(Text(f"against{k}", line, "warning") for k, line in enumerate((*_worse(found), *_against(told)))),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *told.after.warnings))),
         *result_sections(told),
         *(
@@ -163,6 +163,17 @@ def _against(told: DiagnosisInput) -> list[str]:
                 sizes = f"{number_text(before, 3)} → {number_text(after.rms, 3)} {unit}"
                 found.append(f"{_files(check.recording)}: {joint} is predicted worse than before, {sizes}: {said}")
     return found
+
+
+def _worse(found: Diagnosis) -> list[str]:
+    """Return what is said where parameters estimated with what was found predict left-out torque worse."""
+    if not found.predicted_worse:
+        return []
+    return [
+        f"{listed(found.predicted_worse)}: filtered as elid identify does, stretches left out are predicted worse with"
+        " what was found; a robot file is written with the parameters before, with stiffnesses and encoder faults as"
+        " found"
+    ]
 
 
 def _files(recording: Recording) -> str:

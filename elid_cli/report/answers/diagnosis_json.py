@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import Any
 
+from elid_cli.diagnosis import Diagnosis, FoundEffect
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import RowState
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.result import Identification
+from elid_cli.model.effects import nuisance_of
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
 from elid_cli.report.answers.diagnosis_tables import curve_words
 from elid_cli.report.answers.identification_json import error_payload as errors
@@ -26,7 +28,7 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
         "before": _side(found.before, found.rows_before, told.before),
         "after": _side(found.after, found.rows_after, told.after),
         "effects": [_effect_payload(c) for c in told.contributions],
-        "nuisances": nuisance_payload(found.nuisances),
+        "nuisances": nuisance_payload([*found.nuisances, *_late(found)]),
         "also_possible": [
             {"effect": r.effect, "joint": r.joint, "gain": r.gain, "instead_of": r.instead_of,
              "parameters": dict(r.parameters), "separate": r.separate}
@@ -49,6 +51,7 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
         ],
         **({"partial": True} if found.partial else {}),
         "sufficient": found.sufficient,
+        "predicted_worse": list(found.predicted_worse),
         "tried": found.tried,
         "held_out": [list(span) for span in found.held_out],
         "moved": [
@@ -60,6 +63,11 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
             for c in told.checks
         ],
     }  # fmt: skip
+
+
+def _late(found: Diagnosis) -> list[FoundEffect]:
+    """Return the torque delays of more than a sample, which are effects and corrected in the channels as well."""
+    return [effect for effect in found.effects if nuisance_of(effect.effect) == "delay"]
 
 
 def _side(error: Mapping[str, JointError], rows: Sequence[RowState], model: Identification) -> dict[str, Any]:

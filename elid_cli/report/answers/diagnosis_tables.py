@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import isnan
 
-from elid_cli.diagnosis import Diagnosis, FoundEffect, Unexplained
+from elid_cli.diagnosis import Diagnosis, FoundEffect, Rival, Unexplained
 from elid_cli.diagnosis.evidence.quarters import Survival
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import Organised
 from elid_cli.diagnosis.unexplained import HELD_OUT
 from elid_cli.estimation.judgement import JointError
-from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.error_tables import LIGHTS, torque_unit
@@ -99,7 +99,8 @@ def missing_words(told: DiagnosisInput) -> str:
     if not named:
         sticking = any(r.ratio > AT_FLOOR >= r.away for r in found.rows_after)
         where = " away from reversals" if sticking else ""
-        return rest.strip() or f"Nothing{where}: only the sensors' noise is left, and no effect improves the model."
+        nothing = f"Nothing{where}: only the sensors' noise is left, and no effect improves the model."
+        return (rest.strip() or nothing) + _constant_words(found)
     places: dict[str, list[str]] = {}
     for c in named:
         places.setdefault(c.effect.effect, []).append(c.effect.joint or found.robot.name)
@@ -112,11 +113,37 @@ def missing_words(told: DiagnosisInput) -> str:
         for joint, (times, rows) in gains.items() if times > BETTER
     ])  # fmt: skip
     worth = f" With {'it' if len(places) == 1 else 'them'} the error is smaller: {better}." if better else ""
-    rivals = dict.fromkeys(whose(r.effect.replace("_", " "), r.joint) for r in found.also_possible)
+    constant = _constants(found)
+    rivals = dict.fromkeys(whose(r.effect.replace("_", " "), r.joint) for r in _rivals(found) if r not in constant)
     tied = (
         f" This log cannot tell {'it' if len(places) == 1 else 'them'} from {listed(list(rivals))}." if rivals else ""
     )
-    return f"{said[:1].upper()}{said[1:]}.{worth}{tied}{rest}"
+    return f"{said[:1].upper()}{said[1:]}.{worth}{tied}{rest}{_constant_words(found)}"
+
+
+def _rivals(found: Diagnosis) -> list[Rival]:
+    """Return what could be as well, without what the model has already: a constant torque that is corrected."""
+    corrected = _offsets(found)
+    return [r for r in found.also_possible if (r.effect, r.joint) not in corrected]
+
+
+def _constants(found: Diagnosis) -> list[Rival]:
+    """Return what constants that are corrected could be as well."""
+    corrected = _offsets(found)
+    return [r for r in _rivals(found) if (r.instead_of, r.joint) in corrected]
+
+
+def _offsets(found: Diagnosis) -> set[tuple[str, str | None]]:
+    return {(n.effect, n.joint) for n in found.nuisances if nuisance_of(n.effect) == "offset"}
+
+
+def _constant_words(found: Diagnosis) -> str:
+    constant = _constants(found)
+    if not constant:
+        return ""
+    joints = listed(list(dict.fromkeys(r.joint or found.robot.name for r in constant)))
+    kinds = listed(list(dict.fromkeys(r.effect.replace("_", " ") for r in constant)))
+    return f" The constant torque at {joints} that is corrected as an offset could be {kinds} as well."
 
 
 BETTER = 1.05
@@ -137,7 +164,7 @@ def _better(found: Diagnosis, contribution: Contribution) -> float:
 def further_items(told: DiagnosisInput) -> Items:
     """Return what another log should hold: to tell effects apart, and to know those better that were found."""
     items: list[tuple[str, Cell]] = [
-        (f"{whose(r.effect, r.joint)} or {r.instead_of}", r.separate) for r in told.found.also_possible
+        (f"{whose(r.effect, r.joint)} or {r.instead_of}", r.separate) for r in _rivals(told.found)
     ]
     for c in told.contributions:
         effect = c.effect
@@ -187,9 +214,9 @@ def effect_sections(told: DiagnosisInput) -> list[Section]:
     sections: list[Section] = []
     if named:
         sections += _found(found.robot, "effects", "missing from the model", named)
-        sections += _also_possible(found)
     elif not found.sufficient:
         sections.append(Text("effects", "No effect of the library explains it."))
+    sections += _also_possible(found)
     if curves:
         sections += _found(found.robot, "curves", "curves over what is left, asked for by --lookup", curves)
     return sections
@@ -247,14 +274,14 @@ def _meaning_of(robot: Robot, terms: Sequence[FoundEffect]) -> str:
 
 
 def _also_possible(found: Diagnosis) -> list[Section]:
-    if not found.also_possible:
+    if not _rivals(found):
         return [Text("also_possible", "No other effect does as well on this log.")] if found.effects else []
     items: tuple[tuple[str, Cell], ...] = tuple(
         (
             f"{r.effect} {r.joint or ''}".strip(),
             f"in place of {r.instead_of} it explains {share_words(r.gain)}; to tell them apart, record: {r.separate}",
         )
-        for r in found.also_possible
+        for r in _rivals(found)
     )
     return [KeyValues("also_possible", items, title=SAME)]
 

@@ -1,0 +1,38 @@
+"""Whether an effect explains most of what its rows lack, or only helps.
+
+A log with something that no effect of the library is gives some effect a gain: a spring fits part of a stop that
+yields, friction that fades with speed part of friction that builds up over a distance. Such a helper leaves most of it,
+and what it leaves follows the motion. What is missing there is not known, and the helper's name would be a wrong one.
+"""
+
+from __future__ import annotations
+
+from elid_cli.diagnosis.fit.state import State, without
+from elid_cli.diagnosis.residuals import HIGH, REVERSALS, follows_motion, organise
+from elid_cli.diagnosis.search.acceptance import touched
+from elid_cli.model.regressor import EstimationRow
+
+MOST = 0.5
+"""Part of the held-out residual variance from which an effect explains most of it."""
+STICKS = 0.1
+"""Part of what is left, beyond what as many other instants hold, near standstill: the motor sticks."""
+
+
+def only_helps(state: State, number: int, gain: float) -> bool:
+    """Whether effect `number`, of a gain, leaves more than it takes of a row that does not obey the model even so.
+
+    `gain` is the part of the held-out residual variance that the effect takes (`held_out_gain`). An effect is one of
+    several where its rows come down to the noise with all of them. Faults between encoders are judged in the
+    deflection, what acts for a moment by that moment.
+    """
+    effect = state.effects[number]
+    if gain >= MOST or effect.local or effect.in_deflection:
+        return False
+    ratios, own = state.ratios(), state.columns[number].rows
+    rows = [row for row in touched(without(state, number), state, own) if row in own and ratios[row] > HIGH]
+    return any(follows_motion(state, row) or _sticks(state, row) for row in rows)
+
+
+def _sticks(state: State, row: EstimationRow) -> bool:
+    """Whether what a row leaves is a motor's sticking, which bends any friction curve."""
+    return any(item.variable == REVERSALS and item.share > STICKS for item in organise(state, row))
