@@ -6,7 +6,7 @@ anything else tried: a good fit has nothing to explain.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -46,45 +46,60 @@ def physics_warnings(fit: DefaultFit, found: Identification) -> tuple[str, ...]:
     signals = replace(fit.signals, sensed=np.zeros(fit.signals.n, dtype=bool))  # by motor torque and positions alone
     observation = observe(fit.model, signals, mask=False)
     now = misfit(observation, base)
-    said: list[tuple[float, str]] = []
+    moving = [k for k in range(fit.model.robot.n) if not fit.signals.still[k]]
+    gains = (
+        (now - misfit(other, base), words) for other, words in _others(fit, signals, observation, negative, moving)
+    )
+    said = [(gain, words) for gain, words in gains if gain > BETTER]
+    said += _by_negative_values(fit.model.robot, negative, moving, {words for _, words in said})
+    said.sort(key=lambda item: -item[0])
+    return tuple(sentence for _, sentence in said[:3])
 
-    def tried(other: Observation, sentence: str) -> None:
-        gain = now - misfit(other, base)
-        if gain > BETTER:
-            said.append((gain, sentence))
 
+def _wrong_sign(name: str) -> str:
+    return f"the torque of {name} looks as if its sign were wrong"
+
+
+def _others(
+    fit: DefaultFit, signals: Signals, observation: Observation, negative: Sequence[str], moving: Sequence[int]
+) -> Iterator[tuple[Observation, str]]:
+    """Yield what the log would be without a wrong sign, unit or exchange, and the sentence that names that."""
     robot, names = fit.model.robot, fit.model.robot.joint_names
-    moving = [k for k in range(robot.n) if not fit.signals.still[k]]
     for k in moving if len(moving) > 1 else []:
         # turning the others round fits as well; the joint whose own parameters are negative is the one
-        if negative and not any(w.startswith(tuple(f"{kind}{k + 1} " for kind in POSITIVE)) for w in negative):
-            continue
-        tried(turned(observation, k), f"the torque of {names[k]} looks as if its sign were wrong")
+        if not negative or any(w.startswith(tuple(f"{kind}{k + 1} " for kind in POSITIVE)) for w in negative):
+            yield turned(observation, k), _wrong_sign(names[k])
     for a, b in combinations(moving, 2):
-        tried(swapped(observation, a, b), f"the torques of {names[a]} and {names[b]} look swapped")
+        yield swapped(observation, a, b), f"the torques of {names[a]} and {names[b]} look swapped"
     for k in moving:
         if robot.joints[k].elastic and robot.joints[k].gear_ratio and robot.parents[k] >= 0:
-            other = Regressor(_geared(robot, k))
-            tried(observe(other, signals, mask=False), f"gear_ratio of {names[k]} looks as if its sign were wrong")
+            other = observe(Regressor(_geared(robot, k)), signals, mask=False)
+            yield other, f"gear_ratio of {names[k]} looks as if its sign were wrong"
     for label, factor in (("degrees", np.pi / 180), ("radians where degrees are declared", 180 / np.pi)):
         scaled = replace(signals, motion=_scaled(fit.signals.motion, factor))
-        tried(observe(fit.model, scaled, mask=False), f"the positions look as if they were in {label}")
+        yield observe(fit.model, scaled, mask=False), f"the positions look as if they were in {label}"
+
+
+def _by_negative_values(
+    robot: Robot, negative: Sequence[str], moving: Sequence[int], known: Container[str]
+) -> list[tuple[float, str]]:
+    """Return what negative parameters say whatever else fits, with a weight, beside the sentences that are known."""
+    said: list[tuple[float, str]] = []
     for k in moving:
         own = {kind for kind in POSITIVE if any(w.startswith(f"{kind}{k + 1} ") for w in negative)}
-        sentence = f"the torque of {names[k]} looks as if its sign were wrong"
+        name = robot.joint_names[k]
         # whatever else fits: a motor whose inertia and friction are negative is driven the other way round
         if (
             {robot.rotor_names[k][:2], "fs", "fv"} <= own
             and len(negative) < 3 * len(moving)
-            and all(sentence != s for _, s in said)
+            and _wrong_sign(name) not in known
         ):
-            said.append((np.inf, sentence))
+            said.append((np.inf, _wrong_sign(name)))
         if own == {"K"}:
-            said.append((np.inf, f"q and theta of {names[k]} look swapped: its spring pushes the wrong way"))
-    if len(moving) and len(negative) >= len(moving) and not said:
+            said.append((np.inf, f"q and theta of {name} look swapped: its spring pushes the wrong way"))
+    if len(moving) and len(negative) >= len(moving) and not said and not known:
         said.append((0.0, "inertia, friction or stiffness come out negative everywhere: the torque's sign looks wrong"))
-    said.sort(key=lambda item: -item[0])
-    return tuple(sentence for _, sentence in said[:3])
+    return said
 
 
 def channel_warnings(signals: Signals, robot: Robot) -> tuple[str, ...]:

@@ -46,9 +46,11 @@ class Outcome:
         return Iterate(self.coefficients, self.p, self.z)
 
 
-def iterate(
-    problem: Problem, start: Iterate, prior: Callable[[Iterate], tuple[float, Array, Array]], steps: int
-) -> Outcome:
+Prior = Callable[[Iterate], tuple[float, Array, Array]]
+"""Cost, matrix and gradient of what is known of (p, z)."""
+
+
+def iterate(problem: Problem, start: Iterate, prior: Prior, steps: int) -> Outcome:
     """Run Gauss-Newton with step halving.
 
     Parameters
@@ -76,20 +78,7 @@ def iterate(
         before = problem.cost(now) + prior(now)[0]
         if number == eased:
             costs = [before]
-        _, matrix, gradient = prior(now)
-        left = eliminate_trajectory(problem, now, (matrix, gradient))
-        size = 1.0
-        while True:
-            move = left.move(now, _LONGEST * size)
-            trial = Iterate(
-                [c + size * d for c, d in zip(now.coefficients, move.coefficients, strict=True)],
-                now.p + size * move.p,
-                now.z + size * move.z,
-            )
-            cost = problem.cost(trial) + prior(trial)[0]
-            if cost < before or size < 0.02:
-                break
-            size *= 0.5
+        trial, cost = _step(problem, now, prior, before)
         if cost < before:
             now = trial
         if number < eased:
@@ -103,3 +92,21 @@ def iterate(
     covariance, influence = covariance_at(problem, now, (matrix, gradient))
     end = now.p, now.z, now.coefficients, covariance
     return Outcome(*end, tuple(costs), problem.rho, problem.spread(now), influence)
+
+
+def _step(problem: Problem, now: Iterate, prior: Prior, before: float) -> tuple[Iterate, float]:
+    """Return the end of a Gauss-Newton step and its cost, the step halved until it falls below the cost before."""
+    _, matrix, gradient = prior(now)
+    left = eliminate_trajectory(problem, now, (matrix, gradient))
+    size = 1.0
+    while True:
+        move = left.move(now, _LONGEST * size)
+        trial = Iterate(
+            [c + size * d for c, d in zip(now.coefficients, move.coefficients, strict=True)],
+            now.p + size * move.p,
+            now.z + size * move.z,
+        )
+        cost = problem.cost(trial) + prior(trial)[0]
+        if cost < before or size < 0.02:
+            return trial, cost
+        size *= 0.5

@@ -175,12 +175,10 @@ def follow(
             if now == periods - 1:
                 break
             try:
-                if not continuous:
+                if continuous:
+                    x = _answered(system, controller, plan[k * stages : (k + 1) * stages + 1], t, h, x)
+                else:
                     x = system.advance(t, h, steps, x, acting)
-                for s in range(steps if continuous else 0):
-                    at = k * stages + 2 * s
-                    begin, middle, end = (partial(controller.torque, plan[at + i]) for i in range(3))
-                    x = system.step(t + s * h, h, x, (begin, middle, end))
             except (ValueError, OverflowError):
                 raise _runaway(system.dynamics, t) from None
             if not all(-RUNAWAY < value < RUNAWAY for value in system.split(x)[0]):
@@ -188,6 +186,21 @@ def follow(
         if progress is not None:
             progress((first + count) / periods)
     return trace
+
+
+def _answered(
+    system: System,
+    controller: Controller,
+    plan: Sequence[tuple[list[float], list[float], list[float]]],
+    t: float,
+    h: float,
+    x: list[float],
+) -> list[float]:
+    """Return the state after one period with a controller that acts at every instant; `plan` is of half steps."""
+    for s in range(len(plan) // 2):
+        begin, middle, end = (partial(controller.torque, plan[2 * s + i]) for i in range(3))
+        x = system.step(t + s * h, h, x, (begin, middle, end))
+    return x
 
 
 def _system(phases: Sequence[tuple[float, System]], t: float) -> System:

@@ -82,22 +82,37 @@ def check(
             fault.refuse("theta", joint.name, "no motor position")
     if not has["tau"].any() and not read.any():
         fault.refuse_torque(filled)
-    lacking = [j.name for k, j in enumerate(robot.joints) if not has["q"][k]]
-    if lacking:
-        if strict or "q" in plan.unusable:
+    warnings += _lacking(robot, fault, ~has["q"], ~has["tau"] & ~read, strict=strict)
+    optional = {s: values for s, values in filled.items() if s not in MEANING and not np.isnan(values).all()}
+    return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings, notes, computed)
+
+
+def _lacking(
+    robot: Robot, fault: _Fault, unplaced: NDArray[np.bool_], untorqued: NDArray[np.bool_], *, strict: bool
+) -> list[str]:
+    """Say what cannot be identified of joints without link position or torque, (n,), and whose stiffness is not used.
+
+    Raises
+    ------
+    LogError
+        If a link position is missing that the user has mapped; with `strict`, if anything is.
+    """
+    warnings = []
+    if unplaced.any():
+        lacking = [name for name, none in zip(robot.joint_names, unplaced, strict=True) if none]
+        if strict or "q" in fault.plan.unusable:
             fault.refuse("q", lacking[0], "no link position")
         counts = "its transmission counts" if len(lacking) == 1 else "their transmissions count"
         warnings.append(f"{' '.join(lacking)}: no link position q: {counts} as rigid")
-    untorqued = [name for k, name in enumerate(robot.joint_names) if not has["tau"][k] and not read[k]]
-    if untorqued:
+    if untorqued.any():
+        lacking = [name for name, none in zip(robot.joint_names, untorqued, strict=True) if none]
         if strict:
-            fault.refuse("tau", untorqued[0], "no torque")
-        warnings.append(f"{' '.join(untorqued)}: no torque tau: the motor side cannot be identified there")
+            fault.refuse("tau", lacking[0], "no torque")
+        warnings.append(f"{' '.join(lacking)}: no torque tau: the motor side cannot be identified there")
     idle = [joint.name for joint in robot.joints if not joint.elastic and "K" in joint.parameters]
     if idle:
         warnings.append(f"{' '.join(idle)}: the robot file's K is not used: it declares the transmission rigid")
-    optional = {s: values for s, values in filled.items() if s not in MEANING and not np.isnan(values).all()}
-    return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings, notes, computed)
+    return warnings
 
 
 def _compute_torque(

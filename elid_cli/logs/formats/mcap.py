@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -156,17 +156,10 @@ class McapLog:
                     continue
                 seen.add(channel.topic)
                 decoder = self._decoder(channel, container)
-                if decoder is None:
-                    continue
-                chosen = np.flatnonzero(messages.channels == identifier)[:200]
-                kind = _type_of(channel, container)
-                for shape in decoder.shapes(messages, chosen):
-                    for path, columns in shape.fields():
-                        key = (channel.topic, path)
-                        labels = tuple(dict.fromkeys([*(found[key].labels if key in found else ()), *columns.labels]))
-                        width = max(len(columns.indices), len(labels))
-                        rows = counts.get(channel.topic)
-                        found[key] = Channel(channel.topic, path, width, labels, rows, kind, open_ended=True)
+                if decoder is not None:
+                    chosen = np.flatnonzero(messages.channels == identifier)[:200]
+                    kind, rows = _type_of(channel, container), counts.get(channel.topic)
+                    _add_fields(found, channel.topic, decoder.shapes(messages, chosen), kind, rows)
             if len(found) > MOST_FIELDS:
                 raise LogError(
                     f"{self._name}: its messages have more than {MOST_FIELDS} fields",
@@ -250,6 +243,18 @@ def make_decoder(encoding: str, name: str, language: str, schema: bytes) -> tupl
             return FlatDecoder(flatten), ""
         return None, f"{known}: its protobuf descriptor is missing or damaged"
     return None, f"{known}: encoding {encoding!r}, expected cdr, json or protobuf"
+
+
+def _add_fields(
+    found: dict[tuple[str, str], Channel], topic: str, shapes: Iterable[Any], kind: str, rows: int | None
+) -> None:
+    """Add the fields of a topic's messages to those that were found, or the names that they bring."""
+    for shape in shapes:
+        for path, columns in shape.fields():
+            key = (topic, path)
+            labels = tuple(dict.fromkeys([*(found[key].labels if key in found else ()), *columns.labels]))
+            width = max(len(columns.indices), len(labels))
+            found[key] = Channel(topic, path, width, labels, rows, kind, open_ended=True)
 
 
 def _type_of(channel: Any, container: Container) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from elid_cli.errors import UsageError, nearest
 from elid_cli.logs.contract import Channel, Pick
@@ -84,54 +84,79 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
     """Place every signal with the first layer that fits it."""
     by_source = _by_source(channels)
     time, unfit, notes = _place_time(by_source, layers)
-    placements: dict[str, Placement] = {}
-    reasons: dict[str, str] = {}
-    unusable: set[str] = set()
-    either = False
-    used: dict[str, str] = {}
-    failed: dict[str, tuple[str, str]] = {}
+    placing = _Placing(by_source)
     for signal in SIGNALS:
         for layer in layers:
             spec = layer.signals.get(signal)
             if spec is None:
                 continue
-            found = place(spec, by_source, robot, time, near=signal not in reasons)
-            if isinstance(found, Placement):
-                best = placements.get(signal)
-                if best is not None and _worth(found, by_source) <= _worth(best, by_source):
-                    continue
-                placements[signal] = found
-                if signal == "tau_link":
-                    either = layer.canonical and "joint_states" in found.places
-                used[signal] = layer.where if layer.profile else ""
-                if not layer.canonical:
-                    break
-                continue
-            if signal in placements:
-                continue
-            if layer.profile:
-                reasons[signal] = f"{layer.where}: {found}"
-            reasons.setdefault(signal, found if layer.canonical else f"{layer.where}: {found}")
-            if layer.asked or not found.startswith(ABSENT):
-                unusable.add(signal)
-            if not layer.canonical and signal not in failed:
-                failed[signal] = (layer.where, found)
-    unfit += _unfit(failed, placements)
-    for where in dict.fromkeys(used.values()):
+            found = place(spec, by_source, robot, time, near=signal not in placing.reasons)
+            if not isinstance(found, Placement):
+                placing.fail(signal, layer, found)
+            elif placing.take(signal, layer, found):
+                break
+    placements = placing.placements
+    unfit += _unfit(placing.failed, placements)
+    for where in dict.fromkeys(placing.used.values()):
         if where:
-            notes.append(f"{' '.join(s for s, by in used.items() if by == where)} are taken as known of {where}")
-    if "tau" in placements and either and _same_place(placements["tau"], placements["tau_link"]):
-        del placements["tau_link"]  # what is mapped as the motor's torque is no sensor's
-    elif either:
-        placements["tau_link"] = replace(placements["tau_link"], either=True)
+            known = [signal for signal, by in placing.used.items() if by == where]
+            notes.append(f"{' '.join(known)} are taken as known of {where}")
+    placing.settle_sensor()
     for signal, placement in placements.items():
-        reasons.pop(signal, None)
         if placement.unnamed:
             notes.append(f"{signal}: values of {placement.places} have no names: taken in the robot's joint order")
+    reasons = {signal: reason for signal, reason in placing.reasons.items() if signal not in placements}
     return ReadPlan(
-        placements, time, tuple(unfit), tuple(notes), reasons, frozenset(unusable - set(placements)),
+        placements, time, tuple(unfit), tuple(notes), reasons, frozenset(placing.unusable - set(placements)),
         frozenset(signal for layer in layers if layer.asked for signal in layer.signals),
     )  # fmt: skip
+
+
+@dataclass
+class _Placing:
+    """Where signals were placed so far, and why others were not."""
+
+    by_source: Mapping[str, Sequence[Channel]]
+    placements: dict[str, Placement] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
+    unusable: set[str] = field(default_factory=set)
+    either: bool = False
+    """Whether the torque may be the motor's or a sensor's."""
+    used: dict[str, str] = field(default_factory=dict)
+    """Signal -> what is known of the message that holds it; empty: nothing was needed."""
+    failed: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+    def take(self, signal: str, layer: Layer, found: Placement) -> bool:
+        """Keep a placement if it is worth more than the last; return whether no other is looked for."""
+        best = self.placements.get(signal)
+        if best is not None and _worth(found, self.by_source) <= _worth(best, self.by_source):
+            return False
+        self.placements[signal] = found
+        if signal == "tau_link":
+            self.either = layer.canonical and "joint_states" in found.places
+        self.used[signal] = layer.where if layer.profile else ""
+        return not layer.canonical
+
+    def fail(self, signal: str, layer: Layer, why: str) -> None:
+        """Keep why a layer does not place a signal that none has placed yet."""
+        if signal in self.placements:
+            return
+        if layer.profile:
+            self.reasons[signal] = f"{layer.where}: {why}"
+        self.reasons.setdefault(signal, why if layer.canonical else f"{layer.where}: {why}")
+        if layer.asked or not why.startswith(ABSENT):
+            self.unusable.add(signal)
+        if not layer.canonical and signal not in self.failed:
+            self.failed[signal] = (layer.where, why)
+
+    def settle_sensor(self) -> None:
+        """Tell a torque that may be a sensor's from the motor's: what is mapped as the motor's is no sensor's."""
+        if not self.either:
+            return
+        if "tau" in self.placements and _same_place(self.placements["tau"], self.placements["tau_link"]):
+            del self.placements["tau_link"]
+        else:
+            self.placements["tau_link"] = replace(self.placements["tau_link"], either=True)
 
 
 def _worth(placement: Placement, by_source: Mapping[str, Sequence[Channel]]) -> tuple[int, int]:
@@ -270,23 +295,21 @@ def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel
     if len(found) == 1 and not found[0].width:
         return f"{found[0].source} cannot be read: {found[0].kind}"
     fields = {channel.field: channel for channel in found}
-    if field:
-        same = _field_like(field, fields)
-        if same is not None:
-            return fields[same]
-    else:
-        if DEFAULT_FIELDS[spec.signal] in fields:
-            return fields[DEFAULT_FIELDS[spec.signal]]
-        if len(found) == 1:
-            return found[0]
-        for plain in ("data", "values"):  # arrays of std_msgs, and those whose names are a topic of their own
-            if plain in fields:
-                return fields[plain]
+    held = _field_like(field, fields) if field else _usual_field(spec.signal, [channel.field for channel in found])
+    if held is not None:
+        return fields[held]
     wanted = field or DEFAULT_FIELDS[spec.signal]
     named = [name for name in fields if name and not name.endswith("sec")]
-    held = f"only {', '.join(named[:LISTED])}" if named else f"it cannot be decoded: {found[0].kind}"
+    only = f"only {', '.join(named[:LISTED])}" if named else f"it cannot be decoded: {found[0].kind}"
     like = nearest(wanted, named) if near else None
-    return f"{found[0].source} has no field {wanted!r}, {held}" + (f" (nearest: {like!r})" if like else "")
+    return f"{found[0].source} has no field {wanted!r}, {only}" + (f" (nearest: {like!r})" if like else "")
+
+
+def _usual_field(signal: str, fields: Sequence[str]) -> str | None:
+    """Return the field of a channel that holds a signal where the mapping names none."""
+    # data, values: arrays of std_msgs, and those whose names are a topic of their own
+    usual = next((name for name in (DEFAULT_FIELDS[signal], "data", "values") if name in fields), None)
+    return fields[0] if len(fields) == 1 else usual
 
 
 def _field_like(field: str, fields: Iterable[str]) -> str | None:

@@ -175,31 +175,48 @@ def _family(channel: Channel, channels: Sequence[Channel], joints: Sequence[str]
     names = [c.source for c in channels if c.field == channel.field and c.width == 1]
     if channel.width > 1:
         return alone
+    named = _named_alike(source, names, joints)
+    if named is None and len(joints) > 1:
+        named = _numbered_alike(source, names, len(joints)) or _peers(source, names, joints)
+    return named or alone
+
+
+def _named_alike(source: str, names: Sequence[str], joints: Sequence[str]) -> tuple[list[str], str, str] | None:
+    """Return the columns whose names differ from `source` in a joint's name alone, if every joint has one."""
     for joint in sorted(joints, key=len, reverse=True):
         if re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", source):
             pattern = source.replace(joint, "{joint}", 1)
             members = [name for other in joints if (name := pattern.replace("{joint}", other)) in names]
             if len(members) == len(joints):
                 return members, f'"{pattern}"', ""
-    if len(joints) > 1:
-        for match in reversed(list(re.finditer(r"\d+", source))):
-            before, after = source[: match.start()], source[match.end() :]
-            like = re.compile(rf"{re.escape(before)}(\d+){re.escape(after)}")
-            numbers = sorted(int(found[1]) for name in names if (found := like.fullmatch(name)))
-            count = min(len(numbers), len(joints))  # fewer: of the first joints, as the others are held
-            if count > 1 and numbers[:count] == list(range(numbers[0], numbers[0] + count)):
-                mark = {0: "{i0}", 1: "{i}"}.get(numbers[0])
-                members = [f"{before}{number}{after}" for number in numbers]
-                if mark or count == len(joints):
-                    listed = f"[{', '.join(map(_quoted, members[: len(joints)]))}]"
-                    return members, f'"{before}{mark}{after}"' if mark else listed, ""
+    return None
+
+
+def _numbered_alike(source: str, names: Sequence[str], joints: int) -> tuple[list[str], str, str] | None:
+    """Return the columns whose names differ from `source` in a number alone that counts the joints."""
+    for match in reversed(list(re.finditer(r"\d+", source))):
+        before, after = source[: match.start()], source[match.end() :]
+        like = re.compile(rf"{re.escape(before)}(\d+){re.escape(after)}")
+        numbers = sorted(int(found[1]) for name in names if (found := like.fullmatch(name)))
+        count = min(len(numbers), joints)  # fewer: of the first joints, as the others are held
+        if count > 1 and numbers[:count] == list(range(numbers[0], numbers[0] + count)):
+            mark = {0: "{i0}", 1: "{i}"}.get(numbers[0])
+            members = [f"{before}{number}{after}" for number in numbers]
+            if mark or count == joints:
+                listed = f"[{', '.join(map(_quoted, members[:joints]))}]"
+                return members, f'"{before}{mark}{after}"' if mark else listed, ""
+    return None
+
+
+def _peers(source: str, names: Sequence[str], joints: Sequence[str]) -> tuple[list[str], str, str] | None:
+    """Return the columns of the same group as `source` whose names are like the joints', each like another one's."""
     for cut in (".", "/"):
         head, _, own = source.rpartition(cut)
         peers = [name.rpartition(cut)[2] for name in names if head and own and name.rpartition(cut)[0] == head]
         close = [nearest(joint, peers) for joint in joints]
-        if len(joints) > 1 and None not in close and len(set(close)) == len(close):
+        if None not in close and len(set(close)) == len(close):
             return [f"{head}{cut}{name}" for name in peers], f'"{head}{cut}{{joint}}"', _pairs(joints, close)
-    return alone
+    return None
 
 
 def _pairs(joints: Sequence[str], names: Sequence[object]) -> str:

@@ -130,8 +130,7 @@ def walk(stream: Readable, size: int | None, container: Container) -> Iterator[M
         Filled with schemas, channels and losses while walking.
     """
     start = position = len(stream.read(len(MAGIC)))
-    loose = bytearray()
-    pending: tuple[bytes, list[bytes]] | None = None
+    gathered = _Gathered(container)
     ended = False
     while True:
         head = stream.read(HEAD.size)
@@ -141,39 +140,64 @@ def walk(stream: Readable, size: int | None, container: Container) -> Iterator[M
         start, position = position, position + HEAD.size + length
         if (size is not None and position > size) or length > LARGEST_RECORD or opcode == 0:
             break
-        if pending is not None and opcode != MESSAGE_INDEX:
-            yield from _messages(*pending, container)
-            pending = None
+        if opcode != MESSAGE_INDEX:
+            yield from gathered.chunk()
         if opcode in (DATA_END, FOOTER):
             ended = True
             break
         container.budget.step()
-        if opcode not in READ:
-            if not _passed(stream, length):
-                break
-            continue
-        body = stream.read(length)
-        if len(body) < length:
+        body = _body(stream, opcode, length)
+        if body is None:
             break
-        if opcode == CHUNK:
-            records = _chunk(body, start, container)
-            pending = (records, []) if records is not None else None
-        elif opcode == MESSAGE_INDEX and pending is not None:
-            pending[1].append(body)
-        elif opcode == MESSAGE:
-            loose += head + body
-        elif opcode in (SCHEMA, CHANNEL):
-            _declare(opcode, body, container)
-        if len(loose) > GATHERED:
-            yield from _messages(bytes(loose), [], container)
-            loose.clear()
-    if pending is not None:
-        yield from _messages(*pending, container)
-    if loose:
-        yield from _messages(bytes(loose), [], container)
+        gathered.take(opcode, head, body, start)
+        if len(gathered.loose) > GATHERED:
+            yield from gathered.rest()
+    yield from gathered.chunk()
+    yield from gathered.rest()
     if not ended:
         lost = f", {size - start:d} bytes lost" if size is not None and position > start and size > start else ""
         container.losses.append(f"the file ends without its footer (cut while recording or copying{lost})")
+
+
+class _Gathered:
+    """What was read and not yet yielded: a chunk whose indexes may follow, and messages between chunks."""
+
+    def __init__(self, container: Container) -> None:
+        self.container = container
+        self.loose = bytearray()
+        self.pending: tuple[bytes, list[bytes]] | None = None
+
+    def take(self, opcode: int, head: bytes, body: bytes, start: int) -> None:
+        """Keep a record that begins at byte `start`."""
+        if opcode == CHUNK:
+            records = _chunk(body, start, self.container)
+            self.pending = (records, []) if records is not None else None
+        elif opcode == MESSAGE_INDEX and self.pending is not None:
+            self.pending[1].append(body)
+        elif opcode == MESSAGE:
+            self.loose += head + body
+        elif opcode in (SCHEMA, CHANNEL):
+            _declare(opcode, body, self.container)
+
+    def chunk(self) -> Iterator[Messages]:
+        """Yield the messages of the chunk."""
+        pending, self.pending = self.pending, None
+        if pending is not None:
+            yield from _messages(*pending, self.container)
+
+    def rest(self) -> Iterator[Messages]:
+        """Yield the messages between chunks."""
+        if self.loose:
+            yield from _messages(bytes(self.loose), [], self.container)
+            self.loose.clear()
+
+
+def _body(stream: Readable, opcode: int, length: int) -> bytes | None:
+    """Return a record's content, empty where nobody needs it; None where the file ends within it."""
+    if opcode not in READ:
+        return b"" if _passed(stream, length) else None
+    body = stream.read(length)
+    return body if len(body) == length else None
 
 
 def _passed(stream: Readable, length: int) -> bool:

@@ -108,11 +108,7 @@ def _panel(axes: Axes, panel: Panel) -> None:
 
 def _mark(axes: Axes, mark: Mark) -> None:
     if isinstance(mark, Cells):
-        from matplotlib.patches import Rectangle
-
-        for x, y, fill, letter in zip(mark.x, mark.y, mark.fills, mark.letters, strict=True):
-            axes.add_patch(Rectangle((x - 0.48, y - 0.46), 0.96, 0.92, facecolor=fill, edgecolor="#bbbbbb"))
-            axes.text(x, y, letter, ha="center", va="center", color=PALETTE["ink"])
+        _cells(axes, mark)
         return
     color = PALETTE[mark.color]
     label: Any = getattr(mark, "label", "") or None
@@ -135,12 +131,24 @@ def _mark(axes: Axes, mark: Mark) -> None:
     elif isinstance(mark, Bars):
         axes.hlines(mark.y, mark.low, mark.high, color=color, linewidth=mark.width, label=label)
     elif isinstance(mark, Words):
-        for k, text in enumerate(mark.texts):
-            outside = mark.x is None
-            place = 1.02 if outside else float(np.asarray(mark.x)[k])
-            across = axes.get_yaxis_transform() if outside else axes.transData
-            align = {"start": "left", "middle": "center", "end": "right"}[mark.anchor]
-            axes.text(place, float(mark.y[k]), text, va="center", ha=align, color=color, transform=across, fontsize=8)
+        _words(axes, mark, color)
+
+
+def _cells(axes: Axes, mark: Cells) -> None:
+    from matplotlib.patches import Rectangle
+
+    for x, y, fill, letter in zip(mark.x, mark.y, mark.fills, mark.letters, strict=True):
+        axes.add_patch(Rectangle((x - 0.48, y - 0.46), 0.96, 0.92, facecolor=fill, edgecolor="#bbbbbb"))
+        axes.text(x, y, letter, ha="center", va="center", color=PALETTE["ink"])
+
+
+def _words(axes: Axes, mark: Words, color: str) -> None:
+    outside = mark.x is None
+    across = axes.get_yaxis_transform() if outside else axes.transData
+    align = {"start": "left", "middle": "center", "end": "right"}[mark.anchor]
+    for k, text in enumerate(mark.texts):
+        place = 1.02 if outside else float(np.asarray(mark.x)[k])
+        axes.text(place, float(mark.y[k]), text, va="center", ha=align, color=color, transform=across, fontsize=8)
 
 
 def _dashes(dash: str) -> Any:
