@@ -31,7 +31,7 @@ def compiled_steps() -> Callable[..., None] | None:
     return made
 
 
-def steps(
+def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no calls
     mass: Array, force: Array, slope: Array, place: Array, told: Array, kp: Array, kd: Array, x0: Array, v0: Array,
     inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, push: Array, grip: Array, dt: float,
     xs: Array, vs: Array,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from click.core import ParameterSource
@@ -19,6 +20,19 @@ if TYPE_CHECKING:
 MOTION = "Trajectory"
 
 
+@dataclass(frozen=True)
+class MotionChoice:
+    """Which trajectory is wanted; `after` what."""
+
+    aims: tuple[str, ...] = ()
+    after: str | None = None
+    duration: float = 20.0
+    rate: float = 250.0
+    interval: float | None = None
+    residual: float = 0.02
+    seed: int = 0
+
+
 @verb(
     "elid excite --robot puma560 -o excite.csv",
     "elid excite --robot puma560 -o wrist.csv --for Izz6 --for Jm6 --duration 30",
@@ -26,71 +40,63 @@ MOTION = "Trajectory"
 )
 @options.robot
 @options.reading
-@options.option(
-    MOTION,
-    "--for",
-    "aims",
-    multiple=True,
-    metavar="NAME",
-    help="Parameter that the log must show above all, such as Izz6. Repeatable.",
+@options.gathered(
+    "motion",
+    MotionChoice,
+    options.option(
+        MOTION,
+        "--for",
+        "aims",
+        multiple=True,
+        metavar="NAME",
+        help="Parameter that the log must show above all, such as Izz6. Repeatable.",
+    ),
+    options.option(
+        MOTION,
+        "--after",
+        type=File(),
+        metavar="LOG",
+        help="The last log, or its result saved with --json: aim at what it could not show, and expect its residuals.",
+    ),
+    options.option(
+        MOTION,
+        "--duration",
+        type=Number(above=0),
+        default=20.0,
+        show_default=True,
+        metavar="S",
+        help="Length of the trajectory.",
+    ),
+    options.option(
+        MOTION,
+        "--rate",
+        type=Number(above=0),
+        default=250.0,
+        show_default=True,
+        metavar="HZ",
+        help="Samples per second in the file.",
+    ),
+    options.option(
+        MOTION,
+        "--interval",
+        type=Number(above=0),
+        metavar="S",
+        help="Time between the splines' way-points. Default: from each joint's limits.",
+    ),
+    options.option(
+        MOTION,
+        "--residual",
+        type=Share(above=0),
+        default="2%",
+        show_default=True,
+        metavar="SHARE",
+        help="Expected torque residual after filtering, as a share of the torque; scales standard errors.",
+    ),
+    options.seed,
 )
-@options.option(
-    MOTION,
-    "--after",
-    type=File(),
-    metavar="LOG",
-    help="The last log, or its result saved with --json: aim at what it could not show, and expect its residuals.",
-)
-@options.option(
-    MOTION,
-    "--duration",
-    type=Number(above=0),
-    default=20.0,
-    show_default=True,
-    metavar="S",
-    help="Length of the trajectory.",
-)
-@options.option(
-    MOTION,
-    "--rate",
-    type=Number(above=0),
-    default=250.0,
-    show_default=True,
-    metavar="HZ",
-    help="Samples per second in the file.",
-)
-@options.option(
-    MOTION,
-    "--interval",
-    type=Number(above=0),
-    metavar="S",
-    help="Time between the splines' way-points. Default: from each joint's limits.",
-)
-@options.option(
-    MOTION,
-    "--residual",
-    type=Share(above=0),
-    default="2%",
-    show_default=True,
-    metavar="SHARE",
-    help="Expected torque residual after filtering, as a share of the torque; scales standard errors.",
-)
-@options.seed
 @options.out("The trajectory to write, CSV: t, q, dq, ddq of every joint.", metavar="TRAJ.csv")
 @options.output
-def excite(
-    robot: str,
-    reading: Reading,
-    aims: tuple[str, ...],
-    after: str | None,
-    duration: float,
-    rate: float,
-    interval: float | None,
-    residual: float,
-    seed: int,
-    out: str,
-    output: Output,
-) -> None:
+def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output: Output) -> None:
     """Find a trajectory whose log tells most about the base parameters, from rest to rest within the joints' limits.
 
     Limits and reference values come from the robot file. The report says which standard errors to expect.
@@ -115,18 +121,27 @@ def excite(
         from elid_cli.report.answers.excitation import excitation_report
 
         machine = load_robot(robot)
-        choice = ExciteOptions(duration=duration, interval=interval, aims=aims, residual=residual, seed=seed)
-        if after is not None:
-            last = _last(after, machine, reading, output)
-            if not last.hidden and not aims:
-                note([f"{after} shows every parameter that the robot can show; nothing special is aimed at"], output)
-            choice = replace(choice, aims=tuple(dict.fromkeys((*aims, *last.hidden))))
+        choice = ExciteOptions(
+            duration=motion.duration,
+            interval=motion.interval,
+            aims=motion.aims,
+            residual=motion.residual,
+            seed=motion.seed,
+        )
+        if motion.after is not None:
+            last = _last(motion.after, machine, reading, output)
+            if not last.hidden and not motion.aims:
+                note(
+                    [f"{motion.after} shows every parameter that the robot can show; nothing special is aimed at"],
+                    output,
+                )
+            choice = replace(choice, aims=tuple(dict.fromkeys((*motion.aims, *last.hidden))))
             asked = click.get_current_context().get_parameter_source("residual")
             if asked is not ParameterSource.COMMANDLINE:
                 choice = replace(choice, measured=last.residual)
         found = find(machine, choice, None if advance is None else lambda share: advance("optimising", share))
-        write_trajectory(out, machine.joint_names, *found.sampled(rate))
-        report = excitation_report(found, robot, out, rate)
+        write_trajectory(out, machine.joint_names, *found.sampled(motion.rate))
+        report = excitation_report(found, robot, out, motion.rate)
         if pictures_wanted(output):
             from elid_cli.report.figures import figures_of
             from elid_cli.report.figures.build import with_figures

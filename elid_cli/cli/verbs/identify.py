@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from elid_cli.cli import options, values
@@ -17,6 +18,14 @@ if TYPE_CHECKING:
     from elid_cli.robot.robot import Payload, Robot
 
 
+@dataclass(frozen=True)
+class Beyond:
+    """What is found beside the base parameters."""
+
+    physical: bool = False
+    payload: tuple[Payload | None] | None = None
+
+
 @verb(
     "elid identify run07.mcap --robot puma560",
     "elid identify *.mcap --robot puma560 --write-robot mine.yaml --report report.html",
@@ -28,22 +37,16 @@ if TYPE_CHECKING:
 @options.conditioning
 @options.fit
 @spread
-@options.option(
-    options.FIT,
-    "--physical",
-    is_flag=True,
-    help="Also find all parameters of a robot that could be built, what the log leaves open from the robot "
-    "file; --write-robot then writes them.",
-)
-@options.option(
-    options.FIT,
-    "--payload",
-    type=values.CarriedType(),
-    metavar="KG@JOINT",
-    help="The second of two logs was recorded with this mass on the joint's body: find the gains of the drives, whose "
-    "torque may be a current or a share. KG@JOINT:X,Y,Z also gives its centre, m in the joint's frame; declared: the "
-    "payload: of the robot's file.",
-)
+@options.gathered(
+    "beyond", Beyond,
+    options.option(options.FIT, "--physical", is_flag=True,
+                   help="Also find all parameters of a robot that could be built, what the log leaves open from the "
+                   "robot file; --write-robot then writes them."),
+    options.option(options.FIT, "--payload", type=values.CarriedType(), metavar="KG@JOINT",
+                   help="The second of two logs was recorded with this mass on the joint's body: find the gains of the "
+                   "drives, whose torque may be a current or a share. KG@JOINT:X,Y,Z also gives its centre, m in the "
+                   "joint's frame; declared: the payload: of the robot's file."),
+)  # fmt: skip
 @options.gates
 @options.files
 @options.output
@@ -54,8 +57,7 @@ def identify(
     conditioning: Conditioning,
     fit: FitOptions,
     spread: Spread,
-    physical: bool,
-    payload: tuple[Payload | None] | None,
+    beyond: Beyond,
     gates: Gates,
     files: Files,
     output: Output,
@@ -72,7 +74,7 @@ def identify(
     from elid_cli.cli.routes import log_request, samples_of
 
     check_output(output)
-    if physical:
+    if beyond.physical:
         from elid_cli.estimation.physical.semidefinite import need_solver
 
         need_solver()
@@ -89,9 +91,9 @@ def identify(
         chosen = EstimateOptions(
             estimator=fit.estimator, accurate=fit.accurate, fit="trajectory" if fit.fit == "trajectory" else "torque"
         )
-        found, recording, apart, signals = _identified(request, chosen, payload, pictures_wanted(output))
+        found, recording, apart, signals = _identified(request, chosen, beyond.payload, pictures_wanted(output))
         predicting = refined = identified_robot(found)
-        if physical:
+        if beyond.physical:
             from elid_cli.estimation.physical.nearest import make_physical
 
             built = make_physical(found)
@@ -100,12 +102,12 @@ def identify(
 
         def without_effects(plain: Robot) -> Identification:
             return _identified(
-                replace(again, robot=plain), replace(chosen, delays=chosen.fit != "trajectory"), payload, False
+                replace(again, robot=plain), replace(chosen, delays=chosen.fit != "trajectory"), beyond.payload, False
             ).found
 
         elastic = with_stiffnesses(refined, found)
         written = write_found(
-            files, elastic, remarks(found, physical=physical) if files.write_robot else (), found, found.error,
+            files, elastic, remarks(found, physical=beyond.physical) if files.write_robot else (), found, found.error,
             without_effects, output,
         )  # fmt: skip
         report = identification_report(found, recording, robot, apart, written.files)
@@ -113,11 +115,13 @@ def identify(
             from elid_cli.report.figures.build import identification_figures, with_figures
 
             signals = (
-                signals if payload or signals else samples_of(logs, machine, reading, conditioning, output, advance)
+                signals
+                if beyond.payload or signals
+                else samples_of(logs, machine, reading, conditioning, output, advance)
             )
             if signals is not None:
                 report = with_figures(report, identification_figures(found, predicting, signals))
-        if physical:
+        if beyond.physical:
             report = with_physical(report, built, found.base)
     emit(motor_rows_told(report, gates, found.error, output), output)
     if written.refusal:

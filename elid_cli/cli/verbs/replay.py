@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -35,6 +36,15 @@ class Distance(click.ParamType):  # type: ignore[type-arg]
         return number * SCALES.get(unit, 1.0)
 
 
+@dataclass(frozen=True)
+class Way:
+    """How a log is replayed, and beside which other robot."""
+
+    against: str | None = None
+    horizon: float | None = None
+    engine: Literal["elid", "mujoco"] = "elid"
+
+
 @verb(
     "elid replay run08.h5 --robot identified.xml",
     "elid replay run08.h5 run09.h5 --robot identified.yaml --against datasheet.yaml --max-error 5mrad",
@@ -42,17 +52,15 @@ class Distance(click.ParamType):  # type: ignore[type-arg]
 @options.logs()
 @options.robot
 @options.reading
-@options.option(
-    options.INPUT, "--against", metavar="ROBOT", help="Another robot file to replay on the same logs, beside the first."
-)
-@options.option(
-    options.FIT, "--horizon", type=values.Number(above=0), metavar="SECONDS",
-    help="Start again from the measured state every so often. Default: once, from the first pose; every 0.5 s where "
-         "the log holds no commands and its torque drives the robot.",
-)  # fmt: skip
-@options.option(
-    options.FIT, "--engine", type=click.Choice(("elid", "mujoco")), default="elid", show_default=True,
-    help="What simulates: elid, or MuJoCo with the exported model where it is installed.",
+@options.gathered(
+    "how", Way,
+    options.option(options.INPUT, "--against", metavar="ROBOT",
+                   help="Another robot file to replay on the same logs, beside the first."),
+    options.option(options.FIT, "--horizon", type=values.Number(above=0), metavar="SECONDS",
+                   help="Start again from the measured state every so often. Default: once, from the first pose; every "
+                   "0.5 s where the log holds no commands and its torque drives the robot."),
+    options.option(options.FIT, "--engine", type=click.Choice(("elid", "mujoco")), default="elid", show_default=True,
+                   help="What simulates: elid, or MuJoCo with the exported model where it is installed."),
 )  # fmt: skip
 @options.option(
     options.GATES, "--max-error", type=Distance(), metavar="DISTANCE",
@@ -63,9 +71,7 @@ def replay(
     logs: tuple[str, ...],
     robot: str,
     reading: Reading,
-    against: str | None,
-    horizon: float | None,
-    engine: str,
+    how: Way,
     max_error: float | None,
     output: Output,
 ) -> None:
@@ -83,18 +89,18 @@ def replay(
         from elid_cli.experiment.replay.replay import pooled
         from elid_cli.report.answers.replay import replay_report
 
-        chosen = ReplayOptions(horizon, "mujoco" if engine == "mujoco" else "elid")
-        machines = [load_robot(name) for name in (robot, *((against,) if against else ()))]
+        chosen = ReplayOptions(how.horizon, how.engine)
+        machines = [load_robot(name) for name in (robot, *((how.against,) if how.against else ()))]
         found: list[list[Replay]] = [[] for _ in machines]
         for log in logs:
             for machine, replays in zip(machines, found, strict=True):
                 recording = load_recording((log,), machine, reading, output, None, advance, label=log)
                 replays.append(simulate(machine, recording, chosen))
-        report = replay_report(found[0], found[1] if against else (), (robot, against or ""))
+        report = replay_report(found[0], found[1] if how.against else (), (robot, how.against or ""))
         if pictures_wanted(output):
             from elid_cli.report.figures.build import replay_figures, with_figures
 
-            report = with_figures(report, replay_figures(found[0][0], found[1][0] if against else None))
+            report = with_figures(report, replay_figures(found[0][0], found[1][0] if how.against else None))
     emit(report, output)
     sizes = {name: e.mean_abs for name, e in pooled(found[0]).items()}
     worst = max(sizes, key=lambda name: sizes[name])

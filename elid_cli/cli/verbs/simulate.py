@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from elid_cli.cli import options
 from elid_cli.cli import simulate_options as simulating
 from elid_cli.cli.group import verb
@@ -9,6 +11,14 @@ from elid_cli.cli.inputs import load_robot
 from elid_cli.cli.options import Output
 from elid_cli.cli.simulate_options import ControlChoice, MotionChoice, SensorChoice
 from elid_cli.cli.values import File
+
+
+@dataclass(frozen=True)
+class Written:
+    """Where the log goes."""
+
+    out: str
+    truth: str | None = None
 
 
 @verb(
@@ -21,8 +31,12 @@ from elid_cli.cli.values import File
 @simulating.motion
 @simulating.control
 @simulating.sensors
-@options.out("The log to write: .csv, .csv.gz, .h5 or .mcap.", metavar="LOG")
-@options.option(options.OUTPUT, "--truth", type=File(), metavar="LOG", help="Write the exact signals to another log.")
+@options.gathered(
+    "written", Written,
+    options.out("The log to write: .csv, .csv.gz, .h5 or .mcap.", metavar="LOG"),
+    options.option(options.OUTPUT, "--truth", type=File(), metavar="LOG",
+                   help="Write the exact signals to another log."),
+)  # fmt: skip
 @options.output
 def simulate(
     robot: str,
@@ -31,8 +45,7 @@ def simulate(
     motion: MotionChoice,
     control: ControlChoice,
     sensors: SensorChoice,
-    out: str,
-    truth: str | None,
+    written: Written,
     output: Output,
 ) -> None:
     """Simulate a robot with its reference parameters and effects, and write the log that its sensors would give.
@@ -47,7 +60,7 @@ def simulate(
     from elid_cli.logs.writing import writer_for
 
     check_output(output)
-    for name in (out, truth):
+    for name in (written.out, written.truth):
         if name is not None:
             writer_for(name)
             check_writable(Path(name))
@@ -68,7 +81,7 @@ def simulate(
         chosen = simulating.options_of(machine, motion, control, sensors)
         share = None if advance is None else lambda done: advance("simulating", done)
         result = simulation.run(acting, chosen, share)
-        write_recording(result.recording, out)
-        if truth is not None:
-            write_recording(simulation.exact(result), truth)
-    emit(simulation_report(acting, simulation.filed(result, out), chosen, robot), output)
+        write_recording(result.recording, written.out)
+        if written.truth is not None:
+            write_recording(simulation.exact(result), written.truth)
+    emit(simulation_report(acting, simulation.filed(result, written.out), chosen, robot), output)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from elid_cli.cli import options
@@ -12,6 +13,14 @@ if TYPE_CHECKING:
     from elid_cli.robot.robot import Robot
 
 
+@dataclass(frozen=True)
+class Part:
+    """What is judged: the whole log or what diagnose holds out, of one robot or of several."""
+
+    held_out: bool = False
+    against: tuple[str, ...] = ()
+
+
 @verb(
     "elid validate run08.mcap --robot identified.yaml --max-error 5%",
     "elid validate run08.mcap run09.mcap --robot identified.yaml --against datasheet.yaml --report compared.html",
@@ -20,14 +29,12 @@ if TYPE_CHECKING:
 @options.robot
 @options.reading
 @options.conditioning
-@options.held_out
-@options.option(
-    options.INPUT,
-    "--against",
-    multiple=True,
-    metavar="ROBOT",
-    help="Another robot file to judge on the same logs, beside the first. Repeatable.",
-)
+@options.gathered(
+    "part", Part,
+    options.held_out,
+    options.option(options.INPUT, "--against", multiple=True, metavar="ROBOT",
+                   help="Another robot file to judge on the same logs, beside the first. Repeatable."),
+)  # fmt: skip
 @options.gathered("gates", Gates, options.max_error, options.fail_on_insufficient)
 @options.output
 def validate(
@@ -35,8 +42,7 @@ def validate(
     robot: str,
     reading: Reading,
     conditioning: Conditioning,
-    held_out: bool,
-    against: tuple[str, ...],
+    part: Part,
     gates: Gates,
     output: Output,
 ) -> None:
@@ -57,12 +63,12 @@ def validate(
         machine = load_robot(robot)
         recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
         signals = load_signals(recording, machine, diagnosis_conditioning(conditioning, recording), advance)
-        chosen = search_folds(len(signals.outputs)) < 0 if held_out else None
+        chosen = search_folds(len(signals.outputs)) < 0 if part.held_out else None
         found = judge(machine, signals, chosen)
         stretches = () if chosen is None else spans(found.observation.t, chosen)
         cases = errors_by_log(machine, signals, recording.files, chosen)
-        if against:
-            named = [(robot, found), *((name, judge(_alike(name, machine), signals, chosen)) for name in against)]
+        if part.against:
+            named = [(robot, found), *((name, judge(_alike(name, machine), signals, chosen)) for name in part.against)]
             cases = (*cases, *(ByLog(name, judged.error) for name, judged in named))
         said = judge_prediction(found)
         report = validation_report(found, recording, robot, stretches, cases, said)
