@@ -136,7 +136,7 @@ def test_validate_says_what_the_residual_follows(tmp_path: Path, capsys: pytest.
     assert all(error["floor"] < error["rms"] for error in told["error"].values())
     assert {item["joint"] for item in told["insufficient"]} == {"joint1", "joint2"}
     assert main(["validate", log, "--robot", "planar2", "--fail-on-insufficient"]) == 1
-    assert "the model is insufficient: joint" in capsys.readouterr().err
+    assert "the model is insufficient: the residual of joint1" in capsys.readouterr().err
 
 
 def test_the_accurate_estimate_says_of_the_model_what_the_default_says() -> None:
