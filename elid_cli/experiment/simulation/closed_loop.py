@@ -179,13 +179,18 @@ def follow(
                     x = _answered(system, controller, plan[k * stages : (k + 1) * stages + 1], t, h, x)
                 else:
                     x = system.advance(t, h, steps, x, acting)
+                _check_bounded(system.split(x)[0])
             except (ValueError, OverflowError):
                 raise _runaway(system.dynamics, t) from None
-            if not all(-RUNAWAY < value < RUNAWAY for value in system.split(x)[0]):
-                raise _runaway(system.dynamics, t)
         if progress is not None:
             progress((first + count) / periods)
     return trace
+
+
+def _check_bounded(q: Sequence[float]) -> None:
+    """Raise OverflowError where a position is beyond all bounds, or no number."""
+    if not all(-RUNAWAY < value < RUNAWAY for value in q):
+        raise OverflowError
 
 
 def _answered(
