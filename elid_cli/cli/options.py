@@ -166,8 +166,8 @@ fit = gathered(
     option(FIT, "--estimator", type=click.Choice(("default", "paper")), default="default",
            help="The paper's own least squares is biased under noise; it is here to compare with."),
     option(FIT, "--fit", type=click.Choice(("torque", "trajectory")), default="torque",
-           help="trajectory: of logs with commands, simulate the motion and bring it near the measured one. Bodies are "
-                "held at the robot file's values."),
+           help="trajectory: simulate the motion and bring it near the measured one; under the log's commands, bodies "
+                "held at the robot file's values, or under its torque, in windows."),
     option(FIT, "--accurate", is_flag=True,
            help="Estimate trajectory and parameters together; slower, right under strong noise."),
 )  # fmt: skip

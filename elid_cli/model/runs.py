@@ -40,6 +40,8 @@ class Run:
     """Number of the file that it is from."""
     told: Array | None = None
     """What the log told the drives at every sample, N·m (N), (N, n)."""
+    seen: Array | None = None
+    """Measured positions of the coordinates, rad (m), (N, m); NaN where missing."""
 
     def delayed(self, late: Array, *, commanded: bool = True) -> Run:
         """Return the run with drives that act later than logged by `late`, s, (n,)."""
@@ -104,13 +106,14 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
             if stop - a < SHORTEST or not usable or not np.isfinite(told[part]).all():
                 continue
             t = recording.t[part]
-            x = np.concatenate([_filled(link[part]), _filled(motor[part])[:, elastic]], axis=1)
+            seen = np.concatenate([link[part], motor[part][:, elastic]], axis=1)
+            x = _filled(seen)
             v = np.concatenate(
                 [_speed(speed[0], link, part, recording.dt), _speed(speed[1], motor, part, recording.dt)[elastic]]
             )
             acting = _held(told[part], steps, delays / recording.dt, commanded=commanded)
             drives = Drives(acting, kp[a], kd[a], limit)
-            runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source, told[part]))
+            runs.append(Run(t, link[part], (x[0], v), x, drives, recording.dt, segment.source, told[part], seen))
     return runs
 
 

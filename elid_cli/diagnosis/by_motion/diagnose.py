@@ -19,12 +19,11 @@ from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.trajectory.differing import as_last, differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.found_effects import fitted_effects, scene_of_fit
 from elid_cli.estimation.trajectory.identification import (
     commanded_runs,
     declared_along,
-    fitted_effects,
     identification_of,
-    scene_of_fit,
     started_from,
     unsuited,
 )

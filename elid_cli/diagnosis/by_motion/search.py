@@ -231,7 +231,7 @@ def _kept(
 
 
 def _stays(fit: TrajectoryFit, place: int, item: Named) -> bool:
-    from elid_cli.estimation.trajectory.identification import scene_of_fit
+    from elid_cli.estimation.trajectory.found_effects import scene_of_fit
 
     part = fit.unknowns.amplitudes_of(place)
     scene = scene_of_fit(fit)

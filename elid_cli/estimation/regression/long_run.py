@@ -43,6 +43,13 @@ def beyond_normal(degrees: float) -> float:
     return student_quantile(max(degrees, 1.0), 0.975) / 1.96 if degrees < MANY else 1.0
 
 
+def at_least(covariance: Array, variance: Array) -> Array:
+    """Return a covariance (U, U) whose diagonal is no smaller than variances (U,), correlations kept."""
+    size = np.sqrt(np.maximum(variance / np.maximum(np.diag(covariance), 1e-300), 1.0))
+    larger: Array = covariance * np.outer(size, size)
+    return larger
+
+
 NARROWEST = 8.0
 """Least width of the kernel, instants."""
 TAKEN = 0.5

@@ -14,7 +14,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError
-from elid_cli.estimation.regression.long_run import beyond_normal
+from elid_cli.estimation.regression.long_run import at_least, beyond_normal
 from elid_cli.estimation.trajectory.normal_equations import Equations, Tracked, passed
 from elid_cli.estimation.trajectory.unknowns import KINDS, LATEST, Unknowns, started
 from elid_cli.model.effects.effect import Effect
@@ -257,7 +257,7 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns) -> tuple[Array, Arra
     count = len(steps)
     offset = steps - steps.mean(axis=0)
     covariance = beyond_normal(count - 1) ** 2 * (count - 1) / count * offset.T @ offset
-    covariance = _at_least(covariance, _white(whole, found, unknowns))
+    covariance = at_least(covariance, _white(whole, found, unknowns))
     between, alone = np.zeros(len(z)), np.repeat(z[None], len(recordings), axis=0)
     if len(recordings) > 1:
         own = np.array([
@@ -268,18 +268,11 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns) -> tuple[Array, Arra
         scatter[unknowns.delays] = 0.0  # each recording has its own
         between = np.sqrt(np.maximum(scatter - len(recordings) * np.diag(covariance), 0.0))
         if len(recordings) > 2:
-            covariance = _at_least(covariance, beyond_normal(len(recordings) - 1) ** 2 * scatter / len(recordings))
+            covariance = at_least(covariance, beyond_normal(len(recordings) - 1) ** 2 * scatter / len(recordings))
     coarse = np.abs(z)
     coarse[3 : unknowns.drives : len(KINDS)] = coarse[1 : unknowns.drives : len(KINDS)]  # offsets: as the friction
     coarse[unknowns.delays] = PROMPT / COARSE
     return covariance + np.diag((COARSE * coarse) ** 2), between, alone, z + steps
-
-
-def _at_least(covariance: Array, variance: Array) -> Array:
-    """Return a covariance whose diagonal is no smaller than variances, correlations kept."""
-    size = np.sqrt(np.maximum(variance / np.maximum(np.diag(covariance), 1e-300), 1.0))
-    larger: Array = covariance * np.outer(size, size)
-    return larger
 
 
 def _white(whole: Array, found: Equations, unknowns: Unknowns) -> Array:

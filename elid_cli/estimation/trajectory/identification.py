@@ -9,26 +9,26 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
-from elid_cli.estimation.judgement import JointError
-from elid_cli.estimation.regression.observation import observe
-from elid_cli.estimation.result import FittedEffect, Identification, Nuisance, Verdict, records
-from elid_cli.estimation.trajectory.acting import acting, can_act, declared, scene_along
+from elid_cli.estimation.result import Identification, Nuisance, records
+from elid_cli.estimation.trajectory.acting import can_act, declared, scene_along
 from elid_cli.estimation.trajectory.differing import Differing, as_last, differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fit_trajectory
+from elid_cli.estimation.trajectory.found_effects import (
+    delay_name,
+    fitted_effects,
+    offset_name,
+    robot_of,
+    settled,
+)
+from elid_cli.estimation.trajectory.held_out import held_out_errors, verdicts_of, with_late_commands
 from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
-from elid_cli.estimation.validation.prediction import validate
-from elid_cli.estimation.validation.verdicts import HELD, REFUSED, WEAK
-from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.scene import Scene
-from elid_cli.model.effects.shifts import Shifts, corrected
-from elid_cli.model.regressor import Regressor
 from elid_cli.model.rollout import Linearised
 from elid_cli.model.runs import Run, runs_of
 from elid_cli.robot.parameter import StandardParameter
-from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
 
@@ -63,12 +63,17 @@ def by_trajectory(found: Identification, signals: Signals, *, delays: bool = Tru
         Parameters of bodies are unknown.
     """
     robot = found.robot
-    if why := unsuited(robot):
-        raise UsageError(f"--fit trajectory: {why}", hint="leave --fit out: the torque is fitted")
     recording = signals.recording
-    if recording is None or "q_des" not in recording.commands:
-        raise LogError("--fit trajectory: the log holds no commands q_des",
-                       hint="leave --fit out: the torque is fitted")  # fmt: skip
+    if recording is None:
+        raise LogError("--fit trajectory: it simulates the samples of a log", hint="name the log itself")
+    driven = {"q_des", "kp", "kd"} <= recording.commands.keys()
+    why = unsuited(robot) if driven else "the log holds no commands with gains"
+    if why and not recording.commanded.any():
+        from elid_cli.estimation.output_error.identification import by_output_error
+
+        return by_output_error(found, signals)
+    if why:
+        raise UsageError(f"--fit trajectory: {why}", hint="leave --fit out: the torque is fitted")
     runs = commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
     fit = fit_trajectory(robot, runs, started_from(robot, signals), effects, amplitudes, late=delays)
@@ -114,16 +119,6 @@ def declared_along(robot: Robot, run: Run) -> tuple[list[Effect], list[float]]:
     return [effect for effect, _ in known], [float(a) for _, amplitudes in known for a in amplitudes]
 
 
-def _offset() -> str:
-    """Return the name of the effect that a torque offset is."""
-    return effect_that(nuisance="offset").name
-
-
-def _delay() -> str:
-    """Return the name of the effect that a delay of the drives is."""
-    return effect_that(nuisance="delay").name
-
-
 def started_from(robot: Robot, signals: Signals) -> Array:
     """Return drive parameters to start from, (n, 4): least squares joint by joint, the bodies as the file says."""
     motion = signals.motion
@@ -164,7 +159,7 @@ def identification_of(found: Identification, fit: TrajectoryFit, signals: Signal
     estimate = base.transform @ standard
     spread = base.transform @ covariance @ base.transform.T
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    verdicts, reasons = _verdicts(found, estimate, deviation)
+    verdicts, reasons = verdicts_of(found, estimate, deviation)
     refused = np.array([verdict == "refused" for verdict in verdicts])
     nuisances, effects = channel_faults(robot, fit), fitted_effects(robot, fit)
     apart = [difference_words(item) for item in differing(fit)]
@@ -179,7 +174,9 @@ def identification_of(found: Identification, fit: TrajectoryFit, signals: Signal
             base, np.where(refused, np.nan, estimate), np.where(refused, np.nan, deviation),
             base.values(robot.reference()), verdicts, reasons,
         ),
-        error=torque_errors(fit, signals, found),
+        error=held_out_errors(
+            [robot_of(fit, z) for z in fit.left_out], fit.spans, with_late_commands(signals, fit.delays), found
+        ),
         covariance=np.where(refused[:, None] | refused[None], np.nan, spread),
         standard=standard,
         delays=np.zeros(robot.n),
@@ -198,24 +195,6 @@ def _standard(robot: Robot, places: Array, values: Array) -> Array:
     return standard
 
 
-def _verdicts(found: Identification, estimate: Array, deviation: Array) -> tuple[tuple[Verdict, ...], dict[str, str]]:
-    verdicts: list[Verdict] = []
-    reasons: dict[str, str] = {}
-    for item, value, error in zip(found.parameters, estimate, deviation, strict=True):
-        if error == 0:
-            verdicts.append("refused")
-            reasons[item.leader] = f"{HELD} (--fit trajectory)"
-        elif error > REFUSED * abs(value):
-            verdicts.append("refused")
-            reasons[item.leader] = f"standard deviation {error:.2g} against a value of {value:.2g}"
-        elif error > WEAK * abs(value):
-            verdicts.append("weak")
-            reasons[item.leader] = f"known to {error / abs(value):.0%} only"
-        else:
-            verdicts.append("supported")
-    return tuple(verdicts), reasons
-
-
 def difference_words(item: Differing) -> str:
     """Return what recordings do not agree on, in a sentence."""
     values = ", ".join(f"{value:.3g}" for value in item.values)
@@ -231,118 +210,10 @@ def channel_faults(robot: Robot, fit: TrajectoryFit) -> tuple[Nuisance, ...]:
     names, unsure = robot.joint_names, math.hypot(unsure, scatter)
     shown = names if abs(late) > SHOWN * unsure else ()
     return (
-        *(Nuisance(_offset(), name, {"offset": float(values[k, 3])}, {"offset": float(errors[k, 3])})
+        *(Nuisance(offset_name(), name, {"offset": float(values[k, 3])}, {"offset": float(errors[k, 3])})
           for k, name in enumerate(names)),
-        *(Nuisance(_delay(), name, {"delay": late}, {"delay": unsure}) for name in shown),
+        *(Nuisance(delay_name(), name, {"delay": late}, {"delay": unsure}) for name in shown),
     )  # fmt: skip
-
-
-def settled(fit: TrajectoryFit) -> Array:
-    """Return the unknowns (U,) with effects that push a joint nowhere on the whole: the offset holds what is constant.
-
-    An amplitude that only adds a constant torque, as the preload of a spring, cannot be told from the offset.
-    """
-    z, own = fit.z.copy(), fit.unknowns
-    scene = scene_of_fit(fit)
-    for place, effect in enumerate(own.effects):
-        part = own.amplitudes_of(place)
-        pushed = acting((effect,), scene).push[:, :, effect.joint]
-        constant = np.ptp(pushed, axis=1) <= CONSTANT * np.maximum(np.abs(pushed).max(axis=1), 1e-300)
-        for k in np.flatnonzero(constant & (np.abs(pushed[:, 0]) > 0)):
-            rest = float((z[part] @ pushed).mean() - z[part.start + k] * pushed[k, 0])
-            z[3 + effect.joint * len(KINDS)] += z[part.start + k] * pushed[k, 0] + rest
-            z[part.start + k] = -rest / pushed[k, 0]
-    return z
-
-
-def scene_of_fit(fit: TrajectoryFit) -> Scene:
-    """Return the scene of the first stretch's simulated motion."""
-    item, robot = fit.tracked[0], fit.unknowns.robot
-    local = item.equations(Linearised(robot, without=PARAMETERS))
-    return scene_along(robot, item.x, item.v, local, item.run.dt, robot.reference(), len(item.x))
-
-
-def fitted_effects(robot: Robot, fit: TrajectoryFit) -> tuple[FittedEffect, ...]:
-    """Return the effects that a fit holds, with standard errors of their amplitudes at given shapes."""
-    z, scene, found = settled(fit), None, []
-    for place, effect in enumerate(fit.unknowns.effects):
-        scene = scene_of_fit(fit) if scene is None else scene
-        part = fit.unknowns.amplitudes_of(place)
-        found.append(FittedEffect(effect.name, robot.joint_names[effect.joint], effect.named(scene, z[part]),
-                                  _named_errors(effect, scene, z[part], fit.covariance[part, part])))  # fmt: skip
-    return tuple(found)
-
-
-def _named_errors(effect: Effect, scene: Scene, amplitudes: Array, covariance: Array) -> dict[str, float]:
-    """Return standard errors of named parameters by first-order propagation."""
-    centre = effect.named(scene, amplitudes)
-    slopes = []
-    for k in range(len(amplitudes)):
-        step = 1e-4 * max(abs(float(amplitudes[k])), 1e-9)
-        moved = effect.named(scene, amplitudes + step * np.eye(len(amplitudes))[k])
-        slopes.append([(moved[name] - centre[name]) / step for name in centre])
-    spread = np.sqrt(np.maximum(np.einsum("ka,kl,la->a", slopes, covariance, slopes), 0.0))
-    return {name: float(s) for name, s in zip(centre, spread, strict=True) if s > 0}
-
-
-def robot_of(fit: TrajectoryFit, z: Array) -> Robot:
-    """Return the robot with unknowns (U,), its offsets and effects, without delays."""
-    robot, values = fit.unknowns.robot, fit.unknowns.joint_values(z)
-    joints = tuple(
-        replace(joint, parameters={**joint.parameters, **dict(zip(PARAMETERS, row[:3].tolist(), strict=True))})
-        for joint, row in zip(robot.joints, values, strict=True)
-    )
-    scene = scene_of_fit(fit) if fit.unknowns.effects else None
-    specs = [EffectSpec(_offset(), joint.name, {"offset": float(row[3])})
-             for joint, row in zip(robot.joints, values, strict=True)]  # fmt: skip
-    for place, effect in enumerate(fit.unknowns.effects):
-        assert scene is not None
-        named = effect.named(scene, z[fit.unknowns.amplitudes_of(place)])
-        specs.append(EffectSpec(effect.name, robot.joint_names[effect.joint], named))
-    return replace(robot, joints=joints, effects=tuple(specs))
-
-
-def torque_errors(fit: TrajectoryFit, signals: Signals, found: Identification) -> dict[str, JointError]:
-    """Return torque errors of every block of time, predicted with the values that were found without it.
-
-    The torque is that of commands which act as late as the fit says.
-    """
-    robot = fit.unknowns.robot
-    signals = with_late_commands(signals, fit.delays)
-    model = Regressor(replace(robot, effects=()))
-    observation = observe(model, signals)
-    sources = np.array([segment.source for segment in signals.segments], dtype=np.intp)[observation.stretch]
-    squares: dict[str, float] = dict.fromkeys(robot.joint_names, 0.0)
-    counts: dict[str, int] = dict.fromkeys(robot.joint_names, 0)
-    torques: dict[str, float] = dict.fromkeys(robot.joint_names, 0.0)
-    for z, (source, first, last) in zip(fit.left_out, fit.spans, strict=True):
-        inside = (sources == source) & (observation.t >= first) & (observation.t <= last)
-        judged = validate(robot_of(fit, z), signals, inside, observation=observation)
-        for name, error in judged.error.items():
-            row = next(group for group in observation.groups if group.row.joint == robot.joint_names.index(name))
-            count = int(np.count_nonzero(row.use & inside))
-            squares[name] += error.rms**2 * count
-            torques[name] += error.torque_rms**2 * count
-            counts[name] += count
-    result = {}
-    for name in robot.joint_names:
-        if counts[name]:
-            rms, torque = np.sqrt(squares[name] / counts[name]), np.sqrt(torques[name] / counts[name])
-            known = found.error.get(name)
-            floor = known.floor if known is not None else None
-            result[name] = JointError(float(rms), float(rms / torque), None, None, float(torque), floor)
-    return result
-
-
-def with_late_commands(signals: Signals, delays: Array) -> Signals:
-    """Return the signals with torques of commands that act later than logged, s, (R,), by recording."""
-    tau = signals.tau.copy()
-    for source, late in enumerate(delays):
-        own = corrected(signals, Shifts(np.zeros(signals.n), np.full(signals.n, late)), commands=True).tau
-        for segment in signals.segments:
-            if segment.source == source:
-                tau[segment.start : segment.stop] = own[segment.start : segment.stop]
-    return replace(signals, tau=tau)
 
 
 def _settings(robot: Robot, fit: TrajectoryFit) -> dict[str, object]:

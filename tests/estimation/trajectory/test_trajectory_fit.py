@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from elid_cli.cli import main
-from elid_cli.errors import LogError, UsageError
+from elid_cli.errors import UsageError
 from elid_cli.estimation.identify import EstimateOptions, Identification, identify
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.experiment.replay import replay
@@ -110,12 +110,12 @@ def test_bodies_are_held_and_said_to_be(arm: Robot, clean: Recording) -> None:
 
 
 def test_what_it_does_not_know_is_refused(arm: Robot, clean: Recording) -> None:
-    with pytest.raises(LogError, match="no commands q_des"):
-        fitted(bare(arm), replace(logged(clean, 1), commands={}))
     geared = replace(arm, joints=tuple(replace(j, gear_ratio=50.0, parameters={**j.parameters, "Jm": 1e-4})
                                        for j in arm.joints))  # fmt: skip
+    noisy = logged(clean, 1)
+    computed = replace(noisy, sources={**noisy.sources, "tau": "command"})
     with pytest.raises(UsageError, match="gear_ratio"):
-        fitted(geared, logged(clean, 1))
+        fitted(geared, computed)
 
 
 def test_the_command_writes_a_robot_that_replays(

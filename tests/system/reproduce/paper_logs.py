@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,9 +83,10 @@ def by_paper(robot: Robot, simulation: Simulation, level: float | None, seed: in
 
 
 def by_elid(
-    robot: Robot, simulation: Simulation, level: float | None, seed: int, *, rates: bool, accurate: bool = False
-) -> Identification:
-    """Identify by the default estimator, or the accurate one."""
+    robot: Robot, simulation: Simulation, level: float | None, seed: int, *, rates: bool, accurate: bool = False,
+    fit: Literal["torque", "trajectory"] = "torque",
+) -> Identification:  # fmt: skip
+    """Identify by the default estimator, the accurate one, or the trajectory fit."""
     recording, accelerations = log_of(simulation, level, seed, rates=rates)
     signals = prepare(recording, robot, SignalOptions(), accelerations)
-    return identify(robot, signals, EstimateOptions(accurate=accurate, guards=False))
+    return identify(robot, signals, EstimateOptions(accurate=accurate, fit=fit, guards=False))

@@ -1,0 +1,96 @@
+"""Effects of a trajectory fit as reports and robot files name them, and the robot that a fit describes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.estimation.result import FittedEffect
+from elid_cli.estimation.trajectory.acting import acting, scene_along
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
+from elid_cli.model.effects import effect_that
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.scene import Scene
+from elid_cli.model.rollout import Linearised
+from elid_cli.robot.robot import EffectSpec, Robot
+
+CONSTANT = 1e-9
+"""Relative change of a torque that counts as none."""
+
+
+def settled(fit: TrajectoryFit) -> Array:
+    """Return the unknowns (U,) with effects that push a joint nowhere on the whole: the offset holds what is constant.
+
+    An amplitude that only adds a constant torque, as the preload of a spring, cannot be told from the offset.
+    """
+    z, own = fit.z.copy(), fit.unknowns
+    scene = scene_of_fit(fit)
+    for place, effect in enumerate(own.effects):
+        part = own.amplitudes_of(place)
+        pushed = acting((effect,), scene).push[:, :, effect.joint]
+        constant = np.ptp(pushed, axis=1) <= CONSTANT * np.maximum(np.abs(pushed).max(axis=1), 1e-300)
+        for k in np.flatnonzero(constant & (np.abs(pushed[:, 0]) > 0)):
+            rest = float((z[part] @ pushed).mean() - z[part.start + k] * pushed[k, 0])
+            z[3 + effect.joint * len(KINDS)] += z[part.start + k] * pushed[k, 0] + rest
+            z[part.start + k] = -rest / pushed[k, 0]
+    return z
+
+
+def scene_of_fit(fit: TrajectoryFit) -> Scene:
+    """Return the scene of the first stretch's simulated motion."""
+    item, robot = fit.tracked[0], fit.unknowns.robot
+    local = item.equations(Linearised(robot, without=PARAMETERS))
+    return scene_along(robot, item.x, item.v, local, item.run.dt, robot.reference(), len(item.x))
+
+
+def fitted_effects(robot: Robot, fit: TrajectoryFit) -> tuple[FittedEffect, ...]:
+    """Return the effects that a fit holds, with standard errors of their amplitudes at given shapes."""
+    z, scene, found = settled(fit), None, []
+    for place, effect in enumerate(fit.unknowns.effects):
+        scene = scene_of_fit(fit) if scene is None else scene
+        part = fit.unknowns.amplitudes_of(place)
+        found.append(FittedEffect(effect.name, robot.joint_names[effect.joint], effect.named(scene, z[part]),
+                                  _named_errors(effect, scene, z[part], fit.covariance[part, part])))  # fmt: skip
+    return tuple(found)
+
+
+def _named_errors(effect: Effect, scene: Scene, amplitudes: Array, covariance: Array) -> dict[str, float]:
+    """Return standard errors of named parameters by first-order propagation."""
+    centre = effect.named(scene, amplitudes)
+    slopes = []
+    for k in range(len(amplitudes)):
+        step = 1e-4 * max(abs(float(amplitudes[k])), 1e-9)
+        moved = effect.named(scene, amplitudes + step * np.eye(len(amplitudes))[k])
+        slopes.append([(moved[name] - centre[name]) / step for name in centre])
+    spread = np.sqrt(np.maximum(np.einsum("ka,kl,la->a", slopes, covariance, slopes), 0.0))
+    return {name: float(s) for name, s in zip(centre, spread, strict=True) if s > 0}
+
+
+def robot_of(fit: TrajectoryFit, z: Array) -> Robot:
+    """Return the robot with unknowns (U,), its offsets and effects, without delays."""
+    robot, values = fit.unknowns.robot, fit.unknowns.joint_values(z)
+    joints = tuple(
+        replace(joint, parameters={**joint.parameters, **dict(zip(PARAMETERS, row[:3].tolist(), strict=True))})
+        for joint, row in zip(robot.joints, values, strict=True)
+    )
+    scene = scene_of_fit(fit) if fit.unknowns.effects else None
+    specs = [EffectSpec(offset_name(), joint.name, {"offset": float(row[3])})
+             for joint, row in zip(robot.joints, values, strict=True)]  # fmt: skip
+    for place, effect in enumerate(fit.unknowns.effects):
+        assert scene is not None
+        named = effect.named(scene, z[fit.unknowns.amplitudes_of(place)])
+        specs.append(EffectSpec(effect.name, robot.joint_names[effect.joint], named))
+    return replace(robot, joints=joints, effects=tuple(specs))
+
+
+def offset_name() -> str:
+    """Return the name of the effect that a torque offset is."""
+    return effect_that(nuisance="offset").name
+
+
+def delay_name() -> str:
+    """Return the name of the effect that a delay of the drives is."""
+    return effect_that(nuisance="delay").name
