@@ -145,7 +145,10 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     raw = reshaped(raw, options.mapping, robot.log)
     plan = _plan_of(raw, robot, options.mapping)
     if not {"q", "theta"} & set(plan.placements):
-        check({}, robot, plan, raw, name, strict=options.strict)
+        try:
+            check({}, robot, plan, raw, name, strict=options.strict)
+        except LogError as error:
+            raise _with_rate(error, raw, plan, options.rate) from error
     streams = raw.load([pick for placement in plan.placements.values() for pick in placement.picks])
     if options.strict and (raw.losses or plan.unfit):
         raise LogError(
@@ -181,6 +184,15 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
     checked.warnings.extend(suspicions(checked, aligned, robot, plan))
     let_go(*signals.values())
     return _Part(aligned, checked, plan, index, [*raw.losses, *plan.unfit, *aligned.repairs], notes)
+
+
+def _with_rate(error: LogError, raw: RawLog, plan: ReadPlan, rate: float | None) -> LogError:
+    """Return an error whose mapping to paste asks for the sample rate too, where the log cannot have a time."""
+    mapped = "--map" in error.hint and "=PLACE" not in error.hint and "--map 't:" not in error.hint
+    if mapped and plan.time is None and rate is None and getattr(raw, "timeless", False):
+        error.hint += " --rate 1000"
+        error.detail += "; it holds no time: put its own sample rate, Hz, in place of the hint's 1000"
+    return error
 
 
 _PLANS: Recent[tuple[Robot, ReadPlan]] = Recent(8)

@@ -218,7 +218,6 @@ def test_messages_that_do_not_follow_their_definition_are_counted(tmp_path: Path
     [
         (b"SQLite format 3\x00" + bytes(100), "the database is damaged"),
         (b"#ROSBAG V2.0\n" + bytes(100), "mcap convert"),
-        (b"MATLAB 5.0 MAT-file, Platform" + bytes(200), "v7.3"),
         (b"PAR1" + bytes(100), "Parquet"),
         (b"\x28\xb5\x2f\xfd" + bytes(100), "zstd"),
         (bytes(range(256)), "not a log"),

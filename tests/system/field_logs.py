@@ -1,4 +1,4 @@
-"""One small recording as twenty-five tools write it: bags, exports of other languages, arrays, tables of all shapes.
+"""One small recording as thirty-two tools write it: bags, exports of other languages, arrays, tables of all shapes.
 
 Every writer takes a folder and a `Recording` of joints ``joint1``, ``joint2`` (q, dq, tau; 250 Hz) and returns the log.
 """
@@ -6,6 +6,7 @@ Every writer takes a folder and a `Recording` of joints ``joint1``, ``joint2`` (
 from __future__ import annotations
 
 import gzip
+import json
 import sqlite3
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
@@ -190,6 +191,55 @@ def arrays(folder: Path, log: Recording) -> Path:
     return path
 
 
+def untimed(folder: Path, log: Recording) -> Path:
+    """Write the SARCOS data as they are handed on: one array, no time."""
+    rates = _rates(log)
+    rows = np.hstack([log.q, rates, np.gradient(rates, log.dt, axis=0), log.tau])
+    np.savez(path := folder / "log.npz", sarcos_inv=rows)
+    return path
+
+
+def single_array(folder: Path, log: Recording) -> Path:
+    np.save(path := folder / "log.npy", np.hstack([log.q, _rates(log), log.tau]))
+    return path
+
+
+def old_matlab(folder: Path, log: Recording, inside: str = "") -> Path:
+    """Write what MATLAB's `save` writes unless told otherwise, variables alone or `inside` a structure."""
+    from scipy.io import savemat
+
+    held = {"t": log.t[:, None], "q": log.q, "theta": log.theta, "tau": log.tau}
+    savemat(path := folder / "log.mat", {inside: held} if inside else held, do_compression=True)
+    return path
+
+
+def json_lines(folder: Path, log: Recording) -> Path:
+    """Write one object per sample."""
+    signals = [values.tolist() for values in (log.t, log.q, log.theta, log.tau)]
+    rows = (dict(zip(("t", "q", "theta", "tau"), row, strict=True)) for row in zip(*signals, strict=True))
+    (path := folder / "log.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    return path
+
+
+def json_messages(folder: Path, log: Recording) -> Path:
+    """Write one message per line beside its topic, another topic between them."""
+    lines = []
+    for stamp, message in zip(stamps(log), states(log), strict=True):
+        lines.append({"topic": "/joint_states", "timestamp": stamp * 1e-9, "msg": message})
+        lines.append({"topic": "/battery", "timestamp": stamp * 1e-9, "msg": {"voltage": 24.1}})
+    (path := folder / "log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    return path
+
+
+def topic_echo(folder: Path, log: Recording) -> Path:
+    """Write what ``ros2 topic echo --csv /joint_states`` prints."""
+    signals = (log.q.tolist(), _rates(log).tolist(), log.tau.tolist())
+    each_row = zip(stamps(log), *signals, strict=True)
+    rows = [[s // 10**9, s % 10**9, "", *NAMES, *q, *dq, *tau] for s, q, dq, tau in each_row]
+    (path := folder / "log.csv").write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
+    return path
+
+
 def episode(folder: Path, log: Recording) -> Path:
     """Write HDF5 as data sets for learning are: observations in a group."""
     with h5py.File(path := folder / "episode_0.hdf5", "w") as file:
@@ -239,6 +289,13 @@ LOGS: dict[str, Callable[[Path, Recording], Path]] = {
         lambda log: {"timestamp": log.t, **each("actual_q_{}", log.q, 0), **each("actual_qd_{}", _rates(log), 0),
                      **each("target_moment_{}", log.tau, 0)}, " "),
     "SARCOS-like npz": arrays,
+    "SARCOS-like npz without time": untimed,
+    "npy": single_array,
+    "MATLAB before v7.3": old_matlab,
+    "MATLAB structure": lambda f, log: old_matlab(f, log, "run"),
+    "JSON lines": json_lines,
+    "JSON lines of messages": json_messages,
+    "ros2 topic echo --csv": topic_echo,
     "HDF5 of an episode": episode,
     "German export": csv(
         lambda log: {"Zeit [s]": log.t, **each("Winkel Achse {} [Grad]", np.degrees(log.q)),

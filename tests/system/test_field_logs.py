@@ -1,4 +1,4 @@
-"""Twenty-five logs as tools write them: each is identified, after one command of elid's own hints at most."""
+"""Logs as thirty-two tools write them: each is identified, after one command of elid's own hints at most."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ URDF = """<robot name="arm">
     <inertia ixx="0.01" iyy="0.04" izz="0.04" ixy="0" ixz="0" iyz="0"/></inertial></link>
 </robot>
 """
+RATE = "250"
 AS_SURE = 0.5
 """Standard errors by which an estimate may differ from that of the samples themselves: the same log, told in fewer
 digits, by stamps that fall between two of another clock, with velocities or without."""
@@ -82,8 +83,8 @@ def identified(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tupl
     return code, said.out, said.err
 
 
-def test_there_are_twenty_five_of_them() -> None:
-    assert len(LOGS) == 25
+def test_there_are_thirty_two_of_them() -> None:
+    assert len(LOGS) == 32
 
 
 @pytest.mark.parametrize("form", LOGS)
@@ -96,6 +97,9 @@ def test_a_log_is_identified_with_one_hint_at_most(
     code, out, said = identified(command, capsys)
     pasted = hinted(said)
     if pasted:
+        # its own rate is what no log without time can tell: the hint says so, and to put it there
+        assert "--rate" not in pasted or "it holds no time" in said
+        pasted = [RATE if before == "--rate" else word for before, word in zip(["", *pasted], pasted, strict=False)]
         code, out, said = identified([*command, *pasted], capsys)
         assert hinted(said) == [], said
     assert code == 0, said

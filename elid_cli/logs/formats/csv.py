@@ -27,8 +27,9 @@ LARGEST = 4 << 30
 """Bytes of text after decompression that are still read."""
 TIME_NAMES = ("t", "time", "t_s", "time_s", "Time", "timestamp", "stamp", "__time", "Timestamp", "time [s]", "t [s]")
 """Columns that may hold the time, in the order in which they are preferred; ``t`` is canonical."""
-PATTERNS = ("{signal}.{{joint}}", "{signal}_{{joint}}", "{signal}_{{i}}", "{signal}{{i}}", "{signal}({{i}})")
-"""Column names tried in turn: canonical, MATLAB's writetable (no dots), numbered."""
+PLACES = (".{{joint}}", "_{{joint}}", "_{{i}}", "{{i}}", "({{i}})", "[{{i0}}]")
+PATTERNS = tuple(f"{{signal}}{place}" for place in PLACES)
+"""Column names tried in turn: canonical, MATLAB's writetable (no dots), numbered, of lists."""
 FIELDS = {
     "q": ("/joint_states", "position"),
     "dq": ("/joint_states", "velocity"),

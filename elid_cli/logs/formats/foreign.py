@@ -11,9 +11,7 @@ from elid_cli.logs.source import Source
 
 KINDS: tuple[tuple[bytes, str, str], ...] = (
     (b"#ROSBAG V", "a ROS 1 bag", "mcap convert {name} out.mcap"),
-    (b"MATLAB 5.0 MAT-file", "a MATLAB file older than v7.3", "save('out.mat', '-v7.3') in MATLAB"),
     (b"ULog\x01\x12\x35", "a PX4 ULog", "ulog2csv {name}"),
-    (b"\x93NUMPY", "a NumPy array", "elid reads CSV, HDF5 and MCAP: store it in HDF5 as /t /q /theta /tau"),
     (b"BZh", "bzip2 data", "bunzip2 {name}"),
     (b"\xfd7zXZ\x00", "xz data", "unxz {name}"),
     (b"\x28\xb5\x2f\xfd", "zstd data that hold no MCAP file", "unzstd {name}"),

@@ -1,9 +1,12 @@
-"""NumPy archives (`.npz`): arrays named as the datasets of an HDF5 log."""
+"""NumPy archives (`.npz`): arrays named as the datasets of an HDF5 log; a single array (`.npy`) is called ``array``."""
 
 from __future__ import annotations
 
 import io
+import math
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,7 +18,13 @@ from elid_cli.logs.formats import hdf5
 from elid_cli.logs.source import Source
 
 ZIP = b"PK\x03\x04"
+SINGLE = b"\x93NUMPY"
 MOST_ARRAYS = 1000
+FAULTS = (
+    ValueError, TypeError, KeyError, OverflowError, MemoryError, RuntimeError, OSError, EOFError, SyntaxError,
+    tokenize.TokenError, zlib.error, zipfile.BadZipFile,
+)  # fmt: skip
+"""What reading damaged arrays raises: a header is parsed as an expression."""
 
 
 def is_npz(head: bytes) -> bool:
@@ -29,6 +38,8 @@ def _open(source: Source) -> Sequence[RawLog]:
     import h5py
 
     buffer, budget = io.BytesIO(), Budget(source.name, source.size)
+    if source.head.startswith(SINGLE):
+        return _single(source)
     try:
         with zipfile.ZipFile(io.BytesIO(source.read())) as archive, h5py.File(buffer, "w") as file:
             members = [m for m in archive.infolist() if m.filename.endswith(".npy")][:MOST_ARRAYS]
@@ -40,15 +51,34 @@ def _open(source: Source) -> Sequence[RawLog]:
                     file.attrs[name] = [str(joint) for joint in array.ravel()]
                 elif array.dtype.kind in "fiub":
                     file[name] = array
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, NotImplementedError) as error:
+    except FAULTS as error:
         raise LogError(f"{source.name}: NumPy archive is cut or damaged", detail=str(error).lower()[:120]) from error
+    return hdf5.FORMAT.open(Source(source.name, data=buffer.getvalue(), listener=source.listener))
+
+
+def _single(source: Source) -> Sequence[RawLog]:
+    """Return a file of one array as an HDF5 log in memory."""
+    import h5py
+
+    buffer, data = io.BytesIO(), io.BytesIO(source.read())
+    try:
+        version = np.lib.format.read_magic(data)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(data)
+        if dtype.kind not in "fiub" or math.prod(shape) * dtype.itemsize > source.size:
+            raise ValueError(f"{dtype} of shape {shape} in {source.size} bytes")
+        data.seek(0)
+        with h5py.File(buffer, "w") as file:
+            file["array"] = np.lib.format.read_array(data, allow_pickle=False)
+    except FAULTS as error:
+        raise LogError(f"{source.name}: NumPy array is cut or damaged", detail=str(error).lower()[:120]) from error
     return hdf5.FORMAT.open(Source(source.name, data=buffer.getvalue(), listener=source.listener))
 
 
 FORMAT = LogFormat(
     name="NumPy",
-    suffixes=(".npz",),
-    recognise=lambda source: is_npz(source.head),
+    suffixes=(".npz", ".npy"),
+    recognise=lambda source: is_npz(source.head) or source.head.startswith(SINGLE),
     open=_open,
     priority=20,
 )

@@ -23,6 +23,7 @@ from elid_cli.logs import inspect_log, read_recording, write_recording
 from elid_cli.signals.recording import Recording
 from tests.logs.made_logs import ROBOT, recording
 from tests.logs.mcap_made import canonical
+from tests.system.field_logs import json_lines, old_matlab
 
 WORDS = (0, 1, 2**31, 2**40, 2**60, 2**64 - 1)
 HALVES = (0, 1, 255, 2**16, 2**31, 2**32 - 1)
@@ -45,7 +46,14 @@ def seeds(folder: Path) -> dict[str, bytes]:
         "json": {"encoding": "json", "compression": CompressionType.NONE, "enable_crcs": False},
     }.items():
         made[f"{name}.mcap"] = canonical(folder / "x.mcap", base, **options).read_bytes()
+    for name, write in {"a.jsonl": json_lines, "a.mat": old_matlab, "a.npy": plain_array}.items():
+        made[name] = write(folder, base).read_bytes()
     return made
+
+
+def plain_array(folder: Path, log: Recording) -> Path:
+    np.save(path := folder / "a.npy", np.hstack([log.t[:, None], log.q, log.theta, log.tau]))
+    return path
 
 
 def mutated(data: bytes, rng: np.random.Generator) -> bytes:

@@ -26,12 +26,22 @@ import numpy as np
 
 from elid_cli.cli import main
 from elid_cli.logs import write_recording
+from elid_cli.signals.recording import Recording
+from tests.system.field_logs import json_lines, old_matlab
 from tests.system.fuzz.fuzz_logs import mutated
 from tests.system.hostile.bags import joint_states
 from tests.system.hostile.hostile import ROBOT, SIZES, base, clean
 
 Case = tuple[str, bytes]
 Made = Callable[[np.random.Generator], Case]
+
+
+def plain_arrays(folder: Path, log: Recording) -> Path:
+    np.savez(path := folder / "a.npz", t=log.t, q=log.q, theta=log.theta, tau=log.tau)
+    return path
+
+
+OTHERS = {"jsonl": json_lines, "mat": old_matlab, "npz": plain_arrays}
 SLOWEST, MOST = 10.0, 2 << 30
 """s and bytes that one case may take."""
 
@@ -41,6 +51,8 @@ def good(suffix: str) -> bytes:
     if suffix == "mcap":
         return joint_states()
     with tempfile.TemporaryDirectory() as folder:
+        if suffix in OTHERS:
+            return OTHERS[suffix](Path(folder), base()).read_bytes()
         path = Path(folder) / f"a.{suffix}"
         write_recording(base(), path)
         return path.read_bytes()
@@ -133,6 +145,9 @@ CLASSES: dict[str, Callable[[], Made]] = {
     "HDF5, bytes changed": lambda: damaged("h5"),
     "HDF5, cut": lambda: cut("h5"),
     "CSV, bytes changed": lambda: damaged("csv"),
+    "JSON lines, bytes changed": lambda: damaged("jsonl"),
+    "MATLAB 5, bytes changed": lambda: damaged("mat"),
+    "NumPy, bytes changed": lambda: damaged("npz"),
     "gzip, bytes changed": lambda: damaged("csv.gz"),
     "dropouts within the range": lambda: lambda rng: columns(rng, dropouts),
     "positions that jump": lambda: lambda rng: columns(rng, jump),

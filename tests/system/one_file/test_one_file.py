@@ -12,13 +12,13 @@ LOG = str(ROOT / "sample_logs/planar2.csv")
 
 
 def test_a_log_format(copy: Copy) -> None:
-    copy.drop("json_lines.py", "logs/formats")
+    copy.drop("samples.py", "logs/formats")
     simulated = ("simulate", "--robot", "planar2", "--duration", "4", "--rate", "250", "--seed", "1")
-    copy.elid(*simulated, "-o", "log.jsonl")
+    copy.elid(*simulated, "-o", "log.samples")
     copy.elid(*simulated, "-o", "log.csv")
-    assert "joint2" in copy.elid("info", "log.jsonl")
+    assert "joint2" in copy.elid("info", "log.samples")
     found, usual = (
-        json.loads(copy.elid("identify", f"log.{s}", "--robot", "planar2", "--json")) for s in ("jsonl", "csv")
+        json.loads(copy.elid("identify", f"log.{s}", "--robot", "planar2", "--json")) for s in ("samples", "csv")
     )
     assert found["base_parameters"] == usual["base_parameters"]
 

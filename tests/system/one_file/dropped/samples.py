@@ -1,4 +1,4 @@
-"""Logs of one JSON object per line: ``t`` and, by name of signal, one value per joint. A format dropped by a test."""
+"""Logs of a first line ``samples`` and one JSON object per line: ``t`` and signals by joint. Dropped by a test."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from elid_cli.signals.recording import Recording
 SIGNALS = ("q", "theta", "tau")
 
 
-class JsonLines:
+class SampleLines:
     """One text of lines."""
 
     def __init__(self, source: Source) -> None:
-        self._rows = [json.loads(line) for line in source.read().decode().splitlines()]
+        self._rows = [json.loads(line) for line in source.read().decode().splitlines()[1:]]
         first = self._rows[0]
         self.channels = tuple(Channel(s, width=len(first[s]), labels=tuple(first[s])) for s in SIGNALS if s in first)
         self.losses: list[str] = []
@@ -41,7 +41,7 @@ class JsonLines:
 
 
 def write(recording: Recording, name: str) -> bytes:
-    lines = []
+    lines = ["samples"]
     for k, t in enumerate(recording.t.tolist()):
         signals = {s: getattr(recording, s)[k].tolist() for s in SIGNALS}
         named = {s: dict(zip(recording.joints, values, strict=True)) for s, values in signals.items()}
@@ -50,9 +50,9 @@ def write(recording: Recording, name: str) -> bytes:
 
 
 FORMAT = LogFormat(
-    name="JSON lines",
-    suffixes=(".jsonl",),
-    recognise=lambda source: source.head.startswith(b'{"t":'),
-    open=lambda source: [JsonLines(source)],
+    name="samples",
+    suffixes=(".samples",),
+    recognise=lambda source: source.head.startswith(b"samples"),
+    open=lambda source: [SampleLines(source)],
     write=write,
 )
