@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.system.benchmarks import growth
+
 SAMPLES = 100_000
 ROUNDS = 5
 
@@ -305,6 +307,18 @@ def simulate(seconds: str) -> dict[str, float]:
     return found
 
 
+def excite(joints: str) -> dict[str, float]:
+    """CPU seconds of looking for an exciting trajectory of 10 s for a chain of rigid joints."""
+    from elid_cli.experiment.excitation import ExciteOptions
+    from elid_cli.experiment.excitation import excite as search
+    from elid_cli.memory import keep_freed_memory
+    from tests.system.benchmarks import made
+
+    keep_freed_memory()
+    robot = made.chain(int(joints))
+    return in_turn({"elid": lambda: search(robot, ExciteOptions(duration=10.0))}, 1)
+
+
 CASES: dict[str, Callable[..., dict[str, float]]] = {
     f.__name__: f
     for f in (
@@ -319,5 +333,11 @@ CASES: dict[str, Callable[..., dict[str, float]]] = {
         read_and_filter,
         mcap_decode,
         simulate,
+        excite,
+        growth.classify,
+        growth.identify_joints,
+        growth.identify_samples,
+        growth.diagnose_joints,
+        growth.diagnose_candidates,
     )
 }

@@ -38,6 +38,55 @@ def random_arm() -> Robot:
     return _arm("random", "standard", [tuple(row) for row in draw.tolist()])
 
 
+def chain(joints: int, offset: float = 0.1) -> Robot:
+    """Return a chain of rigid joints that turn about changing axes, with reference parameters; `offset` in m."""
+    values = "{m: 3, cx: 0.3, cy: 0.1, cz: 0.2, Ixx: 0.1, Iyy: 0.1, Izz: 0.15, Jm: 2.0e-4, fs: 2, fv: 1.5}"
+    angles = ("pi/2", "-pi/2", "0")
+    lines = []
+    for k in range(joints):
+        place = f"a: {offset + 0.01 * (k % 5):g}, alpha: {angles[k % 3]}, d: {0.05 * (k % 2):g}, theta: 0"
+        lines.append(f"  - {{name: j{k}, {place}, gear_ratio: 50, transmission: rigid, parameters: {values}}}")
+    head = ["name: chain", "gravity: [0, 0, -9.81]", "dh: standard", "joints:"]
+    return robot_from_text("\n".join([*head, *lines]), "chain")
+
+
+def coupled_wrist() -> Robot:
+    """Return six rigid joints with the geometry of a Stäubli TX40; masses, friction and limits are made up."""
+    geometry = [(0, "0", 0), (0, "-pi/2", 0), (0.225, "0", 0.035), (0, "pi/2", 0.225), (0, "-pi/2", 0), (0, "pi/2", 0)]
+    limits = [(3.1, 5, 15, 200), (2.1, 5, 15, 200), (2.2, 6, 20, 100), (4, 10, 40, 40), (2, 9, 40, 40), (4, 15, 60, 15)]
+    bodies = [
+        {"m": 8, "cy": 0.1, "Ixx": 0.2, "Iyy": 0.2, "Izz": 0.25, "Ja": 0.35, "fs": 7, "fv": 8},
+        {"m": 9, "cx": 1, "cy": 0.05, "cz": 0.3, "Ixx": 0.1, "Iyy": 0.4, "Izz": 0.4, "Ja": 0.35, "fs": 8, "fv": 5.5},
+        {
+            "m": 5,
+            "cx": 0.05,
+            "cy": -0.4,
+            "cz": 0.05,
+            "Ixx": 0.1,
+            "Iyy": 0.03,
+            "Izz": 0.1,
+            "Ja": 0.1,
+            "fs": 6.5,
+            "fv": 2,
+        },
+        {"m": 1.5, "cy": 0.02, "cz": -0.05, "Ixx": 0.01, "Iyy": 0.01, "Izz": 0.005, "Ja": 0.03, "fs": 2.5, "fv": 1.2},
+        {"m": 1, "cx": 0.005, "cy": -0.03, "Ixx": 0.006, "Iyy": 0.004, "Izz": 0.006, "Ja": 0.04, "fs": 3, "fv": 1.8},
+        {"m": 0.3, "cz": 0.01, "Ixx": 0.001, "Iyy": 0.001, "Izz": 0.0005, "Ja": 0.01, "fs": 0.4, "fv": 0.7},
+    ]
+    none = dict.fromkeys(("cx", "cy", "cz", "Ixy", "Ixz", "Iyz"), 0)
+    lines = []
+    for k, ((a, alpha, d), most, body) in enumerate(zip(geometry, limits, bodies, strict=True), 1):
+        bounds = dict(zip(("velocity", "acceleration", "torque"), most[1:], strict=True))
+        within = ", ".join(
+            [f"position: [-{most[0]}, {most[0]}]", *(f"{name}: {value}" for name, value in bounds.items())]
+        )
+        values = ", ".join(f"{name}: {value}" for name, value in (none | body).items())
+        lines.append(f"  - {{name: joint{k}, a: {a}, alpha: {alpha}, d: {d}, theta: 0, transmission: rigid,")
+        lines.append(f"     limits: {{{within}}}, parameters: {{{values}}}}}")
+    head = ["name: wrist", "gravity: [0, 0, -9.81]", "dh: modified", "joints:"]
+    return robot_from_text("\n".join([*head, *lines]), "wrist")
+
+
 def planar3() -> Robot:
     """Return three parallel elastic joints with reference parameters."""
     values = "{m: 5, cx: -1, cy: 0.1, Izz: 0.8, Jm: 2, fs: 0.5, fv: 0.4, K: 2000}"

@@ -214,12 +214,20 @@ def start_up(folder: Path) -> Iterator[Row]:
     made.write_other(robot, path, 24.0)
     runs = sorted(elid("identify", str(path), "--robot", str(folder / "planar3.yaml"), "--json")[0] for _ in range(5))
     yield Row("identify 24 s, 3 joints, CSV", f"{runs[2]:.2f} s", "", "", "≤ 3 s")
+    tiny = folder / "tiny.h5"
+    made.write_hdf5(robot, tiny, 2.0)
+    elid("identify", str(tiny), "--robot", str(folder / "planar3.yaml"), "--json")
+    runs = sorted(elid("identify", str(tiny), "--robot", str(folder / "planar3.yaml"), "--json")[0] for _ in range(5))
+    yield Row("identify 2 s of the same, HDF5: start-up", f"{runs[2]:.2f} s", "", "", "≤ 0.4 s")
     runs = sorted(elid("--version")[0] for _ in range(5))
     yield Row("elid --version", f"{1e3 * runs[2]:.0f} ms", "", "", "")
 
 
-def waiting() -> Iterator[Row]:
-    """Yield what users wait for: a simulation, plain and compiled, and diagnoses."""
+def waiting(folder: Path) -> Iterator[Row]:
+    """Yield what users wait for: a simulation, plain and compiled, diagnoses, and many joints."""
+    from elid_cli.robot.files import write_robot
+    from tests.system.benchmarks import made
+
     seconds = 20.0
     found = case("simulate", str(seconds))
     yield Row(f"simulate {seconds:g} s of PUMA 560, plain Python", f"{found['plain']:.1f} s",
@@ -227,10 +235,54 @@ def waiting() -> Iterator[Row]:
     yield Row("the same compiled (the extra `fast`)", f"{found['compiled']:.1f} s", f"{found['plain']:.1f} s, plain",
               f"{found['plain'] / found['compiled']:.1f}×", "≥ 2.5×",
               f"{seconds / found['compiled']:.0f}× real time")  # fmt: skip
-    logs = Path(__file__).parents[3] / "sample_logs"
-    for log, robot, goal in (("puma560_load.mcap", "puma560", 6.0), ("planar2_stribeck.h5", "planar2", 4.0)):
-        cpu, peak = elid("diagnose", str(logs / log), "--robot", robot, "--json")
-        yield Row(f"diagnose {log}", f"{cpu:.1f} s, {peak:.0f} MB", "", "", f"≤ {goal:g} s, 400 MB")
+    for name, robot, goal in made_and_shipped(folder):
+        cpu, peak = elid("diagnose", str(name), "--robot", robot, "--json")
+        yield Row(f"diagnose {name.name}", f"{cpu:.1f} s, {peak:.0f} MB", "", "", f"≤ {goal:g} s, 400 MB")
+    chain = folder / "chain40.yaml"
+    write_robot(made.chain(40), chain)
+    cpu, peak = elid("classify", "--robot", str(chain), "--json")
+    yield Row("classify 40 rigid joints", f"{cpu:.2f} s, {peak:.0f} MB", "", "", "≤ 1 s, 200 MB")
+    found = case("excite", "20")
+    yield Row("excite 10 s of 20 rigid joints", f"{found['elid']:.1f} s, {found['peak']:.0f} MB", "", "", "")
+
+
+def made_and_shipped(folder: Path) -> Iterator[tuple[Path, str, float]]:
+    """Yield logs to diagnose with their robots and goals: shipped, measured where the data are, and a made one."""
+    from elid_cli.robot.files import write_robot
+    from tests.system.benchmarks import made
+
+    root = Path(__file__).parents[3]
+    yield root / "sample_logs/puma560_load.mcap", "puma560", 6.0
+    yield root / "sample_logs/planar2_stribeck.h5", "planar2", 4.0
+    measured = Path(os.environ.get("ELID_DATA", root.parent / "shared/data"))
+    if (measured / "panda_a.csv.gz").exists():
+        yield measured / "panda_a.csv.gz", str(measured / "panda.yaml"), 12.0
+    robot, log = folder / "wrist.yaml", folder / "coupled_wrist_5khz.h5"
+    write_robot(made.coupled_wrist(), robot)
+    effects = ("velocity_coupling@joint5:viscous=0.5,coulomb=0.6,other=6",
+               "velocity_coupling@joint6:viscous=0.3,coulomb=0.3,other=5")  # fmt: skip
+    asked = [word for effect in effects for word in ("--effect", effect)]
+    elid("simulate", "--robot", str(robot), *asked, "--rate", "5000", "--duration", "9", "--torque-noise", "1%",
+         "--counts", "1000000", "-o", str(log))  # fmt: skip
+    yield log, str(robot), 15.0
+
+
+def growing() -> Iterator[Row]:
+    """Yield how the work grows with joints, samples and candidates."""
+    from tests.system.benchmarks.growth import exponent
+
+    for name, label, sizes, goal in (
+        ("classify", "classify, rigid chains, joints", ("10", "20", "40"), "≤ 2"),
+        ("identify_joints", "identify 20 s, rigid chains, joints", ("3", "6", "12"), "≤ 1.5"),
+        ("identify_samples", "identify, 6 rigid joints, seconds at 1 kHz", ("50", "100", "200"), "≤ 1.1"),
+        ("diagnose_joints", "diagnose 8 s at 500 Hz, rigid chains, joints", ("2", "4", "8"), "≤ 2"),
+        ("diagnose_candidates", "diagnose the same, 4 joints, candidates", ("4", "8", "16"), "≤ 1.1"),
+    ):
+        found = case(name, *sizes)
+        peak = found.pop("peak")
+        power = exponent([float(size) for size in found], list(found.values()))
+        yield Row(f"growth of {label} {', '.join(found)}", ", ".join(f"{value:.2f}" for value in found.values()) + " s",
+                  "", f"exponent {power:.2f}", goal, f"{peak:.0f} MB")  # fmt: skip
 
 
 def main() -> None:
@@ -245,7 +297,7 @@ def main() -> None:
     parser.add_argument("--mcap-minutes", type=float, default=60.0)
     parser.add_argument("--messages", type=int, default=600_000)
     parser.add_argument("--short-logs", type=int, default=2000)
-    words = "regressors, arrays, start, waiting, hours, csv, short or mcap"
+    words = "regressors, arrays, start, waiting, growth, hours, csv, short or mcap"
     parser.add_argument("--only", default="", help=words)
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
@@ -257,7 +309,8 @@ def main() -> None:
             "regressors": regressors,
             "arrays": arrays,
             "start": lambda: start_up(folder),
-            "waiting": waiting,
+            "waiting": lambda: waiting(folder),
+            "growth": growing,
             "hours": lambda: hours(folder, chosen.minutes),
             "csv": lambda: tables(folder, chosen.minutes),
             "short": lambda: short(folder, chosen.short_logs),
