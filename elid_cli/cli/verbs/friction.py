@@ -34,7 +34,7 @@ def friction(
     quadratic) on stretches that no fit saw, and say which member the log of each joint supports.
     """  # noqa: D205
     from elid_cli.cli.inputs import diagnosis_conditioning, load_recording, load_robot, load_signals
-    from elid_cli.cli.output import check_output, emit
+    from elid_cli.cli.output import check_output, emit, pictures_wanted
     from elid_cli.cli.progress import progress
     from elid_cli.files import check_suffix, check_writable
 
@@ -54,6 +54,10 @@ def friction(
         if written is not None:
             write_robot(found.refined, written, REMARKS)
         report = friction_report(found, recording, robot, () if written is None else (written,))
+        if pictures_wanted(output):
+            from elid_cli.report.figures.build import friction_figures, with_figures
+
+            report = with_figures(report, friction_figures(found))
     emit(report, output)
 
 

@@ -17,6 +17,7 @@ from elid_cli.report.answers.inputs import (
     robot_payload,
     span_words,
 )
+from elid_cli.report.answers.summary import listed
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text
 from elid_cli.signals.recording import Recording
 
@@ -95,8 +96,9 @@ def _sentence(found: FrictionFamily) -> str:
     for joint, member in found.supported.items():
         groups.setdefault(member, []).append(joint)
     titles = found.members
-    return "; ".join(f"{name} ({titles[name].title}) at {', '.join(groups[name])}"
-                     for name in titles if name in groups) + "."  # fmt: skip
+    words = "; ".join(f"{titles[name].title} friction ({name}) at {listed(groups[name])}"
+                      for name in titles if name in groups)  # fmt: skip
+    return f"{words[:1].upper()}{words[1:]}."
 
 
 def _errors(found: FrictionFamily) -> Table:
@@ -117,7 +119,7 @@ def _errors(found: FrictionFamily) -> Table:
         "predicts each part of the rest from the others better, by 3 % of the squared error and beyond the scatter, "
         "and these stretches, too, and no friction is negative"
     )
-    return Table("errors", tuple(columns), tuple(rows), title="held-out error of each member", note=note)
+    return Table("member_errors", tuple(columns), tuple(rows), title="held-out error of each member", note=note)
 
 
 def _members(found: FrictionFamily) -> Table:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from elid_cli.estimation.refined_robot import impossible_words
 from elid_cli.estimation.result import BaseEstimate, FittedEffect, Identification
 from elid_cli.estimation.validation.prediction import ByLog
+from elid_cli.estimation.validation.verdicts import HELD
 from elid_cli.report.answers.classification import folded, reasons_table, verdict_mark
 from elid_cli.report.answers.drive_gains import gains_table
 from elid_cli.report.answers.error_tables import TITLE, error_table, log_table, sensor_table, small
@@ -161,6 +162,8 @@ def _base_table(found: Identification, key: str, title: str, members: Sequence[i
 
 
 def _mark(item: BaseEstimate) -> Cell:
+    if item.reason.startswith(HELD):
+        return Mark("held", "dim")
     if item.verdict != "supported":
         return verdict_mark(item.verdict)
     return Mark("bias possible", "warn") if item.bias_possible else ""
@@ -171,7 +174,10 @@ def _verdict_note(found: Identification) -> str:
         return "bias possible: what the model lacks can move it by more than ± sd says"
     if all(verdict == "supported" for verdict in found.verdict):
         return "this log shows all of them"
-    return "weak: known only roughly, to worse than 30 %; refused: not shown by this log; the others are known"
+    held = "held: at the robot file's value, not looked for; " * any(
+        p.reason.startswith(HELD) for p in found.parameters
+    )
+    return f"weak: known only roughly, to worse than 30 %; refused: not shown by this log; {held}the others are known"
 
 
 def _next(found: Identification, recording: Recording, robot_argument: str, written: Sequence[str]) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from math import hypot
 from typing import Any
 
+from elid_cli.diagnosis.by_motion.diagnose import ABOVE
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.estimation.trajectory.differing import Differing
@@ -203,11 +204,12 @@ def _position_table(found: MotionDiagnosis) -> Table:
         unit, scale = SCALES[joint.revolute]
         item, torque = found.position[joint.name], found.after.error.get(joint.name)
         rows.append((
-            joint.name, Mark("more than noise", "warn") if joint.name in left else Mark("noise only", "good"),
+            joint.name, Mark("above noise", "warn") if joint.name in left else Mark("near noise", "good"),
             Quantity(scale * item.before, unit, 3), Quantity(scale * item.after, unit, 3),
             None if torque is None else percent(torque.relative),
         ))  # fmt: skip
-    return Table("position", columns, tuple(rows), title="rms error of the simulated position", note=METHOD)
+    return Table("position", columns, tuple(rows), title="rms error of the simulated position",
+                 note=f"{METHOD}; near noise: within {ABOVE:g} times the encoder's noise")  # fmt: skip
 
 
 def _differing_section(found: MotionDiagnosis) -> list[Section]:

@@ -165,11 +165,15 @@ def record_sections(found: Identification, further: Items, arguments: Sequence[s
         The log and the robot as the user named them: what ``elid excite`` aims at.
     """
     log, robot = arguments
-    groups: dict[str, list[str]] = {}
+    groups: dict[str, list[StandardParameter]] = {}
     for item in found.parameters:
         if item.verdict != "supported" and not item.reason.startswith((IMPOSSIBLE, HELD)):
-            groups.setdefault(_needed(item, found.robot), []).append(item.leader)
-    items = [*further, *((counted(names), need) for need, names in groups.items())]
+            groups.setdefault(_needed(item), []).append(item.leader)
+    joints = found.robot.joint_names
+    items = [*further, *(
+        (counted(names), need.format(listed(list(dict.fromkeys(joints[name.joint] for name in names)))))
+        for need, names in groups.items()
+    )]  # fmt: skip
     if not items:
         return "Nothing more for these parameters; a second log would check them (elid validate).", []
     sentence = f"{_upper(str(items[0][1]))}, for {items[0][0]}{'; more below' if len(items) > 1 else ''}."
@@ -179,9 +183,9 @@ def record_sections(found: Identification, further: Items, arguments: Sequence[s
     return sentence, [KeyValues("record", tuple(items), "what to record next")]
 
 
-def _needed(item: BaseEstimate, robot: Robot) -> str:
-    """Return what a log must hold to show a base parameter that this one does not."""
-    kind, joint = item.leader.kind, robot.joint_names[item.leader.joint]
+def _needed(item: BaseEstimate) -> str:
+    """Return what a log must hold to show a base parameter that this one does not, braces for its joint."""
+    kind, joint = item.leader.kind, "{}"
     for known in ("does not move", "do not move", "no torque", "move it into"):
         if known in item.reason:
             return {
@@ -196,7 +200,7 @@ def _needed(item: BaseEstimate, robot: Robot) -> str:
         "Ja": f"stronger accelerations of {joint}",
         "fs": f"slow motion of {joint} in both directions",
         "fv": f"fast and slow motion of {joint} in both directions",
-    }.get(kind, f"stronger accelerations of {joint} and the joints after it, in more poses")
+    }.get(kind, f"stronger accelerations, in more poses, of {joint} and the joints after")
 
 
 def by_kind(leaders: Sequence[StandardParameter]) -> list[int]:

@@ -73,7 +73,9 @@ def validation_report(
 def _missing(said: Judgement) -> str:
     """Return what the described robot lacks: an effect, or other values of its parameters."""
     if said.misfitted and not said.insufficient:
-        return f"Other values: {rows_words(said.misfitted)}. Other parameters, a delay or an offset would explain it."
+        return (
+            f"Perhaps nothing: other parameters, a delay or an offset would explain that {rows_words(said.misfitted)}."
+        )
     return missing_words(said.model, said.insufficient, said.noise)
 
 

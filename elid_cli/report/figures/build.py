@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
+from elid_cli.diagnosis.friction_family import FrictionFamily
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.estimation.comparison import Comparison
@@ -22,6 +23,13 @@ from elid_cli.report.tree import Figure, Report
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
+
+MEAN = "Error of the simulated position", "Mean size of the simulated minus the measured position."
+HELD_OUT = (
+    "Error of the simulated position",
+    "Simulated minus measured position, rms, on blocks of time that the values were not fitted to.",
+)
+MEMBERS = "Held-out error of each member", "Motor torque minus prediction, rms, on stretches that no fit saw."
 
 
 def with_figures(report: Report, figures: Sequence[Figure]) -> Report:
@@ -71,7 +79,7 @@ def replay_figures(found: Replay, other: Replay | None = None, names: Sequence[s
     labels = names if len(names) == len(replays) > 1 else ("error", "error of the other robot")
     cases = [(label, {joint: 1e3 * e.mean_abs for joint, e in item.error.items()})
              for label, item in zip(labels, replays, strict=False)]  # fmt: skip
-    return figures_of(FigureInput(replays=replays, cases=cases, unit=milli(found.robot)))
+    return figures_of(FigureInput(replays=replays, cases=cases, unit=milli(found.robot), heading=MEAN))
 
 
 def motion_figures(found: MotionDiagnosis) -> tuple[Figure, ...]:
@@ -84,8 +92,17 @@ def motion_figures(found: MotionDiagnosis) -> tuple[Figure, ...]:
              ("after", {joint: 1e3 * p.after for joint, p in found.position.items()})]  # fmt: skip
     return figures_of(FigureInput(
         identified=found.after, replays=(after, before), replay_labels=("error after", "error before"), cases=cases,
-        unit=milli(found.robot),
+        unit=milli(found.robot), heading=HELD_OUT,
     ))  # fmt: skip
+
+
+def friction_figures(found: FrictionFamily) -> tuple[Figure, ...]:
+    """Return the figures of a friction family: the held-out error of every member."""
+    units = {
+        "N·m" if found.robot.joints[found.robot.joint_names.index(joint)].revolute else "N" for joint in found.fits
+    }
+    cases = [(name, {joint: fits[name].error.rms for joint, fits in found.fits.items()}) for name in found.members]
+    return figures_of(FigureInput(cases=cases, unit=" or ".join(sorted(units)), heading=MEMBERS))
 
 
 def milli(robot: Robot) -> str:

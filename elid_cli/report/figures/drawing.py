@@ -213,7 +213,7 @@ def ticks(low: float, high: float, most: int = 6) -> list[float]:
 def tick_texts(values: Sequence[float]) -> list[str]:
     """Return ticks as text, all with the decimals that their step needs."""
     if len(values) < 2:
-        return [f"{v:.3g}" for v in values]
+        return [f"{v:.3g}" if abs(v) < 1e-4 or abs(v) >= 1e6 else f"{v:.5g}" for v in values]
     step, most = abs(values[1] - values[0]), max(abs(v) for v in values)
     if most >= 1e6 or most < 1e-4:
         return ["0" if v == 0 else f"{v:.{max(0, int(np.ceil(np.log10(most / step))))}e}" for v in values]

@@ -48,7 +48,9 @@ class FigureInput:
     cases: Sequence[tuple[str, Mapping[str, float]]] = ()
     """Errors to compare: a label, and the error of each joint, a share of its torque or in `unit`."""
     unit: str = ""
-    """What `cases` are in, of positions: ``mrad``, ``mm``; empty: they are shares of torques."""
+    """What `cases` are in, such as ``mrad``; empty: they are shares of torques."""
+    heading: tuple[str, str] = ("Error of each joint", "Shares of the joint's torque, rms.")
+    """Title and caption of the figure of `cases`."""
     sides: Sequence[tuple[str, Mapping[str, float]]] = ()
     """The same of the motor side alone, where joints have one."""
     comparisons: Sequence[Comparison] = ()

@@ -32,9 +32,9 @@ SUFFIXES, FIGURES = (".html", ".htm"), True
 LONG = 16
 """Rows of a table beyond which it is folded."""
 PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("What it rests on", ("figure:effect", "figure:errors", "figure:trended", "effects*", "meaning", "waiting",
-                          "also_possible", "before_after", "position", "error*", "triage", "unexplained", "differing",
-                          "by_log")),
+    ("What it rests on", ("figure:effect", "figure:errors", "figure:trended", "parameters", "member_errors", "values",
+                          "members", "effects*", "meaning", "waiting", "also_possible", "before_after", "position",
+                          "error*", "triage", "unexplained", "differing", "by_log")),
     ("Parameters", ("figure:parameters", "joint_parameters", "base_parameters", "reasons", "physical*", "std_error")),
     ("What to record next", ("record", "next")),
     ("Over time", ("figure:torque", "figure:trajectory", "figure:replayed", "figure:signals")),
@@ -103,8 +103,12 @@ def _answered(said: Sequence[Section]) -> list[str]:
         if not chosen:
             continue
         inner = "".join(_section(s, heading) for s in chosen)
+        if [s.key for s in chosen] == ["next"]:
+            heading = "Next"
         page.append(_over_time(chosen) if keys is PARTS[-1][1] else f"<section><h2>{heading}</h2>{inner}</section>")
     rest = "".join(_folded(s, True) for s in left)
+    if not rest:
+        return page
     return [*page, f"<section class=rest><h2>Everything else</h2>{rest}</section>"]
 
 
@@ -112,7 +116,9 @@ def _plain(said: Sequence[Section]) -> list[str]:
     """Return a page in the report's own order, with what is drawn over time at its end."""
     _, keys = PARTS[-1]
     timed = [s for s in said if any(_is(s, key) for key in keys)]
-    return [*(_section(s) for s in said if s not in timed), _over_time(timed)]
+    tables = [s for s in said if isinstance(s, Table)]
+    main = tables[0] if len(tables) == 1 else None  # the one table is what the page is for
+    return [*(_section(s, whole=s is main) for s in said if s not in timed), _over_time(timed)]
 
 
 def _over_time(timed: Sequence[Section]) -> str:
@@ -194,13 +200,13 @@ def _origin(report: Report) -> str:
     return "<br>".join(escape(visible(line)) for line in lines)
 
 
-def _section(section: Section, under: str = "") -> str:
-    """Return a section, with its title unless that is the heading that it stands `under`."""
+def _section(section: Section, under: str = "", *, whole: bool = False) -> str:
+    """Return a section, with its title unless that is the heading it stands `under`; `whole`: a long table, too."""
     if isinstance(section, Text):
         return _text(section)
     if isinstance(section, Figure):
         return _figure(section)
-    if isinstance(section, Table) and len(section.rows) > LONG:
+    if isinstance(section, Table) and len(section.rows) > LONG and not whole:
         return _folded(section, True)
     name = section.title or (section.key.replace("_", " ") if isinstance(section, Table) else "")
     return (f"<h3>{escape(_upper(name))}</h3>" if name and _upper(name) != under else "") + _bare(section)

@@ -24,13 +24,12 @@ CHANGE: tuple[Color, ...] = ("orange", "blue")
 def figures(told: FigureInput) -> Iterator[Figure]:
     """Yield one figure of all joints and cases."""
     if any(shares for _, shares in told.cases):
-        caption = "Simulated minus measured position." if told.unit else "Shares of the joint's torque, rms."
+        title, caption = told.heading
         if told.sides:
             caption += (
                 " Whole joint: motor torque against the motion of all bodies. Motor side alone: with the "
                 "transmission's torque from the measured deflection, where a fault of the motor shows more clearly."
             )
-        title = "Error of the simulated position" if told.unit else "Error of each joint"
         data = {"cases": told.cases, "sides": told.sides, "unit": told.unit}
         yield Figure("errors", title, "errors", data, caption)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from elid_cli.estimation.validation.verdicts import HELD
 from elid_cli.report.answers.summary import JOINT_KINDS, by_kind, share_text
 from elid_cli.report.figures.drawing import Bars, Dots, Drawing, Mark, Panel, Rule, Words
 from elid_cli.report.tree import Figure
@@ -29,7 +30,8 @@ def figures(told: FigureInput) -> Iterator[Figure]:
     if (found := told.identified) is not None:
         data = {"names": found.base.names, "leaders": [p.leader for p in found.parameters],
                 "estimate": found.estimate, "std_error": found.std_error,
-                "reference": found.reference, "verdict": found.verdict}  # fmt: skip
+                "reference": found.reference, "verdict": ["held" if p.reason.startswith(HELD) else p.verdict
+                                                          for p in found.parameters]}  # fmt: skip
         caption = (
             "Each on the scale of its own value, with its standard error at the right; near 0: the interval holds 0. "
             "The tables below have the numbers."
@@ -80,6 +82,8 @@ def _panel(data: Mapping[str, Any], title: str, index: Sequence[int]) -> Panel:
 
 def _spread(verdict: str, estimate: float, deviation: float) -> str:
     """Return how well a parameter is known: its standard error in percent, or that it is not."""
+    if verdict == "held":
+        return verdict
     if verdict == "refused" or not np.isfinite(deviation):
         return "refused"
     share = deviation / abs(estimate) if estimate else np.inf

@@ -23,13 +23,13 @@ MOTOR_SIDE = "motor side alone"
 
 def figures(told: FigureInput) -> Iterator[Figure]:
     """Yield a figure of every joint whose torque is known."""
-    caption = (
-        "Filtered motor torque, measured and predicted from the motion, and their difference. Motor side alone: the "
-        "same with the transmission's torque from the measured deflection. Grey: left out, around reversals; green: "
-        "held out, stretches that the fit never saw."
-    )
     held_out = () if told.diagnosis is None else told.diagnosis.held_out
     for view in told.views:
+        caption = "Filtered motor torque, measured and predicted from the motion, and their difference."
+        if view.spring_residual is not None:
+            caption += " Motor side alone: the same with the transmission's torque from the measured deflection."
+        caption += " Grey: left out, around reversals and gaps." if not np.all(view.used) else ""
+        caption += " Green: held out, stretches that the fit never saw." if held_out else ""
         old = told.views_before.get(view.joint)
         residuals = [_part("", view.residual, None if old is None else old.residual, view.floor)]
         if view.spring_residual is not None:

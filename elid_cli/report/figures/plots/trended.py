@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 ORDER = 3
 MOST = 8
 """Parameters of a joint that are drawn: those that changed first, then drives before bodies."""
+FEW = 30
+"""Recordings up to which panels stand side by side."""
 LONGEST, EDGE = 60, 0.04
 """Characters of a name that are written; room beside the first and the last recording, as a part of the width."""
 REACH = 1.96
@@ -60,10 +62,10 @@ def draw(figure: Figure) -> Drawing:
     panels = []
     for number, item in enumerate(parameters):
         x, y, reach = item["place"], item["values"], REACH * item["errors"]
-        last = number == len(parameters) - 1
+        last = number == len(parameters) - 1 or len(x) <= FEW
         marks: list[Mark] = [
             Line(_between(x), _stretched(y - reach, y + reach), "grey", "", 1.2),
-            Dots(x, y, "orange" if item["changed"] else "blue", "o", 3.0),
+            Dots(x, y, "orange" if item["changed"] else "blue", "o", 5.0 if len(x) <= FEW else 3.0),
             Line(x, item["line"], "ink", "5 2", 1.1),
         ]
         if np.any(y - reach < 0) and np.any(y + reach > 0):
@@ -72,7 +74,7 @@ def draw(figure: Figure) -> Drawing:
         sides = float(x.min()) - margin, float(x.max()) + margin
         name = item["name"] if len(item["name"]) <= LONGEST else item["name"][: LONGEST - 1] + "…"
         panels.append(Panel(marks, name, figure.data["axis"] if last else "", item["unit"], xlim=sides, height=120))
-    return Drawing(panels, wide=True)
+    return Drawing(panels, wide=max(len(item["place"]) for item in parameters) > FEW)
 
 
 def _between(x: Array) -> Array:
