@@ -141,7 +141,7 @@ def test_the_command_writes_a_robot_that_predicts_as_the_table_says(
     assert told["supported"] == "M5"
     assert set(told["members"]) == set(CASES)
     assert main([*words, "--quiet"]) == 0
-    assert "M5 (directional) at hinge." in capsys.readouterr().out
+    assert "Directional friction (M5) at hinge." in capsys.readouterr().out
     found = read_robot(out)
     (spec,) = (spec for spec in found.effects if spec.effect == "servo_friction")
     assert dict(spec.parameters) == pytest.approx(told["parameters"])
