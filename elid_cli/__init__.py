@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from elid_cli.experiment.excitation import Excitation, ExciteOptions, excite
     from elid_cli.experiment.reference import write_trajectory
     from elid_cli.experiment.replay.replay import Replay, ReplayOptions, replay
+    from elid_cli.experiment.resolve.plan import Resolution, ResolveOptions, resolve
+    from elid_cli.experiment.resolve.question import Question, question_of, read_question
     from elid_cli.experiment.simulation.run import SimulationOptions, simulate
     from elid_cli.experiment.simulation.sensors import SensorOptions
     from elid_cli.logs.inspect import LogInfo, inspect_log
@@ -67,6 +69,8 @@ _PLACES = {
     "experiment.excitation": "Excitation ExciteOptions excite",
     "experiment.reference": "write_trajectory",
     "experiment.replay.replay": "Replay ReplayOptions replay",
+    "experiment.resolve.plan": "Resolution ResolveOptions resolve",
+    "experiment.resolve.question": "Question question_of read_question",
     "experiment.simulation.run": "SimulationOptions simulate",
     "experiment.simulation.sensors": "SensorOptions",
     "logs.inspect": "LogInfo inspect_log",
@@ -108,10 +112,13 @@ __all__ = [
     "MotionDiagnosis",
     "ParameterSets",
     "PhysicalParameters",
+    "Question",
     "Recording",
     "Regressor",
     "Replay",
     "ReplayOptions",
+    "Resolution",
+    "ResolveOptions",
     "Robot",
     "RobotError",
     "SavedResult",
@@ -135,12 +142,15 @@ __all__ = [
     "inspect_log",
     "make_physical",
     "prepare",
+    "question_of",
     "read_map_options",
+    "read_question",
     "read_recording",
     "read_result",
     "read_robot",
     "reduced_logs",
     "replay",
+    "resolve",
     "sample",
     "shipped_robots",
     "simulate",

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.diagnosis.evidence.quarters import Survival
 from elid_cli.diagnosis.fit.state import State
+from elid_cli.diagnosis.fit.whitening import JointWhitener
 from elid_cli.diagnosis.residuals import Organised, RowState
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.result import FittedEffect, Identification, Nuisance
@@ -36,6 +37,10 @@ class Rival:
     parameters: Mapping[str, float]
     separate: str
     """What to record to tell them apart."""
+    std_error: Mapping[str, float] = field(default_factory=dict)
+    """Of its parameters, from a fit with it in the other's place; empty where there was none."""
+    behind: float = 0.0
+    """Log-likelihood by which it explains this log worse than the named effect, negative where better."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +70,17 @@ class FoundEffect:
     quarter cannot tell, empty for local effects and curves."""
 
 
+class Nearest(NamedTuple):
+    """An effect that comes near to explaining a residual and is not supported."""
+
+    effect: str
+    joint: str | None
+    gain: float
+    """Part of the joint's whitened squared residual that it takes from folds of the search that it was not fitted
+    to."""
+    parameters: Mapping[str, float]
+
+
 @dataclass(frozen=True)
 class Unexplained:
     """Structure that no effect of the library explains."""
@@ -77,9 +93,8 @@ class Unexplained:
     rms: float
     ratio: float
     """Residual over the noise floor."""
-    nearest: tuple[tuple[str, str | None, float], ...]
-    """Nearest candidates: effect, joint, part of the joint's whitened squared residual that they take from folds of the
-    search that they were not fitted to."""
+    nearest: tuple[Nearest, ...]
+    """Nearest candidates."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +106,17 @@ class Moved:
     after: float
     deviations: float
     """Shift in standard deviations of the estimate after."""
+
+
+@dataclass(frozen=True)
+class RowNoiseModel:
+    """Noise of the filtered and decimated rows, joint by joint."""
+
+    rate: float
+    """Instants per second."""
+    share: float
+    """Share of the equations that count as independent once whitened."""
+    joints: tuple[JointWhitener, ...]
 
 
 @dataclass(frozen=True, repr=False)
@@ -145,6 +171,12 @@ class Diagnosis(Shown):
 
         bare = replace(self.robot, effects=())
         return published(self, self.usual or prepare(self.recording, bare))
+
+    @cached_property
+    def row_noise(self) -> RowNoiseModel:
+        """What the rows of the model after bear beside it: the noise that an effect has to show against."""
+        projected = self.state_after.projected
+        return RowNoiseModel(self.state_after.log.observation.rate, projected.independent, projected.whiteners)
 
     @property
     def identified_before(self) -> Identification:

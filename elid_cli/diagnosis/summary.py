@@ -8,12 +8,12 @@ import numpy as np
 
 from elid_cli.diagnosis.evidence.channel_zeros import constants
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
-from elid_cli.diagnosis.fit.state import Log, State
+from elid_cli.diagnosis.fit.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.residuals import Organised, RowState, follows_motion, judged_rows, organise, rows_of, words
-from elid_cli.diagnosis.result import Diagnosis, FoundEffect, Moved, Rival, Unexplained
+from elid_cli.diagnosis.result import Diagnosis, FoundEffect, Moved, Nearest, Rival, Unexplained
 from elid_cli.diagnosis.search.encoder_skew import Skew
 from elid_cli.diagnosis.search.forward import Found, Step, Term
-from elid_cli.diagnosis.search.screening import Candidate
+from elid_cli.diagnosis.search.screening import Candidate, sensible
 from elid_cli.diagnosis.unexplained import away_from_changes, unseen
 from elid_cli.estimation.identify import Nuisance
 from elid_cli.estimation.refined_robot import refined_robot, representative
@@ -216,13 +216,16 @@ def _rivals(state: State, declared: int, steps: Sequence[Step], effects: Sequenc
             if key in named or key in rivals:
                 continue
             ratio = candidate.gain.likelihood / max(step.candidate.gain.likelihood, 1e-9)
+            values, errors = _in_its_place(state, number, candidate)
             rivals[key] = Rival(
                 candidate.effect.name,
                 joint,
                 effect.effect,
                 effect.gain * min(ratio, 1.0),
-                candidate.values,
+                values,
                 candidate.effect.record,
+                errors,
+                _behind(step.candidate, candidate),
             )
     for rival in (*_together(robot, effects), *_constants(state)):
         rivals.setdefault((rival.effect, rival.joint), rival)
@@ -236,6 +239,26 @@ def _constants(state: State) -> Iterator[Rival]:
         joint, twin = robot.joint_names[item.joint], item.twin
         yield Rival(twin.name, joint, offset.name, item.gain, item.values, offset.record)
         yield Rival(offset.name, joint, twin.name, item.gain, item.offset, offset.record)
+
+
+def _behind(named: Candidate, rival: Candidate) -> float:
+    """Return by how much log-likelihood a rival explains the log worse, independent instants alone counted.
+
+    Both are counted as by the better of them, which leaves noise where the other leaves what it does not explain.
+    """
+    best = max(named, rival, key=lambda c: c.gain.whole)
+    return (named.gain.whole - rival.gain.whole) * best.gain.share
+
+
+def _in_its_place(state: State, number: int, rival: Candidate) -> tuple[Mapping[str, float], Mapping[str, float]]:
+    """Return a rival's parameters and their standard errors from a fit with it in the place of effect `number`."""
+    lacking = without(state, number)
+    other = refreshed(fit(lacking.log, (*lacking.effects, rival.effect), lacking.scene))
+    last = len(other.effects) - 1
+    values = other.named(last)
+    if not sensible(other.effects[last], other.scene, values):
+        return rival.values, {}
+    return values, _errors(other, last)
 
 
 def _together(robot: Robot, effects: Sequence[FoundEffect]) -> list[Rival]:
@@ -292,8 +315,11 @@ def _unexplained(state: State, rows: Sequence[RowState], remaining: Sequence[Can
             ),
             key=lambda pair: -pair[1],
         )
-        best_of = {(c.effect.name, None if c.effect.whole_robot else names[joint]): part for c, part in taken[::-1]}
-        near = tuple((*whose, part) for whose, part in reversed(best_of.items()) if part > 0)[:3]
+        best_of = {
+            c.key: Nearest(c.effect.name, None if c.effect.whole_robot else names[joint], part, c.values)
+            for c, part in taken[::-1]
+        }
+        near = tuple(item for item in reversed(best_of.values()) if item.gain > 0)[:3]
         side = "link" if item.rows == "sum" and _quiet(rows, item.joint) else _SIDES.get(item.rows, item.rows)
         found.append(Unexplained(item.joint, side, best.variable, best.share, item.rms, item.ratio, near))
     return tuple(found)

@@ -47,7 +47,7 @@ BALANCE = 0.1
 """Weight of the log volume beside the standard deviations aimed at."""
 PENALTIES = (20.0, 400.0)
 """Weights of broken limits in the two rounds of optimisation, per instant and squared relative excess."""
-_ENDS = 4
+ENDS = 4
 """Control points at each end that are equal, so that it starts and ends at rest and without a jerk."""
 ROOM = 0.97
 """Share of each limit that is used."""
@@ -171,7 +171,7 @@ def excite(
     best = max(range(len(starts)), key=lambda k: (_merit(judged[k], weights), -k))
     search = _Search(information, bounds, grid, weights, starts[best])
     trajectory = search.run(options.rounds, progress)
-    trajectory, used = _within(trajectory, information, bounds)
+    trajectory, used = within(trajectory, information.torques, bounds)
     median = order[len(order) // 2]
     noise = residual if options.measured else np.stack([residual[0], residual[0]])
     mine, other = (forecast(information, base, _played(s, options), noise) for s in (trajectory, starts[median]))
@@ -236,7 +236,7 @@ class _Search:
         self.information, self.bounds, self.weights, self.start = information, bounds, weights, start
         self.reach = np.minimum(bounds.high - bounds.low, 2 * np.pi)
         self.bases = [[_basis(spline, grid, order) for spline in start.splines] for order in range(3)]
-        inner = [len(spline.points) - 2 * _ENDS for spline in start.splines]
+        inner = [len(spline.points) - 2 * ENDS for spline in start.splines]
         self.parts = [slice(sum(inner[:k]), sum(inner[: k + 1])) for k in range(len(inner))]
 
     def run(self, rounds: int, progress: Callable[[float], None] | None) -> SplineReference:
@@ -244,7 +244,7 @@ class _Search:
         from scipy.optimize import minimize
 
         splines = zip(self.start.splines, self.reach, strict=True)
-        x = np.concatenate([spline.points[_ENDS:-_ENDS] / reach for spline, reach in splines])
+        x = np.concatenate([spline.points[ENDS:-ENDS] / reach for spline, reach in splines])
         done = 0
 
         def stepped(_: Array) -> None:
@@ -264,7 +264,7 @@ class _Search:
         splines = []
         for spline, reach, part in zip(self.start.splines, self.reach, self.parts, strict=True):
             points = spline.points.copy()
-            points[_ENDS:-_ENDS] = x[part] * reach
+            points[ENDS:-ENDS] = x[part] * reach
             splines.append(ReferenceSpline(spline.knots, points))
         return replace(self.start, splines=tuple(splines))
 
@@ -278,7 +278,7 @@ class _Search:
         for basis, gradient, over in zip(self.bases, gradients, slopes, strict=True):
             by_state = gradient - penalty * over
             for k, part in enumerate(self.parts):
-                slope[part] += self.reach[k] * (basis[k].T @ by_state[:, k])[_ENDS:-_ENDS]
+                slope[part] += self.reach[k] * (basis[k].T @ by_state[:, k])[ENDS:-ENDS]
         return penalty * excess - value, -slope
 
 
@@ -302,10 +302,19 @@ def _excess(states: States, torque: Array, bounds: Bounds) -> tuple[float, State
     return total, (slopes[0], slopes[1], slopes[2]), slopes[3]
 
 
-def _within(
-    trajectory: SplineReference, information: Information, bounds: Bounds
+def within(
+    trajectory: SplineReference, torques: Callable[[States], Array], bounds: Bounds
 ) -> tuple[SplineReference, dict[str, Array]]:
     """Return the trajectory moved as little less as its limits ask, and the share of every limit that it uses.
+
+    Parameters
+    ----------
+    trajectory
+        The motion.
+    torques
+        Gives the motor torques (N, n) of a motion's states.
+    bounds
+        The limits.
 
     Raises
     ------
@@ -317,7 +326,7 @@ def _within(
     home = np.array([spline.points[0] for spline in trajectory.splines])
     for _ in range(60):
         states = trajectory.evaluate(grid)
-        used = _shares(states, information.torques(states), bounds, home)
+        used = _shares(states, torques(states), bounds, home)
         worst = np.max([np.nan_to_num(share) for share in used.values()], axis=0)
         if np.all(worst <= 1.0):
             return trajectory, used

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from elid_cli.estimation.validation.prediction import Validation
     from elid_cli.experiment.excitation import Excitation
     from elid_cli.experiment.replay.replay import Replay
+    from elid_cli.experiment.resolve import Resolution
     from elid_cli.logs.inspect import LogInfo
     from elid_cli.model.base_parameters import BaseParameters
     from elid_cli.signals.recording import Recording
@@ -191,6 +192,16 @@ def _excitation(found: Excitation) -> View:
     )
 
 
+def _resolution(found: Resolution) -> View:
+    from elid_cli.report.answers import resolution as answer
+
+    return View(
+        lambda: [Text("title", found.robot.name, "heading"), *answer.resolution_sections(found)],
+        lambda: answer.resolution_payload(found),
+        lambda values: values["pairs"],
+    )
+
+
 def _physical(found: PhysicalParameters) -> View:
     from elid_cli.model.base_parameters import find_base
     from elid_cli.model.regressor import Regressor
@@ -255,6 +266,7 @@ _VIEWS: dict[str, Callable[[Any], View]] = {
     "Comparison": _comparison,
     "Diagnosis": _diagnosis,
     "Excitation": _excitation,
+    "Resolution": _resolution,
     "Identification": _identification,
     "LogInfo": _inspected,
     "MotionDiagnosis": _motion_diagnosis,

@@ -40,7 +40,10 @@ LINES = {
     "replay": [f"replay {SAMPLES}/planar2.h5 --robot planar2 --horizon 0.2 --against planar2"],
     "reduce": [f"reduce {SAMPLES}/planar2.h5 --robot planar2 -o reduced.npz"],
     "simulate": [f"simulate --robot planar2 --duration 1 -o try.csv --effect {STRIBECK}"],
-    "excite": ["excite --robot planar2 --duration 4 -o try.csv --for K1"],
+    "excite": [
+        "excite --robot planar2 --duration 4 -o try.csv --for K1",
+        "excite --robot planar2 --duration 3 -o try.csv --resolve open.json",
+    ],
     "compare": ["compare first.json second.json"],
     "trend": ["trend first.json second.json first.json"],
     "sample": ["sample first.json second.json -n 3", "sample first.json -n 3 --robot planar2 -o sets --ranges r.yaml"],
@@ -59,6 +62,10 @@ def folder(elid: Elid, tmp_path_factory: pytest.TempPathFactory) -> Path:
     for result, log in (("first.json", "planar2.h5"), ("second.json", "planar2_stribeck.h5")):
         done = elid("identify", str(SAMPLES / log), "--robot", "planar2", "--json", cwd=place)
         (place / result).write_text(done.stdout, "utf-8")
+    noisy = "simulate --robot planar2 --duration 5 --rate 500 --torque-noise 2%"
+    assert elid(*f"{noisy} --effect torque_offset@joint1:offset=3 -o o.h5".split(), cwd=place).returncode == 0
+    tried = "diagnose o.h5 --robot planar2 --only torque_offset --only asymmetric_coulomb --json"
+    (place / "open.json").write_text(elid(*tried.split(), cwd=place).stdout, "utf-8")
     made = f"identify {SAMPLES}/planar2.h5 --robot planar2 --write-robot two.urdf --quiet"
     assert elid(*made.split(), cwd=place).returncode == 0
     return place

@@ -22,10 +22,11 @@ MOTION = "Trajectory"
 
 @dataclass(frozen=True)
 class MotionChoice:
-    """Which trajectory is wanted; `after` what."""
+    """Which trajectory is wanted; `after` what, or to `resolve` what."""
 
     aims: tuple[str, ...] = ()
     after: str | None = None
+    resolve: str | None = None
     duration: float = 20.0
     rate: float = 250.0
     interval: float | None = None
@@ -37,6 +38,7 @@ class MotionChoice:
     "elid excite --robot puma560 -o excite.csv",
     "elid excite --robot puma560 -o wrist.csv --for Izz6 --for Jm6 --duration 30",
     "elid excite --robot puma560 -o next.csv --after run07.mcap",
+    "elid excite --robot puma560 -o next.csv --resolve diagnosis.json",
 )
 @options.robot
 @options.reading
@@ -57,6 +59,13 @@ class MotionChoice:
         type=File(),
         metavar="LOG",
         help="The last log, or its result saved with --json: aim at what it could not show, and expect its residuals.",
+    ),
+    options.option(
+        MOTION,
+        "--resolve",
+        type=File(),
+        metavar="FILE",
+        help="A diagnosis saved with --json: tell the effects apart that it leaves open.",
     ),
     options.option(
         MOTION,
@@ -99,7 +108,8 @@ class MotionChoice:
 def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output: Output) -> None:
     """Find a trajectory whose log tells most about the base parameters, from rest to rest within the joints' limits.
 
-    Limits and reference values come from the robot file. The report says which standard errors to expect.
+    Limits and reference values come from the robot file. The report says which standard errors to expect; with
+    --resolve, how surely the next log decides between effects.
     """
     from pathlib import Path
 
@@ -112,6 +122,9 @@ def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output:
     check_output(output)
     check_suffix(Path(out), (".csv",), "a trajectory")
     check_writable(Path(out))
+    if motion.resolve is not None:
+        _resolve(motion.resolve, robot, motion, out, output)
+        return
     with progress(output, "optimising") as advance:
         from dataclasses import replace
 
@@ -142,6 +155,43 @@ def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output:
         found = find(machine, choice, None if advance is None else lambda share: advance("optimising", share))
         write_trajectory(out, machine.joint_names, *found.sampled(motion.rate))
         report = excitation_report(found, robot, out, motion.rate)
+        if pictures_wanted(output):
+            from elid_cli.report.figures import figures_of
+            from elid_cli.report.figures.build import with_figures
+            from elid_cli.report.figures.input import FigureInput
+
+            report = with_figures(report, figures_of(FigureInput(excitation=found)))
+    emit(report, output)
+
+
+def _resolve(diagnosis: str, robot: str, motion: MotionChoice, out: str, output: Output) -> None:
+    """Plan the motion that tells apart what a diagnosis leaves open."""
+    import click
+
+    from elid_cli.cli.output import emit, pictures_wanted
+    from elid_cli.cli.progress import progress
+    from elid_cli.errors import UsageError
+
+    residual = click.get_current_context().get_parameter_source("residual") is ParameterSource.COMMANDLINE
+    given = (("--for", bool(motion.aims)), ("--after", motion.after is not None), ("--residual", residual))
+    unused = [name for name, there in given if there]
+    if unused:
+        raise UsageError(
+            f"--resolve does not go with {' and '.join(unused)}",
+            detail="it plans for effects with the noise that the diagnosis found; they plan for parameters",
+        )
+    with progress(output, "optimising") as advance:
+        from elid_cli.experiment.reference import write_trajectory
+        from elid_cli.experiment.resolve import ResolveOptions, read_question
+        from elid_cli.experiment.resolve import resolve as find
+        from elid_cli.report.answers.resolution import resolution_report
+
+        machine = load_robot(robot)
+        question = read_question(diagnosis, machine)
+        options = ResolveOptions(duration=motion.duration, interval=motion.interval, seed=motion.seed)
+        found = find(question, options, None if advance is None else lambda share: advance("optimising", share))
+        write_trajectory(out, machine.joint_names, *found.sampled(motion.rate))
+        report = resolution_report(found, robot, diagnosis, out, motion.rate)
         if pictures_wanted(output):
             from elid_cli.report.figures import figures_of
             from elid_cli.report.figures.build import with_figures

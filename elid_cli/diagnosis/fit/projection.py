@@ -213,6 +213,11 @@ class Projected:
         return found
 
     @cached_property
+    def independent(self) -> float:
+        """Return the share of the equations that count as independent for the model's own columns."""
+        return self._independent_share(self.basis, self.residual)
+
+    @cached_property
     def _powers(self) -> list[float]:
         """Square of the residual in each channel."""
         return [float(self.residual[channel] @ self.residual[channel]) for channel in self.channels]

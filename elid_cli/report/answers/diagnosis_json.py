@@ -31,18 +31,23 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
         "nuisances": nuisance_payload([*found.nuisances, *_late(found)]),
         "also_possible": [
             {"effect": r.effect, "joint": r.joint, "gain": r.gain, "instead_of": r.instead_of,
-             "parameters": dict(r.parameters), "separate": r.separate}
+             "parameters": dict(r.parameters), "std_error": dict(r.std_error), "behind": r.behind,
+             "separate": r.separate}
             for r in found.also_possible
         ],
         "unexplained": [
             {"joint": u.joint, "rows": u.rows, "variable": u.variable, "share": u.share, "rms": u.rms, "ratio": u.ratio,
-             "nearest": [{"effect": e, "joint": j, "gain": g} for e, j, g in u.nearest]}
+             "nearest": [
+                 {"effect": n.effect, "joint": n.joint, "gain": n.gain, "parameters": dict(n.parameters)}
+                 for n in u.nearest
+             ]}
             for u in found.unexplained
         ],
         "refuted": [
             {"effect": s.effect, "joint": s.joint, "quarters": _quarters(s.gains), "gain": s.whole, "kept": s.kept}
             for s in found.refuted
         ],
+        "row_noise": _noise_payload(found),
         "triage": list(found.triage),
         "organised": [
             {"joint": joint, "rows": rows, "variable": o.variable, "share": o.share}
@@ -68,6 +73,21 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
 def _late(found: Diagnosis) -> list[FoundEffect]:
     """Return the torque delays of more than a sample, which are effects and corrected in the channels as well."""
     return [effect for effect in found.effects if nuisance_of(effect.effect) == "delay"]
+
+
+def _noise_payload(found: Diagnosis) -> dict[str, Any]:
+    """Return the noise of the rows, as a plan of the next experiment needs it."""
+    model = found.row_noise
+    return {
+        "rate": model.rate,
+        "cutoff": found.state_after.log.signals.filter.cutoff,
+        "share": model.share,
+        "joints": [
+            {"joint": found.robot.joint_names[w.rows[0].joint], "rows": [row.kind for row in w.rows],
+             "lags": w.lags.tolist(), "mix": w.mix.tolist()}
+            for w in model.joints
+        ],
+    }  # fmt: skip
 
 
 def _side(error: Mapping[str, JointError], rows: Sequence[RowState], model: Identification) -> dict[str, Any]:

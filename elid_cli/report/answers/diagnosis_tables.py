@@ -354,9 +354,7 @@ def _left(robot: Robot, item: Unexplained) -> str:
         return f"{size} on the held-out stretches, where the search does not look, and noise elsewhere"
     follows = f"; follows {variable_words(item.variable)} ({share_words(item.share)})" if item.share > FOLLOWS else ""
     sticks = "; leave slow motion out: --min-velocity 0.03" if follows and item.variable == STICKING else ""
-    near = ", ".join(
-        f"{whose(effect, joint)} {share_words(gain)}" for effect, joint, gain in item.nearest if gain > NEAR
-    )
+    near = ", ".join(f"{whose(n.effect, n.joint)} {share_words(n.gain)}" for n in item.nearest if n.gain > NEAR)
     said = f"nearest, and what they take of parts left out: {near}" if near else "no effect comes near"
     return f"{size}{follows}{sticks}; {said}"
 

@@ -6,6 +6,7 @@ import shlex
 from typing import Any
 
 from elid_cli.experiment.excitation import Excitation
+from elid_cli.experiment.resolve import Resolution
 from elid_cli.report.answers.inputs import heading, robot_payload
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, percent
 
@@ -51,7 +52,7 @@ def _guessed(found: Excitation) -> tuple[tuple[str, Cell], ...]:
                         "arm are taken, so torques and errors below are rough"),)  # fmt: skip
 
 
-def limits_table(found: Excitation) -> Table:
+def limits_table(found: Excitation | Resolution) -> Table:
     """Return how much of every limit the trajectory uses."""
     columns = [Column("joint", "joint")]
     columns += [Column(kind, kind, "% of limit", "right") for kind in found.used]

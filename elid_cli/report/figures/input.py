@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from elid_cli.estimation.validation.prediction import Validation
     from elid_cli.experiment.excitation import Excitation
     from elid_cli.experiment.replay import Replay
+    from elid_cli.experiment.resolve import Resolution
     from elid_cli.model.regressor import EstimationRow
     from elid_cli.report.figures.joint_views import JointView
     from elid_cli.robot.robot import Robot
@@ -38,7 +39,8 @@ class FigureInput:
     diagnosis: Diagnosis | None = None
     contributions: Sequence[Contribution] = ()
     """What each effect of the diagnosis takes away."""
-    excitation: Excitation | None = None
+    excitation: Excitation | Resolution | None = None
+    """A planned motion."""
     recording: Recording | None = None
     """A log that nothing was fitted to yet, and the robot that it is read for."""
     described: Robot | None = None

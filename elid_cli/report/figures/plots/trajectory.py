@@ -21,7 +21,7 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         revolute = tuple(joint.revolute for joint in found.robot.joints)
         data = {"t": t, "q": q, "dq": dq, "ddq": ddq, "joints": found.robot.joint_names, "revolute": revolute}
         caption = "position, velocity and acceleration"
-        yield Figure("trajectory", "Exciting trajectory", "trajectory", data, caption)
+        yield Figure("trajectory", "Planned trajectory", "trajectory", data, caption)
 
 
 def draw(figure: Figure) -> Drawing:
