@@ -8,6 +8,7 @@ symmetric FIR filter has no phase and no transient beyond its half-length, so a 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,8 +90,10 @@ class LowPass:
         matrix = self._matrix(tile).astype(kind, copy=False)
         whole = count // tile if len(rows) < _MANY else 0
         if whole > 1:  # of few rows all tiles at once: a call for each would take longer than its product
-            windows = np.lib.stride_tricks.sliding_window_view(rows[:, begin:], len(matrix), axis=1)
-            tiles = windows[:, :: tile * self.step][:, :whole].transpose(1, 0, 2)
+            view = rows[:, begin:]
+            row, sample = view.strides
+            shape, strides = (whole, len(rows), len(matrix)), (tile * self.step * sample, row, sample)
+            tiles = np.lib.stride_tricks.as_strided(view, shape, strides, writeable=False)
             result[:, : whole * tile] = np.matmul(tiles, matrix).transpose(1, 0, 2).reshape(len(rows), whole * tile)
         for first in range(whole * tile if whole > 1 else 0, count, tile):
             last = min(first + tile, count)
@@ -106,10 +109,17 @@ class LowPass:
 
     def _matrix(self, outputs: int) -> Array:
         """Return what a stretch of samples is multiplied by to give so many outputs, (samples, outputs)."""
-        matrix = np.zeros(((outputs - 1) * self.step + len(self.taps), outputs))
-        for k in range(outputs):
-            matrix[k * self.step : k * self.step + len(self.taps), k] = self.taps
-        return matrix
+        if outputs not in self._matrices:
+            matrix = np.zeros(((outputs - 1) * self.step + len(self.taps), outputs))
+            for k in range(outputs):
+                matrix[k * self.step : k * self.step + len(self.taps), k] = self.taps
+            self._matrices[outputs] = matrix
+        return self._matrices[outputs]
+
+    @cached_property
+    def _matrices(self) -> dict[int, Array]:
+        """Matrices that were made, by their outputs."""
+        return {}
 
 
 def low_pass(cutoff: float, dt: float, step: int) -> LowPass:

@@ -301,7 +301,10 @@ class Projected:
         alone, together = float(np.sum(scores**2)), 0.0
         for channel in self.channels:
             # Bartlett's weights are what sums over moving windows make of a series
-            total = np.cumsum(np.pad(scores[channel], ((LAGS + 2, LAGS + 1), (0, 0))), axis=0)
+            part = scores[channel]
+            total = np.zeros((len(part) + 2 * LAGS + 3, part.shape[1]))
+            np.cumsum(part, axis=0, out=total[LAGS + 2 : len(part) + LAGS + 2])
+            total[len(part) + LAGS + 2 :] = total[len(part) + LAGS + 1]
             together += float(np.sum((total[LAGS + 1 :] - total[: -LAGS - 1]) ** 2)) / (LAGS + 1)
         return float(np.clip(alone / together, LEAST_SHARE, 1.0)) if together > 0 else 1.0
 

@@ -310,13 +310,13 @@ def _pair(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[Stat
     if not all(sensible(grown.effects[first + k], grown.scene, grown.named(first + k)) for k in range(len(scored))):
         return None
     rows = [state.log.observation.spring_row(joint)]
-    alone = scored if len(scored) > 1 else []
-    singles = [refreshed(fit(state.log, (*state.effects, c.effect), state.scene)) for c in alone]
     gain = predicted_better(state, grown, rows)
     if gain is None or gain < PAIR_GAIN or not improves(state, grown, rows[0]):
         return None
-    if any((predicted_better(single, grown, rows) or 0.0) < PAIR_GAIN for single in singles):
-        return None
+    for candidate in scored if len(scored) > 1 else []:
+        single = refreshed(fit(state.log, (*state.effects, candidate.effect), state.scene))
+        if (predicted_better(single, grown, rows) or 0.0) < PAIR_GAIN:
+            return None
     net = 0.5 * state.projected.count / len(state.projected.places) * float(np.log(1.0 / max(1.0 - gain, 1e-6)))
     return grown, [Step(c, (), net) for c in scored]
 

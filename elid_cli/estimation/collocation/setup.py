@@ -61,15 +61,32 @@ def _points(stride: int) -> int:
 
 def _rate(torque: Array, noise: float, dt: float) -> Array:
     """Return the rate of a torque (N,) by local cubics, as short as its noise lets them be and no longer than it."""
-    from scipy.signal import savgol_coeffs, savgol_filter
-
     rate = np.zeros_like(torque)
     for width in (w for w in _WINDOWS if w <= len(torque)):
-        rate = savgol_filter(torque, width, 3, deriv=1, delta=dt)
-        scatter = noise * float(np.linalg.norm(savgol_coeffs(width, 3, deriv=1, delta=dt)))
+        slopes = _slopes(width) / dt
+        middle, half = slopes[width // 2], width // 2
+        rate = np.concatenate([
+            slopes[:half] @ torque[:width], np.convolve(torque, middle[::-1], "valid"), slopes[-half:] @ torque[-width:]
+        ])  # fmt: skip
+        scatter = noise * float(np.linalg.norm(middle))
         if scatter < _NOISY * float(np.sqrt(np.mean(rate**2))):
             break
     return rate
+
+
+def _slopes(width: int) -> Array:
+    """Return what gives the slopes of a cubic through so many samples at each of them, (width, width).
+
+    In its middle row they are those of Savitzky and Golay (1964). SciPy has them too, in a package that takes longer to
+    import than a collocation of a short log takes.
+    """
+    at = np.arange(width) - 0.5 * (width - 1)
+    scale = max(float(np.abs(at).max()), 1.0)
+    powers = (at / scale)[:, None] ** np.arange(4)
+    slope = np.zeros_like(powers)
+    slope[:, 1:] = np.arange(1, 4) * powers[:, :3] / scale
+    found: Array = slope @ np.linalg.pinv(powers)
+    return found
 
 
 def signal_to_noise(signals: Signals, model: Regressor) -> float:
