@@ -1,4 +1,4 @@
-"""`elid` itself: a group that finds its verbs by listing the files of this folder, and imports the one called.
+"""`elid` itself: a group that finds its verbs by listing the files of `verbs`, and imports the one called.
 
 A file is a verb when ``@verb`` decorates a function of its own name in it; the first line of its docstring is its
 line in ``elid --help``. Both are read from the source text, so that help imports no verb.

@@ -1,4 +1,4 @@
-"""Diagnose() and DiagnoseOptions."""
+"""The door of diagnosis: by torque or by motion, as the log says; and the diagnosis by torque from log to findings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write_recording; finding formats by listing formats/."""
+"""A recording written as a log: the format is found by the file's suffix, among those in `formats`."""
 
 from __future__ import annotations
 

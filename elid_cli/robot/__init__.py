@@ -1,1 +1,1 @@
-"""What a robot is, and how it is written down: YAML, URDF."""
+"""What a robot is, and how it is written down: YAML, URDF, MJCF."""

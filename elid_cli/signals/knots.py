@@ -1,4 +1,4 @@
-"""Smooth motion from measured positions.
+"""Smooth motion from measured positions: how far apart the knots of its splines are.
 
 Every channel is fitted by quintic splines whose knot spacing the data choose (corrected Akaike criterion), per
 joint, so that motor and link channels of a joint are treated alike and their difference, the deflection, is not

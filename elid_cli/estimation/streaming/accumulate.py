@@ -1,4 +1,4 @@
-"""Triangles that grow block by block (today pile, kept_blocks)."""
+"""Triangles that grow block by block."""
 
 from __future__ import annotations
 

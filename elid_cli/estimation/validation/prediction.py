@@ -1,4 +1,4 @@
-"""Validate(): a described robot predicts a log; per log."""
+"""A described robot predicts a log: `validate`, whole or log by log."""
 
 from __future__ import annotations
 

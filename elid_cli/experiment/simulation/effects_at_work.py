@@ -1,4 +1,4 @@
-"""Effects at work in a simulation: torques at one instant, internal states, altered robots (terms/effect.py)."""
+"""Effects at work in a simulation: torques at one instant, internal states, altered robots (`model.effects.effect`)."""
 
 from __future__ import annotations
 

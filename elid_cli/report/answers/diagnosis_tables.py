@@ -1,4 +1,4 @@
-"""Its tables and words."""
+"""Tables and words of a diagnosis."""
 
 from __future__ import annotations
 
