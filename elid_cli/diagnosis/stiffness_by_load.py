@@ -63,7 +63,7 @@ def stiffness_by_load(state: State, joint: int) -> ByLoad | None:
     if known.sum() < LEAST:
         return None
     columns, target = np.array([load, np.ones(len(load))]).T[known], deflection[known]
-    fitted = regression(columns, target, log.observation.stretch[known])
+    fitted = regression(columns, target, log.observation.segment[known])
     compliance, rest = float(fitted.values[0]), target - columns @ fitted.values
     explained = 1.0 - float(np.var(rest) / np.var(target)) if np.var(target) > 0 else 0.0
     deviation = max(float(fitted.spread[0]), _between_quarters(columns, target))

@@ -191,7 +191,7 @@ def _clocks(
         if line is None:
             found[pick.source] = (count, None, 0, None)
             continue
-        gaps = len(line.stretches) - 1
+        gaps = len(line.segments) - 1
         found[pick.source] = (count, float(1 / line.dt), gaps, float(line.t[-1] - line.t[0]))
     return found
 

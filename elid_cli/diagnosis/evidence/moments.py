@@ -61,7 +61,7 @@ def _held(state: State, number: int, row: EstimationRow, left: dict[tuple[str, i
     motor = EstimationRow("motor", joint)
     if motor in state.triangles.rows:
         here = held & log.training.group(motor).use
-        if _linkward(torque * here, left["motor", joint] * here, log.observation.stretch):
+        if _linkward(torque * here, left["motor", joint] * here, log.observation.segment):
             return nowhere
     return held
 

@@ -160,7 +160,7 @@ def survival(state: State, number: int, fits: Sequence[Solution | None]) -> Surv
         chosen = fold == quarter
         pairs = [_pair(state, lacking, inside, outside, row, chosen) for row in rows]
         known = _known(state, inside, number, rows, chosen)
-        told = _compared(pairs, state.log.observation.stretch[chosen], known)
+        told = _compared(pairs, state.log.observation.segment[chosen], known)
         compared.append(replace(told, local=effect.local))
     joint = None if effect.whole_robot else state.log.model.robot.joint_names[effect.joint]
     return _survival(effect.name, joint, compared)
@@ -277,5 +277,5 @@ def _in_positions(state: State, kind: type[Effect], joint: int, fits: Sequence[S
             unit = used / np.where(scale > 0, scale, 1.0)
             values = np.linalg.lstsq(unit[:, train].T, deflection[train], rcond=None)[0]
             errors.append((deflection - values @ unit)[test])
-        compared.append(_compared([(errors[0], errors[1])], log.observation.stretch[test], known=True))
+        compared.append(_compared([(errors[0], errors[1])], log.observation.segment[test], known=True))
     return _survival(kind.name, log.model.robot.joint_names[joint], compared)

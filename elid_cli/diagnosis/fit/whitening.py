@@ -91,7 +91,7 @@ def whiteners(observation: Observation, floor: Floor) -> tuple[JointWhitener, ..
         scale = observation.tau[joint] if observation.known[joint].any() else groups[0].target
         torque = np.sqrt(np.mean(scale[use] ** 2)) if use.any() else 1.0
         lags, mix = _autoregression(series, LEAST * torque)
-        found.append(JointWhitener(rows, lags, mix, history(use, observation.stretch)))
+        found.append(JointWhitener(rows, lags, mix, history(use, observation.segment)))
     return tuple(found)
 
 

@@ -85,8 +85,8 @@ def _regressed(state: State, joint: int) -> tuple[Skew, float] | None:
     if train.sum() < 50 or test.sum() < 10:
         return None
     columns = np.array([speed, load, np.ones_like(load)])
-    fitted = regression(columns[:, train].T, deflection[train], log.observation.stretch[train])
-    plain = regression(columns[1:, train].T, deflection[train], log.observation.stretch[train])
+    fitted = regression(columns[:, train].T, deflection[train], log.observation.segment[train])
+    plain = regression(columns[1:, train].T, deflection[train], log.observation.segment[train])
     with_it = float(np.sum((deflection - fitted.values @ columns)[test] ** 2))
     without = float(np.sum((deflection - plain.values @ columns[1:])[test] ** 2))
     skew, deviation = float(fitted.values[0]), float(fitted.spread[0])

@@ -67,7 +67,7 @@ def identify_with_payload(
     observation = observe(model, signals)
     rows = [_rows_of(observation, base, model, joint) for joint in range(robot.n)]
     known, unknown = effect_of(payload, seen, base)
-    fit = fit_pair(rows, sources[observation.stretch] == 1, observation.stretch, known, unknown)
+    fit = fit_pair(rows, sources[observation.segment] == 1, observation.segment, known, unknown)
     gains = _judged(seen, fit, payload, request)
     first = _of_source(recording, 0)
     scale = np.array([np.nan if item.gain is None else item.gain for item in gains])

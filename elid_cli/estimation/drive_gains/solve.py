@@ -62,7 +62,7 @@ class PairFit:
 def fit_pair(
     rows: Sequence[DriveRows | None],
     carried: NDArray[np.bool_],
-    stretch: NDArray[np.intp],
+    segment: NDArray[np.intp],
     known: Array,
     unknown: Array,
 ) -> PairFit:
@@ -72,8 +72,8 @@ def fit_pair(
     ----------
     rows
         Equations of every joint; None: no torque.
-    carried, stretch
-        Whether the payload is carried at each instant, and which stretch of the logs the instant is of, (M,).
+    carried, segment
+        Whether the payload is carried at each instant, and which segment of the logs the instant is of, (M,).
     known, unknown
         What the payload adds to the base parameters: known part (b,), a column for each unknown (b, u).
     """
@@ -89,8 +89,8 @@ def fit_pair(
         return PairFit(gain, deviation)
     scores = problem.scores(solution, rows, carried, inverse[[place for _, place in targets]])
     bandwidth = bandwidth_of(np.ascontiguousarray(scores.T))
-    covariance = summed(scores, stretch, bandwidth) * uncertain(len(stretch), bandwidth)
-    covariance *= small_sample(len(stretch), len(solution), bandwidth, len(problem.joints))
+    covariance = summed(scores, segment, bandwidth) * uncertain(len(segment), bandwidth)
+    covariance *= small_sample(len(segment), len(solution), bandwidth, len(problem.joints))
     for k, (j, place) in enumerate(targets):
         gain[j] = 1.0 / solution[place]
         deviation[j] = np.sqrt(covariance[k, k]) / solution[place] ** 2

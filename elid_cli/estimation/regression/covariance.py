@@ -53,7 +53,7 @@ def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extr
     memory = Persistence(len(live))
     memory.feed(scores)
     rows = sum(1 for weight in solution.weights.values() if weight > 0.0)
-    meat = summed(scores[place[solution.basis]], observation.stretch, memory.bandwidth)
+    meat = summed(scores[place[solution.basis]], observation.segment, memory.bandwidth)
     meat *= small_sample(observation.instants, len(meat), memory.bandwidth, rows)
     meat *= uncertain(observation.instants, memory.bandwidth)
     covariance: Array = solution.inverse @ (solution.inverse.T @ meat @ solution.inverse) @ solution.inverse.T
@@ -74,19 +74,19 @@ def lasting_weights(
         weight = weights.get(group.row, 0.0)
         if weight > 0 and group.count:
             residual = weight * np.where(group.use, found[(group.row.kind, group.row.joint)], 0.0)
-            lasting = float(long_run(residual[:, None], observation.stretch)[0, 0]) / group.count
+            lasting = float(long_run(residual[:, None], observation.segment)[0, 0]) / group.count
             weights[group.row] = weight / np.sqrt(max(lasting, 1.0))
     return weights
 
 
-def long_run(scores: Array, stretch: NDArray[np.intp], rows: int = 1, taken: float = TAKEN) -> Array:
+def long_run(scores: Array, segment: NDArray[np.intp], rows: int = 1, taken: float = TAKEN) -> Array:
     """Return the long-run covariance sum of zero-mean scores (M, r), summed over instants.
 
     `rows` and `taken` are those of `longrun.small_sample`.
     """
     bandwidth = bandwidth_of(scores)
     factor = small_sample(len(scores), scores.shape[1], bandwidth, rows, taken)
-    return summed(np.ascontiguousarray(scores.T), stretch, bandwidth) * factor
+    return summed(np.ascontiguousarray(scores.T), segment, bandwidth) * factor
 
 
 def bandwidth_of(scores: Array) -> float:
@@ -96,11 +96,11 @@ def bandwidth_of(scores: Array) -> float:
     return memory.bandwidth
 
 
-def summed(scores: Array, stretch: NDArray[np.intp], bandwidth: float) -> Array:
+def summed(scores: Array, segment: NDArray[np.intp], bandwidth: float) -> Array:
     """Return the kernel's sum over zero-mean scores (r, M), (r, r)."""
     width, instants = scores.shape
     total = KernelSum(width, bandwidth)
-    starts = np.flatnonzero(np.diff(stretch, prepend=-1))
+    starts = np.flatnonzero(np.diff(segment, prepend=-1))
     for number, (start, stop) in enumerate(zip(starts, [*starts[1:], instants], strict=True)):
         total.feed(scores[:, start:stop], number)
     return total.total()
@@ -118,8 +118,8 @@ class Regression:
     """Mean square of each column that the others do not explain, (k,)."""
 
 
-def regression(columns: Array, target: Array, stretch: NDArray[np.intp]) -> Regression:
-    """Fit a target (M,) by columns (M, k), its residual correlated within each stretch (number of every instant, (M,)).
+def regression(columns: Array, target: Array, segment: NDArray[np.intp]) -> Regression:
+    """Fit a target (M,) by columns (M, k), its residual correlated within each segment (number of every instant, (M,)).
 
     Standard errors are autocorrelation-aware (Newey and West 1987; `longrun`).
     """
@@ -129,7 +129,7 @@ def regression(columns: Array, target: Array, stretch: NDArray[np.intp]) -> Regr
     inverse = np.linalg.pinv(unit.T @ unit, rcond=1e-12)
     fitted = inverse @ (unit.T @ target)
     scores = unit * (target - unit @ fitted)[:, None]
-    meat = long_run(scores, stretch) * uncertain(len(scores), bandwidth_of(scores))
+    meat = long_run(scores, segment) * uncertain(len(scores), bandwidth_of(scores))
     spread = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0))
     own = np.diag(inverse)
     alone = np.where(own > 0, scale**2 / np.where(own > 0, own, 1.0), 0.0) / len(target)

@@ -31,11 +31,11 @@ PER_KNOT = 12
 
 @dataclass(frozen=True)
 class FilteredBlock:
-    """Filtered rows of instants `first` to `last` of a log, all of one segment (`stretch`)."""
+    """Filtered rows of instants `first` to `last` of a log, all of one segment (`segment`)."""
 
     first: int
     last: int
-    stretch: int
+    segment: int
     rows: Array
     """Outputs of the plan's program, each once, (distinct outputs, last - first)."""
     place: NDArray[np.intp]

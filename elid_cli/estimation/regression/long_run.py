@@ -120,21 +120,21 @@ class KernelSum:
         self._scale = self._step / float(triangle @ triangle)
         self._total = np.zeros((width, width))
         self._tail = self._nothing
-        self._stretch: int | None = None
+        self._segment: int | None = None
 
     @property
     def _nothing(self) -> Array:
-        """Zeros before and after a stretch, so that the whole triangle passes over each of its instants."""
+        """Zeros before and after a segment, so that the whole triangle passes over each of its instants."""
         return np.zeros((len(self._total), 2 * self._half))
 
-    def feed(self, scores: Array, stretch: int) -> None:
-        """Add the next scores (r, m), all of one stretch; a stretch's blocks follow each other.
+    def feed(self, scores: Array, segment: int) -> None:
+        """Add the next scores (r, m), all of one segment; a segment's blocks follow each other.
 
         Scores in single precision are smoothed in it.
         """
-        if stretch != self._stretch:
+        if segment != self._segment:
             self._close()
-            self._stretch = stretch
+            self._segment = segment
         waiting = np.concatenate([self._tail.astype(scores.dtype, copy=False), scores], axis=1)
         smoothed = self._smooth.apply(waiting)
         self._add(smoothed)
@@ -146,10 +146,10 @@ class KernelSum:
         return self._total * self._scale
 
     def _close(self) -> None:
-        if self._stretch is None:
+        if self._segment is None:
             return
         self._add(self._smooth.apply(np.pad(self._tail, ((0, 0), (0, 2 * self._half + self._step)))))
-        self._tail, self._stretch = self._nothing, None
+        self._tail, self._segment = self._nothing, None
 
     def _add(self, smoothed: Array) -> None:
         """Add products; in double precision, since the columns of weak directions nearly cancel in them."""

@@ -51,7 +51,7 @@ class Observation:
     """Number of standard parameters p."""
     t: Array
     """Time of each instant, s, (M,)."""
-    stretch: NDArray[np.intp]
+    segment: NDArray[np.intp]
     """Segment of each instant, (M,)."""
     tau: Array
     """Filtered motor torques, (n, M)."""
@@ -146,13 +146,13 @@ def observe(model: Regressor, signals: Signals, plan: RegressorPlan | None = Non
     tau, read = np.empty((n, len(outputs))), np.full((n, len(outputs)), np.nan)
     rate = np.empty((n, len(outputs)))
     reversal = np.zeros((n, len(outputs)))
-    stretch = np.zeros(len(outputs), dtype=np.intp)
+    segment = np.zeros(len(outputs), dtype=np.intp)
     for block in observed_blocks(model, signals, plan):
         here = slice(block.first, block.last)
         for output, row in enumerate(block.place.tolist()):  # all at once would take another array of their size
             columns[output, here] = block.rows[row]
         tau[:, here], rate[:, here] = block.tau, block.tau_rate
-        reversal[:, here], stretch[here] = block.reversal, block.stretch
+        reversal[:, here], segment[here] = block.reversal, block.segment
         if len(block.tau_link):
             read[:, here] = block.tau_link
     known = np.isfinite(tau)
@@ -163,7 +163,7 @@ def observe(model: Regressor, signals: Signals, plan: RegressorPlan | None = Non
         tuple(_equations(item, columns[item.slots], tau, read, use) for item in plan.rows),
         model.parameters,
         signals.motion.t[outputs],
-        stretch,
+        segment,
         tau,
         rate,
         signals.rate,

@@ -68,16 +68,16 @@ def check_shape_ambiguity(
         moved = _with(effects, other, signals)
         found = solve(triangles_with_effects(observation, nuisances, moved), solution.weights, basis=solution.basis)
         more = _squares(observation, nuisances, moved, found) - best
-        if explains_as_well(more, observation.stretch):
+        if explains_as_well(more, observation.segment):
             kept.append(other)
             apart = (found.values - solution.values)[solution.basis] / REACH
             wider += np.outer(apart, apart)
     return replace(effects, others=tuple(kept)), wider
 
 
-def explains_as_well(more: Array, stretch: NDArray[np.intp]) -> bool:
+def explains_as_well(more: Array, segment: NDArray[np.intp]) -> bool:
     """Whether a cost that is so much larger at every instant (M,) may be so by chance."""
-    scatter = np.sqrt(float(long_run((more - more.mean())[:, None], stretch)[0, 0]))
+    scatter = np.sqrt(float(long_run((more - more.mean())[:, None], segment)[0, 0]))
     return bool(more.sum() < max(AS_WELL, SCATTER * scatter))
 
 

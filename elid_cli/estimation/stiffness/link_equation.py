@@ -94,11 +94,11 @@ def link_stiffness(
     known = np.isfinite(columns).all(axis=0) & np.isfinite(load)
     if known.sum() < LEAST or not np.any(load[known]):
         return None
-    return _fitted(columns[:, known].T, load[known], observation.stretch[known], deflection_noise(signals, joint))
+    return _fitted(columns[:, known].T, load[known], observation.segment[known], deflection_noise(signals, joint))
 
 
-def _fitted(columns: Array, load: Array, stretch: NDArray[np.intp], noise: float) -> LinkStiffness:
-    found = regression(columns, load, stretch)
+def _fitted(columns: Array, load: Array, segment: NDArray[np.intp], noise: float) -> LinkStiffness:
+    found = regression(columns, load, segment)
     variance = float(np.var(load))
     explained = 1.0 - float(np.var(load - columns @ found.values)) / variance if variance > 0 else 0.0
     value = float(found.values[0])

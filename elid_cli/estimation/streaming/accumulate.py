@@ -28,7 +28,7 @@ class ReductionBlock:
 
     first: int
     last: int
-    stretch: int
+    segment: int
     rows: Array
     """(rows, last - first); in single precision where that suffices."""
     picks: Sequence[NDArray[np.intp]]
@@ -66,7 +66,7 @@ def kept(block: FilteredBlock, plan: RegressorPlan, signals: Signals) -> Reducti
         ).astype(np.intp)
         for item in plan.rows
     ]
-    return ReductionBlock(block.first, block.last, block.stretch, rows, picks, known & ~reversing, known)
+    return ReductionBlock(block.first, block.last, block.segment, rows, picks, known & ~reversing, known)
 
 
 WAITING = 2000

@@ -36,7 +36,7 @@ def check_reduced(log: ReducedLog) -> None:
     stop = 0
     for segment in recording.segments:
         need(stop <= segment.start < segment.stop <= samples, "its stretches overlap or lie outside the log")
-        need(0 <= segment.source < files, "a stretch belongs to no file")
+        need(0 <= segment.source < files, "a segment belongs to no file")
         stop = segment.stop
     _facts(log, n)
     _layout(log, n)

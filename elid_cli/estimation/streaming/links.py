@@ -43,7 +43,7 @@ class LinkSystem:
 class LinkBlock:
     """What the links' equations need of a block: filtered channels (`blocks.Block`) and the bodies' torques."""
 
-    stretch: int
+    segment: int
     rows: Array
     """(5 n, m): channels (4 n), then the torques by the file's inertias, NaN for joints of which it does not give
     them."""
@@ -107,9 +107,9 @@ class LinkSums:
         rows[[4 * n + joint for joint in known]] = factors @ block.rows
         for joint in known:
             self._growing[joint].add(self._system(rows, joint))
-        new = LinkBlock(block.stretch, rows.astype(self._kind, copy=False))
+        new = LinkBlock(block.segment, rows.astype(self._kind, copy=False))
         last = self._kept[-1] if self._kept else []
-        if last and last[0].stretch == new.stretch and sum(b.rows.shape[1] for b in last) < TOGETHER:
+        if last and last[0].segment == new.segment and sum(b.rows.shape[1] for b in last) < TOGETHER:
             last.append(new)
         else:
             self._kept.append([new])
@@ -127,19 +127,19 @@ class LinkSums:
         for system, joint, _ in self._again(factors):
             memories[joint].feed(scores[joint].of(system, scaled=True))
         totals = {joint: KernelSum(factors[joint].shape[1] - 1, memories[joint].bandwidth) for joint in factors}
-        for system, joint, stretch in self._again(factors):
-            totals[joint].feed(scores[joint].of(system, scaled=False), stretch)
+        for system, joint, segment in self._again(factors):
+            totals[joint].feed(scores[joint].of(system, scaled=False), segment)
         for joint, factor in factors.items():
             count, memory = self._growing[joint].count, memories[joint]
             found[joint] = LinkSystem(factor, count, totals[joint].total(), memory.bandwidth)
         return tuple(found)
 
     def _again(self, joints: Iterable[int]) -> Iterator[tuple[Array, int, int]]:
-        """Yield (system, joint, stretch) of all that was kept, many blocks at a time."""
+        """Yield (system, joint, segment) of all that was kept, many blocks at a time."""
         for several in self._kept:
             rows = several[0].rows if len(several) == 1 else np.concatenate([b.rows for b in several], axis=1)
             for joint in joints:
-                yield self._system(rows, joint), joint, several[0].stretch
+                yield self._system(rows, joint), joint, several[0].segment
 
     def _system(self, rows: Array, joint: int) -> Array:
         """Return a joint's equations, (n + 4, m), as far as they hold numbers."""

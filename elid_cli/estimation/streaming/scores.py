@@ -57,7 +57,7 @@ class LogScores:
         bandwidth = memory.bandwidth
         total = KernelSum(len(lift), bandwidth)
         for block, residual in zip(self._blocks, residuals, strict=True):
-            total.feed(self._scores(block, residual), block.stretch)
+            total.feed(self._scores(block, residual), block.segment)
         self.made.append(Scores(total.total(), bandwidth, tuple(nuisances)))
         meat = lift.T @ self.made[-1].gram @ lift * widening(solution, memory.instants, bandwidth)
         found: Array = solution.inverse @ meat @ solution.inverse.T

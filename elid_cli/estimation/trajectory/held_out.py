@@ -37,7 +37,7 @@ def held_out_errors(
     """
     robot = found.robot
     observation = observe(Regressor(replace(robot, effects=())), signals)
-    sources = np.array([segment.source for segment in signals.segments], dtype=np.intp)[observation.stretch]
+    sources = np.array([segment.source for segment in signals.segments], dtype=np.intp)[observation.segment]
     # squared errors of sum row, of motor row, of the torque; samples of both rows
     sums = np.zeros((robot.n, 5))
     for without, (source, first, last) in zip(left_out, spans, strict=True):

@@ -226,7 +226,7 @@ def errors_by_log(
     if len(files) < 2:
         return ()
     observation = observe(Regressor(levelled(as_observed(robot, signals))), signals)
-    sources = np.array([segment.source for segment in signals.segments], dtype=np.intp)[observation.stretch]
+    sources = np.array([segment.source for segment in signals.segments], dtype=np.intp)[observation.segment]
     judged = []
     for number, file in enumerate(files):
         here = (sources == number) & (True if chosen is None else chosen)

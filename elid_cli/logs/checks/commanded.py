@@ -74,7 +74,7 @@ def commanded_torque(
     gains
         ``kp`` and ``kd``, (N, n).
     segments
-        Contiguous stretches, (start, stop).
+        Segments, (start, stop).
     dt
         Sample time, s.
     robot

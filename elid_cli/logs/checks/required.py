@@ -50,7 +50,7 @@ def check(
 ) -> Checked:  # fmt: skip
     """Return the signals with absent ones as NaN columns, rigid joints completed, torques computed from commands.
 
-    `segments` are the contiguous stretches of the signals, (start, stop), `dt` their sample time in s.
+    `segments` are the segments of the signals, contiguous each, (start, stop), `dt` their sample time in s.
 
     Raises
     ------

@@ -224,26 +224,26 @@ def _usable(
 
 
 def _cut(signals: Mapping[str, Array], grid: Grid, mask: NDArray[np.bool_], repairs: list[str], name: str) -> Aligned:
-    """Cut the log into stretches where everything is known."""
-    stretches: list[tuple[int, int]] = []
+    """Cut the log into segments where everything is known."""
+    whole: list[tuple[int, int]] = []
     short = 0
     for start, stop in grid.bounds():
         edges = np.diff(np.concatenate([[False], mask[start:stop], [False]]).astype(np.int8))
         for a, b in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
             if b - a >= SHORTEST:
-                stretches.append((start + int(a), start + int(b)))
+                whole.append((start + int(a), start + int(b)))
             else:
                 short += 1
-    if not stretches:
+    if not whole:
         known = int(np.count_nonzero(mask))
         raise LogError(
             f"{name}: {known} usable samples, at least {SHORTEST} in a row are needed",
             detail="; ".join(repairs[:2]),
             hint="elid info LOG shows rates and gaps of every channel",
         )
-    if len(stretches) > 1:
+    if len(whole) > 1:
         t = grid.times()
-        gaps = [(float(t[stop - 1]), float(t[begin] - t[stop - 1])) for (_, stop), (begin, _) in pairwise(stretches)]
+        gaps = [(float(t[stop - 1]), float(t[begin] - t[stop - 1])) for (_, stop), (begin, _) in pairwise(whole)]
         longest = sorted(gaps, key=lambda gap: -gap[1])[:NAMED_GAPS]
         named = ", ".join(f"{length:.4g} s after t = {when - t[0]:.6g} s" for when, length in sorted(longest))
         more = f" and {len(gaps) - NAMED_GAPS} shorter" if len(gaps) > NAMED_GAPS else ""
@@ -251,13 +251,13 @@ def _cut(signals: Mapping[str, Array], grid: Grid, mask: NDArray[np.bool_], repa
     if short:
         repairs.append(f"{short} stretch{'es' * (short > 1)} of fewer than {SHORTEST} samples between gaps left out")
     segments: list[tuple[int, int]] = []
-    for start, stop in stretches:
+    for start, stop in whole:
         begin = segments[-1][1] if segments else 0
         segments.append((begin, begin + stop - start))
     if segments[-1][1] == grid.samples:
         kept, rows = dict(signals), None
     else:
-        rows = np.concatenate([np.arange(start, stop) for start, stop in stretches])
+        rows = np.concatenate([np.arange(start, stop) for start, stop in whole])
         kept = {signal: values[rows] for signal, values in signals.items()}
     shown = grid.shortened().times()
     shown = shown if rows is None else shown[rows]

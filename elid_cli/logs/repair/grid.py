@@ -61,7 +61,7 @@ SMOOTHER = 0.8
 
 @dataclass(frozen=True)
 class Grid:
-    """Even stretches of time: start in s and number of samples each, `dt` s apart."""
+    """Even segments of time: start in s and number of samples each, `dt` s apart."""
 
     dt: float
     starts: tuple[float, ...]
@@ -69,7 +69,7 @@ class Grid:
 
     @property
     def samples(self) -> int:
-        """Samples of all stretches."""
+        """Samples of all segments."""
         return sum(self.counts)
 
     def bounds(self) -> list[tuple[int, int]]:
@@ -103,7 +103,7 @@ def regularised(line: Timeline, values: Array, label: str) -> Timeline:
     t = line.t.copy()
     worst = 0.0
     evened = False
-    for start, stop in line.stretches:
+    for start, stop in line.segments:
         if stop - start < 3:
             continue
         piece = line.t[start:stop]
@@ -187,7 +187,7 @@ def _stamps_jitter(t: Array, even: Array, slots: Array, values: Array, dt: float
 def grid_of(line: Timeline) -> Grid:
     """Return the even grid that a regularised timeline spans."""
     starts, counts = [], []
-    for start, stop in line.stretches:
+    for start, stop in line.segments:
         span = (line.t[stop - 1] - line.t[start]) / line.dt
         starts.append(float(line.t[start]))
         counts.append(int(np.floor(span + SNAP)) + 1)
@@ -211,17 +211,17 @@ def onto(grid: Grid, line: Timeline, values: Array, *, held: bool = False) -> tu
     """
     result = np.full((grid.samples, values.shape[1]), np.nan)
     interpolated = False
-    stretches = line.stretches
-    begins = np.array([line.t[begin] for begin, _ in stretches])
-    ends = np.array([line.t[stop - 1] for _, stop in stretches])
+    segments = line.segments
+    begins = np.array([line.t[begin] for begin, _ in segments])
+    ends = np.array([line.t[stop - 1] for _, stop in segments])
     for (first, last), start, count in zip(grid.bounds(), grid.starts, grid.counts, strict=True):
         target = result[first:last]
         end = start + (count - 1) * grid.dt
-        near = slice(  # stretches are in order of time, and there may be thousands of them
+        near = slice(  # segments are in order of time, and there may be thousands of them
             int(np.searchsorted(ends, start - 4 * line.dt)),
             int(np.searchsorted(begins, end + 4 * line.dt, side="right")),
         )
-        for begin, stop in stretches[near]:
+        for begin, stop in segments[near]:
             low = begin + int(np.searchsorted(line.t[begin:stop], start - 4 * line.dt))
             high = begin + int(np.searchsorted(line.t[begin:stop], end + 4 * line.dt, side="right"))
             if high <= low:

@@ -94,7 +94,7 @@ def _left(
     """Return a stream's values without what the motion cannot reach, and what that was; lasting jumps go to `jumps`."""
     values, lost = stream.values, Lost()
     ordered = values if line.rows is None else values[line.rows]
-    for start, stop in line.stretches:
+    for start, stop in line.segments:
         found = impossible(ordered[start:stop], line.dt, jumpy=stream.signal not in POSITIONS)
         for k, what in found.items():
             times = [(float(line.t[start + row]), size) for row, size in what.jumps]

@@ -45,7 +45,7 @@ class Timeline:
     """Samples left out because their stamp is that of another, different one."""
 
     @property
-    def stretches(self) -> list[tuple[int, int]]:
+    def segments(self) -> list[tuple[int, int]]:
         """(start, stop) of every contiguous stretch."""
         stops = np.append(self.breaks[1:], self.t.size)
         return [(int(start), int(stop)) for start, stop in zip(self.breaks, stops, strict=True)]

@@ -131,5 +131,5 @@ def deflection_of(observation: Observation, joint: int, names: Sequence[str]) ->
 def broken(values: Array, observation: Observation) -> Array:
     """Return values with NaN where a stretch begins, so that no line is drawn across a gap."""
     result = np.array(values, dtype=float)
-    result[1:][np.diff(observation.stretch) != 0] = np.nan
+    result[1:][np.diff(observation.segment) != 0] = np.nan
     return result
