@@ -236,9 +236,13 @@ def test_quarters_are_predicted_blindly(name: str) -> None:
         other = altered(signals, joint, how, samples_of(signals, chosen))
         log_ = divided(before.log.level, other)
         scene = replace(before.scene, tau=other.tau, cache={})
-        late = tuple(e for e in log_.data.delays() if any(e.rows.keys() == old.rows.keys() for old in before.nuisances))
+        every = [*log_.data.delays(), *log_.data.offsets()]
+        found = tuple(
+            next(e for e in every if e.nuisance == old.nuisance and e.rows.keys() == old.rows.keys())
+            for old in before.nuisances
+        )
         after = replace(
-            before, log=log_, nuisances=late, columns=(extra_of(before.effects[0], scene, other),), scene=scene
+            before, log=log_, nuisances=found, columns=(extra_of(before.effects[0], scene, other),), scene=scene
         )
         told = []
         for state in (before, after):
