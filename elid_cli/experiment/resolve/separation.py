@@ -197,7 +197,7 @@ class Separation:
         for noise in self.question.noise:
             rows = tuple(EstimationRow(kind, noise.number) for kind in noise.rows)
             use: NDArray[np.bool_] = np.logical_and.reduce([groups[row].use for row in rows])
-            plain = JointWhitener(rows, noise.lags, np.eye(len(rows)), history(use, observation.stretch))
+            plain = JointWhitener(rows, noise.lags, np.eye(len(rows)), history(use, observation.segment))
             seen = plain.apply(np.array([residual[row][None] for row in rows]))[:, 0, plain.use]
             count = seen.shape[1]
             root = np.linalg.inv(noise.mix)

@@ -15,8 +15,13 @@ NAMES = frozenset(effect_classes())
 MJCF = {"contact", "link_spring"}
 """In the reader of MJCF: an element that is spelled alike; what the joint springs of that format are as effects."""
 
-SPELLED_ALIKE = {"robot/beside.py": {"payload"}, "robot/schema.py": {"payload"}, "cli/values.py": {"payload"}}
-"""A known mass that a log was recorded with, as a key of robot files and an option: no effect."""
+SPELLED_ALIKE = {
+    "robot/beside.py": {"payload"},
+    "robot/schema.py": {"payload"},
+    "cli/values.py": {"payload"},
+    "logs/formats/json_lines.py": {"payload"},
+}
+"""A known mass that a log was recorded with, as a key of robot files and an option, and the content of a message."""
 
 
 def twins(tree: ast.AST) -> set[int]:
