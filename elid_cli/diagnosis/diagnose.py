@@ -193,7 +193,8 @@ def _supported(found: Found, declared: int) -> Found:
         for k, step in enumerate(steps):
             possible = sensible(state.effects[declared + k], state.scene, state.named(declared + k))
             if possible and step.candidate.effect.local:
-                possible = not (one_of_many(state, declared + k) or friction_at_rest(state, declared + k))
+                never = (one_of_many, friction_at_rest, lambda state, number: only_helps(state, number, 0.0))
+                possible = not any(judge(state, declared + k) for judge in never)
                 if possible:
                     continue
             gain = held_out_gain(state, declared + k) if possible else 0.0

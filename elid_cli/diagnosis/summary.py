@@ -171,22 +171,31 @@ def _curve(state: State, number: int) -> FoundEffect:
 
 
 def _errors(state: State, number: int) -> dict[str, float]:
-    """Return standard errors of an effect's named parameters by first-order propagation of its coefficients."""
-    place = state.place(number)
-    where = [np.flatnonzero(state.solution.basis == c) for c in range(place.start, place.stop)]
-    free = [k for k, w in enumerate(where) if len(w)]  # the others are held at what the rest makes of them: 0
-    index = [int(where[k][0]) for k in free]
-    covariance = state.covariance[np.ix_(index, index)]
-    centre = state.coefficients(number)
-    names = state.named(number)
-    jacobian = np.zeros((len(names), len(centre)))
-    for k in range(len(centre)):
-        step = 1e-4 * max(abs(float(centre[k])), 1e-9)
-        moved_ = state.renamed(number, centre + step * np.eye(len(centre))[k])
-        jacobian[:, k] = [(moved_[n] - names[n]) / step for n in names]
-    jacobian = jacobian[:, free]
-    spread = np.sqrt(np.maximum(np.einsum("ak,kl,al->a", jacobian, covariance, jacobian), 0.0))
-    return {name: float(s) for name, s in zip(names, spread, strict=True) if s > 0}
+    """Return standard errors of an effect's named parameters by first-order propagation of amplitudes and shapes.
+
+    Both are unknowns together: an amplitude at a shape that is taken for known would seem several times too sure.
+    """
+    effect, centre, names = state.effects[number], state.coefficients(number), state.named(number)
+    covariance, shapes = state.covariance_with_shapes
+    slopes, index = list[list[float]](), list[int]()
+
+    def add(moved_: Mapping[str, float], step: float, place: int) -> None:
+        slopes.append([(moved_[name] - names[name]) / step for name in names])
+        index.append(place)
+
+    for k, column in enumerate(range(*state.place(number).indices(len(state.solution.values)))):
+        where = np.flatnonzero(state.solution.basis == column)
+        if len(where):  # the others are held at what the rest makes of them: 0
+            step = 1e-4 * max(abs(float(centre[k])), 1e-9)
+            add(state.renamed(number, centre + step * np.eye(len(centre))[k]), step, int(where[0]))
+    for k, value in enumerate(effect.shape):
+        if (number, k) in shapes:
+            shape = [v * (1.0 + 1e-4) if n == k else v for n, v in enumerate(effect.shape)]
+            step = 1e-4 if value else 1.0
+            add(type(effect)(effect.joint, shape).named(state.scene, centre), step, shapes[number, k])
+    jacobian, inner = np.array(slopes).T, covariance[np.ix_(index, index)]
+    spread = np.sqrt(np.maximum(np.einsum("ak,kl,al->a", jacobian, inner, jacobian), 0.0)) if index else np.zeros(0)
+    return {name: float(s) for name, s in zip(names, spread, strict=bool(index)) if s > 0}
 
 
 def _rivals_of_skews(robot: Robot, skews: Sequence[Skew]) -> tuple[Rival, ...]:

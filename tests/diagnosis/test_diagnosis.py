@@ -40,6 +40,17 @@ def test_an_effect_is_named_on_its_joint(diagnosed: Diagnosed, effect: str) -> N
     assert part.with_it < 0.6 * part.without
 
 
+def test_shape_and_amplitude_have_a_joint_standard_error(diagnosed: Diagnosed) -> None:
+    found = diagnosed("stribeck")
+    (effect,), state = found.effects, found.state_after
+    for name, value in EFFECTS["stribeck"][1].items():
+        assert 0 < effect.std_error[name] < 0.05 * value
+        assert abs(effect.parameters[name] - value) < 4 * effect.std_error[name]
+    (own,) = np.flatnonzero(state.solution.basis == state.place(0).start)
+    alone = float(np.sqrt(state.covariance[own, own]))  # at a shape that is taken for known
+    assert effect.std_error["amplitude"] > 1.05 * alone
+
+
 def test_two_effects_are_found_together(diagnosed: Diagnosed) -> None:
     found = diagnosed("stribeck", "load_friction")
     named = {(e.effect, e.joint) for e in found.effects}

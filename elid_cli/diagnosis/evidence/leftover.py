@@ -21,15 +21,18 @@ STICKS = 0.1
 def only_helps(state: State, number: int, gain: float) -> bool:
     """Whether effect `number`, of a gain, leaves more than it takes of a row that does not obey the model even so.
 
-    `gain` is the part of the held-out residual variance that the effect takes (`held_out_gain`). An effect is one of
+    `gain` is the part of the held-out residual variance that the effect takes (`held_out_gain`); of what acts for a
+    moment, which need not be one that is held out, it is taken from the stretches of the search. An effect is one of
     several where its rows come down to the noise with all of them. Faults between encoders are judged in the
-    deflection, what acts for a moment by that moment.
+    deflection.
     """
     effect = state.effects[number]
-    if gain >= MOST or effect.local or effect.in_deflection:
+    if effect.in_deflection or (gain >= MOST and not effect.local):
         return False
-    ratios, own = state.ratios(), state.columns[number].rows
-    rows = [row for row in touched(without(state, number), state, own) if row in own and ratios[row] > HIGH]
+    ratios, own, lacking = state.ratios(), state.columns[number].rows, without(state, number)
+    rows = [row for row in touched(lacking, state, own) if row in own and ratios[row] > HIGH]
+    if effect.local:
+        rows = [row for row in rows if state.rms(row) ** 2 > (1.0 - MOST) * lacking.rms(row) ** 2]
     return any(follows_motion(state, row) or _sticks(state, row) for row in rows)
 
 

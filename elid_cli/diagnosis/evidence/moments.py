@@ -81,7 +81,7 @@ ACTS = 0.01
 """Part of its largest power from which an effect acts."""
 MOMENT = 0.25
 """Part of the log up to which an effect is one of a moment."""
-STANDS_OUT = 1.5
+STANDS_OUT = 3.0
 """Ratio of its residual to that of any other moment of the same length."""
 
 

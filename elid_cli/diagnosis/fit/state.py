@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,6 +19,7 @@ from elid_cli.estimation.regression.known_columns import KnownColumns
 from elid_cli.estimation.regression.least_squares import Solution, reweighted, solve
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.estimation.regression.standard_errors import covariance_with_shapes
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.noise_floor import Floor, PropagatedNoise, propagated
@@ -180,6 +181,22 @@ class State:
         if self.known is not None:
             return self.known
         return self.log.data.covariance(self.solution, self.extras)
+
+    @cached_property
+    def covariance_with_shapes(self) -> tuple[Array, Mapping[tuple[int, int], int]]:
+        """Covariance of the solution's basis and of shapes, and where a shape's logarithm stands in it, by its effect.
+
+        The shapes are those that are refined, keyed by the numbers of effect and shape; none where another estimator
+        found the values or the log holds them all.
+        """
+        items = _held(self.log, self.effects, self.columns)
+        own = FittedEffects(items, self.columns, self.scene)
+        if self.known is None and any(item.free for item in items):
+            whole = covariance_with_shapes(self.log.data, self.nuisances, own, self.triangles, self.solution)
+            if whole is not None:
+                keys = [(number, shape) for number, item in enumerate(items) for shape in item.free]
+                return whole, {key: len(self.solution.basis) + k for k, key in enumerate(keys)}
+        return self.covariance, {}
 
     @cached_property
     def left_out(self) -> dict[EstimationRow, Array]:

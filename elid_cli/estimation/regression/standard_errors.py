@@ -29,20 +29,24 @@ def covariance_of(
     solution: Solution,
 ) -> Array:
     """Return the covariance of the solution's basis, (r, r)."""
-    covariance = _with_shapes(data, nuisances, effects, triangles, solution)
+    size = len(solution.basis)
+    covariance = covariance_with_shapes(data, nuisances, effects, triangles, solution)
     if covariance is None:
         covariance = data.covariance(solution, nuisances, effects)
-    return covariance * _few(data.facts, triangles, len(solution.basis)) ** 2
+    return covariance[:size, :size] * _few(data.facts, triangles, size) ** 2
 
 
-def _with_shapes(
+def covariance_with_shapes(
     data: FitData,
     nuisances: Sequence[ExtraColumns],
     effects: FittedEffects | None,
     triangles: Triangles,
     solution: Solution,
 ) -> Array | None:
-    """Return the covariance with fitted shapes counted as parameters that have their prior; None without such."""
+    """Return the covariance of the solution's basis and of the effects' free shapes, (r + s, r + s); None without such.
+
+    Shapes count by their logarithms, in the order of the effects, as parameters that have their prior.
+    """
     samples = data.samples
     if effects is None or samples is None:
         return None
@@ -63,7 +67,7 @@ def _with_shapes(
     wider = solve(extended, solution.weights, basis=basis)
     whole = sandwich(observation, wider, [*extras, *shapes])
     place = {int(column): k for k, column in enumerate(wider.basis)}
-    kept = [place.get(int(column), -1) for column in solution.basis]
+    kept = [place.get(int(column), -1) for column in basis]
     return None if min(kept) < 0 else whole[np.ix_(kept, kept)]
 
 

@@ -15,6 +15,12 @@ from elid_cli.model.effects.scene import Scene
 PHASE = Parameter("phase", "rad", "phase of the sine at zero angle", low=-math.pi, high=math.pi)
 APART = 0.75
 """Periods over the angle covered by which two orders at one joint must differ."""
+PASSED, TURNS = 2.0, 2.0
+"""Times that the covered angle must be passed, or turns that it must hold."""
+SHORT = 0.05
+"""Part of the least number of periods that a refined order may lack."""
+PART, MANY = 0.5, 10.0
+"""Part of a turn below which more periods than so many are no order: nothing says that they go on."""
 ORDER = Parameter("order", "1/rev", "periods per turn of the joint (per 2π metres of a sliding joint)", low=1e-3)
 
 
@@ -30,6 +36,19 @@ class Harmonic(Effect):
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
         """Return orders that complete a period within the angle covered, as finely as that angle can tell apart."""
         return [(order,) for order in orders(scene, joint, cls.highest, cls.periods)]
+
+    @classmethod
+    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
+        """Whether the motion covers what is claimed: enough periods, and each of them more than once.
+
+        What an angle that is passed once shows is a course in time as well, unless it holds whole turns.
+        """
+        if not super().plausible(scene, joint, values):
+            return False
+        angle = scene.motion.theta[:, joint]
+        span, travel = float(np.ptp(angle)), float(np.sum(np.abs(np.diff(angle))))
+        passed = travel > PASSED * span or span > 2 * math.pi * TURNS
+        return passed and values["order"] * span > 2 * math.pi * cls.periods * (1.0 - SHORT)
 
     @classmethod
     def distinct(cls, scene: Scene, joint: int, shape: Sequence[float], present: Sequence[Sequence[float]]) -> bool:
@@ -82,4 +101,7 @@ def orders(scene: Scene, joint: int, highest: int, periods: float = 1.0) -> list
     # the rotor's own orders, as long as they are slow enough to be sampled
     own = [gear * k for k in (1.0, 2.0, 4.0) if gear * k * fastest < 2 * math.pi / (8 * scene.dt)]
     found += [k for k in own if k >= least and all(abs(k - other) > 0.25 for other in found)]
+    if description.revolute and span < 2 * math.pi * PART:
+        most = 2 * math.pi * MANY / span
+        found = [k for k in found if k <= most or k in own]
     return found

@@ -15,6 +15,8 @@ SLOWEST = 0.015
 """Least Stribeck velocity, as a part of the top speed."""
 TYPICAL = 0.1
 """Stribeck velocity to start from, as a part of the top speed."""
+SLOW, PASSES = 1.5, 3
+"""Stribeck velocities below which a motion is slow, and times that it must be."""
 
 
 class Stribeck(Effect):
@@ -78,13 +80,17 @@ class Stribeck(Effect):
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
-        """Whether the velocity is one that a log resolves.
+        """Whether the velocity is one that a log resolves, and passes.
 
         Below it there is the motor's sticking only; a curve that does not fade within the speeds of the log is Coulomb
-        and viscous friction.
+        and viscous friction. What a motion that is never that slow leaves is no friction at low speed.
         """
-        top = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.98))
-        return super().plausible(scene, joint, values) and SLOWEST * top < values["velocity"] < top
+        speed = np.abs(scene.motion.dtheta[:, joint])
+        top = float(np.quantile(speed, 0.98))
+        if not (super().plausible(scene, joint, values) and SLOWEST * top < values["velocity"] < top):
+            return False
+        slow = speed < SLOW * values["velocity"]
+        return int(np.count_nonzero(slow[1:] & ~slow[:-1])) + int(slow[0]) >= PASSES
 
     @classmethod
     def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
