@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from elid_cli._types import Progress
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
-from elid_cli.diagnosis.evidence.leftover import only_helps
+from elid_cli.diagnosis.evidence.leftover import only_helps, silences
 from elid_cli.diagnosis.evidence.moments import friction_at_rest, one_of_many
 from elid_cli.diagnosis.evidence.quarters import Survival, judged
 from elid_cli.diagnosis.fit.state import Log, fit, refreshed, without
@@ -33,6 +33,7 @@ from elid_cli.model.effects.shifts import corrected, declared_shifts
 from elid_cli.model.effects.tilt import declared_tilt, levelled
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.repeating import repeats_every
 from elid_cli.signals.signals import Signals
 
 if TYPE_CHECKING:
@@ -166,7 +167,8 @@ def diagnose_torque(
     named, curves = found.after, list[Effect]()
     if options.lookup and not found.partial:
         found, curves = _with_curves(found)
-    return replace(result(robot, log, found, known, curves, named), refuted=refuted)
+    told = result(robot, log, found, known, curves, named)
+    return replace(told, refuted=refuted, repeats=repeats_every(log.signals))
 
 
 def _surviving(found: Found, declared: int) -> tuple[Found, tuple[Survival, ...]]:
@@ -198,7 +200,11 @@ def _supported(found: Found, declared: int) -> Found:
                 if possible:
                     continue
             gain = held_out_gain(state, declared + k) if possible else 0.0
-            if gain < step.candidate.effect.least_gain or only_helps(state, declared + k, gain):
+            if (
+                gain < step.candidate.effect.least_gain
+                or only_helps(state, declared + k, gain)
+                or silences(state, declared + k)
+            ):
                 state = refreshed(without(state, declared + k))
                 gone = steps.pop(k).candidate
                 steps = [beside(left, gone) for left in steps]

@@ -17,6 +17,7 @@ from elid_cli.diagnosis.residuals import Organised, RowState
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.result import FittedEffect, Identification, Nuisance
 from elid_cli.estimation.validation.prediction import Validation
+from elid_cli.model.effects import effect_classes
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
@@ -152,6 +153,8 @@ class Diagnosis(Shown):
     """The log as identification takes it; None: prepared from the recording with the usual options."""
     curves: tuple[FoundEffect, ...] = ()
     """Smooth curves added by request where no named effect explains the structure."""
+    repeats: float | None = None
+    """Period, s, after which the motion repeats: what is locked in time then looks like an effect of the state."""
     partial: bool = False
     """Whether Ctrl-C ended the search: what it had not come to may be missing as well."""
     refuted: tuple[Survival, ...] = ()
@@ -192,6 +195,14 @@ class Diagnosis(Shown):
     def written_robot(self) -> Robot:
         """The robot with what was found, as ``--write-robot`` writes it."""
         return self._published.robot
+
+    def certain(self, effect: FoundEffect) -> bool:
+        """Whether an effect is told from what is locked in time: by a motion that does not repeat, or by the encoders.
+
+        Delays and faults between encoders are in every sample, whatever the motion does.
+        """
+        kind = effect_classes()[effect.effect]
+        return self.repeats is None or kind.corrects is not None or bool(kind.in_deflection)
 
     @property
     def predicted_worse(self) -> tuple[str, ...]:

@@ -26,6 +26,7 @@ from elid_cli.estimation.validation.cross_validation import floored
 from elid_cli.estimation.validation.following import followed, memory, motion_curves
 from elid_cli.estimation.validation.noise_floor import Floor, propagated
 from elid_cli.estimation.validation.prediction import Validation, validate
+from elid_cli.estimation.validation.too_quiet import too_quiet
 from elid_cli.model.regressor import EstimationRow, Kind
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts
@@ -63,6 +64,7 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
         noise=noise,
         insufficient=tuple(insufficient.values()),
         model="insufficient" if insufficient else "sufficient",
+        warnings=(*found.warnings, *too_quiet(found, noise)),
     )
 
 

@@ -58,7 +58,10 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
         heading(found.robot, recording),
         answers(_trust_words(told), missing_words(told) + _loud_words(told), parameter_words(told.after), record),
         *([Text("partial", PARTIAL, "warning")] if found.partial else []),
-        *(Text(f"against{k}", line, "warning") for k, line in enumerate((*_worse(found), *_against(told)))),
+        *(
+            Text(f"against{k}", line, "warning")
+            for k, line in enumerate((*_repeating(found), *_worse(found), *_against(told)))
+        ),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *told.after.warnings))),
         *result_sections(told),
         *(
@@ -163,6 +166,23 @@ def _against(told: DiagnosisInput) -> list[str]:
                 sizes = f"{number_text(before, 3)} → {number_text(after.rms, 3)} {unit}"
                 found.append(f"{_files(check.recording)}: {joint} is predicted worse than before, {sizes}: {said}")
     return found
+
+
+def _doubts(told: DiagnosisInput) -> list[str]:
+    """Return what speaks against what was found."""
+    return [*_repeating(told.found), *_worse(told.found), *_against(told)]
+
+
+def _repeating(found: Diagnosis) -> list[str]:
+    """Return what is said of a motion that repeats, where something was found in it or stays unexplained."""
+    if found.repeats is None or found.sufficient:
+        return []
+    uncertain = any(not found.certain(effect) for effect in found.effects)
+    more = "; what is named here may be either" if uncertain else ""
+    return [
+        f"the motion repeats every {number_text(found.repeats, 3)} s: what is locked in time cannot be told from what "
+        f"follows the motion{more}"
+    ]
 
 
 def _worse(found: Diagnosis) -> list[str]:

@@ -27,7 +27,7 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
         "declared": nuisance_payload(told.after.effects),
         "before": _side(found.before, found.rows_before, told.before),
         "after": _side(found.after, found.rows_after, told.after),
-        "effects": [_effect_payload(c) for c in told.contributions],
+        "effects": [_effect_payload(c, certain=found.certain(c.effect)) for c in told.contributions],
         "nuisances": nuisance_payload([*found.nuisances, *_late(found)]),
         "also_possible": [
             {"effect": r.effect, "joint": r.joint, "gain": r.gain, "instead_of": r.instead_of,
@@ -56,6 +56,7 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
         ],
         **({"partial": True} if found.partial else {}),
         "sufficient": found.sufficient,
+        "motion_repeats": found.repeats,
         "predicted_worse": list(found.predicted_worse),
         "tried": found.tried,
         "held_out": [list(span) for span in found.held_out],
@@ -99,7 +100,7 @@ def _side(error: Mapping[str, JointError], rows: Sequence[RowState], model: Iden
     }
 
 
-def _effect_payload(contribution: Contribution) -> dict[str, Any]:
+def _effect_payload(contribution: Contribution, *, certain: bool) -> dict[str, Any]:
     effect = contribution.effect
     payload = {
         "effect": effect.effect,
@@ -107,6 +108,7 @@ def _effect_payload(contribution: Contribution) -> dict[str, Any]:
         "parameters": dict(effect.parameters),
         "std_error": dict(effect.std_error),
         "gain": effect.gain,
+        "certain": certain,
         "summary": effect.summary,
         "folds": list(effect.folds),
         "quarters": _quarters(effect.quarters),

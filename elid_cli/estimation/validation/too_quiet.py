@@ -1,0 +1,50 @@
+"""A residual well below what the sensors' noise alone would leave is a fault, and no success.
+
+Either the noise is estimated too high (a log that was smoothed, repeated samples), or a prediction has seen what it
+predicts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elid_cli.estimation.judgement import RowNoise
+from elid_cli.estimation.result import Identification
+
+LEAST = 0.7
+"""Part of the sensors' noise below which a residual is a fault …"""
+MARGIN = 3.0
+"""… by so many deviations of a residual's rms over the independent instants that the fit leaves."""
+FEWEST = 30.0
+"""Independent instants per row from which that is judged."""
+
+
+def too_quiet(found: Identification, noise: Sequence[RowNoise]) -> tuple[str, ...]:
+    """Return a sentence for each row whose residual is too small for its sensors' noise.
+
+    Parameters
+    ----------
+    found
+        The identification: instants, rate, cut-off, rank.
+    noise
+        Noise of every row.
+    """
+    rate, cutoff = float(_setting(found, "rate")), float(_setting(found, "cutoff"))
+    independent = float(_setting(found, "instants")) * min(1.0, 2.0 * cutoff / rate) if rate > 0 else 0.0
+    left = independent - found.rank / max(len(noise), 1)
+    if left < FEWEST:
+        return ()
+    taken = float(np.sqrt(independent / left))  # a fit takes its parameters' share of the noise away
+    high = 1.0 - MARGIN / float(np.sqrt(2.0 * left))
+    return tuple(
+        f"{item.joint}: the residual of the {item.rows} row is {item.ratio:.2g} of what the sensors' noise alone would "
+        "leave: the noise is taken for too large, or the prediction holds the torque that it predicts"
+        for item in noise
+        if item.floor > 0 and item.ratio * taken < LEAST * high
+    )
+
+
+def _setting(found: Identification, name: str) -> str:
+    return str(found.settings.get(name, 0.0))
