@@ -24,9 +24,9 @@ def compiled_steps() -> Callable[..., None] | None:
 
     found: Any
     try:
-        found = njit(cache=True)(steps)
+        found = njit(error_model="numpy", cache=True)(steps)
     except RuntimeError:  # nowhere to keep it
-        found = njit(steps)
+        found = njit(error_model="numpy")(steps)
     made: Callable[..., None] = found
     return made
 
@@ -37,51 +37,68 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
     xs: Array, vs: Array,
 ) -> None:  # fmt: skip
     """Write positions and velocities to `xs` and `vs`, (N, V, S, L, s); the arrays are those of `rollout._Part`."""
+    # scalars only: expressions of arrays take Numba seconds to compile, and memory at every step
     instants, variants, stretches, chains, size = xs.shape
     each = len(told) // (instants - 1)
     h = dt / each
-    for variant in range(variants):
-        for stretch in range(stretches):
-            for chain in range(chains):
-                own = (variant, stretch, chain)
-                x, v = x0[stretch, chain].copy(), v0[stretch, chain].copy()
-                held = np.zeros(size)
-                xs[0, variant, stretch, chain], vs[0, variant, stretch, chain] = x, v
+    inverse = np.empty((size, size))
+    x, v, held, middle, rhs, faster = (np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
+                                       np.empty(size))  # fmt: skip
+    for a in range(variants):
+        for s in range(stretches):
+            for c in range(chains):
+                for i in range(size):
+                    x[i], v[i], held[i] = x0[s, c, i], v0[s, c, i], 0.0
+                    xs[0, a, s, c, i], vs[0, a, s, c, i] = x[i], v[i]
                 for k in range(instants - 1):
-                    here = 0.5 * (mass[k, stretch, chain] + mass[k + 1, stretch, chain])
-                    bend = 0.5 * (slope[k, stretch, chain] + slope[k + 1, stretch, chain])
                     for i in range(size):
-                        here[i, i] += inertia[own][i]
-                    full = here + 0.25 * h * h * bend
-                    for i in range(size):
-                        damping = viscous[own][i] + kd[stretch, chain, i]
-                        full[i, i] += 0.5 * h * damping + 0.25 * h * h * kp[stretch, chain, i]
-                    inverse = np.linalg.inv(full)
-                    pushed = push[k if len(push) > 1 else 0, variant, stretch, chain]
-                    gripped = grip[k if len(grip) > 1 else 0, variant, stretch, chain]
+                        for m in range(size):
+                            bend = 0.5 * (slope[k, s, c, i, m] + slope[k + 1, s, c, i, m])
+                            full = 0.5 * (mass[k, s, c, i, m] + mass[k + 1, s, c, i, m]) + 0.25 * h * h * bend
+                            inverse[i, m] = full
+                        damping = viscous[a, s, c, i] + kd[s, c, i]
+                        inverse[i, i] += inertia[a, s, c, i] + 0.5 * h * damping + 0.25 * h * h * kp[s, c, i]
+                    for n in range(size):  # Gauss-Jordan in place; a mass matrix needs no pivots
+                        pivot = 1.0 / inverse[n, n]
+                        inverse[n, n] = 1.0
+                        for m in range(size):
+                            inverse[n, m] *= pivot
+                        for i in range(size):
+                            if i != n:
+                                factor = inverse[i, n]
+                                inverse[i, n] = 0.0
+                                for m in range(size):
+                                    inverse[i, m] -= factor * inverse[n, m]
+                    p, g = k if len(push) > 1 else 0, k if len(grip) > 1 else 0
                     for j in range(each):
                         w = (j + 0.5) / each
-                        now, middle, rhs = told[k * each + j, stretch, chain], x + 0.5 * h * v, np.empty(size)
                         for i in range(size):
-                            drive = now[i] - kp[stretch, chain, i] * middle[i] - kd[stretch, chain, i] * v[i]
-                            drive = min(max(drive, -limit[own][i]), limit[own][i]) - offset[own][i]
-                            drive -= viscous[own][i] * v[i] + pushed[i]
-                            one, other = force[k, stretch, chain, i], force[k + 1, stretch, chain, i]
+                            middle[i] = x[i] + 0.5 * h * v[i]
+                        for i in range(size):
+                            drive = told[k * each + j, s, c, i] - kp[s, c, i] * middle[i] - kd[s, c, i] * v[i]
+                            drive = min(max(drive, -limit[a, s, c, i]), limit[a, s, c, i]) - offset[a, s, c, i]
+                            drive -= viscous[a, s, c, i] * v[i] + push[p, a, s, c, i]
+                            one, other = force[k, s, c, i], force[k + 1, s, c, i]
                             drive -= one + w * (other - one)
                             for m in range(size):
-                                a, b = place[k, stretch, chain, m], place[k + 1, stretch, chain, m]
-                                drive -= bend[i, m] * (middle[m] - (a + w * (b - a)))
+                                bend = 0.5 * (slope[k, s, c, i, m] + slope[k + 1, s, c, i, m])
+                                one, other = place[k, s, c, m], place[k + 1, s, c, m]
+                                drive -= bend * (middle[m] - (one + w * (other - one)))
                             rhs[i] = h * drive - held[i]
-                        faster = v + inverse @ rhs
+                        for i in range(size):
+                            faster[i] = v[i]
+                            for m in range(size):
+                                faster[i] += inverse[i, m] * rhs[m]
                         for _ in range(SWEEPS):
                             for i in range(size):
-                                bound = h * max(coulomb[own][i] + gripped[i], 0.0)
+                                bound = h * max(coulomb[a, s, c, i] + grip[g, a, s, c, i], 0.0)
                                 new = min(max(held[i] + faster[i] / inverse[i, i], -bound), bound)
                                 change = new - held[i]
                                 for m in range(size):
                                     faster[m] -= inverse[m, i] * change
                                 held[i] = new
-                        x = x + 0.5 * h * (v + faster)
-                        v = faster
-                    xs[k + 1, variant, stretch, chain] = x
-                    vs[k + 1, variant, stretch, chain] = v
+                        for i in range(size):
+                            x[i] += 0.5 * h * (v[i] + faster[i])
+                            v[i] = faster[i]
+                    for i in range(size):
+                        xs[k + 1, a, s, c, i], vs[k + 1, a, s, c, i] = x[i], v[i]
