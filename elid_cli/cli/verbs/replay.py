@@ -14,6 +14,7 @@ from elid_cli.cli.options import Output, Reading
 
 if TYPE_CHECKING:
     from elid_cli.experiment.replay import Replay
+    from elid_cli.robot.robot import Robot
 
 SCALES = {"mrad": 1e-3, "rad": 1.0, "deg": 0.017453292519943295, "mm": 1e-3, "m": 1.0}
 
@@ -43,6 +44,7 @@ class Way:
     against: str | None = None
     horizon: float | None = None
     engine: Literal["elid", "mujoco"] = "elid"
+    actuators: str | None = None
 
 
 @verb(
@@ -60,7 +62,10 @@ class Way:
                    help="Start again from the measured state every so often. Default: once, from the first pose; every "
                    "0.5 s where the log holds no commands and its torque drives the robot."),
     options.option(options.FIT, "--engine", type=click.Choice(("elid", "mujoco")), default="elid", show_default=True,
-                   help="What simulates: elid, or MuJoCo with the exported model where it is installed."),
+                   help="What simulates: elid, or MuJoCo where it is installed: an MJCF as it stands, in 1 ms steps; "
+                   "of other robot files the exported model."),
+    options.option(options.INPUT, "--actuators", type=values.File(), metavar="FILE.json",
+                   help="What stands beside a URDF or MJCF: offsets, delays and effects of --write-actuators."),
 )  # fmt: skip
 @options.option(
     options.GATES, "--max-error", type=Distance(), metavar="DISTANCE",
@@ -89,13 +94,17 @@ def replay(
         from elid_cli.experiment.replay.replay import pooled
         from elid_cli.report.answers.replay import replay_report
 
-        chosen = ReplayOptions(how.horizon, how.engine)
         machines = [load_robot(name) for name in (robot, *((how.against,) if how.against else ()))]
+        if how.actuators is not None:
+            from elid_cli.experiment.replay.actuators import with_actuators
+
+            machines[0] = with_actuators(machines[0], how.actuators)
+        ways = [ReplayOptions(how.horizon, how.engine, _as_it_stands(machine)) for machine in machines]
         found: list[list[Replay]] = [[] for _ in machines]
         for log in logs:
-            for machine, replays in zip(machines, found, strict=True):
+            for machine, replays, way in zip(machines, found, ways, strict=True):
                 recording = load_recording((log,), machine, reading, output, None, advance, label=log)
-                replays.append(simulate(machine, recording, chosen))
+                replays.append(simulate(machine, recording, way))
         report = replay_report(found[0], found[1] if how.against else (), (robot, how.against or ""))
         if pictures_wanted(output):
             from elid_cli.report.figures.build import replay_figures, with_figures
@@ -110,3 +119,12 @@ def replay(
             f"mean absolute error of {beyond} of {len(sizes)} joints exceeds --max-error {1e3 * max_error:.3g} mrad or "
             f"mm: {worst} has {1e3 * sizes[worst]:.3g}"
         )
+
+
+def _as_it_stands(machine: Robot) -> str | None:
+    """Return the MJCF that a robot is from, which MuJoCo can simulate itself."""
+    from pathlib import Path
+
+    from elid_cli.robot.files import is_mjcf
+
+    return machine.source if machine.source and is_mjcf(Path(machine.source)) else None

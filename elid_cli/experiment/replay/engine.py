@@ -14,31 +14,56 @@ from elid_cli.errors import UsageError
 from elid_cli.experiment.mjcf import mjcf_text
 from elid_cli.model.rollout import coordinates_of
 from elid_cli.model.runs import Run
+from elid_cli.robot.mjcf.read import SPRING
 from elid_cli.robot.robot import Robot
 
 FINER = 4
 """MuJoCo's steps per step of elid's, whose rule is of second order and MuJoCo's of first."""
 
 
-def mujoco_motion(robot: Robot, runs: Sequence[Run], offsets: Array) -> list[Array]:
+def mujoco_motion(robot: Robot, runs: Sequence[Run], offsets: Array, file: str | None = None) -> list[Array]:
     """Return the positions of every run, (N, n), simulated by MuJoCo.
+
+    Parameters
+    ----------
+    robot, runs, offsets
+        The robot, what it is driven by, and the torque that its drives lack, N·m (N), (n,).
+    file
+        An MJCF to simulate in place of the exported robot, as it stands and in steps of elid's: what a user of it gets.
+        Its free base is held fixed; its shapes and actuators take no part.
 
     Raises
     ------
     UsageError
-        MuJoCo is not installed.
+        MuJoCo is not installed, or does not read the file.
     """
     if importlib.util.find_spec("mujoco") is None:
         raise UsageError("--engine mujoco: MuJoCo is not installed", hint="pip install mujoco")
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(mjcf_text(replace(robot, effects=())))
-    return [_stepped(mujoco, model, robot, run, offsets) for run in runs]
+    if file is not None:
+        model = _held(mujoco, file)
+        return [_stepped(mujoco, model, robot, run, offsets, 1) for run in runs]
+    springs = tuple(spec for spec in robot.effects if spec.effect == SPRING)  # what an MJCF holds
+    model = mujoco.MjModel.from_xml_string(mjcf_text(replace(robot, effects=springs)))
+    return [_stepped(mujoco, model, robot, run, offsets, FINER) for run in runs]
 
 
-def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array) -> Array:
+def _held(mujoco: Any, file: str) -> Any:
+    """Return the model of an MJCF with its free base held fixed, without shapes, actuators and what hangs on them."""
+    try:
+        spec = mujoco.MjSpec.from_file(file)
+        free = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_FREE]
+        for item in (*spec.keys, *spec.sensors, *spec.actuators, *spec.geoms, *spec.meshes, *free):
+            spec.delete(item)
+        return spec.compile()
+    except ValueError as error:
+        raise UsageError(f"{file}: MuJoCo does not read it: {error}") from None
+
+
+def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array, finer: int) -> Array:
     steps = len(run.drives.told) // (len(run.t) - 1)
-    model.opt.timestep = run.dt / (steps * FINER)
+    model.opt.timestep = run.dt / (steps * finer)
     data = mujoco.MjData(model)
     links = [model.joint(name) for name in robot.joint_names]
     motors = [model.joint(name) for name in _motor_names(robot, model)]
@@ -56,9 +81,9 @@ def _stepped(mujoco: Any, model: Any, robot: Robot, run: Run, offsets: Array) ->
     found = np.empty((len(run.t), n))
     found[0] = data.qpos[at]
     for k in range(len(run.t) - 1):
-        for j in range(steps * FINER):
+        for j in range(steps * finer):
             turned, turning = data.qpos[own] / turns, data.qvel[push] / turns
-            torque = drives.told[k * steps + j // FINER] - drives.kp * turned - drives.kd * turning
+            torque = drives.told[k * steps + j // finer] - drives.kp * turned - drives.kd * turning
             data.qfrc_applied[push] = (np.clip(torque, -drives.limit, drives.limit) - offsets) / turns
             mujoco.mj_step(model, data)
         found[k + 1] = data.qpos[at]

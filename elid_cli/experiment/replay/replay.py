@@ -16,6 +16,7 @@ from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.shifts import declared_shifts
 from elid_cli.model.rollout import Along, Joints, Linearised, Local, motion_of
 from elid_cli.model.runs import Run, runs_of
+from elid_cli.robot.mjcf.read import SPRING
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.tables import Shown
@@ -32,6 +33,8 @@ class ReplayOptions:
     """Seconds after which the simulation starts again from the measured state; None: once for every stretch of the
     log, or every `TORQUE_HORIZON` where torques drive it."""
     engine: Literal["elid", "mujoco"] = "elid"
+    mjcf: str | None = None
+    """With MuJoCo: an MJCF file that is simulated as it stands, in elid's steps of 1 ms, not the exported robot."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,6 +56,8 @@ class Replay(Shown):
     engine: str
     left_out: tuple[str, ...] = ()
     """Declared effects that the replay does not hold."""
+    mjcf: str | None = None
+    """The file that MuJoCo simulated, where it did not simulate the exported robot."""
 
     @property
     def difference(self) -> Array:
@@ -111,7 +116,8 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     if options.engine == "mujoco":
         from elid_cli.experiment.replay.engine import mujoco_motion
 
-        found = mujoco_motion(robot, runs, offsets)
+        found = mujoco_motion(robot, runs, offsets, options.mjcf)
+        left_out = (*left_out, *_beyond_mujoco(robot))
     else:
         found = _motion(robot, runs, offsets)
     t = np.concatenate([run.t for run in runs])
@@ -122,7 +128,14 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     return Replay(
         robot, recording, error, t[order], measured[order], simulated[order], horizon,
         "commands" if by_commands else "torque", options.engine, left_out,
+        options.mjcf if options.engine == "mujoco" else None,
     )  # fmt: skip
+
+
+def _beyond_mujoco(robot: Robot) -> tuple[str, ...]:
+    """Return the effects that elid's replay holds and MuJoCo's does not."""
+    held = ((spec, resolve(robot, spec)[0]) for spec in robot.effects)
+    return tuple(f"{spec.effect} of {spec.joint}" for spec, kind in held if can_act(kind) and spec.effect != SPRING)
 
 
 def _no_driving_friction(robot: Robot) -> None:

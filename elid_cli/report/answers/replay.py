@@ -158,8 +158,14 @@ def _facts(replays: Sequence[Replay]) -> tuple[tuple[str, Cell], ...]:
         ("replayed", f"{number_text(seconds, 3)} s, {sum(len(item.t) for item in replays)} samples"),
         ("driven by", drive),
         ("started from", restart),
-        ("simulated by", "MuJoCo, with the exported model" if first.engine == "mujoco" else "elid"),
+        ("simulated by", _engine(first)),
     )
+
+
+def _engine(first: Replay) -> str:
+    if first.engine != "mujoco":
+        return "elid"
+    return f"MuJoCo, {first.mjcf} itself in steps of 1 ms" if first.mjcf else "MuJoCo, with the exported model"
 
 
 def _warnings(first: Replay) -> list[str]:

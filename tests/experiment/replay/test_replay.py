@@ -14,12 +14,13 @@ import elid_cli.model.rollout as rollout
 from elid_cli.cli import main
 from elid_cli.errors import LogError, UsageError
 from elid_cli.experiment.replay import ReplayOptions, replay
+from elid_cli.logs.reading import read_recording
 from elid_cli.logs.writing import write_recording
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.rollout import Joints, Linearised, advance_arrays, motion_of
 from elid_cli.model.runs import runs_of
 from elid_cli.robot.files import read_robot, write_robot
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.recording import Recording, Segment
 
 KP, KD = np.array([400.0, 150.0]), np.array([30.0, 10.0])
@@ -212,3 +213,41 @@ def test_variants_side_by_side_are_those_alone(arm: Robot, log: Recording) -> No
         one = rollout.one_variant(joints, k)
         alone, _ = rollout.variants_of(equations, local, together.start, together.drives, one, DT)
         np.testing.assert_allclose(every[:, k], alone[:, 0], atol=1e-12)
+
+
+def test_mujoco_simulates_a_file_as_it_stands_with_what_is_beside_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("mujoco")
+    base = '<worldbody><body name="base"><freejoint/><inertial pos="0 0 0" mass="3" diaginertia="1 1 1"/>'
+    base += '<geom size="0.1"/>'
+    free = ARM.replace("<worldbody>", base).replace("</worldbody>", "</body></worldbody>")
+    model = tmp_path / "arm.xml"
+    model.write_text(free.replace("</mujoco>", '<actuator><position joint="joint1" kp="50"/></actuator></mujoco>'))
+    robot = adapted(read_robot(model))
+    offsets = [EffectSpec("torque_offset", name, {"offset": 3.0}) for name in robot.joint_names]
+    drag = EffectSpec("quadratic_viscous", "joint2", {"amplitude": 0.1, "power": 2.0})
+    moved = changed(robot, effects=(*offsets, drag))
+    beside = tmp_path / "beside.json"
+    beside.write_text(json.dumps({
+        "actuators": {"offset": {"joint1": 3.0, "joint2": 3.0}},
+        "effects": [{"effect": "quadratic_viscous", "joint": "joint2", "parameters": {"amplitude": 0.1, "power": 2.0},
+                     "in_mjcf": False}],
+    }))  # fmt: skip
+    log = tmp_path / "log.h5"
+    write_recording(commanded(robot, 3.0, offset=3.0), log)
+    line = ["replay", str(log), "--robot", str(model), "--kp", "400,150", "--kd", "30,10", "--json"]
+    told = {}
+    for engine in ("elid", "mujoco"):
+        assert main([*line, "--engine", engine, "--actuators", str(beside)]) == 0
+        told[engine] = json.loads(capsys.readouterr().out)
+    assert told["elid"]["mean_abs"] == pytest.approx(
+        replay(moved, read_recording([str(log)], moved)).mean_abs, rel=1e-6
+    )
+    assert told["mujoco"]["left_out"] == ["quadratic_viscous of joint2"]
+    assert told["mujoco"]["mean_abs"] < 1e-3
+    assert main([*line, "--engine", "mujoco"]) == 0  # without the offset
+    assert json.loads(capsys.readouterr().out)["mean_abs"] > 3e-3
+    beside.write_text("[]")
+    assert main([*line, "--actuators", str(beside)]) == 2
+    assert "not a file of actuators" in capsys.readouterr().err

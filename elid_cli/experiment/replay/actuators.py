@@ -1,0 +1,48 @@
+"""What stands beside a robot file in a file of actuators: offsets, delays and effects, back in the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from elid_cli.errors import UsageError
+from elid_cli.files import read_text
+from elid_cli.model.effects import effect_that
+from elid_cli.model.effects.declared import check_effects
+from elid_cli.robot.robot import EffectSpec, Robot
+
+
+def with_actuators(robot: Robot, path: str) -> Robot:
+    """Return a robot with the offsets, delays and effects of a file of ``--write-actuators``.
+
+    What the robot file holds itself, a spring of an MJCF, is not added again.
+
+    Raises
+    ------
+    UsageError
+        The file is not such a file, or names joints that the robot does not have.
+    """
+    import yaml
+
+    try:
+        told = yaml.safe_load(read_text(Path(path), UsageError))  # JSON is YAML
+        specs = tuple(_specs(told))
+    except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+        raise UsageError(f"{path}: not a file of actuators: {error}", hint="--write-actuators writes one") from None
+    for spec in specs:
+        if spec.joint not in robot.joint_names:
+            raise UsageError(f"{path}: {robot.name} has no joint {spec.joint}", hint=", ".join(robot.joint_names))
+    return check_effects(replace(robot, effects=(*robot.effects, *specs)))
+
+
+def _specs(told: Mapping[str, Any]) -> Iterator[EffectSpec]:
+    for nuisance in ("offset", "delay"):
+        kind = effect_that(nuisance=nuisance)
+        for joint, value in told["actuators"].get(nuisance, {}).items():
+            if value:
+                yield EffectSpec(kind.name, joint, {kind.amplitudes[0].name: float(value)})
+    for item in told["effects"]:
+        if not item["in_mjcf"]:
+            yield EffectSpec(item["effect"], item["joint"], {k: float(v) for k, v in item["parameters"].items()})

@@ -1,0 +1,79 @@
+"""The measured quadruped: identified or diagnosed from some runs, replayed on others, by elid and by MuJoCo.
+
+    python -m tests.system.reproduce.go2 [--only WORD …] [--data FOLDER]
+
+Each row is what a user would type: `identify --fit trajectory`, or `diagnose`, writes a patched go2.xml and the file
+of actuators beside it; `replay` judges both on runs that were not fitted, MuJoCo the patched file as it stands (base
+fixed, commands held for their sample with the log's gains, 1 ms steps), with offsets and delay. Effects that an MJCF
+lacks take part in elid's replay only. Processor time is that of the command that fits.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+DATA = Path(__file__).parents[4] / "shared" / "data"
+ROWS: dict[str, tuple[tuple[str, ...], tuple[int, ...], tuple[int, ...]]] = {
+    "least squares": (("identify", "--physical"), (0,), (3, 4)),
+    "one run": (("identify", "--fit", "trajectory"), (0,), (3, 4)),
+    "four runs": (("identify", "--fit", "trajectory"), (0, 1, 2, 3), (4,)),
+    "diagnosed": (("diagnose",), (0, 1, 2, 3), (4,)),
+}
+"""Command, runs that it is given, runs that it is judged on."""
+
+
+def elid(*arguments: str) -> tuple[str, float]:
+    """Return what a command prints, and the processor time that it took, s."""
+    before = os.times()
+    command = [sys.executable, "-m", "elid_cli", *arguments]
+    done = subprocess.run(command, capture_output=True, check=False, encoding="utf-8")
+    if done.returncode:
+        raise SystemExit(f"{' '.join(command)}\n{done.stderr}")
+    after = os.times()
+    return done.stdout, sum(after[2:4]) - sum(before[2:4])
+
+
+def judged(row: str, data: Path, folder: Path) -> tuple[list[tuple[int, float, float]], float]:
+    """Return run, error by elid and by MuJoCo, mrad, of every run that is judged, and the fit's processor time."""
+    command, fitted, others = ROWS[row]
+    logs = [str(data / f"go2_{k}.h5") for k in fitted]
+    robot, beside = str(folder / "go2.xml"), str(folder / "actuators.json")
+    arguments = (*logs, "--robot", str(data / "go2.xml"), "--write-robot", robot, "--write-actuators", beside)
+    _, seconds = elid(command[0], *arguments, *command[1:])
+    errors = []
+    for k in others:
+        by = []
+        for engine in ("elid", "mujoco"):
+            told, _ = elid("replay", str(data / f"go2_{k}.h5"), "--robot", robot, "--actuators", beside,
+                           "--engine", engine, "--json")  # fmt: skip
+            by.append(1e3 * json.loads(told)["mean_abs"])
+        errors.append((k, by[0], by[1]))
+    return errors, seconds
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=ROWS, default=list(ROWS), metavar="ROW", help=", ".join(ROWS))
+    parser.add_argument("--data", type=Path, default=DATA)
+    options = parser.parse_args()
+    print("mean absolute error of the simulated positions on runs that were not fitted, mrad")
+    print(f"{'':15}{'from runs':>11}{'on run':>8}{'elid':>8}{'MuJoCo':>8}{'processor s':>13}", flush=True)
+    for row in options.only:
+        with tempfile.TemporaryDirectory() as folder:
+            errors, seconds = judged(row, options.data, Path(folder))
+        runs = ROWS[row][1]
+        told = f"{runs[0]}" if len(runs) == 1 else f"{runs[0]} to {runs[-1]}"
+        for place, (k, ours, theirs) in enumerate(errors):
+            spent = f"{seconds:.1f}" if place == 0 else ""
+            print(f"{row:15}{told:>11}{k:>8}{ours:8.2f}{theirs:8.2f}{spent:>13}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
