@@ -63,7 +63,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=ROWS, default=list(ROWS), metavar="ROW", help=", ".join(ROWS))
     parser.add_argument("--data", type=Path, default=DATA)
     options = parser.parse_args()
-    print("mean absolute error of the simulated positions on runs that were not fitted, mrad")
+    print("mean absolute error of simulated positions on runs not fitted, mrad")
     print(f"{'':15}{'from runs':>11}{'on run':>8}{'elid':>8}{'MuJoCo':>8}{'processor s':>13}", flush=True)
     for row in options.only:
         with tempfile.TemporaryDirectory() as folder:

@@ -4,8 +4,8 @@
 
 EMPS is identified from its first record and simulated on both, by the recorded force (whole record; restarted) and
 under its position controller, whose gains are found from the record itself: force = kp (reference - position) - kd
-speed. The pulses of the second record are a known force. KR300: all axes taken as rigid, identified (--physical) from the
-first six seconds, simulated over 150 samples (0.6 s) from measured states on the last four.
+speed. The pulses of the second record are a known force. KR300: all axes taken as rigid, identified (--physical) from
+the first six seconds, simulated over 150 samples (0.6 s) from measured states on the last four.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def emps(data: Path, folder: Path) -> None:
     robot = str(folder / "emps.yaml")
     plain = {"t": first["t_s"], "q.joint1": first["q_meas_m"], "tau.joint1": FORCE * first["u_V"]}
     elid("identify", written(folder / "first.csv", plain), "--robot", "emps", "--write-robot", robot)
-    print(f"EMPS: simulated position, mean absolute and rms error, mm (controller: {kp:.4g} N/m, {kd:.4g} N·s/m)")
+    print(f"EMPS: mean absolute / rms error, mm (kp {kp:.4g} N/m, kd {kd:.4g} N·s/m)")
     print(f"{'':30}{'first record':>22}{'record with pulses':>22}")
     logs = {}
     for name, own, extra in (("first", first, 0.0 * first["t_s"]), ("second", second, pulse)):
@@ -105,7 +105,7 @@ def kr300(data: Path, folder: Path) -> None:
     robot.write_text(shipped.replace("transmission: elastic", "transmission: rigid"), "utf-8")
     elid("identify", parts[0], "--robot", str(robot), "--physical", "--write-robot", found)
     told = json.loads(elid("replay", parts[1], "--robot", found, "--horizon", f"{HORIZON}", "--json"))
-    print(f"\nKR300: {HORIZON:g} s from measured states; normalised: rms over the standard deviation of the position")
+    print(f"\nKR300: {HORIZON:g} s from measured states; normalised: rms over the position's deviation")
     print(f"{'axis':6}{'mean absolute, mrad':>22}{'rms, mrad':>12}{'normalised':>12}")
     for k, error in enumerate(told["error"].values(), start=1):
         spread = float(np.std(log[f"theta{k}_rad"][~begin]))
