@@ -79,7 +79,7 @@ def test_noise_of_the_positions_makes_no_offset_of_a_weight() -> None:
     assert abs(score(found, "Jm2")) < 3
     verdict = {found.base.parameters[leader]: v for leader, v in zip(found.base.leaders, found.verdict, strict=True)}
     assert verdict["Jm1"] == "refused"  # nothing but noise is left of the first joint's deflection
-    assert "the motor row takes the link's inertia for the rotor's" in found.reasons["Jm1"]
+    assert "the motor equation takes the link's inertia for the rotor's" in found.reasons["Jm1"]
 
 
 def test_delays_stay_where_they_agree_with_one_beyond_doubt_or_with_the_mean() -> None:

@@ -48,7 +48,7 @@ def stiffness_in_noise(model: Regressor, triangles: Triangles, basis: NDArray[np
             reason = f"{min(share, 1.0):.0%} of the deflection that would tell it is encoder noise in {joint.name}"
             refused[StandardParameter("K", k)] = reason
         if share > COLLAPSED:
-            why = f"{reason}: without K the motor row takes the link's inertia for the rotor's"
+            why = f"{reason}: without K the motor equation takes the link's inertia for the rotor's"
             refused[model.robot.rotor_names[k]] = why
     return refused
 

@@ -13,7 +13,7 @@ class Coulomb:
     """Coulomb ("static") friction fs_i."""
 
     name = "coulomb"
-    equation = "motor row: fs sign(θ')"
+    equation = "motor equation: fs sign(θ')"
 
     def entries(self, robot: Robot, motion: ChainMotion) -> Iterator[Entry]:
         """Yield fs_i in motor row i."""

@@ -15,8 +15,8 @@ class Rotor:
 
     name = "rotor"
     equation = (
-        "motor row: k² Jm θ'' + k Jm z·alpha_{i-1};  link row j<i: k Jm w_j·(θ'' z + θ' omega_{i-1}×z);  "
-        "gear ratio unknown: motor row: Ja θ''"
+        "motor equation: k² Jm θ'' + k Jm z·alpha_{i-1};  link equation j<i: k Jm w_j·(θ'' z + θ' omega_{i-1}×z);  "
+        "gear ratio unknown: motor equation: Ja θ''"
     )
 
     def entries(self, robot: Robot, motion: ChainMotion) -> Iterator[Entry]:

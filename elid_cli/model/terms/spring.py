@@ -13,7 +13,7 @@ class Spring:
     """Stiffness K_i of an elastic transmission."""
 
     name = "spring"
-    equation = "link row: K (q - θ);  motor row: -K (q - θ)"
+    equation = "link equation: K (q - θ);  motor equation: -K (q - θ)"
 
     def entries(self, robot: Robot, motion: ChainMotion) -> Iterator[Entry]:
         """Yield K_i in link row i and, with the other sign, in motor row i; rigid joints have none."""

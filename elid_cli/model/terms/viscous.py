@@ -13,7 +13,7 @@ class Viscous:
     """Viscous friction fv_i."""
 
     name = "viscous"
-    equation = "motor row: fv θ'"
+    equation = "motor equation: fv θ'"
 
     def entries(self, robot: Robot, motion: ChainMotion) -> Iterator[Entry]:
         """Yield fv_i in motor row i."""

@@ -54,7 +54,7 @@ def variable_words(variable: str) -> str:
 
 
 def curve_words(effect: FoundEffect) -> str:
-    """Return what a curve runs over and where it acts: ``velocity in the motor row``; empty of any other effect."""
+    """Return what a curve runs over and where it acts: ``velocity on the motor side``; empty of any other effect."""
     kind = effect_classes()[effect.effect]
     return kind.words(effect.parameters) if issubclass(kind, CurveEffect) else ""
 

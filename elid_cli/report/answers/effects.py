@@ -10,8 +10,8 @@ from elid_cli.model.effects.effect import Effect, Parameter
 from elid_cli.report.tree import Column, KeyValues, Report, Table, Text
 
 WHERE = {
-    "motor": "motor row", "link": "link row", "spring": "transmission: link and motor row",
-    "chain": "link rows of the whole chain", "torque": "torque channel", "encoder": "position channels",
+    "motor": "motor side", "link": "link side", "spring": "transmission: link and motor side",
+    "chain": "links of the whole chain", "torque": "torque signal", "encoder": "position signals",
     "sensor": "joint torque sensor",
 }  # fmt: skip
 
@@ -35,11 +35,11 @@ def effect_report(kind: type[Effect]) -> Report:
     """Return one effect in full: what it is, how it shows, what to record to see it."""
     facts = (
         ("equation", kind.equation),
-        ("acts in", WHERE.get(kind.place, kind.place)),
+        ("acts on", WHERE.get(kind.place, kind.place)),
         ("physics", kind.physics),
         ("typical", kind.typical),
         ("fingerprint", kind.fingerprint),
-        ("twins", ", ".join(twins_of(kind)) or "none"),
+        ("confused with", ", ".join(twins_of(kind)) or "nothing"),
         ("record", kind.record),
     )
     columns = (Column("parameter", "parameter"), Column("unit", "unit"), Column("meaning", "meaning"))

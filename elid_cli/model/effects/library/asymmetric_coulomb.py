@@ -14,13 +14,13 @@ class AsymmetricCoulomb(Effect):
 
     name = "asymmetric_coulomb"
     summary = "Coulomb friction that differs between the two directions"
-    equation = "motor row: difference |sign(θ')|"
+    equation = "motor equation: difference |sign(θ')|"
     physics = (
         "Tooth flanks, seals and preloaded bearings are loaded differently in the two directions, so that the friction"
         " is fs + difference forwards and fs - difference backwards."
     )
     typical = "5-30 % of the Coulomb friction"
-    fingerprint = "motor and sum rows, a constant while the joint moves in either direction, gone at rest"
+    fingerprint = "motor side and whole joint, a constant while the joint moves in either direction, gone at rest"
     record = "motion in both directions at several speeds, and a rest that holds the joint without load"
     place = "motor"
     acts_as = "directed friction"

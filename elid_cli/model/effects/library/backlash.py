@@ -17,10 +17,10 @@ class Backlash(Effect):
 
     name = "backlash"
     summary = "play in the transmission (dead zone)"
-    equation = "link row: -stiffness clip(q - θ, -gap, gap), motor row: the same with +;  stiffness = K"
+    equation = "link equation: -stiffness clip(q - θ, -gap, gap), motor equation: the same with +;  stiffness = K"
     physics = "Teeth need clearance and wear gives more of it: the link floats until a flank is touched."
     typical = "planetary gears 3-15 arc minutes in all (gap 0.4-2 mrad), cycloidal and harmonic drives below 1-2"
-    fingerprint = "motor row high with the sum row at its floor, odd in the deflection, a plateau of torque around zero"
+    fingerprint = "motor side only, odd in the deflection, a plateau of torque around zero"
     record = "torques that change sign often and slowly: gravity on both sides, or contact with either flank"
     place = "spring"
     acts_as = "torque"

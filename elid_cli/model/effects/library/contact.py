@@ -23,10 +23,10 @@ class Contact(Effect):
 
     name = "contact"
     summary = "push from outside, for a moment"
-    equation = "link row: torque (1 + cos(2π (t - time)/width))/2 within |t - time| < width/2"
+    equation = "link equation: torque (1 + cos(2π (t - time)/width))/2 within |t - time| < width/2"
     physics = "A collision, a hand, a cable that catches: a force on the arm that no motion of its own explains."
     typical = "0.1-1 s; any size"
-    fingerprint = "sum rows high in one short window, with the motor rows at their floor"
+    fingerprint = "whole joint only, in one short window"
     record = "the motion again: what does not come back was from outside"
     place = "link"
     amplitudes = (Parameter("torque", "N·m", "height of the bump that resists (positive) or pushes on (negative)"),)

@@ -16,10 +16,10 @@ class CubicStiffness(Effect):
 
     name = "cubic_stiffness"
     summary = "transmission that stiffens with deflection"
-    equation = "link row: +cubic (q - θ)³, motor row: the same with -"
+    equation = "link equation: +cubic (q - θ)³, motor equation: the same with -"
     physics = "More teeth share the load as the torque rises (harmonic drives: K1 < K2 < K3); rubber softens instead."
     typical = "stiffness at full load 1.3-2 times that at rest"
-    fingerprint = "motor row high with the sum row at its floor, odd in the deflection and curved, no plateau at zero"
+    fingerprint = "motor side only, odd in the deflection and curved, no plateau at zero"
     record = "loads up to the rated torque in both directions, slowly"
     place = "spring"
     acts_as = "torque"

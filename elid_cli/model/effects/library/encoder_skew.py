@@ -29,10 +29,10 @@ class EncoderSkew(Effect):
 
     name = "encoder_skew"
     summary = "link encoder sampled at another instant than the motor encoder"
-    equation = "link row: +K skew q', motor row: the same with -; the link's channels moved by the skew"
+    equation = "link equation: +K skew q', motor equation: the same with -; the link's channels moved by the skew"
     physics = "Two encoders on two buses, or one with a filter: the difference of their readings follows the speed."
     typical = "a tenth of a sample to 5 ms"
-    fingerprint = "motor row high with the sum row low, along the link's velocity, not its deflection"
+    fingerprint = "motor side more than whole joint, along the link's velocity, not its deflection"
     record = "fast, lightly loaded motion next to slow, loaded motion"
     place = "encoder"
     twins = ("link_viscous", "transmission_damping")

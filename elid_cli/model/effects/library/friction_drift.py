@@ -23,10 +23,12 @@ class FrictionDrift(Effect):
 
     name = "friction_drift"
     summary = "Coulomb and viscous friction that drift during the log (warm-up)"
-    equation = "motor row: (g(t) - 1/2) (coulomb sign(θ') + viscous θ'),  g = (1 - exp(-t/time)) / (1 - exp(-T/time))"
+    equation = (
+        "motor equation: (g(t) - 1/2) (coulomb sign(θ') + viscous θ'),  g = (1 - exp(-t/time)) / (1 - exp(-T/time))"
+    )
     physics = "Lubricant warms as it is sheared and gets thinner, seals soften, preload relaxes."
     typical = "viscous friction -30 to -60 % over 20-60 K, minutes to an hour"
-    fingerprint = "motor and sum rows, the product of time and velocity or direction"
+    fingerprint = "motor side and whole joint, the product of time and velocity or direction"
     record = "minutes of motion that repeat the first movement at the end; a temperature column"
     place = "motor"
     amplitudes = (

@@ -20,10 +20,10 @@ class GravityDirection(Effect):
 
     name = "gravity_direction"
     summary = "base not level: gravity points elsewhere than described"
-    equation = "link rows: roll dG/d(roll) + pitch dG/d(pitch),  G = gravity torques of the present model"
+    equation = "link equations: roll dG/d(roll) + pitch dG/d(pitch),  G = gravity torques of the present model"
     physics = "A robot bolted to a sloping floor, a wall or a cart, or a base frame that was never measured."
     typical = "0.5-5 degrees"
-    fingerprint = "sum rows of several joints with the motor rows at their floor; static, the pattern of gravity turned"
+    fingerprint = "whole joint only, of several joints; static, the pattern of gravity turned"
     record = "rests in many poses, with links on all sides of the base"
     place = "chain"
     whole_robot = True

@@ -22,14 +22,12 @@ class Hysteresis(MemoryEffect):
 
     name = "hysteresis"
     summary = "loop in torque against deflection (friction inside the gear)"
-    equation = "link row: +torque z, motor row: -torque z;  dz/d(q - θ) = (1 - z sign(q' - θ')) / distance"
+    equation = "link equation: +torque z, motor equation: -torque z;  dz/d(q - θ) = (1 - z sign(q' - θ')) / distance"
     physics = (
         "Teeth, flexspline and bearings slip a little under load and hold part of the torque when it reverses (Dahl)."
     )
     typical = "torque 2-10 % of the rated torque, distance 0.1-3 mrad"
-    fingerprint = (
-        "motor row high with the sum row at its floor, a loop over the deflection that does not widen with speed"
-    )
+    fingerprint = "motor side only, a loop over the deflection that does not widen with speed"
     record = "slow load reversals of several sizes; fast ones too, since damping grows with speed and this does not"
     place = "spring"
     elastic_only = True

@@ -13,13 +13,13 @@ class KinematicError(Harmonic):
 
     name = "kinematic_error"
     summary = "transmission error that repeats with the angle (harmonic drive)"
-    equation = "link row: +K amplitude sin(order θ + phase), motor row: the same with -"
+    equation = "link equation: +K amplitude sin(order θ + phase), motor equation: the same with -"
     physics = (
         "Teeth that are not evenly placed make the output lead and lag; in a harmonic drive mostly twice per turn of"
         " the wave generator."
     )
     typical = "amplitude 0.5-2 arc minutes (1.5e-4 to 6e-4 rad); order twice the gear ratio, once or four times"
-    fingerprint = "motor row high with the sum row at its floor, periodic in the angle whatever the direction"
+    fingerprint = "motor side only, periodic in the angle whatever the direction"
     record = "whole turns of the wave generator, slow; link and motor encoders"
     place = "spring"
     elastic_only = True

@@ -14,10 +14,10 @@ class LinkCoulomb(Effect):
 
     name = "link_coulomb"
     summary = "Coulomb friction on the link side (bearings, seals)"
-    equation = "link row: friction sign(q')"
+    equation = "link equation: friction sign(q')"
     physics = "Output bearing and lip seal sit behind the elastic gear: their friction bends the transmission."
     typical = "5-30 % of the motor's Coulomb friction"
-    fingerprint = "sum row high with the motor row at its floor, along the sign of the link's velocity"
+    fingerprint = "whole joint only, along the sign of the link's velocity"
     record = "slow reversals with link and motor encoders; without elasticity it is the motor's own friction"
     place = "link"
     acts_as = "friction"

@@ -14,10 +14,10 @@ class LinkSpring(Effect):
 
     name = "link_spring"
     summary = "spring on the link's angle (counterbalance, gas spring, cables)"
-    equation = "link row: stiffness q + preload"
+    equation = "link equation: stiffness q + preload"
     physics = "A counterbalance cylinder, a torsion spring or a stiff cable package pushes the link towards some angle."
     typical = "up to the whole gravity torque of one axis"
-    fingerprint = "sum row high with the motor row at its floor, a function of the link's angle alone, at rest too"
+    fingerprint = "whole joint only, a function of the link's angle alone, at rest too"
     record = "the joint's full range, with slow and fast passes: gravity of the same shape comes with inertia"
     place = "link"
     acts_as = "torque"

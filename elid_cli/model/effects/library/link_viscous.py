@@ -12,10 +12,10 @@ class LinkViscous(Effect):
 
     name = "link_viscous"
     summary = "viscous friction on the link side"
-    equation = "link row: friction q'"
+    equation = "link equation: friction q'"
     physics = "Grease in the output bearing, drag in cables and hoses, a damper mounted on the link."
     typical = "5-30 % of the motor's viscous friction"
-    fingerprint = "sum row high with the motor row at its floor, along the link's velocity"
+    fingerprint = "whole joint only, along the link's velocity"
     record = "fast motion with link and motor encoders; without elasticity it is the motor's own friction"
     place = "link"
     acts_as = "torque"

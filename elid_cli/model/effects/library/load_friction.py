@@ -14,10 +14,10 @@ class LoadFriction(Effect):
 
     name = "load_friction"
     summary = "friction that grows with the transmitted torque"
-    equation = "motor row: coefficient |load| sign(θ'),  load = K (θ - q); of a rigid joint, what its bodies need"
+    equation = "motor equation: coefficient |load| sign(θ'),  load = K (θ - q); of a rigid joint, what its bodies need"
     physics = "Tooth contacts slide under load: the normal force, and with it the friction, follows the torque."
     typical = "coefficient 0.03-0.3 (gear efficiency 97-75 %)"
-    fingerprint = "motor and sum rows, the product of direction of motion and size of the load"
+    fingerprint = "motor side and whole joint, the product of direction of motion and size of the load"
     record = "the same speeds under different gravity loads, in both directions"
     place = "motor"
     acts_as = "friction"

@@ -34,7 +34,7 @@ class Lookup(CurveEffect):
     )
     shapes = (
         Parameter("variable", "1", "1 velocity, 2 deflection, 3 angle, 4 load, 5 time", low=1, high=5, fixed=True),
-        Parameter("rows", "1", "1 motor row, 2 link row, 3 transmission (both)", low=1, high=3, fixed=True),
+        Parameter("rows", "1", "1 motor side, 2 link side, 3 transmission (both)", low=1, high=3, fixed=True),
         Parameter("low", "unit of the variable", "start of the range", fixed=True),
         Parameter("high", "unit of the variable", "end of the range", fixed=True),
     )
@@ -56,9 +56,9 @@ class Lookup(CurveEffect):
 
     @classmethod
     def words(cls, values: Mapping[str, float]) -> str:
-        """Return what a curve runs over and where it acts: ``velocity in the motor row``."""
+        """Return what a curve runs over and where it acts: ``velocity on the motor side``."""
         variable, rows = cls.variables[int(values["variable"]) - 1], ROWS[int(values["rows"]) - 1]
-        return f"{variable} in the {rows}{'' if rows == 'transmission' else ' row'}"
+        return f"{variable} {'in the transmission' if rows == 'transmission' else f'on the {rows} side'}"
 
     @property
     def variable(self) -> str:

@@ -33,13 +33,15 @@ class Payload(Effect):
 
     name = "payload"
     summary = "mass gripped (or dropped) during the log"
-    equation = "link rows: (last body's columns) · change, for t ≥ start"
+    equation = "link equations: (last body's columns) · change, for t ≥ start"
     physics = (
         "A gripper closes on a part. A payload that is there from the first instant to the last is part of the last"
         " body and cannot be seen in the log."
     )
     typical = "a tenth to the whole of the rated payload"
-    fingerprint = "sum rows of all joints from one instant on, in the pattern of the last body's gravity and inertia"
+    fingerprint = (
+        "whole joint only, of all joints from one instant on, in the pattern of the last body's gravity and inertia"
+    )
     record = "the same motion before and after the change"
     place = "chain"
     whole_robot = True

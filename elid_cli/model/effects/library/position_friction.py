@@ -13,10 +13,10 @@ class PositionFriction(Harmonic):
 
     name = "position_friction"
     summary = "Coulomb friction that varies with the joint's angle"
-    equation = "motor row: amplitude sin(order θ + phase) sign(θ')"
+    equation = "motor equation: amplitude sin(order θ + phase) sign(θ')"
     physics = "An eccentric gear, a bent shaft or a worn stretch presses harder at some angles than at others."
     typical = "5-20 % of the Coulomb friction; order 1 to a few, or that of a gear stage"
-    fingerprint = "motor and sum rows, periodic in the angle, and its sign flips with the direction of motion"
+    fingerprint = "motor side and whole joint, periodic in the angle, and its sign flips with the direction of motion"
     record = "whole turns of the joint, or its full range, in both directions at low speed"
     place = "motor"
     acts_as = "friction"

@@ -19,13 +19,13 @@ class QuadraticViscous(Effect):
 
     name = "quadratic_viscous"
     summary = "viscous friction that bends with speed (quadratic, cubic, square root)"
-    equation = "motor row: amplitude sign(θ') |θ'|^power"
+    equation = "motor equation: amplitude sign(θ') |θ'|^power"
     physics = (
         "Churned oil and windage grow with the square of speed or faster; grease that thins under shear, or warms in"
         " the contact, makes friction grow slower than speed."
     )
     typical = "10-50 % of the viscous friction at top speed; power 0.5, 2 or 3"
-    fingerprint = "motor and sum rows, odd in velocity and curved, largest at top speed"
+    fingerprint = "motor side and whole joint, odd in velocity and curved, largest at top speed"
     record = "speeds over a range of three or more, the highest held for a while; the power stays vague otherwise"
     place = "motor"
     acts_as = "torque"

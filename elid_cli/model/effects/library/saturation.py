@@ -24,12 +24,12 @@ class Saturation(Effect):
 
     name = "saturation"
     summary = "torque that is cut at a limit while the log holds the command"
-    equation = "motor row: cut sign(τ) max(|τ| - limit, 0);  cut = 1"
+    equation = "motor equation: cut sign(τ) max(|τ| - limit, 0);  cut = 1"
     physics = (
         "The drive's current limit, or the supply voltage at speed, caps the torque; the command knows nothing of it."
     )
     typical = "the top 1-10 % of the samples"
-    fingerprint = "motor and sum rows, only where |τ| is beyond a knee, proportional to the excess"
+    fingerprint = "motor side and whole joint, only where |τ| is beyond a knee, proportional to the excess"
     record = "the measured current instead of the command, or motion that stays below the limit"
     place = "torque"
     amplitudes = (

@@ -21,10 +21,10 @@ class SensorGain(Effect):
 
     name = "sensor_gain"
     summary = "joint torque sensor off by a factor"
-    equation = "link row: +gain load, motor row: the same with -;  reading = (1 + gain) load"
+    equation = "link equation: +gain load, motor equation: the same with -;  reading = (1 + gain) load"
     physics = "Strain gauges are calibrated without the flange's preload; bridges and amplifiers have gains."
     typical = "±1-5 %"
-    fingerprint = "sensor against motor torque and against deflection: a share of the load, sum row untouched"
+    fingerprint = "sensor against motor torque and against deflection: a share of the load, whole joint untouched"
     record = "large loads of both signs, with motor torque and sensor logged together"
     place = "sensor"
     elastic_only = True

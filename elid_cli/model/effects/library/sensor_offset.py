@@ -18,10 +18,10 @@ class SensorOffset(Effect):
 
     name = "sensor_offset"
     summary = "joint torque sensor off by a constant"
-    equation = "link row: +offset, motor row: the same with -;  reading = load + offset"
+    equation = "link equation: +offset, motor equation: the same with -;  reading = load + offset"
     physics = "Bridges drift with temperature and mounting stress, and are zeroed under a load that was not zero."
     typical = "0.5-3 % of the sensor's range"
-    fingerprint = "sensor against motor torque and against deflection: a constant, sum row untouched"
+    fingerprint = "sensor against motor torque and against deflection: a constant, whole joint untouched"
     record = "poses with load torques of both signs, warm and cold"
     place = "sensor"
     elastic_only = True

@@ -38,7 +38,7 @@ class ServoFriction(Effect):
     name = "servo_friction"
     summary = "extended servo friction: load x Stribeck x direction (M2 to M6)"
     equation = (
-        "motor row: sign(θ') (e static + |motor τ + external load| + e |static_motor τ + static_external load|"
+        "motor equation: sign(θ') (e static + |motor τ + external load| + e |static_motor τ + static_external load|"
         " + e driving load² or e driven τ²),  e = exp(-(|θ'|/velocity)^exponent),  τ = torque that the model predicts"
     )
     physics = (
@@ -46,7 +46,7 @@ class ServoFriction(Effect):
         " differs between driving and being driven, as in worm, spur and harmonic gears."
     )
     typical = "1-20 % of the torque for each load term; velocity 0.05-0.5 rad/s at the joint"
-    fingerprint = "motor and sum rows, odd in velocity, more under load and at low speed"
+    fingerprint = "motor side and whole joint, odd in velocity, more under load and at low speed"
     record = "slow and fast motion in both directions under different loads, lifting as well as lowering"
     place = "motor"
     acts_as = "friction"

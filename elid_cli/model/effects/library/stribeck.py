@@ -29,13 +29,13 @@ class Stribeck(Effect):
 
     name = "stribeck"
     summary = "friction that rises or falls towards zero speed"
-    equation = "motor row: amplitude sign(θ') exp(-(|θ'|/velocity)^exponent)"
+    equation = "motor equation: amplitude sign(θ') exp(-(|θ'|/velocity)^exponent)"
     physics = (
         "At low speed the surfaces touch (boundary lubrication); as the speed rises a film forms between them and the"
         " friction drops to the Coulomb and viscous level (Stribeck 1902)."
     )
     typical = "10-100 % of the Coulomb friction; velocity 0.01-0.3 rad/s at the joint"
-    fingerprint = "motor and sum rows, odd in velocity, within three Stribeck velocities of standstill"
+    fingerprint = "motor side and whole joint, odd in velocity, within three Stribeck velocities of standstill"
     record = "slow passes through zero speed in both directions, and steady slow motion"
     place = "motor"
     acts_as = "friction"

@@ -21,15 +21,17 @@ class TorqueDelay(Effect):
 
     name = "torque_delay"
     summary = "torque that acts later than logged, or is logged later than it acts"
-    equation = "motor row: delay dτ/dt, that is τ(t - delay) acts at t"
+    equation = "motor equation: delay dτ/dt, that is τ(t - delay) acts at t"
     physics = (
         "A log that holds the commanded torque is ahead: current loop, amplifier and zero-order hold deliver it later"
         " (half a sample at least). One that holds a measured current, filtered or stamped on arrival, is behind: the"
         " delay is negative."
     )
     typical = "half a sample to 8 ms, either way"
-    fingerprint = "motor and sum rows, along the torque's own rate of change"
-    record = "fast torque changes; a transmission damper shows in the motor row only, a delay in the sum row as well"
+    fingerprint = "motor side and whole joint, along the torque's own rate of change"
+    record = (
+        "fast torque changes; a transmission damper shows on the motor side only, a delay in the whole joint as well"
+    )
     place = "torque"
     amplitudes = (
         Parameter("delay", "s", "time from a logged torque to its effect, negative where it acts first", LATEST, 0.1),

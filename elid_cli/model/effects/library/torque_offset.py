@@ -14,12 +14,12 @@ class TorqueOffset(Effect):
 
     name = "torque_offset"
     summary = "constant torque on the motor side (current offset, cable)"
-    equation = "motor row: offset"
+    equation = "motor equation: offset"
     physics = (
         "The current sensor or the amplifier reads a constant too much, or a cable bundle pulls the motor one way."
     )
     typical = "0.5-3 % of the rated torque"
-    fingerprint = "motor and sum rows, constant in everything"
+    fingerprint = "motor side and whole joint, constant in everything"
     record = "rests as well as motion in both directions: asymmetric friction vanishes at rest, an offset does not"
     place = "motor"
     acts_as = "torque"

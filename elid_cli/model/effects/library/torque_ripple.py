@@ -13,12 +13,12 @@ class TorqueRipple(Harmonic):
 
     name = "torque_ripple"
     summary = "motor torque that ripples with the angle (cogging)"
-    equation = "motor row: amplitude sin(order θ + phase)"
+    equation = "motor equation: amplitude sin(order θ + phase)"
     physics = (
         "Rotor magnets snap to the stator's teeth (cogging); slots and current scaling errors modulate the torque."
     )
     typical = "0.5-5 % of the rated torque; order = gear ratio times pole pairs, or a multiple"
-    fingerprint = "motor and sum rows, periodic in the motor's angle whatever the direction of motion"
+    fingerprint = "motor side and whole joint, periodic in the motor's angle whatever the direction of motion"
     record = "slow steady motion in both directions, slow enough that the ripple stays below the filter's cut-off"
     place = "motor"
     acts_as = "torque"

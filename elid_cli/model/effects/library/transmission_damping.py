@@ -12,10 +12,10 @@ class TransmissionDamping(Effect):
 
     name = "transmission_damping"
     summary = "viscous damping in the transmission"
-    equation = "link row: +damping (q' - θ'), motor row: the same with -"
+    equation = "link equation: +damping (q' - θ'), motor equation: the same with -"
     physics = "Material damping of flexspline, belt or shaft, and oil squeezed between teeth."
     typical = "0.1-1 % of critical; damping/K 1-5 ms"
-    fingerprint = "motor row high with the sum row at its floor, along the deflection's rate"
+    fingerprint = "motor side only, along the deflection's rate"
     record = "motion that makes the joint vibrate (jerky steps), link encoder and torque on one clock"
     place = "spring"
     acts_as = "torque"

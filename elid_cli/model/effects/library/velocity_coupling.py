@@ -17,10 +17,12 @@ class VelocityCoupling(Effect):
 
     name = "velocity_coupling"
     summary = "friction caused by another joint's motion (coupled wrist)"
-    equation = "motor row: viscous θ'_other + coulomb sign(θ'_other)"
+    equation = "motor equation: viscous θ'_other + coulomb sign(θ'_other)"
     physics = "In a wrist whose gears run through each other, turning one motor also turns gears and seals of the next."
     typical = "10-50 % of the joint's own friction"
-    fingerprint = "motor and sum rows, along another joint's speed or direction while this joint does what it likes"
+    fingerprint = (
+        "motor side and whole joint, along another joint's speed or direction while this joint does what it likes"
+    )
     record = "each joint moved alone, then both together"
     place = "motor"
     amplitudes = (
