@@ -17,7 +17,7 @@ from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identifica
 from elid_cli.estimation.stiffness.link_equation import with_both_regressions, with_link_stiffness
 from elid_cli.estimation.stiffness.noise import stiffness_in_noise, with_pull
 from elid_cli.estimation.validation.cross_validation import held_out
-from elid_cli.estimation.validation.verdicts import judge, shortfall, suspicious, torque_scale
+from elid_cli.estimation.validation.verdicts import Estimates, judge, shortfall, suspicious, torque_scale
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.parameter import StandardParameter
@@ -56,10 +56,10 @@ def assemble(
     estimate = transform @ solution.values
     spread = transform[:, solution.basis] @ fit.covariance @ transform[:, solution.basis].T
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    scale = torque_scale(base, fit.triangles)
+    values = Estimates(base, estimate, deviation, torque_scale(base, fit.triangles), known)
     facts = fit.data.facts
     left = freedom(facts, fit.triangles, len(solution.basis))
-    verdict, reasons = judge(base, estimate, deviation, scale, known, robot, facts, refused or {}, left)
+    verdict, reasons = judge(values, robot, facts, refused or {}, left)
     unsaid = np.array([v == "refused" for v in verdict])
     nuisances, delays = _nuisances(fit)
     doubts = () if fit.data.samples is None else fit.signals.doubts

@@ -21,7 +21,7 @@ from elid_cli.estimation.regression.triangles import Triangles, to_triangles
 from elid_cli.estimation.result import EstimateOptions, Identification, records
 from elid_cli.estimation.stretches import stretch_of
 from elid_cli.estimation.validation.cross_validation import joint_errors
-from elid_cli.estimation.validation.verdicts import judge, suspicious, torque_scale
+from elid_cli.estimation.validation.verdicts import Estimates, judge, suspicious, torque_scale
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
@@ -77,8 +77,8 @@ def identify_paper(
     spread = base.transform[:, solution.basis] @ solution.inverse
     covariance = spread @ spread.T * power / spare
     deviation = np.sqrt(np.diag(covariance))
-    scale = torque_scale(base, triangles)
-    verdict, reasons = judge(base, estimate, deviation, scale, known, robot, facts_of(signals, observation.known), {})
+    values = Estimates(base, estimate, deviation, torque_scale(base, triangles), known)
+    verdict, reasons = judge(values, robot, facts_of(signals, observation.known), {})
     unsaid = ~known
     verdict = tuple(v if v != "refused" or unsaid[k] else "weak" for k, v in enumerate(verdict))
     error = joint_errors(robot, *_prediction(model, base, signals, triangles, solution, options))

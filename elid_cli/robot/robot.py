@@ -203,11 +203,6 @@ class Robot:
         return replace(self, joints=tuple(joints))
 
     @property
-    def is_tree(self) -> bool:
-        """Whether any joint is carried by another one than the joint before it."""
-        return any(parent != k - 1 for k, parent in enumerate(self.parents))
-
-    @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, base to tip."""
         return tuple(joint.name for joint in self.joints)

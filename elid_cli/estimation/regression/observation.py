@@ -186,11 +186,6 @@ def _equations(item: RowPlan, columns: Array, tau: Array, read: Array, use: NDAr
     return RowGroup(item.row, item.columns, columns, tau[joint], use[joint])
 
 
-def extra_columns(signals: Signals, rows: Mapping[EstimationRow, Array]) -> dict[EstimationRow, Array]:
-    """Filter and decimate further columns (d, N) of some rows to (d, M)."""
-    return {row: signals.decimate(values) for row, values in rows.items()}
-
-
 def pair(
     effects: Mapping[tuple[str, int], Array],
     robot: Robot,

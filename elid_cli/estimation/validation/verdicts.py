@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,27 +49,30 @@ def torque_scale(base: BaseParameters, triangles: Triangles) -> Array:
         return TORQUE_SHARE / strongest[base.leaders]
 
 
+@dataclass(frozen=True)
+class Estimates:
+    """Base parameters as a fit gives them."""
+
+    base: BaseParameters
+    estimate: Array
+    """(b,)."""
+    deviation: Array
+    """Standard errors, (b,)."""
+    scale: Array
+    """`torque_scale`, (b,)."""
+    known: NDArray[np.bool_]
+    """Which the log's rank determines, (b,)."""
+
+
 def judge(
-    base: BaseParameters,
-    estimate: Array,
-    deviation: Array,
-    scale: Array,
-    known: NDArray[np.bool_],
-    robot: Robot,
-    facts: SignalFacts,
-    refused: Mapping[str, str],
-    freedom: float = np.inf,
+    found: Estimates, robot: Robot, facts: SignalFacts, refused: Mapping[str, str], freedom: float = np.inf
 ) -> tuple[tuple[Verdict, ...], dict[str, str]]:
     """Return the verdict on every base parameter and the reasons, by the leading parameter's name.
 
     Parameters
     ----------
-    base, estimate, deviation
-        Base parameters, their estimates and standard errors, (b,).
-    scale
-        `torque_scale`.
-    known
-        Which base parameters the log's rank determines, (b,).
+    found
+        What was estimated.
     robot, facts
         The robot and what moved.
     refused
@@ -76,6 +80,8 @@ def judge(
     freedom
         Degrees of freedom that a short log leaves (`standard_errors.freedom`).
     """
+    base, estimate, deviation = found.base, found.estimate, found.deviation
+    scale, known = found.scale, found.known
     verdicts: list[Verdict] = []
     reasons: dict[str, str] = {}
     for k, leader in enumerate(base.leaders):
