@@ -40,6 +40,8 @@ class SavedDistribution:
     """(b, b)."""
     biased: NDArray[np.bool_]
     """Whether what the model lacks can move it, (b,)."""
+    channels: tuple[str, ...] = ()
+    """Offsets and delays of drives that a fit of simulated motion found beside: ``torque_offset hip``."""
 
     @property
     def known(self) -> NDArray[np.bool_]:
@@ -102,12 +104,21 @@ def distribution_of(data: Mapping[str, Any], path: str) -> SavedDistribution:
         reference=_numbers([e.get("reference") for e in entries], path),
         covariance=_matrix(data["covariance"], len(entries), path),
         biased=np.array([e.get("bias_possible") is True for e in entries]),
+        channels=_channels(data),
     )
     if len(set(found.names)) < len(found.names):
         raise UsageError(f"{path}: names a base parameter twice", hint=AGAIN)
     if not found.known.any():
         raise UsageError(f"{path}: every base parameter is refused", detail="there is nothing to draw from")
     return found
+
+
+def _channels(data: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the drives' offsets and delays, without which a robot fitted by its motion does not move as measured."""
+    found = data.get("nuisances")
+    if data.get("estimator") != "trajectory" or not isinstance(found, list):
+        return ()
+    return tuple(f"{n.get('effect')} {n.get('joint')}" for n in found if isinstance(n, Mapping))
 
 
 def _well_formed(entry: Any) -> bool:

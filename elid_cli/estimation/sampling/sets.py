@@ -82,10 +82,11 @@ def sample(
     UsageError
         Results of unlike robots, or a robot that lacks their joints or parameters.
     """
-    found = pooled([as_distribution(result, number) for number, result in enumerate(results, start=1)])
+    told = [as_distribution(result, number) for number, result in enumerate(results, start=1)]
+    found = pooled(told)
     generator = np.random.default_rng(seed)
     values = draw_sets(found.mean, found.covariance, found.positive, count, generator)
-    notes = _held_words(found)
+    notes = [*_held_words(found), *_channel_words(told)]
     if robot is None:
         return ParameterSets(found, found.names, found.units, found.origin, values, seed, tuple(notes))
     robot, base, rows = as_identified(robot, found)
@@ -95,6 +96,19 @@ def sample(
     return ParameterSets(
         found, tuple(base.parameters), robot.parameter_units(), origin, whole, seed, (*notes, *said), robot
     )
+
+
+def _channel_words(results: Sequence[SavedDistribution]) -> list[str]:
+    """Return that the drives' offsets and delays are not drawn, where there are any."""
+    kinds: dict[str, set[str]] = {}
+    for channel in dict.fromkeys(name for result in results for name in result.channels):
+        kind, _, joint = channel.partition(" ")
+        kinds.setdefault(kind, set()).add(joint)
+    if not kinds:
+        return []
+    listed = ", ".join(f"{kind} of {len(joints)} joint{'s' * (len(joints) > 1)}" for kind, joints in kinds.items())
+    return [f"of the drives and not of the robot, so not drawn: {listed}; a simulation needs them as well "
+            "(elid identify --write-actuators)"]  # fmt: skip
 
 
 def _held_words(found: Distribution) -> list[str]:

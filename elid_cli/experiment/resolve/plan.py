@@ -20,6 +20,7 @@ from elid_cli.experiment.resolve.otherwise import LIKELY, Remedy, remedies
 from elid_cli.experiment.resolve.played import Bench
 from elid_cli.experiment.resolve.question import Group, Hypothesis, Question
 from elid_cli.experiment.resolve.separation import Separation, View, varied
+from elid_cli.model.effects import twins_of
 from elid_cli.model.effects.effect import Effect
 from elid_cli.robot.robot import Robot
 from elid_cli.tables import Shown
@@ -70,6 +71,9 @@ class Pair:
     """The same of the random motion."""
     twins: bool
     """Whether the two are the same in every row whatever the motion."""
+    alike: bool = False
+    """Whether the two are declared to imitate each other: a diagnosis then asks for a lead that is a share of the gain,
+    and that share follows from sizes which only a named effect has."""
     otherwise: tuple[Remedy, ...] = ()
     """What would decide where this does not."""
 
@@ -88,7 +92,7 @@ class Pair:
         """``promised``, ``likely`` (more often than not), ``unlikely`` or ``no motion``."""
         if self.twins or self.planned < BELOW:
             return "no motion"
-        if self.probability >= LIKELY:
+        if self.probability >= LIKELY and (self.named or not self.alike):
             return "promised"
         return "likely" if self.probability > 0.5 else "unlikely"
 
@@ -243,7 +247,8 @@ def _pairs(judge: Judge, group: Group, motion: SplineReference, others: Sequence
         sigma, probability = min(mine[k][0] for k in ways), float(np.mean([mine[k][1] for k in ways]))
         others_sigma = float(np.median([min(r[k][0] for k in ways) for r in random]))
         chance = float(np.mean([np.mean([r[k][1] for k in ways]) for r in random]))
-        pair = Pair(a, b, group.named, sigma, others_sigma, probability, chance, judge.same(a, b))
+        alike = b.effect in twins_of(a.kind)
+        pair = Pair(a, b, group.named, sigma, others_sigma, probability, chance, judge.same(a, b), alike)
         if pair.verdict != "promised":
             states = sampled(motion, judge.bench.rate)
             more = remedies(a, b, states, partial(judge.distances, group), hopeless=pair.twins)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from elid_cli.errors import UsageError
 from elid_cli.estimation.sampling.pool import pooled
 from elid_cli.estimation.sampling.saved import SavedDistribution
+from elid_cli.estimation.sampling.sets import sample
 
 NAMES = ("Ja1", "cy1", "fs1 + Izz1")
 TERMS = ({"Ja1": 1.0}, {"cy1": 1.0}, {"fs1": 1.0, "Izz1": 2.0})
@@ -36,6 +39,13 @@ def test_refused_ones_are_held_at_the_reference_or_unknown() -> None:
     assert found.origin == ("held", "unknown", "drawn")
     assert found.mean[0] == 7.0
     assert found.covariance[:2].tolist() == [[0.0] * 3] * 2
+
+
+def test_offsets_of_drives_are_said_not_to_be_drawn() -> None:
+    one = result(np.array([3.0, 1.0, 2.0]))
+    assert sample([one], 2).notes == ()
+    (words,) = sample([replace(one, channels=("torque_offset hip", "torque_offset knee")), one], 2).notes
+    assert "not drawn: torque_offset of 2 joints" in words
 
 
 def test_one_that_some_results_refuse_is_of_the_others() -> None:
