@@ -12,6 +12,7 @@ from importlib import metadata, resources
 from elid_cli import __version__
 from elid_cli.errors import visible
 from elid_cli.report.formats import Style
+from elid_cli.report.formats.terminal import TIE, UNITS
 from elid_cli.report.glossary import TERMS, explained
 from elid_cli.report.tree import (
     Cell,
@@ -136,7 +137,7 @@ def _is(section: Section, key: str) -> bool:
 
 def _answers(answers: KeyValues) -> str:
     cards = "".join(
-        f"<div><h2>{escape(_upper(question))}</h2><p>{escape(cell_text(answer))}</p></div>"
+        f"<div><h2>{escape(_upper(question))}</h2><p>{_prose(cell_text(answer))}</p></div>"
         for question, answer in answers.items
     )
     return f'<section class=answers aria-label="answers">{cards}</section>'
@@ -222,11 +223,11 @@ def _text(section: Text) -> str:
     if section.role == "code":
         return f"<pre>{escape(section.text)}</pre>"
     kind = "warning" if section.role == "warning" else "meaning"
-    return f'<p class="{kind}">{escape(section.text)}</p>'
+    return f'<p class="{kind}">{_prose(section.text)}</p>'
 
 
 def _key_values(section: KeyValues) -> str:
-    rows = "".join(f"<dt>{_words(label)}</dt><dd>{escape(cell_text(cell))}</dd>" for label, cell in section.items)
+    rows = "".join(f"<dt>{_words(label)}</dt><dd>{_prose(cell_text(cell))}</dd>" for label, cell in section.items)
     return f"<dl>{rows}</dl>"
 
 
@@ -278,6 +279,11 @@ def _figure(figure: Figure, *, titled: bool = True) -> str:
 
 def _anchor(key: str) -> str:
     return "f-" + re.sub(r"[^A-Za-z0-9_-]", "_", file_name(key))
+
+
+def _prose(text: str) -> str:
+    """Return a text with numbers tied to their units: no line ends between them."""
+    return escape(UNITS.sub(TIE, text))
 
 
 def _upper(text: str) -> str:
