@@ -41,6 +41,8 @@ COARSE = 0.005
 """Part of itself by which steps of 1 ms and what happens within a sample move a value …"""
 PROMPT = 1.5e-4
 """… and time by which they move a delay, s."""
+WEAKLY = 1e-3
+"""Part of all blocks' normal equations that is added to those of one."""
 DAMPING = 1e-6
 """Of the normal equations' diagonal: directions that the motion does not show stay where they are."""
 
@@ -85,6 +87,21 @@ class TrajectoryFit:
     def delays(self) -> Array:
         """By how much the motion of each recording is late against its commands, s, (R,)."""
         return self.z[self.unknowns.delays]
+
+    @property
+    def within(self) -> Array:
+        """How far the unknowns are apart in blocks of one recording taken alone, as a standard deviation, (U,).
+
+        Of several recordings, the root mean square. Beside noise it holds what wanders in a recording, and what a model
+        that lacks something takes for other values in other poses: another recording may be as far off.
+        """
+        sources = np.array([source for source, _, _ in self.spans])
+        matrix, load = self.equations.matrix, self.equations.load
+        # a block that hardly shows an unknown leaves it where all blocks have it
+        alone = np.array([solved(m + WEAKLY * matrix.sum(axis=0), g) for m, g in zip(matrix, load, strict=True)])
+        spread = [np.var(alone[sources == r], axis=0, ddof=1) for r in np.unique(sources)]
+        found: Array = np.sqrt(np.mean(spread, axis=0))
+        return found
 
     @property
     def deviation(self) -> Array:

@@ -219,7 +219,7 @@ def channel_faults(robot: Robot, fit: TrajectoryFit) -> tuple[Nuisance, ...]:
 def _settings(robot: Robot, fit: TrajectoryFit) -> dict[str, object]:
     """Return what JSON says of the fit: errors of the positions, rad (m), and every unknown with its errors."""
     names, errors = (*PARAMETERS, "offset"), fit.unknowns.joint_values(fit.deviation)
-    between = fit.unknowns.joint_values(fit.between)
+    between, within = fit.unknowns.joint_values(fit.between), fit.unknowns.joint_values(fit.within)
     return {
         "steps": fit.steps,
         "delays": fit.delays.tolist(),
@@ -228,7 +228,7 @@ def _settings(robot: Robot, fit: TrajectoryFit) -> dict[str, object]:
         "joint_parameters": {
             joint: {
                 name: {"estimate": float(fit.values[k, c]), "std_error": float(errors[k, c]),
-                       "between_recordings": float(between[k, c])}
+                       "between_recordings": float(between[k, c]), "within_recording": float(within[k, c])}
                 for c, name in enumerate(names)
             }
             for k, joint in enumerate(robot.joint_names)

@@ -93,6 +93,18 @@ def test_intervals_hold_the_truth(arm: Robot, clean: Recording) -> None:
     assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
+def test_what_wanders_within_a_recording_is_told(arm: Robot, clean: Recording) -> None:
+    quiet = logged(clean, 1)
+    warm = {**quiet.commands}
+    # a drive whose offset drifts, as commands that drift make it
+    warm["q_des"] = quiet.commands["q_des"] + 0.01 * (quiet.t / quiet.t[-1])[:, None]
+    told = [fitted(bare(arm), item).settings["trajectory"] for item in (quiet, replace(quiet, commands=warm))]
+    for joint, kp in zip(arm.joint_names, (400.0, 150.0), strict=True):
+        still, drifting = (own["joint_parameters"][joint]["offset"]["within_recording"] for own in told)
+        assert drifting > 10 * still
+        assert drifting == pytest.approx(0.01 * kp / np.sqrt(12), rel=0.3)  # of a line from end to end
+
+
 def test_least_squares_on_the_computed_torque_is_biased_and_the_trajectory_is_not(arm: Robot, clean: Recording) -> None:
     noisy = logged(clean, 3, noise=2e-3)
     robot = bare(arm)

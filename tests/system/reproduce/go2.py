@@ -1,6 +1,6 @@
 """The measured quadruped: identified or diagnosed from some runs, replayed on others, by elid and by MuJoCo.
 
-    python -m tests.system.reproduce.go2 [--only WORD …] [--data FOLDER]
+    python -m tests.system.reproduce.go2 [--only ROW …] [--pairs] [--data FOLDER]
 
 Each row is what a user would type: `identify --fit trajectory`, or `diagnose`, writes a patched go2.xml and the file
 of actuators beside it; `replay` judges both on runs that were not fitted, MuJoCo the patched file as it stands (base
@@ -17,6 +17,8 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+import numpy as np
 
 DATA = Path(__file__).parents[4] / "shared" / "data"
 ROWS: dict[str, tuple[tuple[str, ...], tuple[int, ...], tuple[int, ...]]] = {
@@ -57,12 +59,39 @@ def judged(row: str, data: Path, folder: Path) -> tuple[list[tuple[int, float, f
     return errors, seconds
 
 
+def pairs(data: Path) -> None:
+    """Print how often 95 % intervals from one run hold what another run gives, by kind of parameter."""
+    kinds = ("Ja", "fs", "fv", "offset")
+    values = []
+    for k in range(5):
+        told, _ = elid("identify", str(data / f"go2_{k}.h5"), "--robot", str(data / "go2.xml"), "--fit", "trajectory",
+                       "--json")  # fmt: skip
+        joints = json.loads(told)["settings"]["trajectory"]["joint_parameters"].values()
+        values.append([[[own[kind][key] for key in ("estimate", "std_error", "within_recording")] for kind in kinds]
+                       for own in joints])  # fmt: skip
+    z, deviation, within = np.moveaxis(np.array(values), -1, 0)
+    print("95 % intervals from one run that hold the estimate of another, of 960 pairs")
+    print(f"{'':38}" + "".join(f"{kind:>8}" for kind in kinds) + f"{'all':>8}")
+    gap = np.abs(z[:, None] - z[None])
+    apart = ~np.eye(len(z), dtype=bool)
+    for words, wide in (
+        ("standard error", deviation),
+        ("with the scatter within the recording", np.hypot(deviation, within)),
+    ):
+        held = (gap < 1.96 * wide[:, None])[apart].mean(axis=(0, 1))
+        print(f"{words:38}" + "".join(f"{100 * share:7.0f}%" for share in (*held, held.mean())))
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=ROWS, default=list(ROWS), metavar="ROW", help=", ".join(ROWS))
     parser.add_argument("--data", type=Path, default=DATA)
+    parser.add_argument("--pairs", action="store_true", help="print only what one run's intervals hold of other runs")
     options = parser.parse_args()
+    if options.pairs:
+        pairs(options.data)
+        return
     print("mean absolute error of simulated positions on runs not fitted, mrad")
     print(f"{'':15}{'from runs':>11}{'on run':>8}{'elid':>8}{'MuJoCo':>8}{'processor s':>13}", flush=True)
     for row in options.only:
