@@ -7,6 +7,7 @@ installed these tests skip.
 from __future__ import annotations
 
 import importlib.metadata
+import importlib.util
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import RobotError
+from elid_cli.experiment.simulation.run import SimulationOptions, run
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.regressor import Regressor
@@ -34,6 +36,8 @@ ROUNDED = {"anymal-kinova.urdf", "kinova.urdf", "hextilt_flying_arm_5.urdf", "so
            "al5d_robot.urdf", "puma560_robot.urdf"}  # fmt: skip
 """Files whose right angles are rounded, so that Pinocchio sees up to three parameters more."""
 MOST = 60
+SIMULATED = 7
+"""Joints up to which a robot is simulated here; larger ones take up to half a minute each."""
 
 
 def files() -> list[Path]:
@@ -89,6 +93,55 @@ def states(model: object, robot: Robot, q: np.ndarray, dq: np.ndarray, ddq: np.n
             place[joint.idx_q] = q[k]
         v[joint.idx_v], a[joint.idx_v] = dq[k], ddq[k]
     return place, v, a
+
+
+def test_all_ninety_are_tried() -> None:
+    installed = {package for package in PACKAGES if importlib.util.find_spec(package.replace("-", "_")) is not None}
+    assert len(FILES) == 90 or len(installed) < len(PACKAGES)
+
+
+def changed(robot: Robot) -> Robot:
+    """Return the robot with every body heavier, each by another share: what a URDF and an MJCF both can hold."""
+    joints = []
+    for k, joint in enumerate(robot.joints):
+        own = {name: joint.parameters[name] for name in LINK_PARAMETERS if name in joint.parameters}
+        joints.append(replace(joint, parameters=joint.parameters | {n: v * (1.1 + 0.01 * k) for n, v in own.items()}))
+    return replace(robot, joints=tuple(joints))
+
+
+@pytest.mark.parametrize("path", [p for p in FILES if p.suffix == ".urdf" and p.name not in NO_ROBOT],
+                         ids=lambda path: f"{path.parent.name}/{path.name}")  # fmt: skip
+def test_a_public_urdf_written_back_has_the_same_mass_matrix_in_pinocchio(path: Path, tmp_path: Path) -> None:
+    robot = changed(read_robot(path))
+    if robot.n > MOST:
+        pytest.skip("more joints than are identified")
+    (again := tmp_path / path.name).write_text(patched(robot))
+    model = reference(again, robot)
+    data = model.createData()
+    q = np.random.default_rng(1).uniform(-1, 1, robot.n)
+    place, *_ = states(model, robot, q, q, q)
+    whole = np.triu(pin.crba(model, data, place))
+    whole = whole + np.triu(whole, 1).T - np.diag(model.armature)
+    rows = [model.joints[model.getJointId(name)].idx_v for name in robot.joint_names]
+    bodies = known(robot)
+    bodies = replace(bodies, joints=tuple(replace(j, parameters={**j.parameters, "Ja": 0.0}) for j in bodies.joints))
+    ours = Dynamics(bodies).mass_matrix(q)
+    np.testing.assert_allclose(ours, whole[np.ix_(rows, rows)], atol=1e-9 * np.abs(ours).max())
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_a_public_robot_moves_for_a_second_as_its_torques_make_it(path: Path) -> None:
+    if path.name in NO_ROBOT or (described := read_robot(path)).n > SIMULATED:
+        pytest.skip("no robot, or one of many joints")
+    robot = known(described)
+    joints = (replace(j, parameters={**j.parameters, "Ja": max(j.parameters["Ja"], 0.01)}) for j in robot.joints)
+    robot = replace(robot, joints=tuple(joints))  # some files give their bodies no mass
+    found = run(robot, SimulationOptions(duration=1.0, rate=100))
+    motion, dynamics = found.motion, Dynamics(robot)
+    for k in range(0, len(found.tau), 9):
+        moved = (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)
+        needed = dynamics.inverse(*(values[k] for values in moved))[1]
+        np.testing.assert_allclose(needed, found.tau[k], atol=1e-8 * np.abs(found.tau).max())
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.name}")
@@ -151,7 +204,11 @@ def test_a_public_mjcf_written_back_has_the_same_mass_matrix_in_mujoco(path: Pat
     data, mass = mujoco.MjData(model), np.zeros((model.nv, model.nv))
     q = np.random.default_rng(1).uniform(-1, 1, robot.n)
     data.qpos[places] = q
+    dq, ddq = np.random.default_rng(2).uniform(-1, 1, (2, robot.n))
+    data.qvel[dofs] = dq
     mujoco.mj_forward(model, data)
     mujoco.mj_fullM(model, data, mass)
-    ours = Dynamics(known(again)).mass_matrix(q)
-    np.testing.assert_allclose(ours, mass[np.ix_(dofs, dofs)], atol=1e-9 * np.abs(ours).max())
+    ours, dynamics = mass[np.ix_(dofs, dofs)], Dynamics(known(again))
+    np.testing.assert_allclose(dynamics.mass_matrix(q), ours, atol=1e-9 * np.abs(ours).max())
+    theirs = ours @ ddq + data.qfrc_bias[dofs]
+    np.testing.assert_allclose(dynamics.inverse(q, dq, ddq, q, dq, ddq)[1], theirs, atol=1e-9 * np.abs(theirs).max())

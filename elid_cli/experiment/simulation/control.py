@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import UsageError
+from elid_cli.errors import RobotError, UsageError
 from elid_cli.model.dynamics import Dynamics
 
 BANDWIDTH = 25.0
@@ -65,7 +65,14 @@ def automatic_gains(dynamics: Dynamics, positions: Array, period: float) -> Gain
         M = dynamics.mass_matrix(q.tolist())
         link = np.maximum(link, np.diag(M)[:n])
         # what one motor feels at once: the others free, its own link left behind
-        felt = 1.0 / np.diag(np.linalg.inv(M))
+        try:
+            felt = 1.0 / np.diag(np.linalg.inv(M))
+        except np.linalg.LinAlgError:
+            raise RobotError(
+                f"{robot.name}: the mass matrix is singular",
+                detail="some joint moves nothing: neither the bodies beyond it nor its rotor have a mass",
+                hint="give masses and inertias, or Ja of every joint",
+            ) from None
         now = np.array([felt[n + elastic.index(k)] if k in elastic else felt[k] for k in range(n)])
         motor = now if not motor.any() else np.minimum(motor, now)
     total = link.copy()
