@@ -13,7 +13,7 @@ from elid_cli.experiment.simulation import SimulationOptions, kernel, run
 from elid_cli.experiment.simulation.integration import System
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.robot.files import read_robot
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import Joint, Robot
 from tests.model.effects.effect_scenes import spatial
 
 ROBOTS: dict[str, Callable[[], Robot]] = {
@@ -69,3 +69,27 @@ def test_compiled_dynamics_are_faster(monkeypatch: pytest.MonkeyPatch) -> None:
         run(read_robot("puma560"), SimulationOptions(duration=3.0, seed=2))
         spent.append(time.process_time() - begin)
     assert spent[2] < 0.7 * spent[0]
+
+
+def rounded() -> Robot:
+    """Return four joints whose right angles a file gives in few digits, as exporters write them."""
+    values = dict(m=2.0, cx=0.1, cy=0.06, cz=-0.05, Ixx=0.06, Iyy=0.07, Izz=0.08, Ixy=0.01, Ixz=0.01, Iyz=-0.01)
+    drive = {"Ja": 0.02, "fs": 0.0, "fv": 0.1}
+    spots = [{"alpha": np.pi / 2 * (-1) ** k + 1e-5 * (k + 1), "d": 0.0 if k % 2 else 0.2} for k in range(4)]
+    joints = [Joint(f"j{k}", **at, transmission="rigid", parameters=values | drive) for k, at in enumerate(spots)]
+    return Robot("rounded", tuple(joints))
+
+
+def test_right_angles_that_are_rounded_move_as_described() -> None:
+    dynamics = Dynamics(rounded())
+    q, dq, tau = np.random.default_rng(3).uniform(-1, 1, (3, 4)).tolist()
+    found = kernel.Kernel(dynamics, 1).accelerations([*q, *dq], tau)
+    wanted = dynamics.solve(q, dq, dq, [0.0] * 4, [0.0] * 4, tau)[0]
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_a_joint_that_moves_nothing_is_one_error() -> None:
+    nothing = dict.fromkeys(("m", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "Ja", "fs", "fv"), 0.0)
+    robot = Robot("empty", (Joint("j1", transmission="rigid", parameters=nothing),))
+    with pytest.raises(RobotError, match="mass matrix is singular"):
+        run(robot, SimulationOptions(duration=1.0))
