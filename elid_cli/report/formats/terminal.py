@@ -133,7 +133,7 @@ class _Writer:
             if side_by_side:
                 self._hanging(_pad(self._said(label), label_width + GAP), cell, INDENT + label_width + GAP)
             else:
-                self._hanging(f"{self._said(label)}: ", cell, 2 * INDENT)
+                self._hanging(f"{self._said(label)}{' ' if label.endswith('?') else ': '}", cell, 2 * INDENT)
 
     def _hanging(self, label: str, cell: Cell, indent: int) -> None:
         """Print ``label value``, the value folded and its further lines indented by `indent`."""
