@@ -45,6 +45,10 @@ class Case:
     """Speed over which friction changes its sign, rad/s."""
     bits: float | None = None
     """Resolution of the encoders per turn."""
+    kinematic: Array | None = None
+    """Kinematic error of the gears, twice per turn of the motor, rad at the joint, (n,)."""
+    link_mode: tuple[float, float] | None = None
+    """Share of every link's inertia that hangs on a spring of its own, and that one's frequency, Hz; damped by 2 %."""
 
 
 def inertias(arm: Arm) -> tuple[Array, Array]:
@@ -156,6 +160,11 @@ def _world(arm: Arm, case: Case, generator: np.random.Generator) -> World:
 
     spring = _bodies(arm, q, dq, ddq)
     theta, dtheta, ddtheta = q.copy(), dq.copy(), ddq.copy()
+    if case.link_mode is not None:
+        share, own = case.link_mode[0], 2 * np.pi * case.link_mode[1]
+        follows = (0.04 * own * omega + own**2) / (omega**2 + 0.04 * own * omega + own**2)
+        lag = np.fft.irfft((follows - 1) * omega**2 * spectrum, count, axis=0) * count / 2
+        spring = spring + share * inertias(arm)[0] * lag
     for i in reversed(range(arm.n)):
         for later in range(i + 1, arm.n):
             carried = ddq[:, :later].sum(axis=1)
@@ -167,6 +176,8 @@ def _world(arm: Arm, case: Case, generator: np.random.Generator) -> World:
                 deflection = np.fft.irfft(lines, count)
             if case.lost is not None:
                 deflection = deflection + case.lost[i] * np.tanh(spring[:, i] / (0.1 * spring[:, i].std()))
+            if case.kinematic is not None:
+                deflection = deflection + case.kinematic[i] * np.sin(2 * arm.gear[i] * q[:, i] + i)
             theta[:, i] = q[:, i] + deflection
             dtheta[:, i], ddtheta[:, i] = rates(theta[:, i])
     return World(arm, t, q, dq, ddq, theta, dtheta, ddtheta, spring)

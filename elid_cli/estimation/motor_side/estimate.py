@@ -26,6 +26,8 @@ LEAST_ERROR, WELL_FITTED = 0.01, 1.2
 """Least standard error, share of the stiffness, where the cost per degree of freedom is above the second."""
 ASYMMETRY = 0.25
 """Standard deviation of how differently load friction brakes in driving and back-driving, share of it."""
+OF_FORM = 0.5
+"""Standard deviation of what the form of friction and of lost motion may hide, share of what it moved."""
 RIGID_ERROR = 0.05
 """Error of the torque up to which a rigid joint counts as a description."""
 DITHER = (2.0, 6.0)
@@ -169,13 +171,19 @@ def _judged(
         return judged
     c, error = float(told.compliance[place]), float(told.error[place])
     share = max(error / c, LEAST_ERROR if told.chi > WELL_FITTED else 0.0)
-    systematic = ASYMMETRY * abs(float(told.load_friction[place])) / c
+    systematic = float(np.hypot(ASYMMETRY * told.load_friction[place], OF_FORM * _form(told, place))) / c
     anti, resonance = float(told.antiresonance[place]), float(told.resonance[place])
     return replace(
         judged, stiffness=1 / c, std_error=float(np.hypot(share / c, systematic)), systematic=systematic,
         rotor=float(told.rotor[place]), antiresonance=anti, resonance=resonance, rigid_to=rigid_to(anti, resonance),
         motion=motion if verdict == "weak" else None,
     )  # fmt: skip
+
+
+def _form(told: Figures, place: int) -> float:
+    """Return how far other forms of friction and of lost motion moved a compliance at most, share of it."""
+    moves = told.moves
+    return 0.0 if moves is None else float(max(abs(moves.friction[place]), abs(moves.spring[place])))
 
 
 def rigid_to(antiresonance: float, resonance: float) -> float:

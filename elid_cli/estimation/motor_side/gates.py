@@ -10,10 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from elid_cli.estimation.motor_side.refits import GAIN, MISFIT, Figures, Moves
+from elid_cli.estimation.motor_side.search import FALL
 from elid_cli.estimation.result import Verdict
 
-FALL, CRAWLS = 0.001, 1e-4
-"""Most that further steps may lower the cost, share of it, and how much of it asks for a look at the valley."""
+CRAWLS = 1e-4
+"""Fall of the cost in further steps, share of it, that asks for a look at the valley; `FALL` is the most allowed."""
 SURE, CLOSE = 5.0, 0.03
 """Compliance over its standard error, at least, and standard error over the compliance, at most."""
 LOWEST = 0.98

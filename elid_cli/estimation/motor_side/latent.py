@@ -71,6 +71,8 @@ class Model:
     """Friction's smooth sign."""
     steep: Array
     """Derivative of all friction by the motor's speed."""
+    tilt: Array
+    """The same by its acceleration: a sample averages over where friction changes its sign."""
     rounded: Array
     """|s|, rounded off at zero; empty without load friction."""
     bumps: Array
@@ -176,23 +178,27 @@ class Latent:
         q = B[0] @ coefficients, B[1] @ coefficients, B[2] @ coefficients
         terms, spring, lagged, theta = self._transmissions(q, x)
         speed, acceleration = first @ theta, second @ theta
-        sign, slope = self.log.direction(speed, acceleration)
+        sign, *slopes = self.log.direction(speed, acceleration)
         tau = x[at["J"]] * (acceleration + terms.carried) + x[at["fv"]] * speed + x[at["fs"]] * sign
         tau += spring + x[at["offset"]]
-        steep = x[at["fv"]] + x[at["fs"]] * slope
+        steep, tilt = x[at["fv"]] + x[at["fs"]] * slopes[0], x[at["fs"]] * slopes[1]
         rounded, bumps = np.zeros((0, self.log.n)), np.zeros((0, 0, self.log.n))
         if "load" in self.parts:
             rounded = np.hypot(spring, self.rounding)
             tau += x[at["load"]] * sign * rounded
-            steep = steep + x[at["load"]] * rounded * slope
+            steep, tilt = (
+                total + x[at["load"]] * rounded * slope for total, slope in zip((steep, tilt), slopes, strict=True)
+            )
         if "bumps" in self.parts:
-            bumps, slopes = self.log.bumps(speed, acceleration)
             size = x[at["bumps"]].reshape(len(STRIBECK_WIDTHS), 1, -1)
+            bumps, *slopes = self.log.bumps(speed, acceleration)
             tau += (size * bumps).sum(axis=0)
-            steep = steep + (size * slopes).sum(axis=0)
+            steep, tilt = (
+                total + (size * slope).sum(axis=0) for total, slope in zip((steep, tilt), slopes, strict=True)
+            )
         for amplitude, friction in zip(x[at["further"]], self.further, strict=True):
             tau[:, friction.joint] += amplitude * friction.values(speed[:, friction.joint])
-        return Model(q, terms, spring, lagged, theta, speed, acceleration, sign, steep, rounded, bumps, tau)
+        return Model(q, terms, spring, lagged, theta, speed, acceleration, sign, steep, tilt, rounded, bumps, tau)
 
     def residual(self, coefficients: Array, x: Array) -> tuple[Array, Array, Model]:
         """Return the residuals of positions (N, n) and torques (rows, n) over their noise, and the model."""
@@ -234,8 +240,11 @@ class Latent:
                     for rotor in (now.terms.by_speed, now.terms.by_acceleration)
                 )
                 spring += (speed * first + acceleration * second) @ motions[j]
-            steep = low_pass * pieces.seen(now.steep[:, i], part)[:, None]
-            by_theta, by_spring = steep @ first, low_pass * pieces.seen(self._spring_share(now, x, i), part)[:, None]
+            steep, tilt, share = (
+                low_pass * pieces.seen(values, part)[:, None]
+                for values in (now.steep[:, i], now.tilt[:, i], self._spring_share(now, x, i))
+            )
+            by_theta, by_spring = steep @ first + tilt @ second, share
             theta = np.zeros((len(own_basis), own_basis.shape[1], spring.shape[2]))
             if self.link.elastic[i]:
                 by_theta += x[at["J"][i]] * pieces.filtered_acceleration[part]
@@ -289,7 +298,8 @@ class Latent:
                 self._deflection_by_unknowns(now, x, spring, theta[:, i], i)
                 used = np.union1d(used, [at[name][i] for name in ("damping", "lost", "c")])
                 here = theta[:, i, used]
-                tau[:, i, used] = x[at["J"][i]] * (second @ here) + now.steep[:, i, None] * (first @ here)
+                inertia = x[at["J"][i]] + now.tilt[:, i, None]
+                tau[:, i, used] = inertia * (second @ here) + now.steep[:, i, None] * (first @ here)
                 tau[:, i, at["J"][i]] += now.acceleration[:, i] + now.terms.carried[:, i]
             tau[:, i] += self._spring_share(now, x, i)[:, None] * spring
             tau[:, i, at["fv"][i]], tau[:, i, at["fs"][i]] = now.speed[:, i], now.sign[:, i]

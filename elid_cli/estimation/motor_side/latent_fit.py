@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from elid_cli.estimation.motor_side.latent import PARTS, Latent, Model
 HUBER = 4.0
 """Torque residual in standard deviations beyond which it counts less."""
 _TRIES = 9
+SHARES = (1.0, 0.3, 0.1)
+"""Shares of a step that are tried: friction's kinks, which move with the path, make a whole one too long."""
 _BLOCKS = 20
 """Blocks of time whose scores tell of correlated residuals."""
 _FAR, _FAR_FALL = 10.0, 0.3
@@ -138,6 +141,19 @@ def fit(
     return _Descent(problem, free, how or Iteration()).run(x.copy(), coefficients.copy())
 
 
+class _Step(NamedTuple):
+    """A step that lowers the cost."""
+
+    x: Array
+    coefficients: Array
+    residual: tuple[Array, Array, Model]
+    cost: float
+    move: Array
+    """The whole one's, of the free unknowns."""
+    schur: Schur
+    unit: Array
+
+
 class _Descent:
     def __init__(self, problem: Latent, free: NDArray[np.bool_], how: Iteration) -> None:
         self.problem, self.how = problem, how
@@ -170,34 +186,19 @@ class _Descent:
             root = np.sqrt(weight)
             rows = _Rows(problem, now, x, (theta, tau), root, self.free)
             normal = _Normal(rows, self.pull[self.free], (x - problem.prior_mean)[self.free])
-            done = None
-            for attempt in range(_TRIES):
-                schur = normal.eliminated(self.damping)
-                if schur is None:
-                    self.damping = max(10 * self.damping, 1e-4)
-                    continue
-                move, unit = normal.move(schur, self.damping)
-                trial = x.copy()
-                trial[self.free] += move
-                there = coefficients + (schur.solved[:, -1] - schur.solved[:, :-1] @ move).reshape(coefficients.shape)
-                after = problem.residual(there, trial)
-                lower = self._cost(after[0], after[1], weight, trial)
-                if np.isfinite(lower) and lower < cost * (1 + 1e-9):
-                    done = attempt, schur, unit
-                    break
-                self.damping = max(10 * self.damping, 1e-8)
-            if done is None:
+            step = self._stepped(normal, coefficients, x, weight, cost)
+            if step is None:
                 break
+            there, trial, after, lower = step.coefficients, step.x, step.residual, step.cost
             fall, taken = (cost - lower) / cost, taken + 1
             coefficients, x, (theta, tau, now) = there, trial, after
-            self.damping = max(self.damping / 8, 1e-10) if done[0] == 0 else self.damping
             weight = self._weight(tau)
             cost = self._cost(theta, tau, weight, x)
             if number + 1 < self.how.least:
                 continue
             if self.how.decided(cost, fall):
                 break
-            if fall < self.how.tolerance and (not self.how.settle or self._settled(move, *done[1:])):
+            if fall < self.how.tolerance and (not self.how.settle or self._settled(step.move, step.schur, step.unit)):
                 break
         undamped = normal.eliminated(0.0)
         if undamped is None:
@@ -206,6 +207,28 @@ class _Descent:
         return LatentFit(
             problem, x, coefficients, now, cost, freedom, (theta, tau), self.free, taken, root, undamped
         )  # fmt: skip
+
+    def _stepped(self, normal: _Normal, coefficients: Array, x: Array, weight: Array, cost: float) -> _Step | None:
+        """Return the first step that lowers the cost: shorter ones of a direction, then directions that are damped."""
+        for attempt in range(_TRIES):
+            schur = normal.eliminated(self.damping)
+            if schur is None:
+                self.damping = max(10 * self.damping, 1e-4)
+                continue
+            move, unit = normal.move(schur, self.damping)
+            path = (schur.solved[:, -1] - schur.solved[:, :-1] @ move).reshape(coefficients.shape)
+            for share in SHARES:
+                trial = x.copy()
+                trial[self.free] += share * move
+                there = coefficients + share * path
+                after = self.problem.residual(there, trial)
+                lower = self._cost(after[0], after[1], weight, trial)
+                if np.isfinite(lower) and lower < cost * (1 + 1e-9):
+                    if attempt == 0 and share == 1.0:
+                        self.damping = max(self.damping / 8, 1e-10)
+                    return _Step(trial, there, after, lower, move, schur, unit)
+            self.damping = max(10 * self.damping, 1e-8)
+        return None
 
     def _settled(self, move: Array, schur: Schur, unit: Array) -> bool:
         deviation = schur.scale * np.sqrt(np.abs(np.diag(np.linalg.pinv(unit, hermitian=True))))

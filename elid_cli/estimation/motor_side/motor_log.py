@@ -141,18 +141,23 @@ class MotorLog:
         """Return the torques as they acted `delay` s before, (N, n)."""
         return self.tau if delay == 0 else np.stack([spline(self.t - delay) for spline in self._acting], axis=1)
 
-    def direction(self, speed: Array, acceleration: Array) -> tuple[Array, Array]:
-        """Return friction's smooth sign of the speed and its slope, each under the thinning kernel, (N, n)."""
-        value, slope = np.zeros((2, *speed.shape))
+    def direction(self, speed: Array, acceleration: Array) -> Array:
+        """Return friction's smooth sign of the speed, its slopes by speed and acceleration, under the thinning kernel.
+
+        Shape (3, N, n).
+        """
+        found = np.zeros((3, *speed.shape))
         for shift, weight in self._averaged:
             sign = np.tanh((speed + acceleration * shift) / self.width)
-            value += weight * sign
-            slope += weight * (1 - sign**2) / self.width
-        return value, slope
+            slope = weight * (1 - sign**2) / self.width
+            found[0] += weight * sign
+            found[1] += slope
+            found[2] += shift * slope
+        return found
 
-    def bumps(self, speed: Array, acceleration: Array) -> tuple[Array, Array]:
-        """Return sign(v) exp(-(v/w)²) of every Stribeck width and their slopes, under the kernel, (bumps, N, n)."""
-        value, slope = np.zeros((2, len(STRIBECK_WIDTHS), *speed.shape))
+    def bumps(self, speed: Array, acceleration: Array) -> Array:
+        """Return sign(v) exp(-(v/w)²) of every Stribeck width and its two slopes, so too, (3, bumps, N, n)."""
+        found = np.zeros((3, len(STRIBECK_WIDTHS), *speed.shape))
         for shift, weight in self._averaged:
             v = speed + acceleration * shift
             sign = np.tanh(v / self.width)
@@ -160,9 +165,11 @@ class MotorLog:
             for k, share in enumerate(STRIBECK_WIDTHS):
                 wide = share * self.width
                 bell = weight * np.exp(-((v / wide) ** 2))
-                value[k] += sign * bell
-                slope[k] += (steep - 2 * v / wide**2 * sign) * bell
-        return value, slope
+                slope = (steep - 2 * v / wide**2 * sign) * bell
+                found[0, k] += sign * bell
+                found[1, k] += slope
+                found[2, k] += shift * slope
+        return found
 
 
 def _kernel_instants(step: int, rate: float) -> list[tuple[float, float]]:

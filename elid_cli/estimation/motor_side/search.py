@@ -32,11 +32,12 @@ LOST_SHARE = 0.15
 """Torque over which lost motion is passed, share of the transmission's."""
 _PAYS = 20.0
 """Fall of the cost, per further unknown and unit of misfit, from which on a column stays."""
-_STRIBECK_FROM, _LOST_FROM, _CORNERED, _UNFIT = 1.3, 1.3, 2.5, 2.0
+_STRIBECK_FROM, _LOST_FROM, _CORNERED, _UNFIT = 1.1, 1.3, 2.5, 2.0
 """Misfits from which on are tried: Stribeck's columns, lost motion, all from the start, a climb without load."""
-FURTHER = Iteration(20, 1e-4, least=1)
-"""How the best end is gone on from: a fit that crawls has not found its valley's bottom, whatever it looks like."""
-LOST, LOST_AT_ONCE = 1000.0, 100.0
+FURTHER, FALL, _RUNS = Iteration(20, 1e-4, least=1), 0.001, 4
+"""How the best end is gone on from, the fall of its cost, share of it, that ends it, and the most times: a fit that
+crawls has not found its valley's bottom, whatever it looks like."""
+LOST, LOST_AT_ONCE = 5000.0, 100.0
 """Cost from which on a climb leads nowhere, and that of one that gets no further than its first rung: what follows
 mends friction, and not equations that fail. Measured: simulated logs with every friction up to 115, 14."""
 HOPELESS = 100.0
@@ -124,8 +125,12 @@ def search(setting: Setting) -> Search:
     if not ends:
         raise np.linalg.LinAlgError("no start leads to a fit")
     first, *others = sorted(ends, key=lambda end: end.cost)
-    further = fit(first.problem, first.x, first.coefficients, setting.unknowns.free(), FURTHER)
-    return Search(setting, (further, *others), (first.cost - further.cost) / further.cost)
+    for _ in range(_RUNS):
+        further = fit(first.problem, first.x, first.coefficients, setting.unknowns.free(), FURTHER)
+        fall, first = (first.cost - further.cost) / further.cost, further
+        if abs(fall) < FALL or further.chi > _UNFIT:
+            break
+    return Search(setting, (first, *others), fall)
 
 
 def _lost(start: ClimbEnd) -> bool:

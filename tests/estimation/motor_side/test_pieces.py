@@ -29,12 +29,13 @@ def setting(arm: Arm) -> Setting:
 
 def test_pieces_give_the_derivatives_of_differences(arm: Arm, setting: Setting) -> None:
     """Low-pass, spring, damper, lost motion and coupled rotors, near both ends and within."""
-    problem = setting.problem(("lost",), np.full(3, 3.0))
+    problem = setting.problem(("load", "bumps", "lost"), np.full(3, 3.0))
     problem.filter_torque(setting.cutoff, 0.003)
     generator = np.random.default_rng(9)
     x, at, pieces = np.zeros(setting.unknowns.size), setting.unknowns, problem.pieces
     x[at["p"]], x[at["J"]] = generator.uniform(0.1, 1.0, len(at["p"])), setting.rotors.value
-    x[at["fv"]], x[at["c"]], x[at["damping"]], x[at["lost"]] = 1.0, 1 / arm.stiffness, 1e-3, 1e-4
+    x[at["fv"]], x[at["fs"]], x[at["load"]], x[at["bumps"]] = 1.0, 0.5, 0.05, 0.2
+    x[at["c"]], x[at["damping"]], x[at["lost"]] = 1 / arm.stiffness, 1e-3, 1e-4
     coefficients = problem.spline.fit(setting.log.theta)
     _, _, now = problem.residual(coefficients, x)
     whole = problem.by_motion(now, x, problem.linearised(now, x), slice(None))

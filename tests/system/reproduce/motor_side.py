@@ -1,17 +1,20 @@
 """Stiffness from the motor side alone on simulated arms: how often it is given, and how often it is wrong.
 
-    python -m tests.system.reproduce.motor_side [LOGS] [FIRST]
+    python -m tests.system.reproduce.motor_side [LOGS] [FIRST] [--beyond]
 
-LOGS logs (default 32), from number FIRST on (default 0), of planar arms that a second simulator moves
+LOGS logs (default 26), from number FIRST on (default 0), of planar arms that a second simulator moves
 (`tests/system/motor_arms.py`): every log has its own arm, motion, noise (80, 70, 60 dB in turn) and rotor inertias told
-up to 20 % wrongly. Takes some 5 s of processor time per log of two joints.
+up to 20 % wrongly. Takes some 2 s of processor time per log of two joints.
+
+--beyond: arms and logs other than those that the thresholds were set for: more joints, coarser encoders, other sample
+rates, gears with a kinematic error, links with a mode of their own.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +39,8 @@ class Kind:
     stribeck: bool = False
     lost: bool = False
     damping: bool = False
+    kinematic: tuple[float, float] = (0.0, 0.0)
+    """Kinematic error, rad: from, to."""
     told_elastic: bool = False
     """Whether the robot file says elastic of rigid joints, too."""
 
@@ -44,6 +49,7 @@ CROSS = Case()
 KINDS = (
     Kind("past the resonances", CROSS),
     Kind("… first joint rigid", CROSS, rigid=(0,)),
+    Kind("… Stribeck", CROSS, stribeck=True),
     Kind("… load friction", CROSS, load=(0.02, 0.1)),
     Kind("… load and Stribeck", CROSS, load=(0.02, 0.1), stribeck=True),
     Kind("… damped springs", CROSS, damping=True),
@@ -54,6 +60,17 @@ KINDS = (
     Kind("rigid, load friction", CROSS, rigid=(0, 1), load=(0.02, 0.1), told_elastic=True),
     Kind("one joint", CROSS, joints=1),
     Kind("three joints", CROSS, joints=3),
+)
+BEYOND = (
+    Kind("14 bit", replace(CROSS, bits=14)),
+    Kind("17 bit", replace(CROSS, bits=17)),
+    Kind("250 Hz", replace(CROSS, rate=250.0)),
+    Kind("500 Hz", replace(CROSS, rate=500.0)),
+    Kind("2 kHz", replace(CROSS, rate=2000.0)),
+    Kind("kinematic error", CROSS, kinematic=(2e-5, 2e-4)),
+    Kind("link mode, 25 Hz", replace(CROSS, link_mode=(0.1, 25.0))),
+    Kind("link mode, 60 Hz", replace(CROSS, link_mode=(0.1, 60.0))),
+    Kind("six joints", CROSS, joints=6),
 )
 
 
@@ -68,18 +85,20 @@ class Joint:
     sigmas: float
 
 
-def judged(number: int) -> tuple[list[Joint], float]:
+def judged(number: int, kinds: Sequence[Kind] = KINDS) -> tuple[list[Joint], float]:
     """Return what is said of the joints of one log, and the processor time, s."""
-    kind = KINDS[number % len(KINDS)]
+    kind = kinds[number % len(kinds)]
     generator = np.random.default_rng([number, 77])
     arm = random_motor_arm(generator, kind.joints, kind.rigid)
-    case = replace(kind.case, signal_to_noise=LEVELS[(number // len(KINDS)) % len(LEVELS)])
+    case = replace(kind.case, signal_to_noise=LEVELS[(number // len(kinds)) % len(LEVELS)])
     if kind.load[1]:
         case = replace(case, load_friction=generator.uniform(*kind.load, kind.joints))
     if kind.stribeck:
         case = replace(case, stribeck=arm.coulomb * generator.uniform(0.3, 1.0, kind.joints))
     if kind.lost:
         case = replace(case, lost=generator.uniform(1e-4, 3e-4, kind.joints))
+    if kind.kinematic[1]:
+        case = replace(case, kinematic=np.exp(generator.uniform(*np.log(kind.kinematic), kind.joints)))
     if kind.damping:
         case = replace(case, damping=generator.uniform(0.5e-3, 2e-3, kind.joints))
     log = motor_log(arm, number, case)
@@ -100,9 +119,9 @@ def judged(number: int) -> tuple[list[Joint], float]:
 
 def table(joints: Iterable[Joint], seconds: dict[str, list[float]]) -> str:
     """Return the table of all kinds."""
-    everything = list(joints)
+    everything, kinds = list(joints), (*KINDS, *BEYOND)
     lines = [f"{'motion':20} joints shown wrong >3se weak wrong none median   max s/log"]
-    names = [kind.name for kind in KINDS if any(joint.kind == kind.name for joint in everything)]
+    names = [kind.name for kind in kinds if any(joint.kind == kind.name for joint in everything)]
     for name in [*names, "all"]:
         own = [joint for joint in everything if name in ("all", joint.kind)]
         good = [joint for joint in own if joint.verdict == "supported"]
@@ -122,15 +141,17 @@ def table(joints: Iterable[Joint], seconds: dict[str, list[float]]) -> str:
 
 def main() -> None:
     """Print the table."""
-    count, first = (int(sys.argv[k]) if len(sys.argv) > k else given for k, given in ((1, 32), (2, 0)))
+    kinds = BEYOND if "--beyond" in sys.argv else KINDS
+    told = [int(word) for word in sys.argv[1:] if word != "--beyond"]
+    count, first = [*told, *(26, 0)[len(told) :]]
     joints: list[Joint] = []
     seconds: dict[str, list[float]] = {}
     for number in range(first, first + count):
-        told, spent = judged(number)
-        joints += told
-        seconds.setdefault(KINDS[number % len(KINDS)].name, []).append(spent)
-        said = ", ".join(f"{joint.verdict} {100 * joint.error:+.2f}%" for joint in told)
-        print(f"{number:4d} {told[0].kind:27} {spent:5.1f} s  {said}", file=sys.stderr, flush=True)
+        found, spent = judged(number, kinds)
+        joints += found
+        seconds.setdefault(found[0].kind, []).append(spent)
+        said = ", ".join(f"{joint.verdict} {100 * joint.error:+.2f}%" for joint in found)
+        print(f"{number:4d} {found[0].kind:27} {spent:5.1f} s  {said}", file=sys.stderr, flush=True)
     print(table(joints, seconds))
 
 
