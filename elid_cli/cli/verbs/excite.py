@@ -18,15 +18,18 @@ if TYPE_CHECKING:
     from elid_cli.robot.robot import Robot
 
 MOTION = "Trajectory"
+SHOWN_FOR = 10.0
+"""Length of a motion that shows stiffnesses, s."""
 
 
 @dataclass(frozen=True)
 class MotionChoice:
-    """Which trajectory is wanted; `after` what, or to `resolve` what."""
+    """Which trajectory is wanted; `after` what, to `resolve` what, or for which joints' stiffness."""
 
     aims: tuple[str, ...] = ()
     after: str | None = None
     resolve: str | None = None
+    show_stiffness: tuple[str, ...] = ()
     duration: float = 20.0
     rate: float = 250.0
     interval: float | None = None
@@ -39,6 +42,7 @@ class MotionChoice:
     "elid excite --robot puma560 -o wrist.csv --for Izz6 --for Jm6 --duration 30",
     "elid excite --robot puma560 -o next.csv --after run07.mcap",
     "elid excite --robot puma560 -o next.csv --resolve diagnosis.json",
+    "elid excite --robot arm.yaml -o stiffness.csv --show-stiffness elbow:15",
 )
 @options.robot
 @options.reading
@@ -66,6 +70,14 @@ class MotionChoice:
         type=File(),
         metavar="FILE",
         help="A diagnosis saved with --json: tell the effects apart that it leaves open.",
+    ),
+    options.option(
+        MOTION,
+        "--show-stiffness",
+        multiple=True,
+        metavar="JOINT[:HZ]",
+        help="Show this joint's stiffness from the motor side: a multisine past its antiresonance, that of the robot "
+        "file's K or the highest to expect, on a slow motion. Repeatable.",
     ),
     options.option(
         MOTION,
@@ -109,7 +121,7 @@ def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output:
     """Find a trajectory whose log tells most about the base parameters, from rest to rest within the joints' limits.
 
     Limits and reference values come from the robot file. The report says which standard errors to expect; with
-    --resolve, how surely the next log decides between effects.
+    --resolve, how surely the next log decides between effects; with --show-stiffness, which multisine it is.
     """
     from pathlib import Path
 
@@ -124,6 +136,9 @@ def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output:
     check_writable(Path(out))
     if motion.resolve is not None:
         _resolve(motion.resolve, robot, motion, out, output)
+        return
+    if motion.show_stiffness:
+        _show_stiffness(robot, motion, out, output)
         return
     with progress(output, "optimising") as advance:
         from dataclasses import replace
@@ -173,7 +188,10 @@ def _resolve(diagnosis: str, robot: str, motion: MotionChoice, out: str, output:
     from elid_cli.errors import UsageError
 
     residual = click.get_current_context().get_parameter_source("residual") is ParameterSource.COMMANDLINE
-    given = (("--for", bool(motion.aims)), ("--after", motion.after is not None), ("--residual", residual))
+    given = (
+        ("--for", bool(motion.aims)), ("--after", motion.after is not None), ("--residual", residual),
+        ("--show-stiffness", bool(motion.show_stiffness)),
+    )  # fmt: skip
     unused = [name for name, there in given if there]
     if unused:
         raise UsageError(
@@ -199,6 +217,35 @@ def _resolve(diagnosis: str, robot: str, motion: MotionChoice, out: str, output:
 
             report = with_figures(report, figures_of(FigureInput(excitation=found)))
     emit(report, output)
+
+
+def _show_stiffness(robot: str, motion: MotionChoice, out: str, output: Output) -> None:
+    """Write the motion that shows stiffnesses, and say what it is."""
+    from elid_cli.cli.output import emit
+    from elid_cli.errors import UsageError
+    from elid_cli.experiment.reference import write_trajectory
+    from elid_cli.experiment.stiffness_motion import stiffness_motion
+    from elid_cli.report.answers.stiffness_motion import LOG_RATE, stiffness_motion_report
+
+    unused = [name for name in ("aims", "after", "interval", "residual") if _given(name)]
+    if unused:
+        names = " and ".join("--for" if name == "aims" else f"--{name}" for name in unused)
+        raise UsageError(f"--show-stiffness does not go with {names}", detail="it plans a motion of its own kind")
+    duration = motion.duration if _given("duration") else SHOWN_FOR
+    found = stiffness_motion(load_robot(robot), motion.show_stiffness, duration, motion.seed)
+    rate = motion.rate if _given("rate") else max(float(LOG_RATE), found.least_rate)
+    if rate < found.least_rate:
+        raise UsageError(f"--rate {rate:g}: the multisine goes to {found.top:.3g} Hz",
+                         hint=f"--rate {found.least_rate:.0f} or more")  # fmt: skip
+    write_trajectory(out, found.robot.joint_names, *found.sampled(rate))
+    emit(stiffness_motion_report(found, robot, out, rate), output)
+
+
+def _given(name: str) -> bool:
+    """Return whether an option was on the command line."""
+    import click
+
+    return click.get_current_context().get_parameter_source(name) is ParameterSource.COMMANDLINE
 
 
 def _last(after: str, machine: Robot, reading: Reading, output: Output) -> LastLog:

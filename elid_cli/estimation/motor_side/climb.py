@@ -90,6 +90,8 @@ class Climb:
         """Every `_stride`-th sample."""
         self.with_load = True
         """Whether load friction is an unknown."""
+        self.tops: list[ClimbEnd] = []
+        """Last rungs of all climbs, whether they fit or not: what dither rectifies is missing from all below."""
 
     # ---- signals below a frequency
 
@@ -294,6 +296,7 @@ class Climb:
             strength = float(np.sqrt(max(1.0, cost) * max(rows, 20) / 20))
             x, cost = self.rung(x, cutoff, unknowns.free(*idle), strength, soft)
             trace.append(ClimbEnd(x, cost, float(cutoff)))
+        self.tops.append(trace[-1])
         return _highest(trace)
 
     def ends(self) -> list[ClimbEnd]:

@@ -13,9 +13,9 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.gates import CRAWLS, MOVE, RISES, TIGHT, failed_gates, verdict_of
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
-from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint, NextMotion, why
+from elid_cli.estimation.motor_side.result import PAST, MotorSide, MotorSideJoint, NextMotion, why
 from elid_cli.estimation.motor_side.rotors import rotors_of
-from elid_cli.estimation.motor_side.search import Search, Setting, search
+from elid_cli.estimation.motor_side.search import FALL, Search, Setting, search
 from elid_cli.estimation.motor_side.stretch import stretch_of
 from elid_cli.robot.locking import locked
 from elid_cli.robot.parameter import StandardParameter
@@ -23,7 +23,8 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 
 LEAST_ERROR, WELL_FITTED = 0.01, 1.2
-"""Least standard error, share of the stiffness, where the cost per degree of freedom is above the second."""
+"""Least standard error, share of the stiffness, where the cost per degree of freedom is above the second, or where
+the fit creeps."""
 ASYMMETRY = 0.25
 """Standard deviation of how differently load friction brakes in driving and back-driving, share of it."""
 OF_FORM = 0.5
@@ -32,8 +33,8 @@ RIGID_ERROR = 0.05
 """Error of the torque up to which a rigid joint counts as a description."""
 DITHER = (2.0, 6.0)
 """Accelerations of all inertia that a torque multisine should make, rad/s² (m/s²)."""
-PAST, GUESSED_TOP = 1.3, 2.0
-"""Highest frequency of the multisine over the expected antiresonance, or over this log's band where that is unknown."""
+GUESSED_TOP = 2.0
+"""Highest frequency of the multisine over this log's band where the antiresonance to expect is unknown."""
 
 
 def hidden_joints(robot: Robot, recording: Recording) -> list[int]:
@@ -156,7 +157,7 @@ def _judged(
     robot: Robot, number: int, place: int, setting: Setting, answer: _Answer | None, total: Array
 ) -> MotorSideJoint:
     """Return what is said of one joint, which is number `place` among those that move."""
-    motion = _next_motion(_reference(robot, number), setting, place, total)
+    motion = _next_motion(robot, number, setting, place, total)
     base = replace(
         _unseen(robot, number, "the equations do not fit even at low frequencies"),
         band=float(setting.bands[place]),
@@ -170,7 +171,7 @@ def _judged(
     if verdict == "refused":
         return judged
     c, error = float(told.compliance[place]), float(told.error[place])
-    share = max(error / c, LEAST_ERROR if told.chi > WELL_FITTED else 0.0)
+    share = max(error / c, LEAST_ERROR if told.chi > WELL_FITTED or told.fall > FALL else 0.0)
     systematic = float(np.hypot(ASYMMETRY * told.load_friction[place], OF_FORM * _form(told, place))) / c
     anti, resonance = float(told.antiresonance[place]), float(told.resonance[place])
     return replace(
@@ -195,13 +196,14 @@ def rigid_to(antiresonance: float, resonance: float) -> float:
     return float(np.sqrt(RIGID_ERROR / (antiresonance**-2 - (1 - RIGID_ERROR) * resonance**-2)))
 
 
-def _next_motion(reference: float, setting: Setting, place: int, total: Array) -> NextMotion:
+def _next_motion(robot: Robot, number: int, setting: Setting, place: int, total: Array) -> NextMotion:
     """Return the motion that would show a stiffness: past its antiresonance, as far as that can be told."""
+    reference = _reference(robot, number)
     moved = float(total[place])
     known = bool(np.isfinite(reference) and reference > 0)
     link = max(moved - float(setting.rotors.value[place]), 0.1 * moved)
     top = PAST * np.sqrt(reference / link) / (2 * np.pi) if known else GUESSED_TOP * float(setting.bands[place])
-    return NextMotion((DITHER[0] * moved, DITHER[1] * moved), float(top), known)
+    return NextMotion((DITHER[0] * moved, DITHER[1] * moved), float(top), known, robot.joint_names[number])
 
 
 def _gates(told: Figures, i: int) -> dict[str, float]:

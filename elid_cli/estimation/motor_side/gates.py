@@ -15,6 +15,9 @@ from elid_cli.estimation.result import Verdict
 
 CRAWLS = 1e-4
 """Fall of the cost in further steps, share of it, that asks for a look at the valley; `FALL` is the most allowed."""
+CREEPS, STILL = 0.03, 0.1
+"""Most that they may lower it where the compliance has settled already, to this share of `MOVE`: friction's kinks
+settle last. Such a fit's valley is looked at, too."""
 SURE, CLOSE = 5.0, 0.03
 """Compliance over its standard error, at least, and standard error over the compliance, at most."""
 LOWEST = 0.98
@@ -89,7 +92,7 @@ def _seen(told: Figures, i: int) -> list[str]:
         "band": told.band[i] >= REACH * told.antiresonance[i],
         "misfit": told.chi <= MISFIT,
         "gain": told.gain[i] >= GAIN,
-        "settled": told.fall < FALL,
+        "settled": told.fall < FALL or (told.fall < CREEPS and told.moved[i] < STILL * MOVE),
         "lowest": told.gain.min() > LOWEST,
     }
     return [name for name, passed in checks.items() if not passed]

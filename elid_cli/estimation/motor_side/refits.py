@@ -74,6 +74,8 @@ class Figures:
     """Cost with one joint made rigid, over the cost; infinite where the misfit refuses every joint already."""
     fall: float
     """Share by which further steps lowered the cost."""
+    moved: Array
+    """Share by which they moved the compliance."""
     moves: Moves | None = None
     """None where the rest refuses every joint already."""
 
@@ -159,6 +161,7 @@ def first_figures(found: Search) -> Figures:
     return Figures(
         best.compliance, best.errors[at["c"]], best.chi, float(x[at["delay"][0]]), x[at["damping"]], J, pull,
         sensitivity, x[at["load"]], best.errors[at["load"]], setting.bands, *_frequencies(best), gain, found.fall,
+        found.moved,
     )  # fmt: skip
 
 

@@ -10,6 +10,8 @@ from elid_cli.estimation.result import Verdict
 from elid_cli.robot.parameter import StandardParameter
 
 NOT_SHOWN = "not shown by this log"
+PAST = 1.3
+"""Highest frequency of the motion that would show a stiffness over the antiresonance."""
 TOLD = 2
 """Gates that a reason names."""
 
@@ -24,6 +26,8 @@ class NextMotion:
     """Its highest frequency, Hz."""
     known: bool
     """Whether `top` follows from a stiffness that the robot file gives."""
+    joint: str
+    """The joint's name."""
 
     @property
     def words(self) -> str:
@@ -32,8 +36,13 @@ class NextMotion:
         why = "1.3 times the antiresonance that the file's K means" if self.known else "a guess: twice this log's band"
         return (
             f"10 s at 1 kHz of slow wide motion with a torque multisine of {low:.2g} to {high:.2g} N·m on top, "
-            f"1 Hz to {self.top:.2g} Hz ({why})"
+            f"1 Hz to {self.top:.2g} Hz ({why}); `elid excite --show-stiffness {self.option}` makes it"
         )
+
+    @property
+    def option(self) -> str:
+        """The joint, with the antiresonance to expect where the robot file's K does not tell it."""
+        return self.joint if self.known else f"{self.joint}:{self.top / PAST:.2g}"
 
 
 @dataclass(frozen=True)

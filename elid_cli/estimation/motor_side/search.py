@@ -98,6 +98,8 @@ class Search:
     ends: tuple[LatentFit, ...]
     fall: float
     """Share by which the cost of the best end fell in further steps."""
+    moved: Array
+    """Share by which its compliances moved in them, (n,)."""
 
     @property
     def best(self) -> LatentFit:
@@ -116,10 +118,10 @@ def search(setting: Setting) -> Search:
     climb_log = MotorLog(setting.samples, _CLIMB_RATE * setting.band)
     climb = Climb(climb_log, setting.unknowns, setting.rotors, setting.band)
     starts = [start for start in climb.ends() if not _lost(start)][:_ENDS]
-    if not starts:
-        raise np.linalg.LinAlgError("no climb leads anywhere")
     ends = [end for start in starts if (end := _from(setting, climb, start)) is not None]
-    if not ends or min(end.chi for end in ends) > _UNFIT:
+    if _unfit(ends):
+        ends += [end for start in climb.tops[:1] if (end := _from(setting, climb, start)) is not None]
+    if _unfit(ends) and starts:
         climb.with_load = False
         ends += _without_load(setting, climb, starts)
     if not ends:
@@ -127,10 +129,15 @@ def search(setting: Setting) -> Search:
     first, *others = sorted(ends, key=lambda end: end.cost)
     for _ in range(_RUNS):
         further = fit(first.problem, first.x, first.coefficients, setting.unknowns.free(), FURTHER)
-        fall, first = (first.cost - further.cost) / further.cost, further
+        fall, moved = (first.cost - further.cost) / further.cost, np.abs(further.compliance - first.compliance)
+        first = further
         if abs(fall) < FALL or further.chi > _UNFIT:
             break
-    return Search(setting, (first, *others), fall)
+    return Search(setting, (first, *others), fall, moved / np.maximum(np.abs(first.compliance), 1e-300))
+
+
+def _unfit(ends: Sequence[LatentFit]) -> bool:
+    return not ends or min(end.chi for end in ends) > _UNFIT
 
 
 def _lost(start: ClimbEnd) -> bool:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from typing import Any
 
+from elid_cli._types import Array
 from elid_cli.experiment.excitation import Excitation
 from elid_cli.experiment.resolve import Resolution
 from elid_cli.report.answers.inputs import heading, robot_payload
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, percent
+from elid_cli.robot.robot import Robot
 
 SHOWN = 20
 
@@ -54,11 +57,16 @@ def _guessed(found: Excitation) -> tuple[tuple[str, Cell], ...]:
 
 def limits_table(found: Excitation | Resolution) -> Table:
     """Return how much of every limit the trajectory uses."""
+    return use_of_limits(found.robot, found.used)
+
+
+def use_of_limits(robot: Robot, used: Mapping[str, Array]) -> Table:
+    """Return how much of every limit a motion uses, shares by kind, (n,) each; NaN where there is no limit."""
     columns = [Column("joint", "joint")]
-    columns += [Column(kind, kind, "% of limit", "right") for kind in found.used]
+    columns += [Column(kind, kind, "% of limit", "right") for kind in used]
     rows: list[tuple[Cell, ...]] = []
-    for k, joint in enumerate(found.robot.joint_names):
-        rows.append((joint, *(Quantity(100 * float(share[k]), digits=3) for share in found.used.values())))
+    for k, joint in enumerate(robot.joint_names):
+        rows.append((joint, *(Quantity(100 * float(share[k]), digits=3) for share in used.values())))
     note = "limits that the robot file does not give are elid's defaults; –: no limit"
     return Table("limits", tuple(columns), tuple(rows), title="use of the limits", note=note)
 

@@ -1,0 +1,73 @@
+"""The answer of ``elid excite --show-stiffness``: the multisine, the limits it uses, what to do with the log."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+from elid_cli.experiment.stiffness_motion import LOWEST, StiffnessMotion
+from elid_cli.report.answers.excitation import use_of_limits
+from elid_cli.report.answers.inputs import heading, robot_payload
+from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
+
+LOG_RATE = 1000
+"""Samples per second to log with, at least `PER_PERIOD` per period."""
+
+
+def stiffness_motion_report(found: StiffnessMotion, robot_argument: str, file: str, rate: float) -> Report:
+    """Return the report of one motion, written to `file` at `rate` samples per second."""
+    facts: tuple[tuple[str, Cell], ...] = (
+        ("motion", f"{number_text(found.duration)} s, slow and wide, all joints, from rest to rest"),
+        ("multisine", f"{number_text(LOWEST)} to {number_text(found.top, 3)} Hz on top, lines of equal acceleration"),
+        ("written", f"{file}, {number_text(rate)} Hz: t, q, dq, ddq of every joint"),
+        ("needs", f"a drive that follows ddq (inertia times ddq fed forward); a log of motor position and torque at "
+                  f"{LOG_RATE} Hz"),
+    )  # fmt: skip
+    simulate = f"elid simulate --robot {shlex.quote(robot_argument)} --reference {shlex.quote(file)}"
+    sections: list[Section] = [
+        heading(found.robot),
+        KeyValues("facts", facts),
+        _multisines(found),
+        use_of_limits(found.robot, found.used),
+        Text("next", f"{simulate} --rate {LOG_RATE} -o try.h5", "next"),
+    ]
+    return Report("excite", stiffness_motion_payload(found, file=file, rate=rate), tuple(sections))
+
+
+def _multisines(found: StiffnessMotion) -> Table:
+    columns = (
+        Column("joint", "joint"),
+        Column("antiresonance", "antiresonance up to", "Hz", "right"),
+        Column("from", "from"),
+        Column("acceleration", "multisine, rms", align="right"),
+        Column("torque", "as torque, rms", align="right"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for shown in found.shown:
+        joint = found.robot.joints[shown.joint]
+        units = ("rad/s²", "N·m") if joint.revolute else ("m/s²", "N")
+        rows.append((
+            joint.name, Quantity(shown.antiresonance, digits=3), "told" if shown.told else "K of the file",
+            Quantity(shown.acceleration, units[0], digits=2), Quantity(shown.torque, units[1], digits=2),
+        ))  # fmt: skip
+    return Table("multisines", columns, tuple(rows), title="stiffnesses that the motion is to show")
+
+
+def stiffness_motion_payload(found: StiffnessMotion, **written: str | float) -> dict[str, Any]:
+    """Return the JSON object of a motion; `written` is its file and rate."""
+    names = found.robot.joint_names
+    return {
+        **robot_payload(found.robot),
+        "trajectory": {**written, "duration": found.duration},
+        "show_stiffness": {
+            names[shown.joint]: {
+                "antiresonance": shown.antiresonance, "told": shown.told, "acceleration": shown.acceleration,
+                "torque": shown.torque,
+            }
+            for shown in found.shown
+        },
+        "top": found.top,
+        "limits_used": {
+            joint: {kind: float(share[k]) for kind, share in found.used.items()} for k, joint in enumerate(names)
+        },
+    }  # fmt: skip
