@@ -92,7 +92,14 @@ def assemble(
         weights=solution.weights,
     )
     found = with_both_regressions(fresh, lambda joint: fit.data.two_ways(fresh.standard, joint))
-    return with_link_stiffness(found, lambda joint: fit.data.link_stiffness(base, joint))
+    return _agreeing(with_link_stiffness(found, lambda joint: fit.data.link_stiffness(base, joint)))
+
+
+def _agreeing(found: Identification) -> Identification:
+    """Return the identification without warnings of negative values that it does not print: another way gave these."""
+    names = [str(item.leader) for item in found.parameters if item.estimate >= 0]
+    warnings = tuple(w for w in found.warnings if w.partition(" = ")[0] not in names)
+    return replace(found, warnings=warnings)
 
 
 def _of_delivered(fit: DefaultFit, errors: Mapping[str, JointError]) -> dict[str, JointError]:

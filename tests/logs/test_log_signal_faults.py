@@ -12,6 +12,8 @@ import pytest
 
 from elid_cli.errors import LogError, UsageError
 from elid_cli.logs import read_map_options, read_recording
+from elid_cli.logs.checks.encoder_pairs import Pair
+from elid_cli.logs.mapping.resolve import ReadPlan
 from elid_cli.robot.robot import Joint, Robot
 from tests.logs.faults import table
 from tests.logs.made_logs import GEARS, JOINTS, ROBOT, like, read, recording, same, written
@@ -411,3 +413,11 @@ def test_a_stiffness_of_a_rigid_joint_is_said_not_to_be_used(tmp_path: Path) -> 
     said = [warning for warning in read_recording([path], stiff).warnings if "K is not used" in warning]
     assert said == [f"{stiff.joint_names[1]}: the robot file's K is not used: it declares the transmission rigid"]
     assert not any("K is not used" in warning for warning in read_recording([path], ROBOT).warnings)
+
+
+def test_what_gravity_bends_a_spring_by_is_no_offset() -> None:
+    pair = Pair(0, "elbow", 100.0, 1.0, 0.05, 0.999, 0.002, True, 1.0)
+    plan = ReadPlan({}, None, (), (), {})
+    assert any("away from q" in sentence for sentence in pair.sentences(plan))
+    assert not list(pair.sentences(plan, bent=0.045))
+    assert any("away from q" in sentence for sentence in pair.sentences(plan, bent=0.01))

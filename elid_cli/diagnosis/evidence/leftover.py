@@ -10,7 +10,7 @@ from __future__ import annotations
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.residuals import HIGH, REVERSALS, follows_motion, organise
 from elid_cli.diagnosis.search.acceptance import touched
-from elid_cli.estimation.validation.too_quiet import LEAST
+from elid_cli.estimation.validation.too_quiet import LEAST, MATTERS
 from elid_cli.model.regressor import EstimationRow
 
 MOST = 0.5
@@ -41,7 +41,7 @@ def silences(state: State, number: int) -> bool:
     """Whether effect `number` brings a row that obeys its model well below what its sensors' noise alone leaves."""
     lacking = without(state, number)
     for row in state.columns[number].rows:
-        if row in state.triangles.rows and state.floor.rms[row] > 0:
+        if row in state.triangles.rows and state.floor.rms[row] > MATTERS * state.triangles.torque_rms(row):
             before, after = lacking.rms(row) / lacking.floor.rms[row], state.rms(row) / state.floor.rms[row]
             if after < LEAST <= before:
                 return True

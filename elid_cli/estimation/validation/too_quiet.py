@@ -17,6 +17,8 @@ LEAST = 0.7
 """Part of the sensors' noise below which a residual is a fault …"""
 MARGIN = 3.0
 """… by so many deviations of a residual's rms over the independent instants that the fit leaves."""
+MATTERS = 1e-4
+"""Part of the torque below which such noise is smoothing's own error: of a log without noise."""
 FEWEST = 30.0
 """Independent instants per row from which that is judged."""
 
@@ -34,6 +36,7 @@ def too_quiet(found: Identification, noise: Sequence[RowNoise]) -> tuple[str, ..
     rate, cutoff = float(_setting(found, "rate")), float(_setting(found, "cutoff"))
     independent = float(_setting(found, "instants")) * min(1.0, 2.0 * cutoff / rate) if rate > 0 else 0.0
     left = independent - found.rank / max(len(noise), 1)
+    noise = [item for item in noise if item.joint in found.error]
     if left < FEWEST:
         return ()
     taken = float(np.sqrt(independent / left))  # a fit takes its parameters' share of the noise away
@@ -42,7 +45,7 @@ def too_quiet(found: Identification, noise: Sequence[RowNoise]) -> tuple[str, ..
         f"{item.joint}: the residual of the {item.rows} row is {item.ratio:.2g} of what the sensors' noise alone would "
         "leave: the noise is taken for too large, or the prediction holds the torque that it predicts"
         for item in noise
-        if item.floor > 0 and item.ratio * taken < LEAST * high
+        if item.floor > MATTERS * found.error[item.joint].torque_rms and item.ratio * taken < LEAST * high
     )
 
 

@@ -25,6 +25,8 @@ LARGE_OFFSET = 0.02
 """rad or m; a constant theta - q above this is worth a word …"""
 OF_DEFLECTION = 5.0
 """… if it is also this many times the spread of theta - q."""
+OF_LOAD = 3.0
+"""… and this many times what the joint's mean torque bends a spring of the robot file's stiffness by."""
 FAR = 40.0
 """rad; robots' joints rarely turn more than six times."""
 
@@ -79,8 +81,8 @@ class Pair:
             float(np.abs(q).max()),
         )
 
-    def sentences(self, plan: ReadPlan) -> Iterator[str]:
-        """Yield what is suspicious about this joint."""
+    def sentences(self, plan: ReadPlan, bent: float = 0.0) -> Iterator[str]:
+        """Yield what is suspicious about this joint; `bent`: rad or m by which the mean load bends its spring."""
         if self.revolute and self.reach > FAR:
             yield f"{self.name}: q reaches {self.reach:.4g} rad: if it is in degrees, map it with unit: deg"
         if abs(self.correlation) < ALIKE:
@@ -93,7 +95,7 @@ class Pair:
             what, mend = self._factor(size)
             mapping = f"; {proposed(plan, *mend)}" if mend else ""
             yield f"{where} moves {size:.4g} times as far as q: {what}{mapping}"
-        elif self.slope > 0 and abs(self.offset) > max(LARGE_OFFSET, OF_DEFLECTION * self.spread):
+        elif self.slope > 0 and abs(self.offset) > max(LARGE_OFFSET, OF_DEFLECTION * self.spread, OF_LOAD * abs(bent)):
             unit = "rad" if self.revolute else "m"
             turns = self.offset / (2 * math.pi)
             whole = self.revolute and abs(turns - round(turns)) < 1e-3 and round(turns) != 0

@@ -61,10 +61,12 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
         found.extend(_swapped_torques(theta - q, tau, compared, robot))
     scales: dict[int, float] = {}
     for pair in compared:
-        found.extend(pair.sentences(plan))
+        tau = _thinned(checked.tau, step) if tau is None else tau
+        stiffness = robot.joints[pair.j].parameters.get("K", 0.0)
+        load = float(np.nanmean(tau[:, pair.j])) if np.isfinite(tau[:, pair.j]).any() else 0.0
+        found.extend(pair.sentences(plan, load / stiffness if stiffness > 0 else 0.0))
         if abs(pair.slope - 1) < CLOSE and robot.joints[pair.j].elastic:
             deflection = theta[:, pair.j] - q[:, pair.j]
-            tau = _thinned(checked.tau, step) if tau is None else tau
             whole = slice(-(-start // step), -(-stop // step))  # differences across a gap are no motion
             own = spring_slope(theta[whole, pair.j], deflection[whole], tau[whole, pair.j], aligned.dt * step)
             found.extend(_directions(pair, deflection, tau[:, pair.j], plan))
