@@ -272,15 +272,21 @@ def _of_channels(
 
 
 def _firm(data: SampledData, found: Solved) -> list[ExtraColumns]:
-    """Return the nuisances without offsets that stood out only as long as others were beside them."""
+    """Return the nuisances without offsets that are none.
+
+    Some stood out only as long as others were beside them. One larger than the torque itself is made up for by gravity
+    or friction, and stands for what another row lacks, such as the zero of an encoder.
+    """
     covariance = data.covariance(found.solution, found.nuisances, found.effects)
     deviation = dict(zip(found.solution.basis.tolist(), np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
     first = found.triangles.parameters
-    return [
-        extra for k, extra in enumerate(found.nuisances)
-        if extra.nuisance != "offset"
-        or abs(found.solution.values[first + k]) > SIGNIFICANT * deviation.get(first + k, np.inf)
-    ]  # fmt: skip
+
+    def stands(column: int, extra: ExtraColumns) -> bool:
+        size = abs(float(found.solution.values[column]))
+        sure = size > SIGNIFICANT * deviation.get(column, np.inf)
+        return sure and size < found.triangles.torque_rms(sum_row(extra))
+
+    return [e for k, e in enumerate(found.nuisances) if e.nuisance != "offset" or stands(first + k, e)]
 
 
 def _constant(own: ExtraColumns, offset: ExtraColumns) -> bool:
