@@ -1,6 +1,6 @@
 """What every log format offers: channels to choose from, and streams of the chosen ones.
 
-A format is one module of this package that defines `FORMAT`, a `LogFormat`; `registry` finds it by itself.
+A format is one module of `elid_cli/logs/formats` that defines `FORMAT`, a `LogFormat`; listing that folder finds it.
 """
 
 from __future__ import annotations

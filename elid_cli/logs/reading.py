@@ -206,7 +206,7 @@ def _plan_of(raw: RawLog, robot: Robot, mapping: Mapping[str, Any] | None) -> Re
 
 
 def layers_of(raw: RawLog, robot: Robot, mapping: Mapping[str, Any] | None) -> list[Layer]:
-    """Return the mappings to try in turn: the user's, the robot's, the format's canonical names."""
+    """Return the mappings to try in turn: the user's, the robot's, the format's canonical names, known messages."""
     layers = []
     for where, given in (("--map", mapping), (f"the log block of {robot.name}", robot.log)):
         if given:

@@ -29,6 +29,8 @@ from elid_cli import (
     Recording,
     Regressor,
     ReplayOptions,
+    Resolution,
+    ResolveOptions,
     SensorOptions,
     SignalOptions,
     SimulationOptions,
@@ -42,10 +44,12 @@ from elid_cli import (
     inspect_log,
     make_physical,
     prepare,
+    question_of,
     read_recording,
     read_result,
     read_robot,
     replay,
+    resolve,
     sample,
     simulate,
     trend,
@@ -117,6 +121,15 @@ def excitation() -> Excitation:
 
 
 @pytest.fixture(scope="module")
+def resolution(diagnosis: Diagnosis) -> Resolution:
+    """Return a motion planned to tell what was found from another that comes as near."""
+    saved = json.loads(json.dumps(diagnosis.to_dict(), default=lambda value: value.tolist()))
+    rival = {"effect": "encoder_skew", "joint": "joint1", "parameters": {"skew": 1e-4}, "std_error": {"skew": 1e-5}}
+    saved["also_possible"] = [{**saved["effects"][0], **rival, "instead_of": "link_viscous", "behind": 0.0}]
+    return resolve(question_of({"command": "diagnose", **saved}, ROBOT), ResolveOptions(duration=4.0))
+
+
+@pytest.fixture(scope="module")
 def base() -> BaseParameters:
     return find_base(Regressor(ROBOT))
 
@@ -142,13 +155,14 @@ def results(
     excitation: Excitation,
     base: BaseParameters,
     motion_diagnosis: MotionDiagnosis,
+    resolution: Resolution,
 ) -> dict[str, Shown]:
     """Return one result of every kind that shows itself."""
     found: list[Shown] = [
         recording, identification, diagnosis, comparison, excitation, base, inspect_log(log),
         make_physical(identification), validate(ROBOT, prepare(recording, ROBOT)), motion_diagnosis,
         replay(ROBOT, recording, ReplayOptions(horizon=0.2)), sample([identification], 50, seed=3),
-        trend([identification] * 3),
+        trend([identification] * 3), resolution,
     ]  # fmt: skip
     return {type(result).__name__: result for result in found}
 
@@ -166,6 +180,7 @@ WORDS = {
     "PhysicalParameters": ["a robot that could be built", "decided by"],
     "Recording": ["at 500 Hz, 2 joints", "log.h5"],
     "Replay": ["simulated minus measured position", "joint2"],
+    "Resolution": ["encoder_skew", "link_viscous"],
     "Trends": ["planar2 · 3 recordings", "slope per", "fv1"],
     "Validation": ["torque rms", "joint1", "N·m"],
 }

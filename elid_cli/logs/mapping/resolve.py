@@ -1,4 +1,4 @@
-"""Decide which channel each signal is taken from: the user's mapping, the robot's, then the canonical names."""
+"""Decide which channel each signal is taken from: the user's mapping, the robot's, canonical names, known messages."""
 
 from __future__ import annotations
 

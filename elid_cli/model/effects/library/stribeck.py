@@ -15,8 +15,8 @@ SLOWEST = 0.015
 """Least Stribeck velocity, as a part of the top speed."""
 TYPICAL = 0.1
 """Stribeck velocity to start from, as a part of the top speed."""
-SLOW, PASSES = 1.5, 3
-"""Stribeck velocities below which a motion is slow, and times that it must be."""
+SLOW, HALF, PASSES = 1.5, 0.5, 3
+"""Stribeck velocities below which a motion is slow, at most this part of the top speed, and times that it must be."""
 
 
 class Stribeck(Effect):
@@ -89,7 +89,7 @@ class Stribeck(Effect):
         top = float(np.quantile(speed, 0.98))
         if not (super().plausible(scene, joint, values) and SLOWEST * top < values["velocity"] < top):
             return False
-        slow = speed < SLOW * values["velocity"]
+        slow = speed < min(SLOW * values["velocity"], HALF * top)
         return int(np.count_nonzero(slow[1:] & ~slow[:-1])) + int(slow[0]) >= PASSES
 
     @classmethod
