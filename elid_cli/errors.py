@@ -1,7 +1,7 @@
 """Errors that users cause: one message saying where and what, one hint saying how to mend it.
 
-Every error that elid raises on purpose is an `ElidError`; `main` in `elid_cli/cli/__init__.py` is the only place that turns
-one into text and an exit code, so the core never prints and never exits.
+Every error that elid raises on purpose is an `ElidError`; `main` in `elid_cli/cli/__init__.py` is the
+only place that turns one into text and an exit code, so the core never prints and never exits.
 """
 
 from __future__ import annotations
