@@ -42,16 +42,29 @@ class Clock:
 
 @dataclass
 class Trace:
-    """What happened at every sample of the log: lists of N rows."""
+    """What happened at every sample of the log, noted one by one or many at once."""
 
-    time: list[float] = field(default_factory=list)
-    states: list[tuple[list[float], ...]] = field(default_factory=list)
-    """Rows (q, q', θ, θ') of all joints."""
-    accelerations: list[tuple[list[float], list[float]]] = field(default_factory=list)
-    """Rows (q'', θ'') of all joints."""
-    commands: list[list[float]] = field(default_factory=list)
-    delivered: list[list[float]] = field(default_factory=list)
-    transmitted: list[list[float]] = field(default_factory=list)
+    _rows: list[Sequence[float | list[float]]] = field(default_factory=list)
+    _blocks: list[Sequence[Array]] = field(default_factory=list)
+
+    def note(self, *row: float | list[float]) -> None:
+        """Keep a sample: t, then lists of all joints: q, q', q'', θ, θ', θ'', command, delivered, transmitted."""
+        self._rows.append(row)
+
+    def note_all(self, *block: Array) -> None:
+        """Keep N samples that follow: the same, t of shape (N,), all others of shape (N, n)."""
+        self._settle()
+        self._blocks.append(block)
+
+    def columns(self) -> list[Array]:
+        """Return all samples: the same as `note_all` takes."""
+        self._settle()
+        return [np.concatenate(parts) for parts in zip(*self._blocks, strict=True)]
+
+    def _settle(self) -> None:
+        if self._rows:
+            self._blocks.append([np.array(values) for values in zip(*self._rows, strict=True)])
+            self._rows = []
 
 
 class Controller:
@@ -69,13 +82,17 @@ class Controller:
         self._limits = [math.inf if limit is None else limit for limit in limits]
         self._motors = [active for active in effects if active.effect.simulated == "motor"]
 
-    def plan(self, times: Array) -> list[tuple[list[float], list[float], list[float]]]:
-        """Return (θ, θ', feed-forward torque) that are wanted at times (N,)."""
+    def wanted(self, times: Array) -> tuple[Array, Array, Array]:
+        """Return (θ, θ', feed-forward torque) that are wanted at times (N,), each of shape (N, n)."""
         theta, feed = self._desired(times)
         ahead, _ = self._desired(times + _DIFFERENCE)
         behind, _ = self._desired(times - _DIFFERENCE)
-        dtheta = (ahead - behind) / (2 * _DIFFERENCE)
-        return list(zip(theta.tolist(), dtheta.tolist(), feed.tolist(), strict=True))
+        return theta, (ahead - behind) / (2 * _DIFFERENCE), feed
+
+    @property
+    def law(self) -> tuple[Array, Array, Array] | None:
+        """(kp, kd, torque limits), each of shape (n,), where motors deliver what they are asked for; else None."""
+        return None if self._motors else (np.array(self._kp), np.array(self._kd), np.array(self._limits))
 
     def _desired(self, times: Array) -> tuple[Array, Array]:
         """Return (motor positions that make up for the deflection, feed-forward torques) at times (N,)."""
@@ -161,8 +178,10 @@ def follow(
             system.hold(period, steps, accuracy)
     for first in range(0, periods, _CHUNK):
         count = min(_CHUNK, periods - first)
-        plan = controller.plan(period * (first + np.arange(count * stages + 1) / stages))
-        for k in range(count):
+        asked = controller.wanted(period * (first + np.arange(count * stages + 1) / stages))
+        x, done = _looped(phases, controller, asked, x, range(first, first + count), periods, clock, trace)
+        plan = list(zip(*(values.tolist() for values in asked), strict=True)) if done < count else []
+        for k in range(done, count):
             now = first + k
             t = now * period
             system = _system(phases, t)
@@ -185,6 +204,36 @@ def follow(
         if progress is not None:
             progress((first + count) / periods)
     return trace
+
+
+def _looped(
+    phases: Sequence[tuple[float, System]],
+    controller: Controller,
+    asked: tuple[Array, Array, Array],
+    x: list[float],
+    chunk: range,
+    periods: int,
+    clock: Clock,
+    trace: Trace,
+) -> tuple[list[float], int]:
+    """Return the state after as many periods of a chunk as run in one compiled loop, and how many: often all or none.
+
+    What the loop does not get through is left to be done, and to be told, period by period.
+    """
+    system = phases[0][1]
+    if len(phases) > 1 or system.looped is None or controller.law is None:
+        return x, 0
+    count, half = len(chunk), system.size // 2
+    noted = np.empty((count, 2 * half)), np.empty((count, half)), np.empty((count, system.dynamics.robot.n))
+    state, moving = np.array(x), min(count, periods - 1 - chunk.start)
+    done = system.looped.follow(state, asked, controller.law, noted, moving, RUNAWAY)
+    logged = slice(-chunk.start % clock.held, done, clock.held)
+    states, rates, commands = (values[logged] for values in noted)
+    q, dq, theta, dtheta = system.split_all(states)
+    ddq, _, ddtheta, _ = system.split_all(np.hstack([rates, rates]))
+    time, transmitted = clock.period * np.array(chunk[logged]), system.dynamics.stiffness * (theta - q)
+    trace.note_all(time, q, dq, ddq, theta, dtheta, ddtheta, commands, commands, transmitted)
+    return state.tolist(), done
 
 
 def _check_bounded(q: Sequence[float]) -> None:
@@ -217,16 +266,12 @@ def _system(phases: Sequence[tuple[float, System]], t: float) -> System:
 
 
 def _note(trace: Trace, system: System, t: float, x: list[float], command: list[float], acting: list[float]) -> None:
-    trace.time.append(t)
-    trace.states.append(system.split(x))
+    q, dq, theta, dtheta = system.split(x)
     ddq, motors, _ = system.accelerations(t, x, acting)
     ddtheta = list(ddq)
     for k, value in zip(system.dynamics.elastic, motors, strict=True):
         ddtheta[k] = value
-    trace.accelerations.append((ddq, ddtheta))
-    trace.commands.append(command)
-    trace.delivered.append(acting)
-    trace.transmitted.append(system.transmitted(t, x, acting))
+    trace.note(t, q, dq, ddq, theta, dtheta, ddtheta, command, acting, system.transmitted(t, x, acting))
 
 
 def _runaway(dynamics: Dynamics, t: float) -> RobotError:

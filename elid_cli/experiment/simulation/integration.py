@@ -72,6 +72,12 @@ class System:
         n, half = self._n, self._n + self._m
         return x[:n], x[half : half + n], [x[i] for i in self._motor], [x[half + i] for i in self._motor]
 
+    def split_all(self, x: Array) -> tuple[Array, Array, Array, Array]:
+        """Return (q, q', θ, θ') of all joints for states in rows, each of shape (N, n)."""
+        n, motors = self._n, np.array(self._motor)
+        half = self._n + self._m
+        return x[:, :n], x[:, half : half + n], x[:, motors], x[:, half + motors]
+
     def prepare(self, evaluations: int) -> None:
         """Make ready for so many evaluations of the dynamics: what has no effects runs as one function."""
         self._kernel = None if self._effects else Kernel(self.dynamics, evaluations)
@@ -89,6 +95,11 @@ class System:
     def longest(self) -> float | None:
         """The longest step where springs are taken exactly, s; else None."""
         return None if self._exact is None else self._exact.longest
+
+    @property
+    def looped(self) -> ExactSprings | None:
+        """What follows a controller through many periods in one compiled loop, where there is such a thing."""
+        return self._exact if self._kernel is not None and self._kernel.periods is not None else None
 
     def advance(self, t: float, h: float, steps: int, x: list[float], tau: list[float]) -> list[float]:
         """Return the state after some steps of h s with torques that are held."""

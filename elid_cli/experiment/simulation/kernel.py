@@ -15,6 +15,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
+from elid_cli.experiment.simulation.compiled_periods import periods_source
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.dynamics import Dynamics
 
@@ -52,6 +53,8 @@ class Kernel:
         self._advance: Callable[..., Numbers] = scope["advance"]
         self.through: Callable[..., Array] | None = scope["through"] if self.compiled else None
         """Steps of `ExactSprings`, where compiled."""
+        self.periods: Callable[..., tuple[int, int]] | None = scope["periods"] if self.compiled else None
+        """Controller periods of `ExactSprings.follow`, where compiled (`compiled_periods.py`)."""
 
     def accelerations(self, x: Sequence[float], tau: Sequence[float]) -> Numbers:
         """Return q'' and θ'' of the elastic joints at a state of `System`; not finite where there are none."""
@@ -120,6 +123,7 @@ def _sources(dynamics: Dynamics) -> list[tuple[str, str]]:
         ("accelerations", "\n ".join(lines)),
         ("advance", _runge_kutta(half, state, torque)),
         ("through", _exponential(half, n)),
+        ("periods", periods_source(half, n)),
     ]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.experiment.reference import Reference, ReferenceOptions, random_reference
-from elid_cli.experiment.simulation.closed_loop import Clock, Controller, Trace, follow
+from elid_cli.experiment.simulation.closed_loop import Clock, Controller, follow
 from elid_cli.experiment.simulation.control import ControlOptions, Gains, gains_of
 from elid_cli.experiment.simulation.effects_at_work import ActiveEffect, active_effects, warm_up
 from elid_cli.experiment.simulation.integration import System, longest_step, reference_scene
@@ -140,11 +140,11 @@ def run(
         phases, controller, first.initial(positions[0], theta), samples, clock,
         continuous=options.control.continuous, accuracy=options.accuracy, progress=progress,
     )  # fmt: skip
-    motion = _motion(trace)
-    recording = _recording(robot, motion, trace, effects, dt, options)
+    *states, commands, delivered, transmitted = trace.columns()
+    motion = Motion(*states)
+    recording = _recording(robot, motion, commands, transmitted, effects, dt, options)
     asked = reference.evaluate(motion.t)[0]
     facts = _facts(recording, motion, asked, gains)
-    delivered, transmitted = np.array(trace.delivered), np.array(trace.transmitted)
     exact = [system.longest for _, system in phases if system.longest is not None]
     step = max([clock.step, *exact])
     return Simulation(
@@ -215,24 +215,19 @@ def _facts(recording: Recording, motion: Motion, asked: Array, gains: Gains) -> 
     return tuple(JointFacts(*row) for row in np.stack(columns, axis=1).tolist())
 
 
-def _motion(trace: Trace) -> Motion:
-    q, dq, theta, dtheta = (np.array(rows) for rows in zip(*trace.states, strict=True))
-    ddq, ddtheta = (np.array(rows) for rows in zip(*trace.accelerations, strict=True))
-    return Motion(np.array(trace.time), q, dq, ddq, theta, dtheta, ddtheta)
-
-
 def _recording(
-    robot: Robot, motion: Motion, trace: Trace, effects: list[ActiveEffect], dt: float, options: SimulationOptions
-) -> Recording:
+    robot: Robot, motion: Motion, commands: Array, transmitted: Array, effects: list[ActiveEffect], dt: float,
+    options: SimulationOptions,
+) -> Recording:  # fmt: skip
     signals = {
         "t": motion.t,
         "q": motion.q,
         "theta": motion.theta,
-        "tau": np.array(trace.commands),
+        "tau": commands,
         "dq": motion.dq,
         "dtheta": motion.dtheta,
-        "tau_link": np.array(trace.transmitted),
-        "temperature": np.array([[warm_up(t)] * robot.n for t in trace.time]),
+        "tau_link": transmitted,
+        "temperature": np.array([[warm_up(t)] * robot.n for t in motion.t.tolist()]),
     }
     for active in effects:
         if active.effect.simulated == "log":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,13 +31,14 @@ joints:
 def test_functions_of_the_exponential(size: float) -> None:
     """The exponential of a block matrix holds φ1 to φ3 in its first row (Van Loan, 1978)."""
     matrix = size * np.random.default_rng(0).uniform(-1, 1, (4, 4)) / 4
-    for factor, found in zip((1.0, 2.0), exponential._phi(matrix), strict=True):
+    columns = slice(1, None)
+    for factor, (e, phis) in zip((1.0, 2.0), exponential._phi(matrix, columns), strict=True):
         whole = np.zeros((16, 16))
         whole[:4, :4] = factor * matrix
         for k in range(3):
             whole[4 * k : 4 * k + 4, 4 * k + 4 : 4 * k + 8] = np.eye(4)
         expected = expm(whole)[:4].reshape(4, 4, 4).transpose(1, 0, 2)
-        for one, other in zip(found, expected, strict=True):
+        for one, other in zip([e, *phis], [expected[0], *expected[1:, :, columns]], strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12 * np.abs(expected[0]).max())
 
 
@@ -89,10 +91,38 @@ def test_a_stiff_arm_is_no_further_from_the_truth_than_with_short_classical_step
         assert error(found, name) < 1.2 * error(classical, name)
 
 
-def test_what_runs_away_is_told_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("rate", [1000.0, 200.0], ids=["every period logged", "a third of them"])
+def test_the_compiled_loop_does_the_same_as_period_by_period(rate: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bit for bit, over more than one chunk of periods, and where the loop gives up on the way."""
+    pytest.importorskip("numba")
+    monkeypatch.setattr(kernel, "WORTH", 0)
+    robot, options = robot_from_text(STIFF, "stiff"), SimulationOptions(duration=2.5, rate=rate, seed=3)
+    looped = run(robot, options)
+    assert looped.exact_springs
+    follow = exponential.ExactSprings.follow
+
+    def shorter(springs: exponential.ExactSprings, *given: Any) -> int:
+        x, wanted, law, noted, moving, runaway = given
+        return follow(springs, x, wanted, law, tuple(values[:7] for values in noted), min(moving, 7), runaway)
+
+    for name, value in (("follow", shorter), ("looped", None)):
+        with monkeypatch.context() as patch:
+            patch.setattr(exponential.ExactSprings if name == "follow" else System, name, value)
+            other = run(robot, options)
+        for field in ("t", "q", "dq", "ddq", "theta", "dtheta", "ddtheta"):
+            np.testing.assert_array_equal(getattr(looped.motion, field), getattr(other.motion, field))
+        for field in ("tau", "tau_link"):
+            np.testing.assert_array_equal(getattr(looped, field), getattr(other, field))
+
+
+@ENGINES
+def test_what_runs_away_is_told_as_before(worth: int, monkeypatch: pytest.MonkeyPatch) -> None:
     from elid_cli.errors import RobotError
     from elid_cli.experiment.simulation import ControlOptions
 
-    monkeypatch.setattr(closed_loop, "RUNAWAY", 0.2)
-    with pytest.raises(RobotError, match="runs away"):
+    if worth == 0:
+        pytest.importorskip("numba")
+    monkeypatch.setattr(kernel, "WORTH", worth)
+    monkeypatch.setattr(closed_loop, "RUNAWAY", 1.8)  # a link passes it in motion
+    with pytest.raises(RobotError, match=r"runs away at 0\.759 s"):
         run(read_robot("puma560"), SimulationOptions(duration=3.0, seed=2, control=ControlOptions(feedforward="none")))
