@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import pkgutil
 from functools import cache
@@ -58,10 +59,15 @@ def writer_for(path: str | Path) -> LogFormat:
     raise UsageError(f"{path}: cannot tell the log format from the name", hint=f"use one of the suffixes {known}")
 
 
-def write_recording(recording: Recording, path: str | Path) -> None:
+def write_recording(recording: Recording, path: str | Path) -> str:
     """Write a `recording` in the canonical layout of the suffix of `path` (``.csv .csv.gz .h5 .hdf5 .mcap``).
 
     The same recording gives the same bytes. The file appears whole or not at all.
+
+    Returns
+    -------
+    str
+        The SHA-256 of what was written: a pipe cannot be read again.
 
     Raises
     ------
@@ -73,3 +79,4 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     data = fmt.write(recording, Path(path).name)
     with replacing(path) as beside:
         beside.write_bytes(data)
+    return hashlib.sha256(data).hexdigest()

@@ -81,7 +81,7 @@ def simulate(
         chosen = simulating.options_of(machine, motion, control, sensors)
         share = None if advance is None else lambda done: advance("simulating", done)
         result = simulation.run(acting, chosen, share)
-        write_recording(result.recording, written.out)
+        digest = write_recording(result.recording, written.out)
         if written.truth is not None:
             write_recording(simulation.exact(result), written.truth)
-    emit(simulation_report(acting, simulation.filed(result, written.out), chosen, robot), output)
+    emit(simulation_report(acting, simulation.filed(result, written.out, digest), chosen, robot), output)

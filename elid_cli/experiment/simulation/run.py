@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -168,10 +166,8 @@ def exact(result: Simulation) -> Recording:
     )
 
 
-def filed(result: Simulation, path: str) -> Simulation:
-    """Return the result with the name and the hash of the file that its log was written to."""
-    with Path(path).open("rb") as stream:
-        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+def filed(result: Simulation, path: str, digest: str) -> Simulation:
+    """Return the result with the name and the SHA-256 of the file that its log was written to."""
     return replace(result, recording=replace(result.recording, files=(path,), sha256=(digest,)))
 
 

@@ -117,3 +117,19 @@ def test_a_pipe_receives_the_log(tmp_path: Path) -> None:
     reader.join(10)
     assert np.loadtxt(got[0].decode().splitlines()[1:], delimiter=",").shape[0] == base().samples
     assert pipe.is_fifo()
+
+
+def test_a_pipe_is_written_once(tmp_path: Path) -> None:
+    """Its hash is of what was written: reading it again would wait for a writer for ever."""
+    import hashlib
+    import json
+    import subprocess
+    import sys
+
+    pipe = tmp_path / "pipe.csv"
+    os.mkfifo(pipe)
+    line = [sys.executable, "-m", "elid_cli", "simulate", "--robot", "planar2", "--duration", "1", "-o", pipe, "--json"]
+    with subprocess.Popen(["cat", pipe], stdout=subprocess.PIPE) as reader:
+        done = subprocess.run(line, capture_output=True, check=True, timeout=60)
+        got = reader.communicate(timeout=10)[0]
+    assert json.loads(done.stdout)["log"]["sha256"] == [hashlib.sha256(got).hexdigest()]
