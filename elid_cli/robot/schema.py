@@ -16,7 +16,7 @@ from elid_cli.robot.parameter import JOINT_PARAMETERS
 from elid_cli.robot.robot import BASE, MOST_JOINTS, Convention, EffectSpec, Joint, Limits, Payload, Robot
 from elid_cli.robot.yaml import Value, parse_yaml
 
-MOST_EFFECTS = 200
+MOST_EFFECTS, MOST_AT_A_JOINT = 200, 20
 LEAST_LIMIT, LEAST_GEAR = 1e-9, 1e-9
 """Sizes below which a limit, or a gear ratio, is none."""
 UNIT = 1e-6
@@ -169,6 +169,9 @@ def read_effects(value: Value, joints: Sequence[Joint]) -> tuple[EffectSpec, ...
         place = f"{effect} of {joint}" if joint else effect
         parameters = dict(keys["parameters"].within(place).numbers_by_name()) if "parameters" in keys else {}
         effects.append(EffectSpec(effect, joint, parameters, item.where))
+        # the time of a fit grows with the square of the columns at one joint
+        if sum(spec.joint == joint for spec in effects) > MOST_AT_A_JOINT:
+            raise item.error(f"more than {MOST_AT_A_JOINT} effects at {joint or 'the robot as a whole'}")
     return tuple(effects)
 
 

@@ -321,6 +321,7 @@ STRIBECK = "  - {effect: stribeck, joint: a, parameters: {amplitude: %s, velocit
         {"K": "1e300"}, {"velocity": "1e-300"}, {"acceleration": "1e300"}, {"gear": "1e-300"}, {"gear": "1e200"},
         {"effects": STRIBECK % ("1e300", "0.1")}, {"effects": STRIBECK % ("1", "1e-300")},
         {"effects": "\n".join([STRIBECK % ("1", "0.1")] * 1000)},
+        {"effects": "\n".join([STRIBECK % ("1", "0.1")] * 21)},
     ],
     ids=str,
 )  # fmt: skip
