@@ -28,6 +28,8 @@ ROUNDS = 12
 """Times that the equations are linearised about the motion that came out."""
 SETTLED = 2e-6
 """Change of the motion, rad (m), below which it is the one that the equations were linearised about."""
+FASTEST = 1e3
+"""Largest velocity, rad/s (m/s), about which equations are linearised: beyond, the motion runs away."""
 SLIGHT = 1e-5
 """Change of position, rad (m), for the slope of the torques."""
 
@@ -92,9 +94,12 @@ class Joints:
     offset: Array
     """Torque that the drives lack, N·m (N)."""
     push: Array | None = None
-    """Torque of effects between one instant and the next, on the model's side, N·m (N), (N - 1, V, S, n)."""
+    """Torque of effects on every coordinate between one instant and the next, on the model's side, N·m (N),
+    (N - 1, V, S, m)."""
     grip: Array | None = None
-    """Coulomb friction beyond `coulomb` between one instant and the next, N·m (N), (N - 1, V, S, n)."""
+    """Coulomb friction beyond `coulomb` between one instant and the next, N·m (N), (N - 1, V, S, m)."""
+    damping: Array | None = None
+    """Viscous friction of every coordinate beyond `viscous`, N·m·s/rad, (m,), the same of all variants."""
 
 
 class Linearised:
@@ -152,8 +157,20 @@ class Linearised:
         return found
 
 
-Along = Callable[[Local, Array, Array], tuple[Array, Array]]
-"""What effects add along a motion x, v (N, S, m) about which equations are: `Joints.push` and `Joints.grip`."""
+@dataclass(frozen=True)
+class Added:
+    """What effects add along a motion: `Joints.push` and `Joints.grip`, and how the push changes about that motion."""
+
+    push: Array
+    grip: Array
+    stiffness: Array
+    """Usual change of the push with the position of its coordinate, N·m/rad, (m,); at least 0."""
+    damping: Array
+    """The same with velocity, N·m·s/rad, (m,)."""
+
+
+Along = Callable[[Local, Array, Array], Added]
+"""What effects add along a motion x, v (N, S, m) about which equations are."""
 
 
 def motion_of(
@@ -186,15 +203,18 @@ def motion_of(
     for _ in range(ROUNDS):
         local = equations.about(x, v)
         if along is not None:
-            push, grip = along(local, x, v)
-            joints = replace(joints, push=push, grip=grip)
+            # a spring or damper that is stiff beside the masses must act on the motion that comes out, too
+            added = along(local, x, v)
+            local = replace(local, slope=local.slope + np.diag(added.stiffness))
+            push = added.push - (added.damping * 0.5 * (v[1:] + v[:-1]))[:, None]
+            joints = replace(joints, push=push, grip=added.grip, damping=added.damping)
         found, speed = variants_of(equations, local, start, drives, joints, dt)
         found, speed = found[:, 0], speed[:, 0]
         wild = np.array(~np.isfinite(found).all(axis=(0, 2)))
         change = np.abs(found - x)[:, ~wild].max(initial=0.0)
         # a stretch that runs away has no motion to linearise about
         x = np.where(wild[:, None], x, np.clip(found, x - 1.0, x + 1.0))
-        v = np.where(wild[:, None], v, speed)
+        v = np.where(wild[:, None], v, np.clip(speed, -FASTEST, FASTEST))
         if change < SETTLED:
             break
     return found, speed
@@ -223,7 +243,9 @@ def variants_of(
             local.place[:, :, taken],
         )
         owner = np.array([[int(own[0]) if len(own) else -1 for own in row] for row in motors])
-        x, v = _advance(moved, (start[0][:, taken], start[1][:, taken]), _on(drives, owner), _of(joints, owner), dt)
+        x, v = _advance(
+            moved, (start[0][:, taken], start[1][:, taken]), _on(drives, owner), _of(joints, owner, taken), dt
+        )
         positions[..., taken.ravel()] = x.reshape(*x.shape[:3], -1)
         velocities[..., taken.ravel()] = v.reshape(*v.shape[:3], -1)
     return positions, velocities
@@ -246,16 +268,19 @@ def _on(drives: Drives, owner: NDArray[np.intp]) -> Drives:
     return Drives(told, kp, kd, np.where(held, drives.limit[owner], np.inf))
 
 
-def _of(joints: Joints, owner: NDArray[np.intp]) -> Joints:
+def _of(joints: Joints, owner: NDArray[np.intp], taken: NDArray[np.intp]) -> Joints:
+    """Return the drives of the motors that own coordinates, and what effects do at the coordinates themselves."""
     held = owner >= 0
 
     def over_time(values: Array | None) -> Array:
-        return np.zeros((1, 1, 1, *owner.shape)) if values is None else np.where(held, values[..., owner], 0.0)
+        return np.zeros((1, 1, 1, *owner.shape)) if values is None else values[..., taken]
 
     inertia, coulomb, viscous, offset = (
         np.where(held, values[:, owner], 0.0)[:, None]
         for values in (joints.inertia, joints.coulomb, joints.viscous, joints.offset)
     )
+    if joints.damping is not None:
+        viscous = viscous + joints.damping[taken]
     return Joints(inertia, coulomb, viscous, offset, over_time(joints.push), over_time(joints.grip))
 
 
@@ -347,4 +372,5 @@ def one_variant(joints: Joints, number: int) -> Joints:
     """Return a variant alone."""
     row = slice(number, number + 1)
     return Joints(joints.inertia[row], joints.coulomb[row], joints.viscous[row], joints.offset[row],
-                  *(None if values is None else values[:, row] for values in (joints.push, joints.grip)))  # fmt: skip
+                  *(None if values is None else values[:, row] for values in (joints.push, joints.grip)),
+                  damping=joints.damping)  # fmt: skip

@@ -117,7 +117,7 @@ def replay(
         beyond = sum(not size <= max_error for size in sizes.values())
         raise LimitError(
             f"mean absolute error of {beyond} of {len(sizes)} joints exceeds --max-error {1e3 * max_error:.3g} mrad or "
-            f"mm: {worst} has {1e3 * sizes[worst]:.3g}"
+            f"mm: {worst} {f'has {1e3 * sizes[worst]:.3g}' if math.isfinite(sizes[worst]) else 'ran away'}"
         )
 
 

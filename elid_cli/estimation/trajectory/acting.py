@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
-from elid_cli.model.rollout import Local
+from elid_cli.model.rollout import Local, coordinates_of
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
 
@@ -26,12 +25,13 @@ class Acting:
     """What D amplitudes of 1 do at N instants."""
 
     push: Array
-    """Torque on the model's side, N·m (N), (D, N, n); 0 of friction that holds."""
+    """Torque on every coordinate (`rollout.Coordinates`) on the model's side, N·m (N), (D, N, m); 0 of friction that
+    holds."""
     grip: Array
-    """Coulomb friction, N·m (N), (D, N, n)."""
+    """Coulomb friction at every coordinate, N·m (N), (D, N, m)."""
 
     def total(self, amplitudes: Array) -> tuple[Array, Array]:
-        """Return push and grip of amplitudes (..., D), each (N, ..., n)."""
+        """Return push and grip of amplitudes (..., D), each (N, ..., m)."""
         return _weighted(amplitudes, self.push), _weighted(amplitudes, self.grip)
 
 
@@ -67,41 +67,40 @@ def declared(robot: Robot, spec: EffectSpec, scene: Scene) -> tuple[Effect, Arra
 def scene_along(robot: Robot, x: Array, v: Array, local: Local, dt: float, parameters: Array, samples: int) -> Scene:
     """Return what effects are computed from, along a motion of coordinates x with velocities v, (N, m).
 
-    `local` are the equations about the motion of one stretch; the load is what the bodies need, never a measured
-    torque. `samples` is the length of the whole log.
+    `local` are the equations about the motion of one stretch; the load is what the bodies need or a spring carries,
+    never a measured torque. `samples` is the length of the whole log.
     """
-    n, motors = robot.n, local_motors(robot)
+    n, motors = robot.n, coordinates_of(robot).motors
+    known = np.nan_to_num(parameters)
     t: Array = dt * np.arange(len(x), dtype=np.float64)
     a = np.gradient(v, dt, axis=0)
     need = np.einsum("nij,nj->ni", local.mass[:, 0], a) + local.force[:, 0]
     need += np.einsum("nij,nj->ni", local.slope[:, 0], x - local.place[:, 0])
     motion = Motion(t, x[:, :n], v[:, :n], a[:, :n], x[:, motors], v[:, motors],
                     a[:, motors])  # fmt: skip
-    load = need[:, :n]
-    nothing = np.full(n, np.nan)
-    return Scene(robot, motion, dt, load, load, load, np.nan_to_num(parameters), samples * dt, nothing)
-
-
-def local_motors(robot: Robot) -> NDArray[np.intp]:
-    """Return the coordinate of every joint's motor."""
-    from elid_cli.model.rollout import coordinates_of
-
-    return coordinates_of(robot).motors
+    load, stiffness = need[:, :n], np.full(n, np.nan)
+    for name, value in zip(robot.parameter_names(), known.tolist(), strict=True):
+        if name.kind == "K" and robot.joints[name.joint].elastic:
+            stiffness[name.joint] = value
+            load[:, name.joint] = value * (motion.theta[:, name.joint] - motion.q[:, name.joint])
+    return Scene(robot, motion, dt, load, load, load, known, samples * dt, stiffness)
 
 
 def acting(effects: Sequence[Effect], scene: Scene) -> Acting:
     """Return what effects do along a scene, amplitude by amplitude."""
-    shape = (sum(len(effect.amplitudes) for effect in effects), scene.samples, scene.robot.n)
+    places = coordinates_of(scene.robot)
+    shape = (sum(len(effect.amplitudes) for effect in effects), scene.samples, places.count)
     push, grip = np.zeros((2, *shape))
     creeping, direction = _creeping(scene) if any(effect.holds() for effect in effects) else (scene, np.zeros(0))
     first = 0
     for effect in effects:
         last = first + len(effect.amplitudes)
         for row, columns in effect.columns(creeping if effect.holds() else scene).items():
+            place = row.joint if row.side == "link" else places.motors[row.joint]
             if effect.holds():
-                grip[first:last, :, row.joint] += columns * direction[:, row.joint]
+                grip[first:last, :, place] += columns * direction[:, row.joint]
             else:
-                push[first:last, :, row.joint] += columns
+                push[first:last, :, place] += columns
         first = last
     return Acting(push, grip)
 

@@ -11,10 +11,10 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import LogError, RobotError, UsageError
 from elid_cli.estimation.trajectory.acting import acting, can_act, declared, scene_along
-from elid_cli.experiment.replay.errors import PositionError, overall, position_errors
+from elid_cli.experiment.replay.errors import FARTHEST, PositionError, overall, position_errors
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.shifts import declared_shifts
-from elid_cli.model.rollout import Along, Joints, Linearised, Local, motion_of
+from elid_cli.model.rollout import SLIGHT, Added, Along, Joints, Linearised, Local, motion_of
 from elid_cli.model.runs import Run, runs_of
 from elid_cli.robot.mjcf.read import SPRING
 from elid_cli.robot.robot import Robot
@@ -50,7 +50,7 @@ class Replay(Shown):
     measured: Array
     """Measured positions, rad (m), (M, n); NaN where a joint has none."""
     simulated: Array
-    """Simulated positions, rad (m), (M, n)."""
+    """Simulated positions, rad (m), (M, n); infinite where the simulation ran away."""
     horizon: float | None
     driven_by: Literal["commands", "torque"]
     engine: str
@@ -71,7 +71,10 @@ class Replay(Shown):
 
     @property
     def lost(self) -> tuple[str, ...]:
-        """Joints whose rms error is larger than what their measured motion is away from its mean."""
+        """Joints whose rms error is larger than what their measured motion is away from its mean.
+
+        Those that ran away are among them: their errors are infinite.
+        """
         spread = dict(zip(self.robot.joint_names, np.nanstd(self.measured, axis=0).tolist(), strict=True))
         return tuple(name for name, e in self.error.items() if not e.rms <= spread[name])
 
@@ -123,6 +126,9 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     t = np.concatenate([run.t for run in runs])
     measured = np.concatenate([run.measured for run in runs])
     simulated = np.concatenate(found)
+    simulated = np.where(
+        np.abs(simulated - measured) < FARTHEST, simulated, np.where(np.isnan(measured), simulated, np.inf)
+    )
     order = np.argsort(t, kind="stable")
     error = position_errors(robot, simulated[order] - measured[order])
     return Replay(
@@ -179,18 +185,36 @@ def _along(robot: Robot, dt: float, samples: int) -> Along | None:
         return None
     parameters = robot.reference()
 
-    def added(local: Local, x: Array, v: Array) -> tuple[Array, Array]:
-        push, grip = np.zeros((2, len(x) - 1, 1, x.shape[1], robot.n))
+    def total(local: Local, x: Array, v: Array) -> Array:
+        """Return push and grip of all stretches, (2, N, S, m)."""
+        both = np.zeros((2, *x.shape))
         for k in range(x.shape[1]):
             own = Local(*(part[:, [k]] for part in (local.mass, local.force, local.slope, local.place)))
             scene = scene_along(robot, x[:, k], v[:, k], own, dt, parameters, samples)
             known = [found for spec in specs if (found := declared(robot, spec, scene)) is not None]
             done = acting([effect for effect, _ in known], scene)
-            total = done.total(np.concatenate([amplitudes for _, amplitudes in known]))
-            push[:, 0, k], grip[:, 0, k] = (0.5 * (part[1:] + part[:-1]) for part in total)
-        return push, grip
+            both[0, :, k], both[1, :, k] = done.total(np.concatenate([amplitudes for _, amplitudes in known]))
+        return both
+
+    def added(local: Local, x: Array, v: Array) -> Added:
+        here = total(local, x, v)
+        by_place, by_speed = (
+            (total(local, *moved)[0] - here[0]) / SLIGHT for moved in ((x + SLIGHT, v), (x, v + SLIGHT))
+        )
+        push, grip = (0.5 * (part[1:] + part[:-1])[:, None] for part in here)
+        return Added(push, grip, _usual(by_place, np.ones_like(v)), _usual(by_speed, v**2))
 
     return added
+
+
+def _usual(slope: Array, weight: Array) -> Array:
+    """Return the weighted mean over instants and stretches of a slope (N, S, m); 0 of one that is not positive.
+
+    Weighted by v², that of a friction which jumps at reversals is its slope in motion.
+    """
+    whole = np.maximum(weight.sum(axis=(0, 1)), 1e-300)
+    found: Array = np.maximum((slope * weight).sum(axis=(0, 1)) / whole, 0.0)
+    return np.where(np.isfinite(found), found, 0.0)
 
 
 def _of_channels(robot: Robot) -> tuple[Array, Array, tuple[str, ...]]:

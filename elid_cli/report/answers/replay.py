@@ -7,11 +7,14 @@ from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
-from elid_cli.experiment.replay.errors import PositionError, overall
-from elid_cli.experiment.replay.replay import Replay, pooled
+from elid_cli.experiment.replay.errors import PositionError, overall, runaways
+from elid_cli.experiment.replay.replay import TORQUE_HORIZON, Replay, pooled
 from elid_cli.report.answers.inputs import log_payload, robot_payload
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
 from elid_cli.robot.robot import Robot
+
+SHORT_HORIZON = 0.1
+"""s; where even this short a replay runs away, the robot file is wrong."""
 
 
 def replay_report(
@@ -35,7 +38,7 @@ def replay_report(
     robot = first.robot
     sections: list[Section] = [
         Text("title", f"{robot.name} · {', '.join(item.recording.files[0] for item in replays)}", "heading"),
-        KeyValues("answers", (("how far off?", _sentence(robot, error, before, names)),)),
+        KeyValues("answers", (("how far off?", _sentence(robot, error, before, names, first.horizon)),)),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate(_warnings(first))),
         _table(robot, error, before),
     ]
@@ -58,15 +61,15 @@ def replay_payload(replays: Sequence[Replay], against: Sequence[Replay] = ()) ->
         "horizon": first.horizon,
         "left_out": list(first.left_out),
         "error": _errors(error),
-        "mean_abs": overall(error),
+        "mean_abs": _known(overall(error)),
         "error_by_log": [{"file": item.recording.files[0], "error": _errors(item.error)} for item in replays],
     }
     if against:
         other = pooled(against)
         payload |= {
             "against": against[0].robot.name,
-            "before": {"error": _errors(error), "mean_abs": overall(error)},
-            "after": {"error": _errors(other), "mean_abs": overall(other)},
+            "before": {"error": _errors(error), "mean_abs": _known(overall(error))},
+            "after": {"error": _errors(other), "mean_abs": _known(overall(other))},
         }
     return payload
 
@@ -83,22 +86,38 @@ def _logs(replays: Sequence[Replay]) -> dict[str, Any]:
 
 
 def _errors(error: Mapping[str, PositionError]) -> dict[str, dict[str, float | None]]:
-    return {name: {k: v if isfinite(v) else None for k, v in asdict(e).items()} for name, e in error.items()}
+    return {name: {k: _known(v) for k, v in asdict(e).items()} for name, e in error.items()}
+
+
+def _known(value: float) -> float | None:
+    return value if isfinite(value) else None
 
 
 def _sentence(
-    robot: Robot, error: Mapping[str, PositionError], before: Mapping[str, PositionError] | None, names: Sequence[str]
-) -> str:
-    worst = max(error, key=lambda name: error[name].mean_abs)
-    if not isfinite(error[worst].mean_abs):
-        return f"The simulated {worst} runs away: no replay with this robot. Try --horizon 0.5."
-    said = f"{_average(robot, error)} on average"
-    if len({_unit(robot, name) for name in error}) == 1:
-        unit, scale = _unit(robot, worst)
-        said += f"; {worst} is worst with {number_text(scale * error[worst].mean_abs, 3)} {unit}"
+    robot: Robot, error: Mapping[str, PositionError], before: Mapping[str, PositionError] | None, names: Sequence[str],
+    horizon: float | None,
+) -> str:  # fmt: skip
+    away = runaways(error)
+    if away:
+        shorter = TORQUE_HORIZON if horizon is None else SHORT_HORIZON
+        which = "every joint" if len(away) == len(error) else ", ".join(away)
+        said = f"The simulated motion of {which} runs away: no replay with this robot"
+        said += f". Try --horizon {shorter:g}" if horizon is None or shorter < horizon else ""
+    else:
+        worst = max(error, key=lambda name: error[name].mean_abs)
+        said = f"{_average(robot, error)} on average"
+        if len({_unit(robot, name) for name in error}) == 1:
+            unit, scale = _unit(robot, worst)
+            said += f"; {worst} is worst with {number_text(scale * error[worst].mean_abs, 3)} {unit}"
     if before is not None:
-        said += f". {names[1]}: {_average(robot, before)} on average"
+        of = ", ".join(runaways(before))
+        said += f". {names[1]}: {f'{of} ran away' if of else f'{_average(robot, before)} on average'}"
     return f"{said}."
+
+
+def _size(value: float, unit: str) -> Cell:
+    """Return an error, rad (m), as it prints, in mrad (mm): no number where the simulated motion ran away."""
+    return Quantity(1e3 * value, unit, 3) if isfinite(value) else "ran away"
 
 
 def _average(robot: Robot, error: Mapping[str, PositionError]) -> str:
@@ -126,10 +145,10 @@ def _table(robot: Robot, error: Mapping[str, PositionError], other: Mapping[str,
     ]
     rows: list[tuple[Cell, ...]] = []
     for name, e in error.items():
-        unit, scale = _unit(robot, name)
-        row: list[Cell] = [name, *(Quantity(scale * v, unit, 3) for v in (e.mean_abs, e.rms, e.offset))]
+        unit, _ = _unit(robot, name)
+        row: list[Cell] = [name, *(_size(v, unit) for v in (e.mean_abs, e.rms, e.offset))]
         if other:
-            row.append(Quantity(scale * other[name].mean_abs, unit, 3) if name in other else None)
+            row.append(_size(other[name].mean_abs, unit) if name in other else None)
         rows.append(tuple(row))
     return Table("error", tuple(columns), tuple(rows), title="simulated minus measured position")
 
@@ -139,10 +158,10 @@ def _by_log(robot: Robot, replays: Sequence[Replay], against: Sequence[Replay]) 
         Column("file", "log"), Column("mean_abs", "mean absolute error", align="right"),
         *((Column("against", "of the other robot", align="right"),) if against else ()),
     ]  # fmt: skip
-    unit, scale = _unit(robot, robot.joint_names[0])
+    unit, _ = _unit(robot, robot.joint_names[0])
     rows: list[tuple[Cell, ...]] = [
-        (item.recording.files[0], Quantity(scale * item.mean_abs, unit, 3),
-         *((Quantity(scale * against[k].mean_abs, unit, 3),) if against else ()))
+        (item.recording.files[0], _size(item.mean_abs, unit),
+         *((_size(against[k].mean_abs, unit),) if against else ()))
         for k, item in enumerate(replays)
     ]  # fmt: skip
     return Table("by_log", tuple(columns), tuple(rows), title="of each log")
@@ -172,9 +191,16 @@ def _warnings(first: Replay) -> list[str]:
     said = list(first.recording.warnings)
     if first.left_out:
         said.append(f"the replay does not hold {', '.join(first.left_out)}, which the robot file declares")
-    if first.lost:
+    away = runaways(first.error)
+    if away:
         said.append(
-            f"{', '.join(first.lost)}: farther off than a joint that stands still would be; look at units and signs of "
+            f"{', '.join(away)}: the simulated motion runs away: a refused or wrong value in the robot file "
+            "(stiffness, inertia), or a wrong unit or sign of what drives it"
+        )
+    lost = [name for name in first.lost if name not in away]
+    if lost:
+        said.append(
+            f"{', '.join(lost)}: farther off than a joint that stands still would be; look at units and signs of "
             "positions and commands, gains, gravity, and at the values of the robot file"
         )
     if first.driven_by == "torque":

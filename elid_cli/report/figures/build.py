@@ -77,7 +77,8 @@ def replay_figures(found: Replay, other: Replay | None = None, names: Sequence[s
     """Return the figures of a replay, and of the same log with another robot where there is one; `names` of both."""
     replays = (found,) if other is None else (found, other)
     labels = names if len(names) == len(replays) > 1 else ("error", "error of the other robot")
-    cases = [(label, {joint: 1e3 * e.mean_abs for joint, e in item.error.items()})
+    # no bar is as long as the error of a motion that ran away
+    cases = [(label, {joint: 1e3 * e.mean_abs for joint, e in item.error.items() if isfinite(e.mean_abs)})
              for label, item in zip(labels, replays, strict=False)]  # fmt: skip
     return figures_of(FigureInput(replays=replays, cases=cases, unit=milli(found.robot), heading=MEAN))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace as changed
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import elid_cli.model.rollout as rollout
 from elid_cli.cli import main
 from elid_cli.errors import LogError, UsageError
 from elid_cli.experiment.replay import ReplayOptions, replay
+from elid_cli.experiment.replay.errors import runaways
 from elid_cli.logs.reading import read_recording
 from elid_cli.logs.writing import write_recording
 from elid_cli.model.dynamics import Dynamics
@@ -25,6 +27,9 @@ from elid_cli.signals.recording import Recording, Segment
 
 KP, KD = np.array([400.0, 150.0]), np.array([30.0, 10.0])
 DT = 0.005
+STIFF = read_robot("planar2").reference()[[p.kind == "K" for p in read_robot("planar2").parameter_names()]]
+Torques = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Torques of effects on (links, motors), each (n,), of q, theta and their velocities."""
 
 
 def rigid(robot: Robot, friction: float = 1.0) -> Robot:
@@ -120,22 +125,87 @@ def test_arrays_and_compiled_loops_take_the_same_steps(
     assert advance_arrays is not None
 
 
-def test_an_elastic_arm_swings_as_its_equations_say() -> None:
-    robot = read_robot("planar2")
+def swinging(robot: Robot, torques: Torques) -> Recording:
+    """Return a log of an elastic arm that falls without torque, but for those of effects on (links, motors)."""
     dynamics = Dynamics(robot)
     x0 = [0.3, -0.2, 0.3, -0.2]
 
     def slope(_: float, s: np.ndarray) -> np.ndarray:
         q, theta, v, w = s[:2], s[2:4], s[4:6], s[6:]
-        a, b = dynamics.acceleration(q.tolist(), v.tolist(), theta.tolist(), w.tolist(), [0.0, 0.0])
+        extra = tuple(side.tolist() for side in torques(q, theta, v, w))
+        a, b = dynamics.acceleration(q.tolist(), v.tolist(), theta.tolist(), w.tolist(), [0.0, 0.0], extra)
         return np.concatenate([v, w, a, b])
 
     t = np.arange(61) * DT
     exact = solve_ivp(slope, (0.0, t[-1]), [*x0, 0, 0, 0, 0], t_eval=t, rtol=1e-9, atol=1e-11).y.T
-    log = Recording(joints=robot.joint_names, dt=DT, t=t, q=exact[:, :2], theta=exact[:, 2:4], tau=np.zeros((61, 2)),
-                    dq=exact[:, 4:6], dtheta=exact[:, 6:], segments=(Segment(0, 61),), files=("fall",))  # fmt: skip
-    assert np.abs(exact[-1, :2] - exact[0, :2]).max() > 0.2
+    return Recording(joints=robot.joint_names, dt=DT, t=t, q=exact[:, :2], theta=exact[:, 2:4], tau=np.zeros((61, 2)),
+                     dq=exact[:, 4:6], dtheta=exact[:, 6:], segments=(Segment(0, 61),), files=("fall",))  # fmt: skip
+
+
+def test_an_elastic_arm_swings_as_its_equations_say() -> None:
+    robot = read_robot("planar2")
+    log = swinging(robot, lambda q, theta, v, w: (0 * q, 0 * q))
+    assert np.abs(log.q[-1] - log.q[0]).max() > 0.2
     assert replay(robot, log, ReplayOptions(horizon=10.0)).mean_abs < 1e-3
+
+
+EFFECTS_OF_ELASTIC_JOINTS: dict[str, tuple[dict[str, float], float, Torques]] = {
+    "link_spring": (
+        {"stiffness": 900.0, "preload": 60.0}, 1e-3, lambda q, theta, v, w: (900.0 * q + 60.0, 0 * q)
+    ),
+    "link_viscous": ({"friction": 60.0}, 1e-5, lambda q, theta, v, w: (60.0 * v, 0 * q)),
+    "quadratic_viscous": (
+        {"amplitude": 4.0, "power": 2.0}, 2e-4, lambda q, theta, v, w: (0 * q, 4.0 * np.abs(w) * w)
+    ),
+    "load_friction": (  # of the load that the spring carries
+        {"coefficient": 0.3}, 8e-4,
+        lambda q, theta, v, w: (0 * q, 0.3 * np.abs(STIFF * (theta - q)) * np.tanh(w / 5e-3)),
+    ),
+}  # fmt: skip
+"""Values, error of a replay that the log's 5 ms leave (rad), and the torques by formulas of their own."""
+
+
+@pytest.mark.parametrize("effect", EFFECTS_OF_ELASTIC_JOINTS)
+def test_effects_of_an_elastic_joint_act_on_its_link_or_on_its_motor(effect: str) -> None:
+    robot = read_robot("planar2")
+    values, near, torques = EFFECTS_OF_ELASTIC_JOINTS[effect]
+    log = swinging(robot, torques)
+    told = changed(robot, effects=tuple(EffectSpec(effect, name, values) for name in robot.joint_names))
+    right, without = (replay(arm, log, ReplayOptions(horizon=10.0)) for arm in (told, robot))
+    assert not right.left_out
+    assert right.mean_abs < near < 0.02 * without.mean_abs
+
+
+def test_a_motion_that_runs_away_has_no_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    robot = read_robot("planar2")
+    fall = swinging(robot, lambda q, theta, v, w: (0 * q, 0 * q))
+    log = changed(fall, tau=1e-3 * np.sin(40 * fall.t)[:, None] * np.ones(2))  # no torque at all would count as none
+    push = changed(robot, effects=(EffectSpec("link_spring", "joint2", {"stiffness": -2e6, "preload": 0.0}),))
+    found = replay(push, log)
+    assert found.lost == robot.joint_names
+    assert set(runaways(found.error)) == {"joint1", "joint2"}
+    file, bad = tmp_path / "fall.h5", tmp_path / "bad.yaml"
+    write_recording(log, file)
+    write_robot(push, bad)
+    line = ["replay", str(file), "--robot", str(bad)]
+    assert main(line) == 0
+    told = capsys.readouterr().out
+    assert "runs away: no replay with this robot. Try --horizon 0.1." in " ".join(told.split())
+    assert told.count("ran away") == 6
+    assert "inf" not in told.split("how it was computed")[0].replace("inertia", "")
+    assert "e+" not in told
+    assert main([*line, "--max-error", "1mrad"]) == 1
+    assert "joint1 ran away" in " ".join(capsys.readouterr().err.split())
+    page = tmp_path / "page.html"
+    assert main([*line, "--json", "--against", "planar2", "--report", str(page)]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["error"]["joint1"] == {"rms": None, "mean_abs": None, "offset": None}
+    assert told["mean_abs"] is None
+    assert told["after"]["mean_abs"] < 1e-3
+    drawn = page.read_text("utf-8")
+    assert "inf mrad" not in drawn
+    assert "NaN" not in drawn
+    assert "\"nan\"" not in drawn
 
 
 def test_restarts_keep_a_replay_of_torques_near(arm: Robot, log: Recording) -> None:
