@@ -371,6 +371,6 @@ def _coupled(robot: Robot) -> list[list[NDArray[np.intp]]]:
 def one_variant(joints: Joints, number: int) -> Joints:
     """Return a variant alone."""
     row = slice(number, number + 1)
-    return Joints(joints.inertia[row], joints.coulomb[row], joints.viscous[row], joints.offset[row],
-                  *(None if values is None else values[:, row] for values in (joints.push, joints.grip)),
-                  damping=joints.damping)  # fmt: skip
+    push, grip = (None if values is None else values[:, row] for values in (joints.push, joints.grip))
+    inertia, coulomb = joints.inertia[row], joints.coulomb[row]
+    return Joints(inertia, coulomb, joints.viscous[row], joints.offset[row], push, grip, joints.damping)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import isfinite
 
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 from elid_cli.diagnosis.friction_family import FrictionFamily

@@ -205,7 +205,7 @@ def test_a_motion_that_runs_away_has_no_number(tmp_path: Path, capsys: pytest.Ca
     drawn = page.read_text("utf-8")
     assert "inf mrad" not in drawn
     assert "NaN" not in drawn
-    assert "\"nan\"" not in drawn
+    assert '"nan"' not in drawn
 
 
 def test_restarts_keep_a_replay_of_torques_near(arm: Robot, log: Recording) -> None:
