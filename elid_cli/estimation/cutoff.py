@@ -50,9 +50,12 @@ def fit_best(model: Regressor, base: BaseParameters, signals: Signals, options: 
 
     A cut-off that the user gave stands, and so does that for declared effects, whose shapes lie in faster changes.
     """
-    fit, whole = _best(model, base, signals, options)
-    if not whole:
-        fit = fit_log(model, base, _like(signals, fit.signals), options)
+    if _given(model, signals, options):
+        fit = fit_log(model, base, signals, options)
+    else:
+        fit, whole = _best(model, base, signals, options)
+        if not whole:
+            fit = fit_log(model, base, _like(signals, fit.signals), options)
     return in_time(signals, fit, lambda moved: fit_log(model, base, moved, options))
 
 
@@ -88,6 +91,11 @@ def in_time(signals: Signals, fit: DefaultFit, again: Callable[[Signals], Defaul
     return fit
 
 
+def _given(model: Regressor, signals: Signals, options: EstimateOptions) -> bool:
+    """Whether the cut-off stands: the user gave it, or shapes of effects lie in faster changes."""
+    return not signals.cutoff_free or (bool(model.robot.effects) and not options.hold)
+
+
 def _like(signals: Signals, other: Signals) -> Signals:
     """Return a log filtered, and its torques moved, as a part of it was."""
     return _moved(replace(signals, filter=other.filter), other.moved)
@@ -105,9 +113,8 @@ def _best(
     """Return the fit at the best cut-off to the stretches that it is judged by, and whether they are the whole log."""
     shown = replace(signals, segments=excerpts(signals.segments, signals.dt))
     whole = shown.duration == signals.duration and len(shown.segments) == len(signals.segments)
-    shaping = bool(model.robot.effects) and not options.hold
-    if not signals.cutoff_free or shaping:
-        whole = whole or shaping
+    if _given(model, signals, options):
+        whole = whole or signals.cutoff_free
         return fit_log(model, base, signals if whole else shown, options), whole
     hint = replace(signals, segments=excerpts(signals.segments, signals.dt, HINT, shortest=SHORTEST))
     if hint.duration < signals.duration:

@@ -83,10 +83,17 @@ def facts_of(signals: Signals, known: NDArray[np.bool_] | NDArray[np.intp]) -> S
 NEAR = 64
 """Samples between instants up to which all of them are evaluated at once rather than each instant by itself."""
 
+RUNS = 40
+"""Parts of the instants, each evenly spaced, up to which every part is evaluated at once."""
+
 
 def _poses(signals: Signals, instants: NDArray[np.intp]) -> Array:
     """Return the link positions at some instants, ascending, (M, n)."""
-    first, last = int(instants[0]), int(instants[-1])
+    first, last, steps = int(instants[0]), int(instants[-1]), np.diff(instants)
+    runs = np.split(instants, np.flatnonzero(steps != steps[0]) + 1) if steps.size else [instants]
+    if len(runs) <= RUNS:  # evenly spaced but from segment to segment
+        step = int(steps[0]) if steps.size else 1
+        return np.concatenate([signals.motion[int(run[0]) : int(run[-1]) + 1 : step].q for run in runs])
     if last - first < NEAR * instants.size:
         return np.asarray(signals.motion.positions(slice(first, last + 1))[0][:, instants - first].T)
     return np.array([signals.motion.positions(slice(k, k + 1))[0, :, 0] for k in instants.tolist()])

@@ -83,6 +83,9 @@ def random_motion(n: int, elastic: NDArray[np.bool_], samples: int, seed: int = 
     return Motion(np.arange(samples, dtype=float), q, dq, ddq, theta, dtheta, ddtheta)
 
 
+SIDES: tuple[Literal["link"], Literal["motor"]] = ("link", "motor")
+
+
 @dataclass(frozen=True)
 class SplineSegment:
     """Splines of some joints' links or motors on one segment."""
@@ -203,9 +206,9 @@ class SplineMotion(Motion):
                     out[number, 0, joint] = rest[joint]
 
     def _whole(self, side: int, derivative: int) -> Array:
-        out = np.full((self.samples, self._joints), np.nan)
+        out, sides = np.full((self.samples, self._joints), np.nan), (SIDES[side],)
         for part in in_parts(self.segments):
-            out[part] = self.evaluated(part.start, part.stop, derivative + 1, first=derivative)[side, 0].T
+            out[part] = self.evaluated(part.start, part.stop, derivative + 1, first=derivative, sides=sides)[0, 0].T
         return out
 
     @cached_property
