@@ -60,7 +60,8 @@ class MappedRows:
     def append(self, rows: Array) -> None:
         """Append rows, (m, width)."""
         self.rows += len(rows)
-        self._parts.append(np.ascontiguousarray(rows, dtype=np.float64))
+        # a copy: a view of one column would keep the whole table that it was read with
+        self._parts.append(np.array(rows, dtype=np.float64, order="C"))
         if self._file is None and 8 * self._width * self.rows >= LEAST:
             self._file = _nameless()
         if self._file is not None:

@@ -64,6 +64,12 @@ def grown(width: int = 3) -> tuple[MappedRows, np.ndarray]:
     return rows, values
 
 
+def test_a_column_does_not_keep_the_table_it_was_read_with() -> None:
+    table, rows = np.ones((20, 100)), MappedRows(1)
+    rows.append(table[:1].T)
+    assert not np.shares_memory(rows.finish(), table)
+
+
 def test_many_rows_lie_in_a_file_and_come_back_when_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
     rows, values = grown()
     np.testing.assert_array_equal(rows.finish(), values)
