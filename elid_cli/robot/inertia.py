@@ -12,6 +12,9 @@ import numpy as np
 
 from elid_cli._types import Array
 
+ROUNDING = 1e-9
+"""Relative error of moments of inertia that were computed from sums of others."""
+
 
 def pseudo_inertia(parameters: Array) -> Array:
     """Return the 4x4 pseudo-inertia of ten parameters (m, c, I about the origin), shape (10,)."""
@@ -57,6 +60,12 @@ def about_centre(parameters: Array) -> tuple[float, Array, Array]:
         return 0.0, np.zeros(3), _tensor(parameters)
     centre = first / mass
     return mass, centre, _tensor(parameters) - mass * _steiner(centre)
+
+
+def real_tensor(tensor: Array) -> bool:
+    """Return whether an inertia tensor about the centre (3, 3) is that of a real body: A > 0 and A + B >= C."""
+    a, b, c = np.linalg.eigvalsh(tensor)
+    return bool(a > 0 and a + b >= (1 - ROUNDING) * c)
 
 
 def about_origin(mass: float, centre: Array, tensor: Array) -> Array:

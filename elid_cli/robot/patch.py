@@ -18,7 +18,7 @@ from elid_cli.errors import RobotError
 from elid_cli.files import LARGEST, read_text
 from elid_cli.robot.files import robot_from_text
 from elid_cli.robot.frames import translation
-from elid_cli.robot.inertia import about_centre, inertial_parameters, moved, pseudo_inertia
+from elid_cli.robot.inertia import about_centre, inertial_parameters, moved, pseudo_inertia, real_tensor
 from elid_cli.robot.locking import locked
 from elid_cli.robot.mjcf.elements import stiffness_and_rest
 from elid_cli.robot.mjcf.read import SPRING, MjcfTree, MovingJoint
@@ -107,7 +107,7 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
         if change is not None and child is not None:
             link = links[child.attributes["link"]]
             known = link_inertia(link)
-            ten = _inertial(change + (0 if known is None else known), f"link {link.attributes['name']!r}")
+            ten = _inertial(change + (0 if known is None else known), known, f"link {link.attributes['name']!r}")
             _put(edit, link, ten)
         _set(edit, element, "dynamics", _named(joint, (("damping", "fv"), ("friction", "fs"))))
         if said:
@@ -157,11 +157,25 @@ def _put(edit: XmlEdit, link: Element, ten: tuple[float, Array, Array]) -> None:
         edit.replace(old, text)
 
 
-def _inertial(body: Array, what: str) -> tuple[float, Array, Array]:
+def _inertial(body: Array, before: Array | None, what: str) -> tuple[float, Array, Array]:
+    """Return mass, centre and tensor of a body; refuse one that no simulator loads where the file's own was real."""
     ten = inertial_parameters(body)
     if not ten[0] > 0:
         raise RobotError(f"{what} would have a mass of {ten[0]:.3g} kg", hint=_PHYSICAL)
-    return about_centre(ten)
+    mass, centre, tensor = about_centre(ten)
+    if not real_tensor(tensor) and (before is None or _is_real(before)):
+        a, b, c = np.linalg.eigvalsh(tensor)
+        raise RobotError(
+            f"{what} would have the principal moments of inertia {a:.3g}, {b:.3g} and {c:.3g} kg·m²",
+            detail="of a real body they are positive and none exceeds the sum of the others; simulators refuse others",
+            hint=_PHYSICAL,
+        )
+    return mass, centre, tensor
+
+
+def _is_real(body: Array) -> bool:
+    ten = inertial_parameters(body)
+    return bool(ten[0] > 0 and real_tensor(about_centre(ten)[2]))
 
 
 def _patch_mjcf(edit: XmlEdit, text: str, robot: Robot, changes: _Changes) -> None:
@@ -185,7 +199,7 @@ def _patch_mjcf(edit: XmlEdit, text: str, robot: Robot, changes: _Changes) -> No
             why = "its body has nothing but meshes" if number in meshes else "its body has another joint behind it"
             raise RobotError(f"{robot.source}: {item.name}: no <inertial> to write to: {why}", hint="write a .yaml")
         anchor = translation(*item.element.numbers("pos", (0.0, 0.0, 0.0)))
-        mass, centre, tensor = _inertial(item.own + moved(change, anchor), f"the body of {item.name}")
+        mass, centre, tensor = _inertial(item.own + moved(change, anchor), item.own, f"the body of {item.name}")
         order = (tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2])
         full = f'mass="{_number(mass)}" fullinertia="{" ".join(map(_number, order))}"'
         inertial = f'<inertial pos="{" ".join(map(_number, centre))}" {full}/>'

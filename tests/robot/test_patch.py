@@ -98,6 +98,9 @@ def test_what_the_file_cannot_hold_is_refused(tmp_path: Path) -> None:
     light = replace(robot.joints[0], parameters={**robot.joints[0].parameters, "m": 0.1})
     with pytest.raises(RobotError, match=r"link 'upper' would have a mass of -0\.9 kg"):
         patched(replace(robot, joints=(light, *robot.joints[1:])))
+    flat = replace(robot.joints[0], parameters={**robot.joints[0].parameters, "Ixx": 9.0})
+    with pytest.raises(RobotError, match=r"link 'upper' would have the principal moments of inertia .* and [0-9.]+ kg"):
+        patched(replace(robot, joints=(flat, *robot.joints[1:])))
     (tmp_path / "arm.urdf").write_text(URDF.replace('"slide"', '"glide"'))
     with pytest.raises(RobotError, match="no joint 'slide' any more"):
         patched(robot)
