@@ -78,10 +78,10 @@ def series_of(name: str, unit: str, place: Array, values: Array, errors: Array) 
     variance = max((q - (count - 1)) / scale, 0.0) if count > 1 and scale > 0 else 0.0
     mixed = 1.0 / (errors**2 + variance + 1e-300)
     mean = float(np.sum(mixed * values) / np.sum(mixed))
-    slope, deviation = _line(place, values, errors)
+    slope, deviation = line_of(place, values, errors)
     known = count >= LEAST and np.isfinite(deviation)
     reach = student_quantile(count - 2, 0.975) * deviation if known else math.inf
-    p = _two_sided(slope / deviation, count - 2) if known and deviation > 0 else 1.0
+    p = two_sided(slope / deviation, count - 2) if known and deviation > 0 else 1.0
     return Series(
         name, unit, place, values, errors, mean, float(np.sqrt(np.mean(errors**2))), math.sqrt(variance), slope,
         (slope - reach, slope + reach), p, _step(values, errors),
@@ -89,7 +89,7 @@ def series_of(name: str, unit: str, place: Array, values: Array, errors: Array) 
     )  # fmt: skip
 
 
-def _line(place: Array, values: Array, errors: Array) -> tuple[float, float]:
+def line_of(place: Array, values: Array, errors: Array) -> tuple[float, float]:
     """Return slope and standard error, the spread between recordings taken from the residual about the line."""
     count = len(values)
     if count < LEAST or np.ptp(place) == 0:
@@ -109,7 +109,8 @@ def _line(place: Array, values: Array, errors: Array) -> tuple[float, float]:
     return float(found[1]), float(np.sqrt(size * np.linalg.inv(gram)[1, 1]))
 
 
-def _two_sided(t: float, freedom: int) -> float:
+def two_sided(t: float, freedom: int) -> float:
+    """Return the chance that Student's t lies as far from zero."""
     return float(2.0 * stdtr(freedom, -abs(t)))
 
 
@@ -124,7 +125,7 @@ def _step(values: Array, errors: Array) -> Step | None:
         # the scatter of a side is no smaller than the errors of its recordings say
         variance = max(float(within), float(np.mean(errors**2))) * (1 / len(one) + 1 / len(other))
         size = float(other.mean() - one.mean())
-        p = min(1.0, len(places) * _two_sided(size / math.sqrt(max(variance, 1e-300)), count - 2))
+        p = min(1.0, len(places) * two_sided(size / math.sqrt(max(variance, 1e-300)), count - 2))
         if best is None or p < best.p:
             best = Step(last, size, p)
     return best
@@ -140,6 +141,6 @@ def _far(values: Array, errors: Array) -> int | None:
         others, own = np.delete(values, k), np.delete(errors, k)
         variance = max(float(np.var(others, ddof=1)), float(np.mean(own**2)))
         deviation = math.sqrt(max(variance * (1 + 1 / len(others)), errors[k] ** 2, 1e-300))
-        found.append(_two_sided((values[k] - others.mean()) / deviation, count - 2))
+        found.append(two_sided((values[k] - others.mean()) / deviation, count - 2))
     worst = int(np.argmin(found))
     return worst if count * found[worst] < 0.01 else None

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elid_cli.errors import UsageError
 from elid_cli.estimation.comparison import Result, as_saved
+from elid_cli.estimation.trend.families import LEADER, Family, families
 from elid_cli.estimation.trend.series import LEAST, Series, Word, series_of
 from elid_cli.robot.parameter import MOTOR_PARAMETERS
 from elid_cli.tables import Shown
 
-_LEADER = re.compile(r"([A-Za-z]+)(\d+)(?: |$)")
 FALSE_ALARMS = 0.01
 """Share of machines on which nothing changes and something is named."""
 
@@ -29,7 +28,7 @@ class Trend:
     @property
     def drives(self) -> bool:
         """Whether it is of a drive or a transmission, or beside the base parameters."""
-        leader = _LEADER.match(self.series.name)
+        leader = LEADER.match(self.series.name)
         return leader is None or leader.group(1) in (*MOTOR_PARAMETERS, "K")
 
 
@@ -43,13 +42,15 @@ class Trends(Shown):
     joints: tuple[str, ...] = ()
     axis: str = "recording"
     """Of what slopes are given per one: ``recording``, ``hour``."""
+    families: tuple[Family, ...] = ()
+    """Kinds of parameters that enough joints have."""
 
     def joint_of(self, item: Trend) -> str:
         """Return the joint of a parameter: that of a sum's leading term, or the one that its name ends in."""
         _, of, rest = item.series.name.partition(" of ")
         if of and ": " in rest:
             return rest.partition(": ")[0]
-        leader = _LEADER.match(item.series.name)
+        leader = LEADER.match(item.series.name)
         number = int(leader.group(2)) if leader else 0
         return self.joints[number - 1] if 0 < number <= len(self.joints) else f"joint {number}" if number else "robot"
 
@@ -62,8 +63,8 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
     """Return which base parameters of a machine change over its recordings, and what was corrected beside them.
 
     A trend or a step is named where its p-value holds among all parameters and both questions (Holm 1979), at
-    `FALSE_ALARMS` for the machine. Of a parameter with neither, recordings disagree where they scatter farther than
-    their standard errors say, judged in the same way.
+    `FALSE_ALARMS` for the machine; so are kinds of parameters that change together at all joints. Of a parameter with
+    neither, recordings disagree where they scatter farther than their standard errors say, judged in the same way.
 
     Parameters
     ----------
@@ -102,7 +103,8 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
                          detail=", ".join(r.file for r in results[:4]))  # fmt: skip
     lines = [s.slope_p for s in series]
     steps = [s.step.p if s.step else 1.0 for s in series]
-    named = _holm([*lines, *steps], FALSE_ALARMS)
+    kinds = families(series)
+    named = _holm([*lines, *steps, *(kind.p for kind in kinds)], FALSE_ALARMS)
     scattered = _holm([s.heterogeneity_p for s in series], FALSE_ALARMS)
     trends = []
     for k, item in enumerate(series):
@@ -113,7 +115,9 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
         elif scattered[k]:
             word = "disagrees"
         trends.append(Trend(item, word))
-    return Trends(results[0].robot, tuple(r.file for r in results), tuple(trends), results[0].joints, axis)
+    told = zip(kinds, named[2 * len(series) :], strict=True)
+    together = tuple(replace(kind, named=holds) for kind, holds in told)
+    return Trends(results[0].robot, tuple(r.file for r in results), tuple(trends), results[0].joints, axis, together)
 
 
 def _holm(p: Sequence[float], level: float) -> list[bool]:

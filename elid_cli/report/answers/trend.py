@@ -5,6 +5,8 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
+from elid_cli.estimation.regression.long_run import student_quantile
+from elid_cli.estimation.trend.families import Family
 from elid_cli.estimation.trend.trends import Trend, Trends
 from elid_cli.report.answers.summary import counted, share_text
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, number_text
@@ -34,7 +36,12 @@ def trend_payload(found: Trends) -> dict[str, Any]:
         "files": list(found.files),
         "slope_per": found.axis,
         "parameters": [_entry(item, found.files) for item in found.trends],
-    }
+        "families": [
+            {"kind": item.kind, "names": list(item.names), "slope": item.slope, "std_error": item.std_error,
+             "p": item.p, "named": item.named}
+            for item in found.families
+        ],
+    }  # fmt: skip
 
 
 def _entry(item: Trend, files: tuple[str, ...]) -> dict[str, Any]:
@@ -58,13 +65,26 @@ def _entry(item: Trend, files: tuple[str, ...]) -> dict[str, Any]:
 
 def _changed(found: Trends) -> str:
     moved = found.of("trend", "step")
+    together = [_together(item, found) for item in found.families if item.named]
+    if not moved and together:
+        return f"{'; '.join(together)}. No parameter alone."
     if not moved:
         return (
             f"Nothing, of {len(found.trends)} parameters: at most one machine in a hundred is called changed by chance."
         )
-    said = [f"{item.series.name} {_size(item, len(found.files))}" for item in moved[:4]]
+    said = [*together] + [f"{item.series.name} {_size(item, len(found.files))}" for item in moved[:4]]
     more = f"; {len(moved) - 4} more below" if len(moved) > 4 else ""
     return f"{'; '.join(said)}{more}."
+
+
+def _together(item: Family, found: Trends) -> str:
+    """Return what all joints do together."""
+    steps = max(float(trend.series.place[-1] - trend.series.place[0]) for trend in found.trends)
+    reach = share_text(student_quantile(len(item.names) - 1, 0.975) * item.std_error * steps)
+    return (
+        f"{item.kind} of {len(item.names)} joints together by {_signed(item.slope * steps)} ± {reach} from the first "
+        "to the last"
+    )
 
 
 def _size(item: Trend, count: int) -> str:

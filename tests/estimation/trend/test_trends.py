@@ -15,7 +15,7 @@ from elid_cli.estimation.trend.series import series_of
 from elid_cli.estimation.trend.trends import trend
 from elid_cli.report.figures import picture
 from elid_cli.report.figures.build import trend_figures
-from tests.system.reproduce.trend_fleets import WEAR, fleet
+from tests.system.reproduce.trend_fleets import WEAR, changed, fleet, warming
 
 ROOT = Path(__file__).parents[3]
 
@@ -23,8 +23,17 @@ ROOT = Path(__file__).parents[3]
 def test_wear_is_found_and_quiet_machines_are_left_alone() -> None:
     found = [fleet(seed, 60, WEAR, 20).trends[0].word for seed in range(20)]
     assert sum(word in ("trend", "step") for word in found) >= 18
-    quiet = [bool(fleet(1000 + seed, 30, 0.0, 20).of("trend", "step")) for seed in range(40)]
+    quiet = [bool(changed(fleet(1000 + seed, 30, 0.0, 20))) for seed in range(40)]
     assert sum(quiet) <= 2
+
+
+def test_what_all_joints_do_together_is_one_hypothesis() -> None:
+    """No joint alone stands out in five recordings; twelve of them do."""
+    found = [warming(seed) for seed in range(20)]
+    assert sum(changed(item) == ["fv"] for item in found) >= 18
+    family = next(item for item in found[0].families if item.kind == "fv")
+    assert family.slope * 4 == pytest.approx(-0.2 / 0.9, abs=0.06)
+    assert sum(bool(changed(warming(500 + seed, (0.0, 0.0)))) for seed in range(60)) <= 2
 
 
 def test_a_slope_and_its_interval_are_those_of_least_squares() -> None:
