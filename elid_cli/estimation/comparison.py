@@ -46,6 +46,8 @@ class SavedResult:
     joints: tuple[str, ...] = ()
     beside: Mapping[str, Estimate] = field(default_factory=dict)
     """What was corrected or found beside the base parameters: ``torque_offset of joint1: offset``."""
+    temperature: float | None = None
+    """Mean over the log and over joints, °C; None where it was not logged."""
 
 
 Result = SavedResult | Shown | str | Path
@@ -135,7 +137,10 @@ def result_of(data: Mapping[str, Any], path: str) -> SavedResult:
         detail = f"it was made by elid {data.get('command')}"
         raise UsageError(f"{path}: holds no estimates", detail=detail, hint="compare results of identify or diagnose")
     joints = tuple(str(name) for name in data.get("joints", ()))
-    return SavedResult(path, str(data.get("robot", "")), parameters, _relative(error), joints, _beside(data))
+    beside = {**_beside(data), **_armatures(data, joints, parameters)}
+    return SavedResult(
+        path, str(data.get("robot", "")), parameters, _relative(error), joints, beside, _temperature(data)
+    )
 
 
 def _beside(data: Mapping[str, Any]) -> dict[str, Estimate]:
@@ -156,6 +161,28 @@ def _beside(data: Mapping[str, Any]) -> dict[str, Estimate]:
                 of = f" of {joint}" if joint else ""
                 found[f"{effect}{of}: {name}"] = Estimate(value, error, units[name])
     return found
+
+
+def _armatures(data: Mapping[str, Any], joints: Sequence[str], parameters: Mapping[str, Any]) -> dict[str, Estimate]:
+    """Return the rotor inertias of a trajectory fit, which holds bodies, that are no base parameters on their own."""
+    settings = data.get("settings")
+    fit = settings.get("trajectory") if isinstance(settings, dict) else None
+    own = fit.get("joint_parameters") if isinstance(fit, dict) else None
+    found = {}
+    for number, joint in enumerate(joints, start=1):
+        drive = own.get(joint) if isinstance(own, dict) else None
+        told = drive.get("Ja") if isinstance(drive, dict) else None
+        if isinstance(told, dict) and f"Ja{number}" not in parameters:
+            value, error = _number(told.get("estimate")), _number(told.get("std_error"))
+            found[f"Ja{number}"] = Estimate(value, error, "kg·m²")
+    return found
+
+
+def _temperature(data: Mapping[str, Any]) -> float | None:
+    log = data.get("log")
+    told = log.get("temperature") if isinstance(log, dict) else None
+    values = [v for value in told.values() if (v := _number(value)) is not None] if isinstance(told, dict) else []
+    return math.fsum(values) / len(values) if values else None
 
 
 def saved_object(path: str | Path) -> Mapping[str, Any]:

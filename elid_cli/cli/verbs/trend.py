@@ -75,7 +75,7 @@ def trend(
             report = with_figures(report, trend_figures(found))
     emit(report, output)
     moved = [item.series.name for item in found.of("trend", "step")]
-    moved += [f"{item.kind} of all joints" for item in found.families if item.named]
+    moved += [f"{item.kind} of all joints" for item in found.families if item.word == "trend"]
     if fail_on_trend and moved:
         raise LimitError(f"{', '.join(moved)}: changed over the recordings")
 

@@ -1,17 +1,25 @@
-"""Parameters of one kind over all joints, and whether they change together.
+"""Parameters of one kind over all joints: whether they differ together between recordings, and along a line.
 
-What a drive does with every joint alike (grease that warms up) is one hypothesis with as many witnesses as joints,
-where each joint alone would have to stand out from all parameters of the machine.
+Joints are witnesses of what all of them share. Where their values differ between recordings alike, by more than joints
+that scatter independently would (two-way analysis of variance, Fisher), recordings differ in something of the whole
+machine. That is not yet a trend: a session's own delay, torque scale or temperature moves all joints, too. So a line is
+tested on the mean over joints, one value per recording, whose scatter holds whatever the joints of a recording share.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from scipy.special import fdtrc
 
+from elid_cli._types import Array
+from elid_cli.estimation.regression.long_run import student_quantile
+from elid_cli.estimation.trend.conditions import Explanation, explanations
 from elid_cli.estimation.trend.series import LEAST, Series, line_of, two_sided
 
 LEADER = re.compile(r"([A-Za-z]+)(\d+)(?: |$)")
@@ -20,52 +28,74 @@ JOINTS = 4
 """Fewest joints of a family."""
 CLEAR = 5.0
 """Least mean over its standard error of a parameter whose relative change counts."""
-STEADY = 0.05
-"""Most that the line through the joints' common mean may be due to the scatter of recordings: else all joints wander
-together, which is no trend."""
+
+FamilyWord = Literal["steady", "trend", "together"]
 
 
 @dataclass(frozen=True)
 class Family:
-    """One kind of parameters of several joints."""
+    """One kind of parameters of several joints; changes are parts of each joint's own mean."""
 
     kind: str
     """Such as ``fv``."""
     names: tuple[str, ...]
+    places: Array
+    """Places of recordings, (R,)."""
+    means: Array
+    """Mean over joints in each recording, about 1, (R,)."""
     slope: float
-    """Mean of the joints' slopes, each over its own mean, per unit of the axis."""
+    """Of the mean over joints, per unit of the axis."""
     std_error: float
-    """Of it, from the scatter of joints."""
-    p: float
-    """Chance of such a mean slope where joints change independently about none; 1 where their mean only wanders."""
-    named: bool = False
-    """Whether it holds among all that was asked of the machine."""
+    """Of it, from the scatter of the joints' slopes alone: what it would be if joints shared nothing but it."""
+    interval: tuple[float, float]
+    """95 % interval of the slope, which holds what the joints of a recording share."""
+    slope_p: float
+    """Chance that recordings scatter about no line and the slope is as large."""
+    together_p: float
+    """Chance that independent joints differ as alike between recordings."""
+    word: FamilyWord = "steady"
+    explained: tuple[Explanation, ...] = ()
+    """What the mean over joints goes with, best first; empty where nothing is as clear, or nothing differs."""
 
 
-def families(series: Sequence[Series]) -> list[Family]:
-    """Return the kinds that enough joints have, with what their slopes say together (Student's t over joints)."""
+def families(series: Sequence[Series], recordings: int) -> list[Family]:
+    """Return the kinds that enough joints have in all recordings, not yet judged."""
     kinds: dict[str, list[Series]] = {}
     for item in series:
         leader = LEADER.match(item.name)
-        if leader and abs(item.mean) > CLEAR * item.within / np.sqrt(len(item.values)):
+        clear = abs(item.mean) > CLEAR * item.within / math.sqrt(len(item.values))
+        if leader and clear and len(item.values) == recordings:
             kinds.setdefault(leader.group(1), []).append(item)
     return [_family(kind, members) for kind, members in kinds.items() if len(members) >= JOINTS]
 
 
 def _family(kind: str, members: Sequence[Series]) -> Family:
-    slopes = np.array([item.slope / abs(item.mean) for item in members])
-    error = float(slopes.std(ddof=1) / np.sqrt(len(slopes)))
-    p = two_sided(float(slopes.mean()) / error, len(slopes) - 1) if error > 0 else 1.0
-    together = _common_line(members)
-    return Family(kind, tuple(item.name for item in members), float(slopes.mean()), error, p if together else 1.0)
+    places = members[0].place
+    values = np.array([item.values / item.mean for item in members])
+    joints, count = values.shape
+    means = values.mean(axis=0)
+    slopes = np.array([item.slope / item.mean for item in members])
+    error = float(slopes.std(ddof=1) / math.sqrt(joints))
+    slope, deviation = line_of(places, means, np.zeros(count))
+    known = count >= LEAST and math.isfinite(deviation) and deviation > 0
+    reach = student_quantile(count - 2, 0.975) * deviation if known else math.inf
+    p = two_sided(slope / deviation, count - 2) if known else 1.0
+    names = tuple(item.name for item in members)
+    return Family(kind, names, places, means, slope, error, (slope - reach, slope + reach), p, _together(values))
 
 
-def _common_line(members: Sequence[Series]) -> bool:
-    """Return whether the mean over joints follows a line rather than the scatter of its recordings."""
-    place = np.unique(np.concatenate([item.place for item in members]))
-    whole = [item for item in members if len(item.place) == len(place)]
-    if len(place) < LEAST or len(whole) < JOINTS:
-        return False
-    mean = np.mean([item.values / abs(item.mean) for item in whole], axis=0)
-    slope, deviation = line_of(place, mean, np.zeros(len(place)))
-    return deviation > 0 and two_sided(slope / deviation, len(place) - 2) < STEADY
+def _together(values: Array) -> float:
+    """Return the p-value of differences between recordings that all joints share; `values`: (J, R)."""
+    joints, count = values.shape
+    centred = values - values.mean(axis=1, keepdims=True)
+    shared = centred.mean(axis=0)
+    own = float(np.sum((centred - shared) ** 2)) / ((joints - 1) * (count - 1))
+    between = joints * float(np.sum(shared**2)) / (count - 1)
+    if own <= 0:
+        return 0.0 if between > 0 else 1.0
+    return float(fdtrc(count - 1, (joints - 1) * (count - 1), between / own))
+
+
+def explained(family: Family, conditions: Mapping[str, Array]) -> tuple[Explanation, ...]:
+    """Return what a family's mean goes with: time, or a condition of its recordings."""
+    return explanations(family.means, {"time": family.places, **conditions})

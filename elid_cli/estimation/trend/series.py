@@ -117,18 +117,20 @@ def two_sided(t: float, freedom: int) -> float:
 def _step(values: Array, errors: Array) -> Step | None:
     """Return the most likely step, its p-value over all places where one could be."""
     count = len(values)
-    places = range(LEAST - 1, count - LEAST)
-    best: Step | None = None
-    for last in places:
-        one, other = values[: last + 1], values[last + 1 :]
-        within = (np.var(one) * len(one) + np.var(other) * len(other)) / (count - 2)
-        # the scatter of a side is no smaller than the errors of its recordings say
-        variance = max(float(within), float(np.mean(errors**2))) * (1 / len(one) + 1 / len(other))
-        size = float(other.mean() - one.mean())
-        p = min(1.0, len(places) * two_sided(size / math.sqrt(max(variance, 1e-300)), count - 2))
-        if best is None or p < best.p:
-            best = Step(last, size, p)
-    return best
+    sizes = np.arange(LEAST, count - LEAST + 1)
+    if not len(sizes):
+        return None
+    one, other = sizes, count - sizes
+    centred = values - values.mean()
+    sums = np.cumsum(centred)[sizes - 1]  # of the first side; the other side's is its negative
+    within = (float(centred @ centred) - sums**2 / one - sums**2 / other) / (count - 2)
+    # the scatter of a side is no smaller than the errors of its recordings say
+    variance = np.maximum(within, float(np.mean(errors**2))) * (1 / one + 1 / other)
+    jumps = -sums / other - sums / one
+    t = jumps / np.sqrt(np.maximum(variance, 1e-300))
+    best = int(np.argmax(np.abs(t)))
+    p = min(1.0, len(sizes) * two_sided(float(t[best]), count - 2))
+    return Step(int(sizes[best]) - 1, float(jumps[best]), p)
 
 
 def _far(values: Array, errors: Array) -> int | None:
@@ -136,11 +138,12 @@ def _far(values: Array, errors: Array) -> int | None:
     count = len(values)
     if count < LEAST + 1:
         return None
-    found = []
-    for k in range(count):
-        others, own = np.delete(values, k), np.delete(errors, k)
-        variance = max(float(np.var(others, ddof=1)), float(np.mean(own**2)))
-        deviation = math.sqrt(max(variance * (1 + 1 / len(others)), errors[k] ** 2, 1e-300))
-        found.append(two_sided((values[k] - others.mean()) / deviation, count - 2))
-    worst = int(np.argmin(found))
-    return worst if count * found[worst] < 0.01 else None
+    centred = values - values.mean()
+    others = -centred / (count - 1)  # mean of all but one
+    squares = float(centred @ centred) - centred**2 - (count - 1) * others**2
+    own = (float(errors @ errors) - errors**2) / (count - 1)
+    variance = np.maximum(np.maximum(squares, 0.0) / (count - 2), own)
+    deviation = np.sqrt(np.maximum(np.maximum(variance * count / (count - 1), errors**2), 1e-300))
+    t = (centred - others) / deviation
+    worst = int(np.argmax(np.abs(t)))
+    return worst if count * two_sided(float(t[worst]), count - 2) < 0.01 else None

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.estimation.comparison import Result, as_saved
-from elid_cli.estimation.trend.families import LEADER, Family, families
+from elid_cli.estimation.trend.conditions import conditions_of
+from elid_cli.estimation.trend.families import LEADER, Family, FamilyWord, explained, families
 from elid_cli.estimation.trend.series import LEAST, Series, Word, series_of
 from elid_cli.robot.parameter import MOTOR_PARAMETERS
 from elid_cli.tables import Shown
@@ -63,8 +65,9 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
     """Return which base parameters of a machine change over its recordings, and what was corrected beside them.
 
     A trend or a step is named where its p-value holds among all parameters and both questions (Holm 1979), at
-    `FALSE_ALARMS` for the machine; so are kinds of parameters that change together at all joints. Of a parameter with
-    neither, recordings disagree where they scatter farther than their standard errors say, judged in the same way.
+    `FALSE_ALARMS` for the machine; so are lines through the mean of one kind of parameters over all joints. Of a
+    parameter with neither, recordings disagree where they scatter farther than their standard errors say; a kind of
+    parameters differs together where joints do so alike. Both are judged in the same way.
 
     Parameters
     ----------
@@ -103,9 +106,9 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
                          detail=", ".join(r.file for r in results[:4]))  # fmt: skip
     lines = [s.slope_p for s in series]
     steps = [s.step.p if s.step else 1.0 for s in series]
-    kinds = families(series)
-    named = _holm([*lines, *steps, *(kind.p for kind in kinds)], FALSE_ALARMS)
-    scattered = _holm([s.heterogeneity_p for s in series], FALSE_ALARMS)
+    kinds = families(series, len(results))
+    named = _holm([*lines, *steps, *(kind.slope_p for kind in kinds)], FALSE_ALARMS)
+    scattered = _holm([*(s.heterogeneity_p for s in series), *(kind.together_p for kind in kinds)], FALSE_ALARMS)
     trends = []
     for k, item in enumerate(series):
         line, step = named[k], named[len(series) + k]
@@ -115,9 +118,15 @@ def trend(results: Sequence[Result], places: Sequence[float] | None = None, axis
         elif scattered[k]:
             word = "disagrees"
         trends.append(Trend(item, word))
-    told = zip(kinds, named[2 * len(series) :], strict=True)
-    together = tuple(replace(kind, named=holds) for kind, holds in told)
-    return Trends(results[0].robot, tuple(r.file for r in results), tuple(trends), results[0].joints, axis, together)
+    conditions = conditions_of(results)
+    told = zip(kinds, named[2 * len(series) :], scattered[len(series) :], strict=True)
+    judged = tuple(_judged(kind, line, apart, conditions) for kind, line, apart in told)
+    return Trends(results[0].robot, tuple(r.file for r in results), tuple(trends), results[0].joints, axis, judged)
+
+
+def _judged(kind: Family, line: bool, apart: bool, conditions: Mapping[str, Array]) -> Family:
+    word: FamilyWord = "trend" if line else "together" if apart else "steady"
+    return replace(kind, word=word, explained=() if word == "steady" else explained(kind, conditions))
 
 
 def _holm(p: Sequence[float], level: float) -> list[bool]:

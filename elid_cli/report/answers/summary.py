@@ -221,12 +221,18 @@ def share_text(fraction: float) -> str:
     return "< 0.01 %" if percent < 0.01 else f"{number_text(percent, 2)} %"
 
 
+def signed_share(fraction: float) -> str:
+    """Return a change in percent, with its sign."""
+    return f"{'+' if fraction > 0 else '−'}{share_text(abs(fraction))}"
+
+
 def listed(names: Sequence[str]) -> str:
     """Return names as a list in words: ``joint1, joint2 and joint3``."""
     shown = list(names) if len(names) <= NAMED + 1 else [*names[:NAMED], f"{len(names) - NAMED} more"]
     return "".join(shown) if len(shown) < 2 else f"{', '.join(shown[:-1])} and {shown[-1]}"
 
 
-def counted(names: Sequence[str]) -> str:
+def counted(names: Sequence[str], between: str = " ") -> str:
     """Return names, or those of the first few with the number of the others."""
-    return " ".join(names) if len(names) <= NAMED else f"{' '.join(names[:NAMED])} and {len(names) - NAMED} more"
+    said = between.join(names[:NAMED])
+    return said if len(names) <= NAMED else f"{said} and {len(names) - NAMED} more"

@@ -5,10 +5,9 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
-from elid_cli.estimation.regression.long_run import student_quantile
-from elid_cli.estimation.trend.families import Family
 from elid_cli.estimation.trend.trends import Trend, Trends
-from elid_cli.report.answers.summary import counted, share_text
+from elid_cli.report.answers.summary import counted, signed_share
+from elid_cli.report.answers.trend_families import family_entries, family_sentences
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, number_text
 
 WORDS = {
@@ -21,9 +20,13 @@ WORDS = {
 
 def trend_report(found: Trends) -> Report:
     """Return the report on recordings."""
+    together = family_sentences(found, "together")
+    answers = [("what has changed?", _changed(found)), ("what disagrees?", _disagreeing(found))]
+    if together:
+        answers.insert(1, ("what do joints share?", " ".join(together)))
     sections: list[Section] = [
         Text("title", f"{found.robot} · {len(found.files)} recordings", "heading"),
-        KeyValues("answers", (("what has changed?", _changed(found)), ("what disagrees?", _disagreeing(found)))),
+        KeyValues("answers", tuple(answers)),
         _table(found),
     ]
     return Report("trend", trend_payload(found), tuple(sections))
@@ -36,12 +39,8 @@ def trend_payload(found: Trends) -> dict[str, Any]:
         "files": list(found.files),
         "slope_per": found.axis,
         "parameters": [_entry(item, found.files) for item in found.trends],
-        "families": [
-            {"kind": item.kind, "names": list(item.names), "slope": item.slope, "std_error": item.std_error,
-             "p": item.p, "named": item.named}
-            for item in found.families
-        ],
-    }  # fmt: skip
+        "families": family_entries(found),
+    }
 
 
 def _entry(item: Trend, files: tuple[str, ...]) -> dict[str, Any]:
@@ -65,45 +64,31 @@ def _entry(item: Trend, files: tuple[str, ...]) -> dict[str, Any]:
 
 def _changed(found: Trends) -> str:
     moved = found.of("trend", "step")
-    together = [_together(item, found) for item in found.families if item.named]
+    together = family_sentences(found, "trend")
     if not moved and together:
-        return f"{'; '.join(together)}. No parameter alone."
+        return f"{' '.join(together)} No parameter alone."
     if not moved:
         return (
             f"Nothing, of {len(found.trends)} parameters: at most one machine in a hundred is called changed by chance."
         )
-    said = [*together] + [f"{item.series.name} {_size(item, len(found.files))}" for item in moved[:4]]
+    said = [f"{item.series.name} {_size(item, len(found.files))}" for item in moved[:4]]
     more = f"; {len(moved) - 4} more below" if len(moved) > 4 else ""
-    return f"{'; '.join(said)}{more}."
-
-
-def _together(item: Family, found: Trends) -> str:
-    """Return what all joints do together."""
-    steps = max(float(trend.series.place[-1] - trend.series.place[0]) for trend in found.trends)
-    reach = share_text(student_quantile(len(item.names) - 1, 0.975) * item.std_error * steps)
-    return (
-        f"{item.kind} of {len(item.names)} joints together by {_signed(item.slope * steps)} ± {reach} from the first "
-        "to the last"
-    )
+    return " ".join([*together, f"{'; '.join(said)}{more}."])
 
 
 def _size(item: Trend, count: int) -> str:
     s = item.series
     if item.word == "step" and s.step is not None:
-        return f"by {_signed(s.step.size / abs(s.mean))} at once after recording {s.step.after + 1}"
+        return f"by {signed_share(s.step.size / abs(s.mean))} at once after recording {s.step.after + 1}"
     reach = float(s.place[-1] - s.place[0])
-    return f"by {_signed(s.slope * reach / abs(s.mean))} from the first to the last"
-
-
-def _signed(share: float) -> str:
-    return f"{'+' if share > 0 else '−'}{share_text(abs(share))}"
+    return f"by {signed_share(s.slope * reach / abs(s.mean))} from the first to the last"
 
 
 def _disagreeing(found: Trends) -> str:
     apart = found.of("disagrees")
     if not apart:
         return "No parameter scatters farther than errors, trends and steps explain."
-    names = counted([item.series.name for item in apart])
+    names = counted([item.series.name for item in apart], ", ")
     return f"{names}: recordings differ by more than their errors say, and no trend explains it."
 
 

@@ -11,11 +11,12 @@ import pytest
 from elid_cli.cli import main
 from elid_cli.errors import UsageError
 from elid_cli.estimation.comparison import Estimate, SavedResult, result_of
+from elid_cli.estimation.trend.conditions import explanations
 from elid_cli.estimation.trend.series import series_of
 from elid_cli.estimation.trend.trends import trend
 from elid_cli.report.figures import picture
 from elid_cli.report.figures.build import trend_figures
-from tests.system.reproduce.trend_fleets import WEAR, changed, fleet, warming
+from tests.system.reproduce.trend_fleets import STILL, WEAR, changed, fleet, robot, viscous
 
 ROOT = Path(__file__).parents[3]
 
@@ -27,13 +28,77 @@ def test_wear_is_found_and_quiet_machines_are_left_alone() -> None:
     assert sum(quiet) <= 2
 
 
-def test_what_all_joints_do_together_is_one_hypothesis() -> None:
-    """No joint alone stands out in five recordings; twelve of them do."""
-    found = [warming(seed) for seed in range(20)]
-    assert sum(changed(item) == ["fv"] for item in found) >= 18
-    family = next(item for item in found[0].families if item.kind == "fv")
-    assert family.slope * 4 == pytest.approx(-0.2 / 0.9, abs=0.06)
-    assert sum(bool(changed(warming(500 + seed, (0.0, 0.0)))) for seed in range(60)) <= 2
+def test_joints_that_differ_alike_are_named_and_a_session_of_its_own_is_no_trend() -> None:
+    """No joint alone stands out in five recordings; twelve of them do. Sessions that differ make no line."""
+    few, many = (
+        [viscous(robot(seed)) for seed in range(20)],
+        [viscous(robot(seed, recordings=12)) for seed in range(20)],
+    )
+    assert sum(item.word != "steady" for item in few) >= 19
+    assert sum(item.word == "trend" for item in many) >= 19
+    slope = -0.2 / 11 / 0.9  # of parts of the mean, which is 0.9 of the first
+    assert sum(item.interval[0] < slope < item.interval[1] for item in many) >= 17
+    sessions = [robot(500 + seed, STILL, 12, session=0.05) for seed in range(40)]
+    assert sum(viscous(item).word == "together" for item in sessions) >= 36
+    assert sum(bool(changed(item)) for item in sessions) <= 2
+    quiet = [robot(700 + seed, STILL, 12) for seed in range(40)]
+    assert sum(viscous(item).word != "steady" or bool(changed(item)) for item in quiet) <= 2
+
+
+def test_friction_goes_with_temperature_where_it_was_logged() -> None:
+    """Temperatures of their own are told from time; those that rise with time are not."""
+    found = [viscous(robot(seed, STILL, 12, warmth=0.01)).explained for seed in range(20)]
+    assert sum(bool(e) and e[0].by == "temperature" and e[1].ruled_out for e in found) >= 17
+    rng = np.random.default_rng(8)
+    values = 1.0 - 0.05 * np.arange(5.0) + 0.01 * rng.standard_normal(5)
+    warm = 20.0 + 3.0 * np.arange(5.0) + 0.3 * rng.standard_normal(5)
+    both = explanations(values, {"time": np.arange(5.0), "temperature": warm})
+    assert [e.ruled_out for e in both] == [False, False]
+    assert explanations(rng.standard_normal(4), {"time": np.arange(4.0)}) == ()
+
+
+def test_the_lead_of_one_explanation_is_by_chance_as_often_as_said() -> None:
+    """Of two conditions of which neither is of more worth, one is ruled out in 5 % at most."""
+    rng = np.random.default_rng(9)
+    ruled = 0
+    for _ in range(400):
+        one, other = rng.standard_normal((2, 12))
+        found = explanations(one + other + 0.5 * rng.standard_normal(12), {"time": one, "temperature": other})
+        ruled += any(e.ruled_out for e in found)
+    assert ruled <= 32
+
+
+def test_temperature_and_armatures_are_read_from_results() -> None:
+    """A trajectory fit's armatures that are part of a sum of base parameters have places of their own."""
+    result = result_of(
+        {"robot": "dog", "joints": ["hip", "knee"], "log": {"temperature": {"hip": 30.0, "knee": 34.0}},
+         "base_parameters": [{"name": "Ja2", "unit": "kg·m²", "estimate": 0.02, "std_error": 0.001}],
+         "settings": {"trajectory": {"joint_parameters": {
+             "hip": {"Ja": {"estimate": 0.01, "std_error": 0.002}},
+             "knee": {"Ja": {"estimate": 0.02, "std_error": 0.001}}}}}},
+        "a.json",
+    )  # fmt: skip
+    assert result.temperature == 32.0
+    assert result.beside == {"Ja1": Estimate(0.01, 0.002, "kg·m²")}
+
+
+def test_steps_and_odd_recordings_are_those_of_each_place_in_turn() -> None:
+    """Against plain loops over the places, on values with a large mean."""
+    rng = np.random.default_rng(10)
+    for _ in range(20):
+        values, errors = 1e3 + rng.standard_normal(17), rng.uniform(0.2, 1.5, 17)
+        found = series_of("K1", "N·m/rad", np.arange(17.0), values, errors).step
+        assert found is not None
+        told = []
+        for first in range(3, 15):
+            one, other = values[:first], values[first:]
+            within = (np.var(one) * len(one) + np.var(other) * len(other)) / 15
+            size = other.mean() - one.mean()
+            told.append(abs(size) / np.sqrt(max(within, np.mean(errors**2)) * (1 / len(one) + 1 / len(other))))
+        assert found.after == int(np.argmax(told)) + 2
+        assert found.size == pytest.approx(
+            values[found.after + 1 :].mean() - values[: found.after + 1].mean(), rel=1e-9
+        )
 
 
 def test_a_slope_and_its_interval_are_those_of_least_squares() -> None:

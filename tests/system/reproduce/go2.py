@@ -1,6 +1,6 @@
 """The measured quadruped: identified or diagnosed from some runs, replayed on others, by elid and by MuJoCo.
 
-    python -m tests.system.reproduce.go2 [--only ROW …] [--pairs] [--data FOLDER]
+    python -m tests.system.reproduce.go2 [--only ROW …] [--pairs] [--trends] [--data FOLDER]
 
 Each row is what a user would type: `identify --fit trajectory`, or `diagnose`, writes a patched go2.xml and the file
 of actuators beside it; `replay` judges both on runs that were not fitted, MuJoCo the patched file as it stands (base
@@ -82,13 +82,38 @@ def pairs(data: Path) -> None:
         print(f"{words:38}" + "".join(f"{100 * share:7.0f}%" for share in (*held, held.mean())))
 
 
+def trends(data: Path, folder: Path) -> None:
+    """Print what `elid trend` says of the five runs, after least squares and after the trajectory fit of each."""
+    for fit in ((), ("--fit", "trajectory")):
+        saved = []
+        for k in range(5):
+            told, _ = elid("identify", str(data / f"go2_{k}.h5"), "--robot", str(data / "go2.xml"), *fit, "--json")
+            saved.append(folder / f"go2_{k}.json")
+            saved[-1].write_text(told, encoding="utf-8")
+        told, _ = elid("trend", *map(str, saved), "--json")
+        print(" ".join(["identify", *fit]))
+        print(f"{'':5}{'joints':>7}{'mean over joints, by run':>36}{'slope, %':>19}{'p':>9}{'p together':>12}  verdict")
+        for item in json.loads(told)["families"]:
+            means = "".join(f"{value:7.3f}" for value in item["means"])
+            reach = (item["slope_interval"][1] - item["slope_interval"][0]) / 2
+            print(f"{item['kind']:5}{len(item['names']):7}{means:>36}{100 * item['slope']:11.1f} ± {100 * reach:4.1f}"
+                  f"{item['slope_p']:10.2g}{item['together_p']:12.1g}  {item['verdict']}")  # fmt: skip
+        apart = [item["name"] for item in json.loads(told)["parameters"] if item["verdict"] == "disagrees"]
+        print(f"recordings disagree: {', '.join(apart)}\n")
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=ROWS, default=list(ROWS), metavar="ROW", help=", ".join(ROWS))
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--pairs", action="store_true", help="print only what one run's intervals hold of other runs")
+    parser.add_argument("--trends", action="store_true", help="print only what elid trend says of the five runs")
     options = parser.parse_args()
+    if options.trends:
+        with tempfile.TemporaryDirectory() as folder:
+            trends(options.data, Path(folder))
+        return
     if options.pairs:
         pairs(options.data)
         return
