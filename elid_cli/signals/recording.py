@@ -97,6 +97,11 @@ class Recording(Shown):
             return np.zeros(self.n, dtype=bool)
         return np.array([len(words) == 1 or name in words[2:] for name in self.joints])
 
+    def mean_temperatures(self) -> dict[str, float]:
+        """Return the mean temperature of every joint that has one, °C."""
+        columns = () if self.temperature is None else zip(self.joints, self.temperature.T, strict=True)
+        return {joint: float(np.nanmean(column)) for joint, column in columns if np.isfinite(column).any()}
+
     @property
     def samples(self) -> int:
         """Number of samples."""

@@ -7,8 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.tree import Cell, KeyValues, Section, Text, number_text
 from elid_cli.robot.files import fingerprint
@@ -31,16 +29,7 @@ def robot_payload(robot: Robot) -> dict[str, Any]:
 
 def log_payload(recording: Recording) -> dict[str, Any]:
     """Return the object ``log`` of JSON."""
-    warm = recording.temperature
-    means = (
-        {}
-        if warm is None
-        else {
-            joint: float(np.nanmean(column))
-            for joint, column in zip(recording.joints, warm.T, strict=True)
-            if np.isfinite(column).any()
-        }
-    )
+    means = recording.mean_temperatures()
     return {
         "files": list(recording.files),
         "sha256": list(recording.sha256),

@@ -82,6 +82,18 @@ def test_temperature_and_armatures_are_read_from_results() -> None:
     assert result.beside == {"Ja1": Estimate(0.01, 0.002, "kg·m²")}
 
 
+def test_saved_results_hold_mean_temperatures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = str(tmp_path / "warm.csv")
+    assert main(["simulate", "--robot", "planar2", "--temperature", "--duration", "6", "-o", log]) == 0
+    capsys.readouterr()
+    assert main(["identify", log, "--robot", "planar2", "--json"]) == 0
+    saved = json.loads(capsys.readouterr().out)
+    rows = np.genfromtxt(log, delimiter=",", names=True)
+    warm = {name: float(rows[name].mean()) for name in rows.dtype.names or () if "temp" in name}
+    assert list(saved["log"]["temperature"].values()) == pytest.approx(list(warm.values()))
+    assert result_of(saved, "warm.json").temperature == pytest.approx(float(np.mean(list(warm.values()))))
+
+
 def test_steps_and_odd_recordings_are_those_of_each_place_in_turn() -> None:
     """Against plain loops over the places, on values with a large mean."""
     rng = np.random.default_rng(10)

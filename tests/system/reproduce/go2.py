@@ -85,13 +85,17 @@ def pairs(data: Path) -> None:
 def trends(data: Path, folder: Path) -> None:
     """Print what `elid trend` says of the five runs, after least squares and after the trajectory fit of each."""
     for fit in ((), ("--fit", "trajectory")):
-        saved = []
+        saved, delays = [], []
         for k in range(5):
             told, _ = elid("identify", str(data / f"go2_{k}.h5"), "--robot", str(data / "go2.xml"), *fit, "--json")
+            late = [
+                item["parameters"]["delay"] for item in json.loads(told)["nuisances"] if "delay" in item["parameters"]
+            ]
+            delays.append(f"{1e3 * np.mean(late):.1f}" if late else "none")
             saved.append(folder / f"go2_{k}.json")
             saved[-1].write_text(told, encoding="utf-8")
         told, _ = elid("trend", *map(str, saved), "--json")
-        print(" ".join(["identify", *fit]))
+        print(" ".join(["identify", *fit]) + f": mean delay found, by run: {', '.join(delays)} ms")
         print(f"{'':5}{'joints':>7}{'mean over joints, by run':>36}{'slope, %':>19}{'p':>9}{'p together':>12}  verdict")
         for item in json.loads(told)["families"]:
             means = "".join(f"{value:7.3f}" for value in item["means"])
