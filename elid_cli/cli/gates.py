@@ -72,7 +72,7 @@ def check_gates(
 def _lacking(gates: Gates, found: Identification) -> list[str]:
     """Return the limits that an insufficient model breaks, in words."""
     broken = [
-        f"{item.leader}: bias possible, the model is insufficient"
+        f"{item.leader}: may be biased, the model is insufficient"
         for item in found.parameters
         if item.bias_possible and item.leader in gates.require_independent
     ]

@@ -103,6 +103,9 @@ class Excitation(Shown):
     used: dict[str, Array]
     """Share of each limit that the trajectory uses, (n,); NaN where the robot file has no limit."""
     options: ExciteOptions
+    massless: tuple[str, ...] = ()
+    """Masses of 0 in the robot file for which those of a typical arm are taken, without which some base parameters
+    would not show."""
 
     @property
     def relative(self) -> Array:
@@ -139,7 +142,7 @@ def excite(
     ----------
     robot
         Its limits bound the motion (defaults where it has none); its reference values give the torques, a typical
-        body's where it has none.
+        body's where it has none, or where masses of 0 would leave stiffness and rotor alike.
     options
         What to look for.
     progress
@@ -157,12 +160,22 @@ def excite(
     model = Regressor(robot)
     base = find_base(model)
     aims = _aims(base, options.aims)
-    parameters = prior(robot, consistency(robot, robot.reference()).scales)
+    scales = consistency(robot, robot.reference()).scales
+    parameters = prior(robot, scales)
     bounds = bounds_of(robot)
     grid = np.linspace(0.0, options.duration, max(round(options.duration * INSTANTS), 40))
     starts = [_start(robot, options, seed) for seed in range(options.seed, options.seed + max(options.starts, 1))]
     first = starts[0].evaluate(grid)
-    unit = Information(model, base, parameters, np.ones((2, robot.n)), 1.0, first)
+    massless: tuple[str, ...] = ()
+    try:
+        unit = Information(model, base, parameters, np.ones((2, robot.n)), 1.0, first)
+    except DataError:
+        # a body told by its hinge inertia alone loads its transmission as its rotor does: the two look alike
+        names = robot.parameter_names()
+        missing = np.array([name.kind == "m" for name in names]) & (parameters == 0)
+        massless = tuple(str(names[k]) for k in np.flatnonzero(missing))
+        parameters = np.where(missing, scales.sizes, parameters)
+        unit = Information(model, base, parameters, np.ones((2, robot.n)), 1.0, first)
     residual = _residuals(unit.torques(first), options, robot)
     information = Information(model, base, parameters, residual, options.duration * BANDWIDTH / len(grid), first)
     judged = [information.evaluate(start.evaluate(grid)) for start in starts]
@@ -177,7 +190,7 @@ def excite(
     mine, other = (forecast(information, base, _played(s, options), noise) for s in (trajectory, starts[median]))
     return Excitation(
         robot, base, trajectory, information.evaluate(trajectory.evaluate(grid)), judged[median], mine, other, used,
-        options,
+        options, massless,
     )  # fmt: skip
 
 

@@ -15,18 +15,18 @@ TERMS = {
     "link side": "The link's equation: the joint torque sensor against what the motion of the bodies needs.",
     "equation": "Every elastic joint has two equations: the motor's, and the link's. Their sum is free of the spring.",
     "model": "How far the prediction can be trusted: good, fair or poor.",
-    "explains": "Share of the error beyond noise that the effect takes away, on stretches that the search never saw.",
-    "worst quarter": "Share of the error that the effect takes away in that quarter of the log in which it takes away "
-    "least, with the model fitted to the other three quarters. An effect that is real helps in every quarter.",
+    "explains": "Share of the squared error beyond noise that the effect takes away, on stretches that the search "
+    "never saw.",
+    "worst quarter": "Share of the squared error that the effect takes away in the quarter of the log in which "
+    "it takes least, with the model fitted to the other three quarters. An effect that is real helps in every quarter.",
     "base parameter": "A combination of parameters (masses, first moments, inertias …) that a log can show; the single "
     "parameters in it cannot be told apart from any motion.",
     "± sd": "Standard error of the estimate; the true value lies within twice that in 95 % of all logs.",
-    "verdict": "weak: known only roughly, to worse than 30 % (of the value or, where that is larger, of what makes 1 % "
-    "of the torque); refused: this log does not show it; bias possible: what the model lacks can move it by more than "
-    "± sd; empty: known.",
+    "verdict": "known roughly: to worse than 30 % (of the value or, where that is larger, of what makes 1 % of the "
+    "torque); not shown: by this log; may be biased: what the model lacks can move it by more than ± sd; empty: known.",
     "ref": "What the robot file says.",
     "off": "How far the estimate is from what the robot file says.",
-    "follows": "The variable that the residual goes with, and the share of its variance that it explains.",
+    "follows": "The variable that the residual goes with, and the share of its square that it explains.",
     "residual": "Measured less predicted torque.",
     "deflection": "Motor angle (at the joint) less joint angle: how far the transmission is wound up.",
     "torque rms": "The size of the joint's torque: the root of its mean square.",

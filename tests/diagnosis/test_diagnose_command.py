@@ -117,10 +117,11 @@ def test_the_refined_robot_lacks_nothing_more(answer, elid, place: Place) -> Non
 def test_the_report_goes_from_the_residual_to_the_next_command(report) -> None:
     text = report("stribeck.h5", COLUMNS="80")
     order = (
-        "planar2 · stribeck.h5", "can I trust it?", "what is missing?", "Stribeck at joint1", "what to record next?",
-        "missing from the model", "stribeck joint1", "amplitude", "No other effect does as well",
-        "error on the held-out stretches", " → good", "residual without what is missing", "joint1: look at the",
-        "parameters of drives and transmissions", "adding it moved fs1 by", "how it was computed", "recorded",
+        "planar2 · stribeck.h5", "can I trust it?", "what is missing?",
+        "Stribeck friction at joint1", "what to record next?",
+        "missing from the model", "Stribeck friction of joint1", "amplitude", "No other effect does as well",
+        "error on the held-out stretches", " → good", "before: residual where the model was fitted",
+        "parameters of drives and transmissions", "wrong without it", "how it was computed", "recorded",
         f"Next: elid diagnose stribeck.h5 --robot arm.yaml {' '.join(FEW)} --write-robot",
     )  # fmt: skip
     places = [text.find(words) for words in order]

@@ -153,3 +153,9 @@ def test_a_robot_without_reference_values_gets_a_motion_worth_making(tmp_path: P
     assert found.evaluation.condition < 50
     assert np.all(found.evaluation.std_error > 0)
     assert all(share.max() > 0.5 for kind, share in found.used.items() if kind in ("position", "velocity"))
+
+
+def test_bodies_told_without_a_mass_get_one_where_nothing_else_tells_them_from_their_rotors() -> None:
+    found = excite(read_robot("quanser_2dsfl"), ExciteOptions(duration=8.0, rounds=2, starts=2))
+    assert found.massless == ("m1", "m2")
+    assert np.isfinite(found.std_error).all()

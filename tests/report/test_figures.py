@@ -253,7 +253,7 @@ def test_names_are_escaped_and_the_command_is_whole(page: str) -> None:
 
 def test_the_answers_come_first_and_every_figure_is_there(page: str, report: Report) -> None:
     assert page.index("class=answers") < page.index("class=lights") < page.index("<figure")
-    assert page.index("What it rests on") < page.index(">Parameters<") < page.index(">Everything else<")
+    assert page.index("Evidence") < page.index(">Parameters<") < page.index(">Everything else<")
     assert page.count("<figure") == len(report.figures) >= 8
     for row in report.section("base_parameters").rows:  # type: ignore[union-attr]
         assert cell_text(row[0]) in page

@@ -45,7 +45,7 @@ def taken(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_page_of_a_diagnosis_opens_with_what_it_found(taken: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = (taken / "page.html").read_text("utf-8")
     answers = text[text.index("class=answers") : text.index("</section>")]
-    for word in ("Stribeck at joint1", "Can I trust it?", "What to record next?", "base parameters are known"):
+    for word in ("Stribeck friction at joint1", "Can I trust it?", "What to record next?", "base parameters are known"):
         assert word in answers
     assert "→ good" in text[text.index("class=lights") : text.index("<figure")]
     assert text.count('id="f-effect1"') == 1
@@ -111,7 +111,7 @@ def test_what_no_effect_explains_can_fail_a_job(capsys: pytest.CaptureFixture[st
     """Only backlash is tried on friction that lacks something else: the rest stays unexplained."""
     line = ["diagnose", LOG, "--robot", "planar2", "--only", "backlash", "--quiet"]
     assert main(line) == 0
-    assert "not explained" in capsys.readouterr().out
+    assert "what no effect explains" in capsys.readouterr().out
     assert main([*line, "--fail-on-unexplained"]) == 1
     assert "unexplained" in capsys.readouterr().err
 

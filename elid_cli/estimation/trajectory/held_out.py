@@ -89,7 +89,7 @@ def verdicts_of(found: Identification, estimate: Array, deviation: Array) -> tup
             reasons[item.leader] = f"standard deviation {error:.2g} against a value of {value:.2g}"
         elif error > WEAK * abs(value):
             verdicts.append("weak")
-            reasons[item.leader] = f"known to {error / abs(value):.0%} only"
+            reasons[item.leader] = f"known to {100 * error / abs(value):.0f} % only"
         else:
             verdicts.append("supported")
     return tuple(verdicts), reasons

@@ -97,7 +97,9 @@ def judge(
             reasons[name] = refused[name]
         elif deviation[k] > REFUSED * size or (stiff and estimate[k] < 2 * deviation[k]):
             verdicts.append("refused")
-            spread = f"standard deviation {deviation[k]:.2g} against a value of {estimate[k]:.2g}"
+            unit = base.units[k]
+            whole = f"combination with {name}, " if len(members) > 1 else ""
+            spread = f"{whole}standard error {deviation[k]:.2g} {unit} against a value of {estimate[k]:.2g} {unit}"
             reasons[name] = f"{spread}: {why(members, robot, facts)}"
         elif impossible(base, k, estimate[k], deviation[k]):
             verdicts.append("weak")
@@ -105,7 +107,7 @@ def judge(
         elif deviation[k] > WEAK * size:
             verdicts.append("weak")
             of = " of what would show in the torque" if size > abs(estimate[k]) else ""
-            reasons[name] = f"known to {deviation[k] / size:.0%}{of} only: {why(members, robot, facts)}"
+            reasons[name] = f"known to {100 * deviation[k] / size:.0f} %{of} only: {why(members, robot, facts)}"
         elif freedom < LEAST_FREEDOM:
             verdicts.append("weak")
             reasons[name] = f"the log is so short that its standard error is itself uncertain ({freedom:.1f} to spare)"

@@ -100,6 +100,8 @@ class Effect(ABC):
     """
 
     name: ClassVar[str]
+    title: ClassVar[str] = ""
+    """What sentences call it where its name, read aloud, is not enough."""
     summary: ClassVar[str]
     """One line for lists: what it is."""
     equation: ClassVar[str]
@@ -165,6 +167,11 @@ class Effect(ABC):
             raise ValueError(f"{self.name} has {len(self.shapes)} shape parameters, got {len(shape)}")
         self.joint = joint
         self.shape = tuple(float(value) for value in shape)
+
+    @classmethod
+    def summary_of(cls, values: Mapping[str, float]) -> str:
+        """Return what it is with these values of its parameters, where they say it more closely than `summary`."""
+        return cls.summary
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:

@@ -17,6 +17,7 @@ from elid_cli.report.answers.inputs import (
     robot_payload,
     used_items,
 )
+from elid_cli.report.answers.summary import NOT_SHOWN, ROUGH
 from elid_cli.report.tree import Cell, Column, Folded, KeyValues, Mark, Report, Section, Table, Text, Tone, number_text
 from elid_cli.robot.parameter import JOINT_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
@@ -26,14 +27,14 @@ WORDS: dict[str, tuple[str, Tone]] = {
     "independent": ("indep.", "good"),
     "combined": ("comb.", "plain"),
     "unidentifiable": ("–", "dim"),
-    "weak": ("weak", "warn"),
-    "not excited": ("unseen", "bad"),
+    "weak": (ROUGH, "warn"),
+    "not excited": (NOT_SHOWN, "bad"),
 }
 """Class -> word and tone in the grid of joints and parameters."""
 MOST_TERMS = 4
 """Terms of a combination that a table always shows."""
 LEGEND = "indep.: identifiable by itself; comb.: in a combination only; –: no effect on any torque"
-LEGEND_LOG = f"{LEGEND}; weak: worse than 30 %; unseen: not excited by this log"
+LEGEND_LOG = f"{LEGEND}; {ROUGH}: to worse than 30 %; {NOT_SHOWN}: by this log"
 
 
 def classification_report(
@@ -124,7 +125,7 @@ def reasons_table(found: Identification, shown: int = 12) -> list[Section]:
     if not groups:
         return []
     columns = (Column("parameter", "parameter"), Column("this_log", "this log"), Column("reason", "why"))
-    rows = tuple((" ".join(names), Mark(kind, WORDS[kind][1]), reason) for (kind, reason), names in groups.items())
+    rows = tuple((" ".join(names), Mark(*WORDS[kind]), reason) for (kind, reason), names in groups.items())
     return [Table("reasons", columns, rows, title="what this log cannot show", shown=shown)]
 
 
@@ -148,8 +149,10 @@ def folded(name: str, terms: Mapping[str, float]) -> Cell:
 
 def verdict_mark(verdict: str) -> Mark:
     """Return a verdict with its tone."""
-    tones: dict[str, Tone] = {"supported": "plain", "weak": "warn", "refused": "bad"}
-    return Mark(verdict, tones.get(verdict, "plain"))
+    words: dict[str, tuple[str, Tone]] = {
+        "supported": ("known", "plain"), "weak": (ROUGH, "warn"), "refused": (NOT_SHOWN, "bad"),
+    }  # fmt: skip
+    return Mark(*words.get(verdict, (verdict, "plain")))
 
 
 def _entry(base: BaseParameters, k: int, found: Identification | None) -> dict[str, Any]:

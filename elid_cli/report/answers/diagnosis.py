@@ -9,10 +9,9 @@ from elid_cli.report.answers.diagnosis_json import diagnosis_payload
 from elid_cli.report.answers.diagnosis_tables import (
     before_after_table,
     effect_sections,
-    further_items,
-    missing_words,
     refuted_section,
     residual_table,
+    triage_section,
     unexplained_section,
 )
 from elid_cli.report.answers.error_tables import torque_unit
@@ -27,7 +26,18 @@ from elid_cli.report.answers.inputs import (
     span_words,
     used_items,
 )
-from elid_cli.report.answers.summary import answers, listed, parameter_words, record_sections, share_text, trust_words
+from elid_cli.report.answers.missing import further_items, missing_words, repeating
+from elid_cli.report.answers.summary import (
+    POOR,
+    answers,
+    light,
+    listed,
+    parameter_words,
+    plan_command,
+    record_sections,
+    share_text,
+    trust_words,
+)
 from elid_cli.report.tree import KeyValues, Report, Section, Text, number_text
 from elid_cli.signals.recording import Recording
 
@@ -53,7 +63,14 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
         *_tried(found),
     )
     sharper = further_items(told)
-    record, planned = record_sections(told.after, sharper, (recording.files[0], told.robot_argument))
+    record, planned = record_sections(
+        told.after,
+        sharper,
+        (recording.files[0], told.robot_argument),
+        writes=True,
+        written=told.written is not None,
+        plan=_hopeless(told),
+    )
     sections: list[Section] = [
         heading(found.robot, recording),
         answers(_trust_words(told), missing_words(told) + _loud_words(told), parameter_words(told.after), record),
@@ -84,11 +101,18 @@ def result_sections(told: DiagnosisInput) -> list[Section]:
     found = told.found
     return [
         *effect_sections(told),
-        before_after_table("before_after", found.robot, found.before, found.after, "error on the held-out stretches"),
-        residual_table(found),
-        *([Text("triage", "\n".join(found.triage))] if found.triage else []),
+        before_after_table(
+            "before_after",
+            found.robot,
+            found.before,
+            found.after,
+            "error on the held-out stretches",
+            changed=bool(told.contributions),
+        ),
+        *([residual_table(found)] if found.effects or any(row.high for row in found.rows_before) else []),
         *refuted_section(found),
         *unexplained_section(found),
+        *triage_section(found),
     ]
 
 
@@ -123,15 +147,21 @@ def _trust_words(told: DiagnosisInput) -> str:
 def _moved_words(told: DiagnosisInput) -> str:
     """Return what the missing effects had moved, and what is known of the parameters' errors."""
     words = ["with what is missing added to the model" if told.contributions else ""]
-    moved = [m for m in told.found.moved if abs(m.deviations) > MOVED]
-    if moved:
-        named = ", ".join(f"{m.name} by {m.deviations:+.0f} sd" for m in moved[:NAMED])
-        words.append(f"adding it moved {named}{f' and {len(moved) - NAMED} more' * (len(moved) > NAMED)}")
+    moved = [m.name for m in told.found.moved if abs(m.deviations) > MOVED]
+    if moved and not told.found.unexplained:
+        more = f" and {len(moved) - NAMED} more" * (len(moved) > NAMED)
+        words.append(f"wrong without it, by more than {MOVED:g} sd: {', '.join(moved[:NAMED])}{more}")
     if referenced(told.before):
         first, last = (share_text(m.normalised_mean_error()) for m in (told.before, told.after))
         change = f"{first} before, {last} after" if told.contributions else last
         words.append(f"mean difference from the robot file's parameters: {change}")
     return "\n".join(word for word in words if word)
+
+
+def _hopeless(told: DiagnosisInput) -> bool:
+    """Whether the model is poor and no parameter of it known: what is missing then is another log, not its file."""
+    poor = any(light(error).text == POOR for error in told.found.after.values())
+    return poor and not any(p.verdict == "supported" and not p.bias_possible for p in told.after.parameters)
 
 
 def _next(told: DiagnosisInput) -> str:
@@ -141,6 +171,8 @@ def _next(told: DiagnosisInput) -> str:
     if found.sufficient:
         keep = keeping(found.robot, "identified", [spec.effect for spec in found.robot.effects])
         return command("identify", recording, told.robot_argument, *keep)
+    if _hopeless(told):
+        return plan_command(recording.files[0], told.robot_argument)
     if told.written is not None:
         return command("validate", recording, told.written, "--held-out")
     if told.contributions:
@@ -168,20 +200,14 @@ def _against(told: DiagnosisInput) -> list[str]:
     return found
 
 
-def _doubts(told: DiagnosisInput) -> list[str]:
-    """Return what speaks against what was found."""
-    return [*_repeating(told.found), *_worse(told.found), *_against(told)]
-
-
 def _repeating(found: Diagnosis) -> list[str]:
     """Return what is said of a motion that repeats, where something was found in it or stays unexplained."""
-    if found.repeats is None or found.sufficient:
+    if not repeating(found):
         return []
-    uncertain = any(not found.certain(effect) for effect in found.effects)
-    more = "; what is named here may be either" if uncertain else ""
     return [
-        f"the motion repeats every {number_text(found.repeats, 3)} s: what is locked in time cannot be told from what "
-        f"follows the motion{more}"
+        f"the motion repeats every {number_text(found.repeats, 3)} s. A disturbance that repeats in time would look "
+        "like an effect of the motion, and held-out stretches repeat what was fitted. Record a motion that does not "
+        "repeat."
     ]
 
 

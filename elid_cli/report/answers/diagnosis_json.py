@@ -13,10 +13,10 @@ from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.result import Identification
 from elid_cli.model.effects import nuisance_of
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
-from elid_cli.report.answers.diagnosis_tables import curve_words
 from elid_cli.report.answers.identification_json import error_payload as errors
 from elid_cli.report.answers.identification_json import identification_payload
 from elid_cli.report.answers.inputs import log_payload, nuisance_payload
+from elid_cli.report.answers.missing import curve_words
 
 
 def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:

@@ -15,8 +15,8 @@ TITLE = "torque of each joint on stretches that the fit never saw"
 ODD = 1.5
 """A log whose error is this many times the next worst one's fits worse than the others."""
 LIGHTS = (
-    "good: only the sensors' noise is left (1 % of the torque where that is not known); fair: within 5 % of the torque;"
-    " poor: worse. × noise: error over what the sensors' noise alone would leave"
+    "good: only the sensors' noise is left (where that noise is not known: the error is within 1 % of the torque); "
+    "fair: within 5 % of the torque; poor: worse. × noise: error over what the sensors' noise alone would leave"
 )
 SIDES = "motor side alone: the same, of the motor's equation, with the spring's torque from the deflection"
 

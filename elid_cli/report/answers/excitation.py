@@ -10,6 +10,7 @@ from elid_cli._types import Array
 from elid_cli.experiment.excitation import Excitation
 from elid_cli.experiment.resolve import Resolution
 from elid_cli.report.answers.inputs import heading, robot_payload
+from elid_cli.report.answers.summary import listed
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, percent
 from elid_cli.robot.robot import Robot
 
@@ -48,11 +49,15 @@ def _assumed(found: Excitation) -> str:
 def _guessed(found: Excitation) -> tuple[tuple[str, Cell], ...]:
     """Return which of the parameters that matter had to be guessed."""
     acting, unknown = found.unknown
+    taken = ((("guessed", f"{listed(found.massless)}: 0 in the robot file, those of a typical arm are taken, since "
+               "without mass a body's load looks like its rotor's"),) if found.massless else ())  # fmt: skip
     if not unknown:
-        return ()
-    count = f"{unknown} of {acting}"
-    return (("guessed", f"{count} parameters that act on the torques are not in the robot file: those of a typical "
-                        "arm are taken, so torques and errors below are rough"),)  # fmt: skip
+        return taken
+    words = (
+        f"{unknown} of {acting} parameters that act on the torques are not in the robot file: those of a typical arm "
+        "are taken, so torques and errors below are rough"
+    )
+    return (*taken, ("guessed", words))
 
 
 def limits_table(found: Excitation | Resolution) -> Table:

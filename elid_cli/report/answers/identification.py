@@ -26,12 +26,18 @@ from elid_cli.report.answers.inputs import (
 )
 from elid_cli.report.answers.motor_side import motor_side_sections
 from elid_cli.report.answers.summary import (
+    BIASED,
     JOINT_KINDS,
+    NEAR_ZERO,
+    NOT_SHOWN,
+    ROUGH,
     answers,
     by_kind,
     missing_words,
+    near_zero,
     parameter_words,
     record_sections,
+    symbol_words,
     trust_words,
 )
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, number_text
@@ -67,7 +73,10 @@ def identification_report(
     for path in written:
         foreign = path.lower().endswith((".urdf", ".xml", ".mjcf"))
         facts += (("written", path if foreign else f"{path}{predicts}"),)
-    record, further = record_sections(found, (), (recording.files[0], robot_argument))
+    writes = found.model == "sufficient" and not found.drive_gains
+    record, further = record_sections(
+        found, (), (recording.files[0], robot_argument), writes=writes, written=writes and bool(written)
+    )
     lacking = {item.joint for item in found.insufficient}
     moved = [item.leader for item in found.parameters if item.bias_possible]
     missing = missing_words(found.model, found.insufficient, found.noise, moved)
@@ -95,7 +104,8 @@ def identification_report(
 def result_items(found: Identification) -> Items:
     """Return the numbers that say how far the result can be trusted."""
     counts = found.base.counts
-    verdicts = [(word, found.verdict.count(word)) for word in ("supported", "weak", "refused")]
+    verdicts = [(said, found.verdict.count(word))
+                for word, said in (("supported", "known"), ("weak", ROUGH), ("refused", NOT_SHOWN))]  # fmt: skip
     judged = ", ".join(f"{count} {word}" for word, count in verdicts if count)
     return (
         ("parameters", f"{counts['parameters']} standard, {counts['base']} base; {judged}"),
@@ -126,7 +136,9 @@ def base_tables(found: Identification, note: str = "") -> list[Table]:
     ]
     tables = [_base_table(found, key, title, members) for key, title, members in parts if members]
     note = note or _verdict_note(found)
-    return [*tables[:-1], *(replace(table, note=note) for table in tables[-1:])]
+    notes = [symbol_words(found.base.names[k] for k in members) for _, _, members in parts if members]
+    notes[-1:] = [f"{words}\n{note}" for words in notes[-1:]]
+    return [replace(table, note=note) for table, note in zip(tables, notes, strict=True)]
 
 
 def _base_table(found: Identification, key: str, title: str, members: Sequence[int]) -> Table:
@@ -152,7 +164,9 @@ def _base_table(found: Identification, key: str, title: str, members: Sequence[i
                 folded(found.base.names[k], found.base.terms[k]),
                 Quantity(value, resolution=deviation),
                 Quantity(deviation, resolution=deviation),
-                small(deviation / abs(value) if value else None),
+                NEAR_ZERO
+                if near_zero(value, deviation, found.verdict[k])
+                else small(deviation / abs(value) if value else None),
                 found.base.units[k],
                 *reference,
                 *verdict,
@@ -166,18 +180,18 @@ def _mark(item: BaseEstimate) -> Cell:
         return Mark("held", "dim")
     if item.verdict != "supported":
         return verdict_mark(item.verdict)
-    return Mark("bias possible", "warn") if item.bias_possible else ""
+    return Mark(BIASED, "warn") if item.bias_possible else ""
 
 
 def _verdict_note(found: Identification) -> str:
     if any(item.bias_possible for item in found.parameters):
-        return "bias possible: what the model lacks can move it by more than ± sd says"
+        return f"{BIASED}: what the model lacks can move it by more than ± sd says"
     if all(verdict == "supported" for verdict in found.verdict):
         return "this log shows all of them"
     held = "held: at the robot file's value, not looked for; " * any(
         p.reason.startswith(HELD) for p in found.parameters
     )
-    return f"weak: known only roughly, to worse than 30 %; refused: not shown by this log; {held}the others are known"
+    return f"{ROUGH}: to worse than 30 %; {NOT_SHOWN}: by this log; {held}the others are known"
 
 
 def _next(found: Identification, recording: Recording, robot_argument: str, written: Sequence[str]) -> str:

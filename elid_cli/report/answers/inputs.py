@@ -105,7 +105,8 @@ def effect_text(
             unit, scale = "ms", 1e3
         error = errors.get(name)
         spread = "" if error is None else f" ± {number_text(scale * error, resolution=scale * error)}"
-        number = number_text(scale * value, resolution=None if error is None else scale * error)
+        # beside values with errors a shape without one is no better known than they are
+        number = number_text(scale * value, 3 if errors else 4, None if error is None else scale * error)
         parts.append(f"{name} {number}{spread} {unit}".rstrip())
     return ", ".join(parts)
 

@@ -11,7 +11,7 @@ from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.model.effects import effect_classes
-from elid_cli.report.answers.diagnosis_tables import SAME, variable_words, whose
+from elid_cli.report.answers.diagnosis_tables import SAME
 from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.inputs import (
@@ -23,6 +23,7 @@ from elid_cli.report.answers.inputs import (
     nuisance_payload,
     recorded_items,
 )
+from elid_cli.report.answers.missing import named_words, spoken, variable_words, whose
 from elid_cli.report.answers.summary import answers, listed, parameter_words, record_sections, share_text
 from elid_cli.report.tree import (
     Cell,
@@ -59,7 +60,9 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
         elid's robot file that was written, if any.
     """
     recording = found.recording
-    further = {whose(r.effect, r.joint) + f" or {r.instead_of}": r.separate for r in found.also_possible}
+    further = {
+        f"to tell {whose(r.effect, r.joint)} from {spoken(r.instead_of)}": r.separate for r in found.also_possible
+    }
     record, planned = _record(found, tuple(further.items()), robot_argument)
     sections: list[Section] = [
         heading(found.robot, recording),
@@ -145,18 +148,14 @@ def _missing(found: MotionDiagnosis) -> str:
         return f"No effect of the library brings the motion nearer.{left}"
     places: dict[str, list[str]] = {}
     for effect in found.effects:
-        places.setdefault(effect.effect, []).append(effect.joint or found.robot.name)
-    words = [f"{name.replace('_', ' ')} at {listed(list(dict.fromkeys(joints)))}" for name, joints in places.items()]
-    said = "; ".join(words)
-    rivals = dict.fromkeys(whose(r.effect.replace("_", " "), r.joint) for r in found.also_possible)
-    tied = (
-        f" This log cannot tell {'it' if len(places) == 1 else 'them'} from {listed(list(rivals))}." if rivals else ""
-    )
+        joint = effect.joint or found.robot.name
+        if joint not in places.setdefault(effect.effect, []):
+            places[effect.effect].append(joint)
     changed = [d for d in found.differing if d.changed_at is not None and d.of_effect]
     moved = "".join(
         f" {d.name} of {d.joint} changed before {found.recording.files[d.changed_at or 0]}." for d in changed
     )
-    return f"{said[:1].upper()}{said[1:]}.{tied}{moved}"
+    return f"{named_words(places, found.also_possible)}{moved}"
 
 
 def _record(found: MotionDiagnosis, further: Items, robot_argument: str) -> tuple[str, list[Section]]:
@@ -187,7 +186,7 @@ def _effect_sections(found: MotionDiagnosis) -> list[Section]:
     tables: list[Section] = [Table("effects", columns, tuple(rows), title="missing from the model", note=note),
                              KeyValues("meaning", tuple(meanings)), *waiting]  # fmt: skip
     rivals: list[tuple[str, Cell]] = [
-        (whose(r.effect, r.joint), f"in place of {r.instead_of} it explains {share_text(r.gain)}")
+        (whose(r.effect, r.joint), f"in place of {spoken(r.instead_of)} it explains {share_text(r.gain)}")
         for r in found.also_possible
     ]
     return [*tables, *([KeyValues("also_possible", tuple(rivals), SAME)] if rivals else [])]

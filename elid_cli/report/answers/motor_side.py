@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from elid_cli.estimation.motor_side.result import MotorSideJoint
 from elid_cli.estimation.result import Identification
-from elid_cli.report.tree import Cell, Column, Mark, Quantity, Section, Table, Text, Tone
+from elid_cli.report.answers.classification import verdict_mark
+from elid_cli.report.tree import Cell, Column, Quantity, Section, Table, Text, Tone
 
 TITLE = "stiffness from motor position and torque alone (no link position in this log)"
 NOTE = (
@@ -44,7 +46,7 @@ def _row(found: Identification, joint: MotorSideJoint) -> tuple[Cell, ...]:
 
     return (
         joint.joint,
-        Mark(joint.verdict, TONES[joint.verdict]),
+        replace(verdict_mark(joint.verdict), tone=TONES[joint.verdict]),
         None if refused else Quantity(joint.stiffness, unit, resolution=joint.std_error),
         None if refused else Quantity(joint.std_error, unit, resolution=joint.std_error),
         frequency(joint.rigid_to),

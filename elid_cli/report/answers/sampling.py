@@ -8,6 +8,7 @@ from typing import Any
 
 from elid_cli.estimation.sampling.pool import Distribution
 from elid_cli.estimation.sampling.sets import ParameterSets
+from elid_cli.report.answers.summary import BIASED
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text
 
 SHOWN = 20
@@ -64,7 +65,7 @@ def with_samples(report: Report, sets: ParameterSets) -> Report:
 def _mark(entry: dict[str, Any]) -> Cell:
     if entry["origin"] != "drawn":
         return Mark(entry["origin"], "dim" if entry["origin"] == "held" else "plain")
-    return Mark("bias possible", "warn") if entry["bias_possible"] else "drawn"
+    return Mark(BIASED, "warn") if entry["bias_possible"] else "drawn"
 
 
 def _payload(sets: ParameterSets, written: Sequence[str]) -> dict[str, Any]:

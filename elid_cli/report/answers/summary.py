@@ -5,8 +5,9 @@ All in plain words. The tables below the answers hold the numbers that they are 
 
 from __future__ import annotations
 
+import re
 import shlex
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from math import isfinite
 
 from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
@@ -27,11 +28,24 @@ JOINT_KINDS = {
     "K": "stiffness", "Jm": "motor inertia", "Ja": "motor inertia", "fs": "Coulomb friction", "fv": "viscous friction",
 }  # fmt: skip
 """Parameters of drive and transmission in words, in the order in which they are told."""
+AFTER = " and the joints after"
+INTERVAL = 1.96
+"""Standard errors on either side of a 95 % interval."""
 LOUD = 1.4
 """A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 TRUST, MISSING, PARAMETERS, RECORD = (
-    "can I trust it?", "what is missing?", "which parameters?", "what to record next?",
+    "can I trust it?", "what is missing?", "what is known?", "what to record next?",
 )  # fmt: skip
+POOR, BIASED, ROUGH, NOT_SHOWN = "poor", "may be biased", "known roughly", "not shown"
+"""A prediction, and parameters, that are not to be relied on: the same words in sentences, tables and figures."""
+NEAR_ZERO = "near 0"
+"""What is said of a value that is known to be small: its interval holds 0, and no other value can be told from it."""
+SYMBOLS = {
+    "K": "stiffness of the transmission", "Jm": "inertia of the motor", "Ja": "motor inertia at the joint",
+    "fs": "Coulomb friction", "fv": "viscous friction", "m": "mass", "c": "first moment (mass times centre of mass)",
+    "I": "inertia of the body about its joint's frame",
+}  # fmt: skip
+"""Symbols of parameters in words; c and I have axes behind them, all of them the number of their joint."""
 NAMED = 6
 """Names in a sentence, beyond which they are counted."""
 
@@ -52,7 +66,7 @@ def light(error: JointError | None, *, lacking: bool = False) -> Mark:
             return Mark("good", "good")
     elif share <= CLOSE and not lacking:
         return Mark("good", "good")
-    return Mark("fair", "warn") if share <= USABLE else Mark("poor", "bad")
+    return Mark("fair", "warn") if share <= USABLE else Mark(POOR, "bad")
 
 
 def above_noise(error: JointError) -> float | None:
@@ -75,7 +89,7 @@ def trust_words(robot: Robot, error: Mapping[str, JointError], lacking: Collecti
     if all(mark == "good" for mark in marks.values()):
         down = "down to the sensors' noise" if noise else "closely"
         return f"Yes: the torque of every joint is predicted {down}, {shares[worst]} off at worst.{but}"
-    poor = [joint for joint, mark in marks.items() if mark == "poor"]
+    poor = [joint for joint, mark in marks.items() if mark == POOR]
     if poor:
         sizes = listed([f"{shares[joint]} at {joint}" for joint in poor])
         return f"Not at {listed(poor)}: the predicted torque is off by {sizes}.{but}"
@@ -130,13 +144,15 @@ def parameter_words(found: Identification) -> str:
     supported = [item for item in found.parameters if item.verdict == "supported"]
     moved = sum(item.bias_possible for item in supported)
     held = sum(item.reason.startswith(HELD) for item in found.parameters)
-    counts = {"could be biased by what is missing": moved, "known only roughly": found.verdict.count("weak"),
+    counts = {f"{BIASED} by what is missing": moved, ROUGH: found.verdict.count("weak"),
               "held at the file's values": held,
-              "not shown by this log": found.verdict.count("refused") - held}  # fmt: skip
+              f"{NOT_SHOWN} by this log": found.verdict.count("refused") - held}  # fmt: skip
     rest = [f"{count} {words}" for words, count in counts.items() if count]
     sure, total = len(supported) - moved, len(found.verdict)
     known = f"{sure} of {total} base parameters are known" if sure else f"None of the {total} base parameters is known"
     whole = f"All {total} base parameters are known" if not rest else f"{known}, {', '.join(rest)}"
+    near = [str(item.leader) for item in supported if near_zero(item.estimate, item.std_error, item.verdict)]
+    whole += f" ({listed(near)} {NEAR_ZERO})" if near else ""
     sizes: list[str] = []
     for word in dict.fromkeys(JOINT_KINDS.values()):
         spreads = [
@@ -152,7 +168,32 @@ def parameter_words(found: Identification) -> str:
     return f"{whole}. Largest standard errors: {', '.join(sizes)}." if sizes else f"{whole}."
 
 
-def record_sections(found: Identification, further: Items, arguments: Sequence[str]) -> tuple[str, list[Section]]:
+def near_zero(estimate: float, deviation: float, verdict: str) -> bool:
+    """Whether a parameter is known to be small: its 95 % interval holds 0, and its error is small in what it moves."""
+    return verdict == "supported" and abs(estimate) < INTERVAL * deviation
+
+
+def symbol_words(names: Iterable[str]) -> str:
+    """Return what the symbols of parameters mean, those that occur in `names`."""
+    kinds = {kind for name in names for kind in re.findall(r"[A-Za-z]+", name)}
+    kinds |= {kind[0] for kind in kinds if kind not in SYMBOLS}
+    return "; ".join(f"{symbol}: {words}" for symbol, words in SYMBOLS.items() if symbol in kinds)
+
+
+def plan_command(log: str, robot: str) -> str:
+    """Return the command that plans a motion for what a log does not show."""
+    return shlex.join(["elid", "excite", "--robot", robot, "--after", log, "-o", "next.csv"])
+
+
+def record_sections(
+    found: Identification,
+    further: Items,
+    arguments: Sequence[str],
+    *,
+    writes: bool = False,
+    written: bool = False,
+    plan: bool = False,
+) -> tuple[str, list[Section]]:
     """Return what the next log should hold, in a sentence and as a list with the command that plans its motion.
 
     Parameters
@@ -160,9 +201,13 @@ def record_sections(found: Identification, further: Items, arguments: Sequence[s
     found
         The parameters after this log.
     further
-        What else a log should hold: what for, and what; it comes first.
+        What else a log should hold: what for, such as ``to tell X from Y``, and what; it comes first.
     arguments
         The log and the robot as the user named them: what ``elid excite`` aims at.
+    writes, written
+        Whether the report's next command writes the robot file, or whether that is written already.
+    plan
+        Whether a motion is to be planned whatever the parameters.
     """
     log, robot = arguments
     groups: dict[str, list[StandardParameter]] = {}
@@ -171,16 +216,33 @@ def record_sections(found: Identification, further: Items, arguments: Sequence[s
             groups.setdefault(_needed(item), []).append(item.leader)
     joints = found.robot.joint_names
     items = [*further, *(
-        (counted(names), need.format(listed(list(dict.fromkeys(joints[name.joint] for name in names)))))
+        (f"for {counted(names)}", _where(need, [name.joint for name in names], joints))
         for need, names in groups.items()
     )]  # fmt: skip
     if not items:
-        return "Nothing more for these parameters; a second log would check them (elid validate).", []
-    sentence = f"{_upper(str(items[0][1]))}, for {items[0][0]}{'; more below' if len(items) > 1 else ''}."
-    if groups:
-        plan = shlex.join(["elid", "excite", "--robot", robot, "--after", log, "-o", "next.csv"])
-        items.append(("such a motion", plan))
+        check = "Nothing more for these parameters; a second log would check them (elid validate)."
+        if found.model == "insufficient":
+            check = "Nothing more for these parameters; what is missing is looked for first (elid diagnose)."
+        if written:
+            check = "Nothing more for these parameters. Check the written robot file on another log: elid validate."
+        elif writes:
+            check = (
+                "Nothing more for these parameters. Write the robot file (next command), then check it on another log: "
+                "elid validate."
+            )
+        return check, []
+    sentence = f"{_upper(items[0][0])}: {items[0][1]}{'; more below' if len(items) > 1 else ''}."
+    if groups or plan:
+        items.append(("command that plans it", plan_command(log, robot)))
     return sentence, [KeyValues("record", tuple(items), "what to record next")]
+
+
+def _where(need: str, members: Sequence[int], joints: Sequence[str]) -> str:
+    """Return a need with its joints in it; what is borne by the joints after moves with them, where there are any."""
+    names = [joints[joint] for joint in dict.fromkeys(members)]
+    if AFTER in need and len(joints) - 1 in members:
+        need = need.replace(AFTER, "")
+    return need.format(listed(names))
 
 
 def _needed(item: BaseEstimate) -> str:
@@ -200,7 +262,7 @@ def _needed(item: BaseEstimate) -> str:
         "Ja": f"stronger accelerations of {joint}",
         "fs": f"slow motion of {joint} in both directions",
         "fv": f"fast and slow motion of {joint} in both directions",
-    }.get(kind, f"stronger accelerations, in more poses, of {joint} and the joints after")
+    }.get(kind, f"stronger accelerations, in more poses, of {joint}{AFTER}")
 
 
 def by_kind(leaders: Sequence[StandardParameter]) -> list[int]:

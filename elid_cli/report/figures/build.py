@@ -130,7 +130,7 @@ def diagnosis_figures(
 ) -> tuple[Figure, ...]:
     """Return the figures of a diagnosis; `identified` is the model after, `parts` are its `contributions`."""
     floor = found.state_after.floor.rms
-    before, after = found.validation_before, found.validation_after
+    before, after = found.validation_before if parts else None, found.validation_after
     errors = [("before", found.before), ("after", found.after)] if parts else [("held-out error", found.after)]
     cases, sides = [(word, shares(error)) for word, error in errors], motor_sides(errors)
     return figures_of(FigureInput(signals, after, before, floor, identified, found, parts, cases=cases, sides=sides))

@@ -62,6 +62,7 @@ class Band:
     low: Array
     high: Array
     color: Color = "blue"
+    label: str = ""
 
 
 @dataclass(frozen=True)

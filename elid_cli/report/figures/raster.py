@@ -120,7 +120,7 @@ def _mark(axes: Axes, mark: Mark) -> None:
         axes.plot(mark.x, mark.y, SHAPES[mark.shape], color=color, markersize=wide, alpha=mark.opacity, label=label,
                   markerfacecolor=face)  # fmt: skip
     elif isinstance(mark, Band):
-        axes.fill_between(mark.x, mark.low, mark.high, color=color, alpha=0.22, linewidth=0)
+        axes.fill_between(mark.x, mark.low, mark.high, color=color, alpha=0.22, linewidth=0, label=label)
     elif isinstance(mark, Rule):
         draw: Any = axes.axvline if mark.x is not None else axes.axhline
         draw(mark.x if mark.x is not None else mark.y, color=color, linewidth=0.8, linestyle=_dashes(mark.dash),

@@ -1,4 +1,4 @@
-"""One self-contained page that opens offline: four answers first, then what they rest on, all else folded."""
+"""One self-contained page that opens offline: four answers first, then their evidence, all else folded."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ SUFFIXES, FIGURES = (".html", ".htm"), True
 LONG = 16
 """Rows of a table beyond which it is folded."""
 PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("What it rests on", ("figure:effect", "figure:errors", "figure:trended", "parameters", "member_errors", "values",
+    ("Evidence", ("figure:effect", "figure:errors", "figure:trended", "parameters", "member_errors", "values",
                           "members", "effects*", "meaning", "waiting", "also_possible", "before_after", "position",
-                          "error*", "triage", "unexplained", "differing", "by_log")),
+                          "error*", "unexplained", "triage", "differing", "by_log")),
     ("Parameters", ("figure:parameters", "joint_parameters", "base_parameters", "reasons", "physical*", "std_error")),
     ("What to record next", ("record", "next")),
     ("Over time", ("figure:torque", "figure:trajectory", "figure:replayed", "figure:signals")),

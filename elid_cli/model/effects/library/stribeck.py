@@ -28,6 +28,7 @@ class Stribeck(Effect):
     """
 
     name = "stribeck"
+    title = "Stribeck friction"
     summary = "friction that rises or falls towards zero speed"
     equation = "motor equation: amplitude sign(θ') exp(-(|θ'|/velocity)^exponent)"
     physics = (
@@ -52,6 +53,12 @@ class Stribeck(Effect):
         ),
     )
     example = {"amplitude": -0.25, "velocity": 0.1, "exponent": 1.0}
+
+    @classmethod
+    def summary_of(cls, values: Mapping[str, float]) -> str:
+        """Return whether friction rises or falls towards zero speed: a term of negative exponent vanishes there."""
+        rises = (values["amplitude"] > 0) != (values.get("exponent", 1.0) < 0)
+        return f"friction that {'rises' if rises else 'falls'} towards zero speed"
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.report.answers.missing import spoken
 from elid_cli.report.figures.drawing import Color, Drawing, Line, Panel, alike
 from elid_cli.report.figures.paint import scatter_with_mean
 from elid_cli.report.tree import Figure, number_text
@@ -54,12 +55,16 @@ class EffectView:
 def figures(told: FigureInput) -> Iterator[Figure]:
     """Yield a figure of every effect and curve found; the terms of one curve are one."""
     caption = (
-        "The residual of the model without the effect, all else fitted again, and with it, against the variable that "
-        "the effect follows most. Line: mean; band: the middle 90 %."
+        "Residuals of two models over the variable that the effect follows most: orange, the model without the effect, "
+        "its other parameters fitted again; blue, the model with it."
     )
-    for k, view in enumerate(effect_views(told.diagnosis, told.contributions) if told.diagnosis else (), start=1):
-        name = view.effect.replace("_", " ")
-        title = f"{name[:1].upper()}{name[1:]} at {view.joint}: without and with it"
+    if told.diagnosis is None:
+        return
+    names = told.diagnosis.robot.joint_names
+    views = sorted(effect_views(told.diagnosis, told.contributions), key=lambda view: names.index(view.joint))
+    for k, view in enumerate(views, start=1):
+        name = spoken(view.effect)
+        title = f"{name[:1].upper()}{name[1:]} at {view.joint}: residual without and with it"
         yield Figure(f"effect{k}", title, "effect", asdict(view), caption)
 
 
@@ -160,11 +165,12 @@ def draw(figure: Figure) -> Drawing:
     panels = []
     for key, color, word in sides:
         if rising is None:
-            marks = scatter_with_mean(data["values"], data[key], color)
+            marks = scatter_with_mean(data["values"], data[key], color, label=f"mean {word} it")
         else:
-            marks = scatter_with_mean(data["values"][rising], data[key][rising], color, label=f"{word} it, growing")
-            marks += scatter_with_mean(data["values"][~rising], data[key][~rising], "ink", dash="5 3",
-                                       label="falling")  # fmt: skip
+            name = data["variable"].split(" (")[0]
+            up, down = f"mean {word} it, {name} growing", f"mean, {name} falling"
+            marks = scatter_with_mean(data["values"][rising], data[key][rising], color, label=up)
+            marks += scatter_with_mean(data["values"][~rising], data[key][~rising], "ink", dash="5 3", label=down)
         error = data["error_without" if key == "without" else "error_with"]
         title = f"{word} it: held-out error {number_text(error, 3)} {data['unit']}"
         panels.append(Panel(marks, title, data["variable"], f"residual ({data['unit']})", height=230))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elid_cli.estimation.validation.verdicts import HELD
-from elid_cli.report.answers.summary import JOINT_KINDS, by_kind, share_text
+from elid_cli.report.answers.summary import JOINT_KINDS, NEAR_ZERO, NOT_SHOWN, by_kind, near_zero, share_text
 from elid_cli.report.figures.drawing import Bars, Dots, Drawing, Mark, Panel, Rule, Words
 from elid_cli.report.tree import Figure
 
@@ -33,8 +34,8 @@ def figures(told: FigureInput) -> Iterator[Figure]:
                 "reference": found.reference, "verdict": ["held" if p.reason.startswith(HELD) else p.verdict
                                                           for p in found.parameters]}  # fmt: skip
         caption = (
-            "Each on the scale of its own value, with its standard error at the right; near 0: the interval holds 0. "
-            "The tables below have the numbers."
+            "Each on the scale of its own value, with its standard error at the right; near 0: the interval holds 0 "
+            "and is small. The tables below have the numbers."
         )
         yield Figure("parameters", "Base parameters", "parameters", data, caption)
 
@@ -73,11 +74,17 @@ def _panel(data: Mapping[str, Any], title: str, index: Sequence[int]) -> Panel:
         *([Dots(reference / scale, y, "orange", "d", 9, label="robot file")] if np.isfinite(reference).any() else []),
         Words(y, [_spread(data["verdict"][k], data["estimate"][k], data["std_error"][k]) for k in index]),
     ]
-    shown = [name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…" for name in names]
+    shown = [name if len(name) <= LONGEST else _short(name) for name in names]
     drawn = np.concatenate([x - half, x + half, reference / scale])
     drawn = np.clip(drawn[np.isfinite(drawn)], -EDGE, EDGE)
     limits = (min(-0.12, *(drawn - 0.12)), max(1.12, *(drawn + 0.12))), (len(index) - 0.5, -0.5)
     return Panel(marks, title, "value / its own size", "", *limits, 44.0 + 17.0 * len(index), ynames=shown)
+
+
+def _short(name: str) -> str:
+    """Return a combination by its leading term and the number of the others."""
+    leader, *others = re.split(r" [+-] ", name)
+    return f"{leader} and {len(others)} more" if others else f"{name[: LONGEST - 1]}…"
 
 
 def _spread(verdict: str, estimate: float, deviation: float) -> str:
@@ -85,6 +92,7 @@ def _spread(verdict: str, estimate: float, deviation: float) -> str:
     if verdict == "held":
         return verdict
     if verdict == "refused" or not np.isfinite(deviation):
-        return "refused"
-    share = deviation / abs(estimate) if estimate else np.inf
-    return f"± {share_text(share)}" if share < 1 else "near 0"
+        return NOT_SHOWN
+    if near_zero(estimate, deviation, verdict) or not estimate:
+        return NEAR_ZERO
+    return f"± {share_text(deviation / abs(estimate))}"

@@ -33,7 +33,7 @@ def _followed(view: JointView, residual: Array, before: Array | None, suffix: st
         "before": None if before is None else before[view.used],
         "variables": {name: values[view.used] for name, values in view.variables.items()},
     }  # fmt: skip
-    caption = "Points: instants; line: mean; band: the middle 90 %. A model that lacks nothing leaves a flat line."
+    caption = "A model that lacks nothing leaves a flat mean."
     title = f"{view.joint}: what the residual follows{where}"
     return Figure(f"residual_{view.joint}{suffix}", title, "residual", data, caption)
 

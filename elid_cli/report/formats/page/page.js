@@ -68,7 +68,7 @@
         cursor: {sync: {key: "elid"}, drag: {x: true, y: false}},
         axes: [{...axis(panel.xlabel), size: 28}, {...axis(panel.ylabel), size: 52}],
         series: [
-          {label: "time (s)", value: (u, v) => v == null ? "" : v.toFixed(3)},
+          {label: "cursor at (s)", value: (u, v) => v == null ? "" : v.toFixed(3)},
           ...panel.series.map(s => ({
             label: s.label, stroke: () => color(s.color), width: s.width, points: {show: false},
             dash: s.dash ? s.dash.split(" ").map(Number) : undefined, show: before || !/before/.test(s.label),
@@ -81,6 +81,8 @@
           setScale: [(u, key) => { if (key === "x" && u.scales.x.min != null) zoom(u.scales.x.min, u.scales.x.max); }],
         },
       }, [t, ...panel.series.map(s => unpacked(s.y))], place);
+      // the cursor's time is no curve: it has no swatch
+      u.root.querySelector(".u-legend .u-series .u-marker").remove();
       for (const mark of named) {
         const row = document.createElement("tr");
         row.className = "u-series mark";

@@ -1,0 +1,52 @@
+"""What a reader is told first: ties as ties, a bad model never written, values near 0, the same words throughout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from elid_cli.cli import main
+from elid_cli.diagnosis import Rival
+from elid_cli.report.answers.missing import named_words
+from elid_cli.report.answers.summary import near_zero, symbol_words
+
+MEASURED = Path(__file__).parents[3] / "shared" / "data" / "quanser_2dsfl.csv"
+
+
+def rival(effect: str, joint: str, instead_of: str) -> Rival:
+    return Rival(effect, joint, instead_of, 0.6, {}, "slow motion")
+
+
+def test_what_a_log_cannot_tell_apart_is_named_as_one_of_several() -> None:
+    tied = [rival("velocity_coupling", "j1", "stribeck"), rival("torque_ripple", "j1", "stribeck")]
+    assert named_words({"stribeck": ["j1", "j2"]}, tied) == (
+        "Stribeck friction at j2; one of: Stribeck friction at j1, velocity coupling at j1, torque ripple at j1; "
+        "this log cannot tell which."
+    )
+    assert named_words({"stribeck": ["j1"]}, [], "friction that falls") == (
+        "Stribeck friction at j1 (friction that falls)."
+    )
+
+
+def test_near_zero_is_a_small_interval_around_zero() -> None:
+    assert near_zero(3e-6, 1.3e-5, "supported")
+    assert not near_zero(3e-6, 1.3e-5, "weak"), "an interval that is wide in what it moves says nothing"
+    assert not near_zero(3e-5, 1.3e-5, "supported")
+
+
+def test_symbols_are_told_in_words_as_far_as_they_occur() -> None:
+    assert symbol_words(["m1 + 2*cx1", "K2"]) == (
+        "K: stiffness of the transmission; m: mass; c: first moment (mass times centre of mass)"
+    )
+
+
+@pytest.mark.skipif(not MEASURED.exists(), reason="../shared/data is absent")
+def test_a_poor_model_without_a_known_parameter_leads_to_another_log(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["diagnose", str(MEASURED), "--robot", "quanser_2dsfl", "--only", "stribeck", "--quiet"]) == 0
+    text = capsys.readouterr().out
+    said = " ".join(text.split())
+    assert "None of the 12 base parameters is known" in said
+    assert text.splitlines()[-1].startswith("Next: elid excite --robot quanser_2dsfl --after ")
+    assert "A disturbance that repeats in time would look like an effect of the motion" in said
+    assert "To tell effects of the motion from disturbances in time: a motion that does not repeat" in said
