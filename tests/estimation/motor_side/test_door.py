@@ -73,6 +73,6 @@ def test_a_refused_one_has_no_number_and_says_what_would_show_it(
     (tmp_path / "arm.yaml").write_text(text_of(told_robot(arm, 1)))
     assert main(["identify", str(tmp_path / "log.h5"), "--robot", str(tmp_path / "arm.yaml")]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "joint1 refused – – – – –" in said
+    assert "joint1 not shown – – – – –" in said
     assert "K1: not shown by this log (" in said
     assert "torque multisine" in said
