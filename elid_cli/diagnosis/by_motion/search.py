@@ -221,13 +221,25 @@ def _kept(
     while named:
         views = views_of(fit)
         judged = [_judged(fit, views, declared + k, item) for k, item in enumerate(named)]
-        weak = [k for k, item in enumerate(judged) if not _stays(fit, declared + k, item)]
+        weak = [
+            k for k, item in enumerate(judged)
+            if not _stays(fit, declared + k, item) or left_by_main(item, judged)
+        ]  # fmt: skip
         if not weak:
             return fit, judged
         worst = min(weak, key=lambda k: judged[k].gain)
         fit = without(fit, declared + worst, tell)
         named = [item for k, item in enumerate(judged) if k != worst]
     return fit, named
+
+
+def left_by_main(item: Named, all_named: Sequence[Named]) -> bool:
+    """Return whether an effect beside its joint's main one may be what that one's imperfect shape leaves.
+
+    It helps some blocks and harms others, then: one of its own helps every block.
+    """
+    main = max((other for other in all_named if other.effect.joint == item.effect.joint), key=lambda o: o.gain)
+    return main is not item and item.helped < 1
 
 
 def _stays(fit: TrajectoryFit, place: int, item: Named) -> bool:

@@ -126,3 +126,21 @@ def test_pictures_show_the_motion_and_options_of_the_other_search_are_told(
     drawn = {path.stem for path in folder.iterdir()}
     assert {path for path in drawn if path.startswith("replayed")} == {f"replayed_{name}" for name in NAMES}
     assert {"errors", "parameters"} <= drawn
+
+
+def test_a_companion_must_help_every_block() -> None:
+    from elid_cli.diagnosis.by_motion.search import Named, left_by_main
+    from elid_cli.model.effects import effect_classes
+
+    def named(effect: str, joint: int, gain: float, helped: float = 1.0) -> Named:
+        kind = effect_classes()[effect]
+        return Named(kind(joint, tuple(p.low for p in kind.shapes)), gain, helped)
+
+    main, elsewhere = named("load_friction", 1, 0.97), named("link_spring", 0, 0.999)
+    for companion, dropped in (
+        (named("link_viscous", 1, 0.9), False),
+        (named("link_viscous", 1, 0.9, 5 / 6), True),  # not in every block
+        (named("link_viscous", 2, 0.64, 5 / 6), False),  # a joint of its own
+    ):
+        assert left_by_main(companion, (main, elsewhere, companion)) == dropped
+        assert not left_by_main(main, (main, elsewhere, companion))
