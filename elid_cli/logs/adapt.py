@@ -13,7 +13,7 @@ from elid_cli.errors import LogError
 from elid_cli.logs.checks.deflection import Sensed, same_position
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.long_table import reshaped
-from elid_cli.logs.mapping.resolve import ReadPlan, resolve
+from elid_cli.logs.mapping.resolve import Placement, ReadPlan, resolve
 from elid_cli.logs.reading import converted, layers_of
 from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.source import open_source
@@ -22,6 +22,8 @@ from elid_cli.robot.locking import locked
 from elid_cli.robot.robot import Robot
 
 SAME = "both logged positions are one, but for sensor noise"
+APART = 0.02
+"""rad or m from where a joint is locked beyond which it is said to be elsewhere: zeros differ by less."""
 LISTED = 8
 """Joints that a note names."""
 
@@ -51,11 +53,12 @@ def robot_as_logged(
         Values, rad or m, of joints that are locked whatever the logs hold.
     """
     hold = dict(hold or {})
+    told = _beyond(robot, hold) + (_elsewhere(robot, logs, mapping, hold) if hold else [])
     auto = [joint.name for joint in robot.joints if joint.transmission == "auto"]
     if not (hold or auto or robot.source):
-        return robot
+        return replace(robot, notes=(*robot.notes, *_ungeared(robot)))
     parts = [found for log in logs for found in _held(robot, log, mapping, auto)]
-    notes = list(robot.notes)
+    notes = [*robot.notes, *told]
     absent = [name for name in robot.joint_names if not any(name in part.link | part.motor for part in parts)]
     if parts and robot.source and len(absent) < robot.n:
         unheld = [name for name in absent if name not in hold]
@@ -77,7 +80,24 @@ def robot_as_logged(
             decided.setdefault(said, []).append(joint.name)
     if parts:
         notes += [f"{_listed(names)} taken as {what}" for what, names in decided.items()]
-    return replace(robot, joints=tuple(joints), notes=tuple(notes))
+    return replace(robot, joints=tuple(joints), notes=(*notes, *_ungeared(robot)))
+
+
+def _ungeared(robot: Robot) -> list[str]:
+    """Return a sentence on the joints whose gear ratio is not known."""
+    unknown = [joint.name for joint in robot.joints if joint.gear_ratio is None]
+    whose = "no gear ratio is known" if len(unknown) == robot.n else f"gear ratio not known: {_listed(unknown)}"
+    return [f"{whose}; a rotor is then its inertia at the joint, Ja, coupled to no other joint"] if unknown else []
+
+
+def _beyond(robot: Robot, hold: Mapping[str, float]) -> list[str]:
+    """Return a sentence per joint that is locked where it cannot be."""
+    ranges = {joint.name: joint.limits.position for joint in robot.joints if joint.limits.position is not None}
+    return [
+        f"{name} is locked at {hold[name]:g}, outside its limits, {low:g} to {high:g}"
+        for name, (low, high) in ranges.items()
+        if name in hold and hold[name] != 0 and not low <= hold[name] <= high
+    ]
 
 
 @dataclass(frozen=True)
@@ -92,18 +112,23 @@ class _Held:
 
 def _held(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None, auto: Sequence[str]) -> Iterable[_Held]:
     """Yield what each part of a log holds; numbers are looked at where an open question is asked of both sides."""
-    try:
-        source = open_source(log)
-        opened = recognise(source).open(source)
-    except LogError:  # whoever reads it says why
-        return
-    for raw in (reshaped(part, mapping, robot.log) for part in opened):
-        plan = resolve(raw.channels, layers_of(raw, robot, mapping), robot)
+    for raw, plan in _parts(robot, log, mapping):
         link, motor = (_placed(plan, signal, robot) for signal in ("q", "theta"))
         if any(name in link & motor for name in auto):
             yield _looked_at(raw, plan, robot, frozenset(auto))
         else:
             yield _Held(link, motor)
+
+
+def _parts(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None) -> Iterable[tuple[RawLog, ReadPlan]]:
+    """Yield the parts of a log with where each signal is; none of one that cannot be read, whose reader says why."""
+    try:
+        source = open_source(log)
+        opened = recognise(source).open(source)
+    except LogError:
+        return
+    for raw in (reshaped(part, mapping, robot.log) for part in opened):
+        yield raw, resolve(raw.channels, layers_of(raw, robot, mapping), robot)
 
 
 def _placed(plan: ReadPlan, signal: str, robot: Robot) -> frozenset[str]:
@@ -115,20 +140,50 @@ def _looked_at(raw: RawLog, plan: ReadPlan, robot: Robot, auto: frozenset[str]) 
     """Return what a part holds by its numbers: recorders fill what they do not know with one value."""
     torque = next((signal for signal in ("tau", "tau_link") if signal in plan.placements), None)
     chosen = {s: plan.placements[s] for s in ("q", "theta", torque) if s is not None}
-    streams = raw.load([pick for placement in chosen.values() for pick in placement.picks])
-    seconds = in_seconds(streams, factor=plan.time.factor if plan.time is not None else None, rate=1.0, notes=[])
     sensed: dict[str, dict[str, Sensed]] = {signal: {} for signal in ("q", "theta", "tau")}
-    for sampled in converted(replace(plan, placements=chosen), streams, seconds, robot):
-        kind = "tau" if sampled.signal == torque else sampled.signal
-        for j, values in zip(sampled.joints, sampled.values.T, strict=True):
-            known = Sensed.of(sampled.t, values)
-            if known.values.size and np.ptp(known.values) > 0:
-                sensed[kind][robot.joint_names[j]] = known
+    for signal, joint, known in _sensed(raw, plan, robot, chosen):
+        if np.ptp(known.values) > 0:
+            sensed["tau" if signal == torque else signal][joint] = known
     link, motor = frozenset(sensed["q"]), frozenset(sensed["theta"])
     apart = any(placement.spec.add for placement in chosen.values())  # a deflection sensor, which says itself
     asked = frozenset() if apart else auto & link & motor
     q, theta, tau = sensed["q"], sensed["theta"], sensed["tau"]
     return _Held(link, motor, frozenset(n for n in asked if same_position(q[n], theta[n], tau.get(n))))
+
+
+def _sensed(
+    raw: RawLog, plan: ReadPlan, robot: Robot, chosen: Mapping[str, Placement]
+) -> Iterable[tuple[str, str, Sensed]]:
+    """Yield signal, joint and samples of what is chosen of a part; nothing where no sample is a number."""
+    streams = raw.load([pick for placement in chosen.values() for pick in placement.picks])
+    seconds = in_seconds(streams, factor=plan.time.factor if plan.time is not None else None, rate=1.0, notes=[])
+    for sampled in converted(replace(plan, placements=chosen), streams, seconds, robot):
+        for j, values in zip(sampled.joints, sampled.values.T, strict=True):
+            known = Sensed.of(sampled.t, values)
+            if known.values.size:
+                yield sampled.signal, robot.joint_names[j], known
+
+
+def _elsewhere(
+    robot: Robot, logs: Sequence[str | Path], mapping: Mapping[str, Any] | None, hold: Mapping[str, float]
+) -> list[str]:
+    """Return a sentence per joint that somebody locked and a log has somewhere else: its load is not in the model."""
+    found: dict[str, tuple[float, float]] = {}
+    for log in logs:
+        for raw, plan in _parts(robot, log, mapping):
+            side = "q" if "q" in plan.placements else "theta"
+            if side not in plan.placements or not _placed(plan, side, robot) & set(hold):
+                continue
+            for _, joint, known in _sensed(raw, plan, robot, {side: plan.placements[side]}):
+                ends = float(known.values.min()), float(known.values.max())
+                if joint in hold and max(abs(end - hold[joint]) for end in ends) > APART:
+                    low, high = found.get(joint, ends)
+                    found[joint] = min(low, ends[0]), max(high, ends[1])
+    return [
+        f"{name} is locked at {hold[name]:g}, but the log has it from {low:.4g} to {high:.4g}: what that changes "
+        "in the torques of the others is not modelled"
+        for name, (low, high) in found.items()
+    ]
 
 
 def _count(names: Sequence[str]) -> str:

@@ -49,6 +49,10 @@ def read_robot(source: str | Path, *, beside: bool = True) -> Robot:
     RobotError
         No such robot or file, or a description that cannot be used: file, line, joint, key, nearest valid key.
     """
+    if not str(source):
+        raise RobotError(
+            "an empty name is no robot", hint="give a robot's name, or the path of a YAML, URDF or MJCF file"
+        )
     path = Path(source)
     if _bare(source):
         shipped = shipped_robots()

@@ -205,6 +205,7 @@ def test_info_shows_channels_rates_and_signals(elid, place: Path) -> None:
         (["identify", "run07.csv", "--robot", ROBOT], 3, ["run07.csv: no such file", "did you mean 'run 07.csv'"]),
         (["identify", LOG], 2, ["error: elid identify: needs --robot"]),
         (["identify", "--robot", ROBOT], 2, ["error: elid identify: no log given", "hint: elid identify run07.mcap"]),
+        (["identify", LOG, "--robot", ""], 2, ["an empty name is no robot"]),
         (["identify", LOG, "--robot", "planr2"], 2, ["no robot named 'planr2'", "did you mean 'planar2'?"]),
         (["identify", LOG, "--robot", "spindel.yaml"], 2, ["spindel.yaml", "did you mean 'spindle.yaml'?"]),
         (["identify", LOG, "--robot", "typo.yaml"], 2, ["typo.yaml:5", "'gear_rato'", "did you mean 'gear_ratio'"]),

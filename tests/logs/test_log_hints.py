@@ -12,8 +12,10 @@ import pytest
 
 from elid_cli.cli import main
 from elid_cli.errors import LogError, UsageError
+from elid_cli.estimation.judgement import JointError
 from elid_cli.logs import inspect_log, read_map_options
 from elid_cli.logs.mapping.language import parse_mapping
+from elid_cli.report.answers.summary import trust_words
 from elid_cli.robot.robot import Limits
 from elid_cli.robot.text import text_of
 from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, written
@@ -138,3 +140,40 @@ def test_what_is_far_beyond_the_robots_limits_is_told(tmp_path: Path) -> None:
     assert "times the effort limit of 30: a unit or side is wrong" in said
     assert "times the velocity limit of 9" in said
     assert "are outside its limits, -3 to 3" in said
+
+
+@pytest.mark.parametrize(
+    ("spec", "told"),
+    [
+        ({"unit": "mA"}, "tau is in A"),
+        ({"unit": "A", "scale": 1.0}, "tau is in A"),
+        ({"unit": "permille"}, "tau is in shares of a rated torque"),
+        ({"unit": "A", "scale": {JOINTS[0]: 0.1}}, "tau is in A"),
+        ({"unit": "A", "scale": 0.1}, ""),
+        ({"unit": "percent", "scale": [12.0] * len(JOINTS)}, ""),
+        ({"unit": "mN.m"}, ""),
+    ],
+)
+def test_a_torque_that_is_a_current_or_a_share_needs_a_scale(
+    tmp_path: Path, spec: dict[str, object], told: str
+) -> None:
+    path = text(tmp_path, {"t": BASE.t} | each("q{}", Q) | each("u{}", TAU))
+    said = [w for w in read(path, robot=RIGID, mapping={"tau": {"from": "u{i}", **spec}}).warnings if "scale" in w]
+    assert bool(said) == bool(told), said
+    assert all(line.startswith(told) for line in said)
+
+
+def test_a_prediction_is_not_called_trusted_where_a_unit_is_doubted(tmp_path: Path) -> None:
+    error = {joint: JointError(1e-3, 1e-4, None, None, 10.0, floor=1e-3) for joint in JOINTS}
+    joints = tuple(replace(j, limits=Limits(torque=30.0)) for j in RIGID.joints)
+    robot = replace(RIGID, joints=joints)
+    right = read(written(tmp_path, "log.csv", BASE), robot=robot).warnings
+    assert trust_words(robot, error, warnings=right).startswith("Yes: ")
+    wrong = read(written(tmp_path, "log.csv", like(BASE, tau=100 * TAU)), robot=robot).warnings
+    assert trust_words(robot, error, warnings=wrong).startswith("Only if the log's units are right")
+
+
+def test_numbered_values_of_joint_states_are_said_to_be_taken_in_the_robots_order(tmp_path: Path) -> None:
+    columns = {"__time": BASE.t, **each("/joint_states/position[{}]", Q, 0), **each("/joint_states/effort[{}]", TAU, 0)}
+    notes = read(text(tmp_path, columns), robot=RIGID).notes
+    assert any(note.startswith("q: values of /joint_states/position[{i0}] have no names") for note in notes)

@@ -20,7 +20,7 @@ from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.locking import beside_chain, locked
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import Limits, Robot
 from elid_cli.robot.urdf.write import urdf_text
 from tests.robot.random_robots import random_robot
 
@@ -144,3 +144,36 @@ def test_identify_with_a_plain_urdf_and_q_alone(arm: Path, tmp_path: Path) -> No
     assert len(found) > 10
     for item in found:
         assert abs(item["estimate"] - expected[item["name"]]) < 5 * item["std_error"] + 0.02 * abs(item["estimate"])
+
+
+def test_an_unknown_gear_ratio_is_told(arm: Path, tmp_path: Path) -> None:
+    log = csv(tmp_path / "log.csv", waves([f"q.axis_{i}" for i in range(1, 6)]))
+    said = [note for note in robot_as_logged(read_robot(arm), [log]).notes if "gear ratio" in note]
+    assert said == ["no gear ratio is known; a rotor is then its inertia at the joint, Ja, coupled to no other joint"]
+    (tmp_path / "arm.elid.yaml").write_text("joints:\n  axis_1: {gear_ratio: 100}\n")
+    said = [note for note in robot_as_logged(read_robot(arm), [log]).notes if "gear ratio" in note]
+    assert len(said) == 1
+    assert said[0].startswith("gear ratio not known: axis_2, axis_3, axis_4, axis_5;")
+
+
+def test_a_joint_locked_elsewhere_than_the_log_has_it_is_told(arm: Path, tmp_path: Path) -> None:
+    columns = waves([f"q.axis_{i}" for i in range(1, 6)])
+    log = csv(tmp_path / "log.csv", columns | {"q.axis_3": np.full(400, 1.2)})
+    robot = read_robot(arm)
+    assert not any("is locked" in note for note in robot_as_logged(robot, [log]).notes)
+    assert not any("is locked" in note for note in robot_as_logged(robot, [log], hold={"axis_3": 1.201}).notes)
+    notes = robot_as_logged(robot, [log], hold={"axis_3": 0.0, "axis_5": 0.5}).notes
+    said = [note for note in notes if "is locked" in note]
+    assert [note.partition(":")[0] for note in said] == [
+        "axis_3 is locked at 0, but the log has it from 1.2 to 1.2",
+        "axis_5 is locked at 0.5, but the log has it from -1 to 1",
+    ]
+
+
+def test_a_joint_locked_outside_its_limits_is_told(arm: Path) -> None:
+    robot = read_robot(arm)
+    joints = tuple(replace(joint, limits=Limits((-1.0, 2.0))) for joint in robot.joints)
+    robot = replace(robot, joints=joints)
+    assert not any("limits" in note for note in robot_as_logged(robot, [], hold={"axis_1": 1.5}).notes)
+    notes = robot_as_logged(robot, [], hold={"axis_1": 100.0}).notes
+    assert "axis_1 is locked at 100, outside its limits, -1 to 2" in notes

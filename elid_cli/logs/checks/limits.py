@@ -15,6 +15,8 @@ OUTSIDE = 0.25
 """Part of a position's range by which a joint may be outside it: zeros differ."""
 MOST = 99.5
 """Percentile that stands for the largest value, so that a glitch does not."""
+WRONG = "a unit or side is wrong"
+"""What every sentence on a torque or a speed beyond its limit says."""
 NAMES = {"tau": "effort", "dq": "velocity"}
 
 
@@ -42,7 +44,7 @@ def beyond_limits(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[str
             if limit and largest > BEYOND * limit:
                 yield (
                     f"{joint.name}: {signal} reaches {largest:.4g} {units[signal]}, {largest / limit:.3g} times the "
-                    f"{NAMES[signal]} limit of {limit:g}: a unit or side is wrong, or the limit"
+                    f"{NAMES[signal]} limit of {limit:g}: {WRONG}, or the limit"
                 )
         known = q[np.isfinite(q[:, j]), j]
         if limits.position is None or not known.size:

@@ -27,6 +27,12 @@ from elid_cli.robot.robot import Robot
 LENGTHS, RATES, EFFORTS = {"rad", "m", "radian", "radians"}, {"rad/s", "m/s"}, {"nm", "n"}
 SI = {"q": LENGTHS, "theta": LENGTHS, "dq": RATES, "dtheta": RATES, "tau": EFFORTS, "tau_link": EFFORTS}
 """Units, as `plain` writes them, that need no mapping."""
+NOT_TORQUE = "which is no torque"
+"""What is said of a torque that is in no unit of torque."""
+NO_TORQUE = {"A": "A", "mA": "A", "V": "V"} | dict.fromkeys(
+    ("%", "percent", "‰", "permille"), "shares of a rated torque"
+)
+"""Units of what stands for a torque -> what its values then are in."""
 SAMPLES = 50_000
 """Samples that are looked at (evenly taken)."""
 EXACTLY = 1e-3
@@ -39,7 +45,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     """Return one sentence per suspicion, with a mapping to paste where there is one."""
     step = max(1, aligned.t.size // SAMPLES)
     found: list[str] = []
-    found.extend(_amperes(plan))
+    found.extend(_amperes(plan, robot))
     start, stop = max(aligned.segments, key=lambda bounds: bounds[1] - bounds[0])
     q, theta = checked.q[start:stop], checked.theta[start:stop]
     found.extend(_wraps(q, theta, robot, plan))
@@ -77,10 +83,23 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     return found
 
 
-def _amperes(plan: ReadPlan) -> Iterator[str]:
-    """Name a torque that is read from a channel called a current without a factor."""
+def _amperes(plan: ReadPlan, robot: Robot) -> Iterator[str]:
+    """Name a torque that is a current or a share by its channel's name or its unit, without a factor."""
     placement = plan.placements.get("tau")
-    if placement is None or placement.spec.unit or placement.spec.scale != 1.0:
+    if placement is None:
+        return
+    spec = placement.spec
+    units = spec.unit.split(", ")
+    scales = np.broadcast_to(np.asarray(spec.scale, dtype=float), robot.n).tolist()
+    told = zip(units * robot.n if len(units) == 1 else units, scales, strict=False)
+    bare = {NO_TORQUE[unit] for unit, scale in told if unit in NO_TORQUE and scale == 1.0}
+    if bare:
+        yield (
+            f"tau is in {' and '.join(sorted(bare))}, {NOT_TORQUE}, as no scale to N·m is given: so are the parameters "
+            "found from it. Give scale: one number or one per joint; or record again with a known body on the robot: "
+            "--payload KG@JOINT"
+        )
+    if spec.unit or spec.scale != 1.0:
         return
     if re.search(r"current|ampere|(^|[^a-z])amps?([^a-z]|$)", placement.places.lower()):
         yield (

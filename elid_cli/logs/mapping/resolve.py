@@ -251,7 +251,8 @@ def _place_each(
         return reason or "no column is named"
     pattern = spec.source if isinstance(spec.source, str) else ", ".join(str(place) for place in spec.source)
     pattern += f".{spec.field}" if spec.field else ""
-    return Placement(spec, tuple(picks), tuple(joints), pattern)
+    unnamed = "{i0}" in pattern and robot.n > 1 and spec.joints is None
+    return Placement(spec, tuple(picks), tuple(joints), pattern, unnamed=unnamed)
 
 
 def _stamps(spec: SignalMap, channel: Channel, by_source: Mapping[str, Sequence[Channel]], time: TimeMap | None) -> str:

@@ -136,7 +136,7 @@ def _loud_words(told: DiagnosisInput) -> str:
 
 
 def _trust_words(told: DiagnosisInput) -> str:
-    words = trust_words(told.found.robot, told.found.after)
+    words = trust_words(told.found.robot, told.found.after, warnings=told.recording.warnings)
     verdict, _, rest = words.partition(": ")
     if not told.contributions or not rest:
         return words

@@ -82,7 +82,9 @@ def identification_report(
     missing = missing_words(found.model, found.insufficient, found.noise, moved)
     sections: list[Section] = [
         heading(found.robot, recording),
-        answers(trust_words(found.robot, found.error, lacking), missing, parameter_words(found), record),
+        answers(
+            trust_words(found.robot, found.error, lacking, recording.warnings), missing, parameter_words(found), record
+        ),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.warnings))),
         error_table("error", found.robot, found.error, TITLE, lacking=lacking),
         *gains_table(found.drive_gains),

@@ -13,6 +13,8 @@ from math import isfinite
 from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
+from elid_cli.logs.checks.limits import WRONG
+from elid_cli.logs.checks.units_and_signs import NOT_TORQUE
 from elid_cli.report.answers.inputs import Items
 from elid_cli.report.tree import KeyValues, Mark, Section, number_text
 from elid_cli.robot.parameter import StandardParameter
@@ -46,6 +48,8 @@ SYMBOLS = {
     "I": "inertia of the body about its joint's frame",
 }  # fmt: skip
 """Symbols of parameters in words; c and I have axes behind them, all of them the number of their joint."""
+DOUBTS = (WRONG, NOT_TORQUE)
+"""What a warning says that doubts units."""
 NAMED = 6
 """Names in a sentence, beyond which they are counted."""
 
@@ -76,8 +80,21 @@ def above_noise(error: JointError) -> float | None:
     return max(known, default=None)
 
 
-def trust_words(robot: Robot, error: Mapping[str, JointError], lacking: Collection[str] = ()) -> str:
-    """Return whether the model predicts the motor torques, in a sentence; `lacking` as `light` has it, of joints."""
+def trust_words(
+    robot: Robot, error: Mapping[str, JointError], lacking: Collection[str] = (), warnings: Sequence[str] = ()
+) -> str:
+    """Return whether the model predicts the motor torques, in a sentence.
+
+    `lacking` as `light` has it, of joints; `warnings` of the log may doubt its units, which no prediction shows.
+    """
+    words = _predicted_words(robot, error, lacking)
+    verdict, _, rest = words.partition(": ")
+    if verdict not in ("Yes", "Mostly") or not any(doubt in line for line in warnings for doubt in DOUBTS):
+        return words
+    return f"Only if the log's units are right, which a warning doubts: {rest}"
+
+
+def _predicted_words(robot: Robot, error: Mapping[str, JointError], lacking: Collection[str]) -> str:
     if not error:
         return "Nobody can tell: no joint has a torque in this log."
     marks = {joint: light(e, lacking=joint in lacking).text for joint, e in error.items()}

@@ -59,7 +59,7 @@ def validation_report(
         payload["error_by_log"] = [{"file": case.file, "error": error_payload(case.error)} for case in cases]
     sections: tuple[Section, ...] = (
         heading(found.robot, recording),
-        answers(trust_words(found.robot, error, lacking), _missing(said), "", ""),
+        answers(trust_words(found.robot, error, lacking, recording.warnings), _missing(said), "", ""),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate(recording.warnings)),
         error_table("error", found.robot, error, "torque of each joint", fitted=False, lacking=lacking),
         *sensor_table("sensors", found.robot, found.error),
