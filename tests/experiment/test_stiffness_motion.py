@@ -83,8 +83,9 @@ def test_what_it_cannot_plan_is_said(arm: Robot) -> None:
 
 
 def test_the_command_writes_what_simulate_follows(
-    arm: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arm: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("COLUMNS", "120")  # cells do not fold
     robot, out = tmp_path / "arm.yaml", tmp_path / "stiffness.csv"
     robot.write_text(ARM, encoding="utf-8")
     ask = ["excite", "--robot", str(robot), "-o", str(out), "--show-stiffness", "shoulder"]

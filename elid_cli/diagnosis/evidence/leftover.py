@@ -38,12 +38,18 @@ def only_helps(state: State, number: int, gain: float) -> bool:
 
 
 def silences(state: State, number: int) -> bool:
-    """Whether effect `number` brings a row that obeys its model well below what its sensors' noise alone leaves."""
-    lacking = without(state, number)
-    for row in state.columns[number].rows:
-        if row in state.triangles.rows and state.floor.rms[row] > MATTERS * state.triangles.torque_rms(row):
-            before, after = lacking.rms(row) / lacking.floor.rms[row], state.rms(row) / state.floor.rms[row]
-            if after < LEAST <= before:
+    """Whether effect `number` brings a row that obeys its model well below what its sensors' noise alone leaves.
+
+    The noise of a row is believed as far as rows of its kind show it that the effect does not touch: where those are
+    below it without any fault, it is taken for too large in this one as well.
+    """
+    lacking, touching = without(state, number), state.columns[number].rows
+    ratios = {row: lacking.rms(row) / floor for row, floor in lacking.floor.rms.items() if floor > 0}
+    for row in touching:
+        if row in ratios and state.floor.rms[row] > 0:
+            others = [value for other, value in ratios.items() if other.kind == row.kind and other not in touching]
+            least = LEAST * min([1.0, *others])
+            if state.rms(row) / state.floor.rms[row] < least <= ratios[row]:
                 return True
     return False
 
