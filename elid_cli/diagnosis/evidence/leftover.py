@@ -44,9 +44,10 @@ def silences(state: State, number: int) -> bool:
     below it without any fault, it is taken for too large in this one as well.
     """
     lacking, touching = without(state, number), state.columns[number].rows
-    ratios = {row: lacking.rms(row) / floor for row, floor in lacking.floor.rms.items() if floor > 0}
+    rows = state.triangles.rows
+    ratios = {row: lacking.rms(row) / lacking.floor.rms[row] for row in rows if lacking.floor.rms[row] > 0}
     for row in touching:
-        if row in ratios and state.floor.rms[row] > 0:
+        if row in ratios and state.floor.rms[row] > MATTERS * state.triangles.torque_rms(row):
             others = [value for other, value in ratios.items() if other.kind == row.kind and other not in touching]
             least = LEAST * min([1.0, *others])
             if state.rms(row) / state.floor.rms[row] < least <= ratios[row]:
