@@ -17,6 +17,7 @@ from typing import Any
 from elid_cli.errors import UsageError
 from elid_cli.files import read_text
 from elid_cli.model.effects import effect_classes
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.tables import Shown
 
 LARGEST_NUMBER = 1e300
@@ -168,13 +169,14 @@ def _armatures(data: Mapping[str, Any], joints: Sequence[str], parameters: Mappi
     settings = data.get("settings")
     fit = settings.get("trajectory") if isinstance(settings, dict) else None
     own = fit.get("joint_parameters") if isinstance(fit, dict) else None
-    found = {}
-    for number, joint in enumerate(joints, start=1):
+    found = dict[str, Estimate]()
+    for number, joint in enumerate(joints):
         drive = own.get(joint) if isinstance(own, dict) else None
         told = drive.get("Ja") if isinstance(drive, dict) else None
-        if isinstance(told, dict) and f"Ja{number}" not in parameters:
+        name = StandardParameter("Ja", number)
+        if isinstance(told, dict) and name not in parameters:
             value, error = _number(told.get("estimate")), _number(told.get("std_error"))
-            found[f"Ja{number}"] = Estimate(value, error, "kg·m²")
+            found[name] = Estimate(value, error, "kg·m²")
     return found
 
 

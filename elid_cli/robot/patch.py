@@ -33,6 +33,7 @@ from elid_cli.robot.xml_edit import XmlEdit
 SAME = 1e-12
 """Relative change below which a number is left as the file has it."""
 _PHYSICAL = "full physical parameters first: elid identify … --physical"
+_UNREAL = "the principal moments of inertia of {} are those of no real body, which some simulators refuse"
 
 
 def patched(robot: Robot, remarks: Sequence[str] = ()) -> str:
@@ -98,6 +99,7 @@ def _said(joint: Joint) -> dict[str, str]:
 def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
     links = {link.attributes.get("name"): link for link in edit.root.all("link")}
     own = {e.attributes["joint"]: e for e in edit.root.all("elid") if "joint" in e.attributes}
+    unreal = []
     for element in edit.root.all("joint"):
         name = element.attributes.get("name", "")
         if name not in changes:
@@ -107,8 +109,10 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
         if change is not None and child is not None:
             link = links[child.attributes["link"]]
             known = link_inertia(link)
-            ten = _inertial(change + (0 if known is None else known), known, f"link {link.attributes['name']!r}")
+            ten = _inertial(change + (0 if known is None else known), f"link {link.attributes['name']!r}")
             _put(edit, link, ten)
+            if not real_tensor(ten[2]) and (known is None or _is_real(known)):
+                unreal.append(link.attributes["name"])
         _set(edit, element, "dynamics", _named(joint, (("damping", "fv"), ("friction", "fs"))))
         if said:
             said = {"joint": name, "transmission": joint.transmission, **said}
@@ -116,6 +120,8 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
                 edit.set_attributes(own[name], said)
             else:
                 edit.add_first(edit.root, "<elid " + " ".join(f'{key}="{value}"' for key, value in said.items()) + "/>")
+    if unreal:  # kinematics libraries load them, MuJoCo and others refuse
+        edit.comment(f"{_UNREAL.format(', '.join(unreal))}: {_PHYSICAL}")
 
 
 def _set(edit: XmlEdit, holder: Element, tag: str, values: dict[str, str]) -> None:
@@ -157,17 +163,22 @@ def _put(edit: XmlEdit, link: Element, ten: tuple[float, Array, Array]) -> None:
         edit.replace(old, text)
 
 
-def _inertial(body: Array, before: Array | None, what: str) -> tuple[float, Array, Array]:
-    """Return mass, centre and tensor of a body; refuse one that no simulator loads where the file's own was real."""
+def _inertial(body: Array, what: str) -> tuple[float, Array, Array]:
+    """Return mass, centre and tensor of a body."""
     ten = inertial_parameters(body)
     if not ten[0] > 0:
         raise RobotError(f"{what} would have a mass of {ten[0]:.3g} kg", hint=_PHYSICAL)
-    mass, centre, tensor = about_centre(ten)
-    if not real_tensor(tensor) and (before is None or _is_real(before)):
+    return about_centre(ten)
+
+
+def _loaded(body: Array, before: Array, what: str) -> tuple[float, Array, Array]:
+    """Return mass, centre and tensor of a body; refuse one that MuJoCo does where the file's own was real."""
+    mass, centre, tensor = _inertial(body, what)
+    if not real_tensor(tensor) and _is_real(before):
         a, b, c = np.linalg.eigvalsh(tensor)
         raise RobotError(
             f"{what} would have the principal moments of inertia {a:.3g}, {b:.3g} and {c:.3g} kg·m²",
-            detail="of a real body they are positive and none exceeds the sum of the others; simulators refuse others",
+            detail="of a real body they are positive and none exceeds the sum of the others; MuJoCo refuses others",
             hint=_PHYSICAL,
         )
     return mass, centre, tensor
@@ -199,7 +210,7 @@ def _patch_mjcf(edit: XmlEdit, text: str, robot: Robot, changes: _Changes) -> No
             why = "its body has nothing but meshes" if number in meshes else "its body has another joint behind it"
             raise RobotError(f"{robot.source}: {item.name}: no <inertial> to write to: {why}", hint="write a .yaml")
         anchor = translation(*item.element.numbers("pos", (0.0, 0.0, 0.0)))
-        mass, centre, tensor = _inertial(item.own + moved(change, anchor), item.own, f"the body of {item.name}")
+        mass, centre, tensor = _loaded(item.own + moved(change, anchor), item.own, f"the body of {item.name}")
         order = (tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2])
         full = f'mass="{_number(mass)}" fullinertia="{" ".join(map(_number, order))}"'
         inertial = f'<inertial pos="{" ".join(map(_number, centre))}" {full}/>'

@@ -99,8 +99,8 @@ def test_what_the_file_cannot_hold_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match=r"link 'upper' would have a mass of -0\.9 kg"):
         patched(replace(robot, joints=(light, *robot.joints[1:])))
     flat = replace(robot.joints[0], parameters={**robot.joints[0].parameters, "Ixx": 9.0})
-    with pytest.raises(RobotError, match=r"link 'upper' would have the principal moments of inertia .* and [0-9.]+ kg"):
-        patched(replace(robot, joints=(flat, *robot.joints[1:])))
+    said = patched(replace(robot, joints=(flat, *robot.joints[1:])))
+    assert "inertia of upper are those of no real body, which some simulators refuse" in said
     (tmp_path / "arm.urdf").write_text(URDF.replace('"slide"', '"glide"'))
     with pytest.raises(RobotError, match="no joint 'slide' any more"):
         patched(robot)
