@@ -54,6 +54,9 @@ def progress(output: Output, first: str = "reading") -> Iterator[Progress | None
                 bars.add_task(stage, total=1.0)
                 for old in bars.task_ids[:-1]:  # the last one stays: Ctrl-C may come between any two lines
                     bars.remove_task(old)
+            began = bars.tasks[-1].description.partition(":")[0] != stage.partition(":")[0]
             bars.update(bars.task_ids[-1], description=stage, total=1.0, completed=min(max(share, 0.0), 1.0))
+            if began:  # a step of a stage that is short is shown all the same
+                bars.refresh()
 
         yield advance

@@ -37,8 +37,6 @@ def stopped(line: list[str], word: str) -> tuple[int, str, str]:
             except OSError:  # Linux: nobody holds the other end any more
                 pass
             out, _ = process.communicate(timeout=120)
-        if not pressed and process.returncode == 0:  # what is drawn ten times a second can miss a short step
-            pytest.skip(f"the search was over before it said {word!r}")
         assert pressed, seen
         return process.returncode, out, seen
     finally:
