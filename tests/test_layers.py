@@ -96,3 +96,13 @@ def test_the_tests_mirror_the_rooms() -> None:
     here = Path(__file__).parent
     folders = {path.name for path in here.iterdir() if path.is_dir() and path.name != "__pycache__"}
     assert folders - {"system"} <= set(ROOMS)
+
+
+def test_places_of_later_features_exist_once() -> None:
+    from tests.system.reproduce.sizes import LATER, feature_of
+
+    places = [place for text in LATER.values() for place in text.split()]
+    assert len(places) == len(set(places))
+    assert {feature_of(path) for path in MODULES} == {None, *LATER}
+    for place in places:
+        assert (PACKAGE / place).is_dir() or (PACKAGE / f"{place}.py").is_file(), place

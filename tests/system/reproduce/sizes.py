@@ -3,7 +3,9 @@
     python -m tests.system.reproduce.sizes [--list]
 
 Code lines hold code: no blank line, comment or docstring. Complexity is McCabe's, as ruff's C901 counts it.
-With ``--list`` every function and module over a limit is named.
+With ``--list`` every function and module over a limit is named. The second table divides the code between version 0.1
+(8dff405 begins 0.2.0; the code before it is 24.9 k lines) and what came since: ``LATER`` says which folders and modules
+came with which feature. What grew within a module of 0.1, and modules that several features share, count to 0.1.
 """
 
 from __future__ import annotations
@@ -23,6 +25,44 @@ PACKAGE = ROOT / "elid_cli"
 COMPLEXITY = 10
 PARAMETERS = 7
 LINES = 350
+FOR_THE_FEATURES_OF_0_1 = 22_000
+"""Code lines that are aimed at for the features of version 0.1."""
+LATER: dict[str, str] = {
+    "motion under commands, replay": "model/rollout model/rollout_loops model/runs experiment/replay cli/verbs/replay "
+    "report/answers/replay report/figures/plots/replayed",
+    "trajectory fits": "estimation/trajectory estimation/output_error",
+    "diagnosis by motion": "diagnosis/by_motion report/answers/motion_diagnosis",
+    "friction family": "diagnosis/friction_family cli/verbs/friction report/answers/friction "
+    "model/effects/library/servo_friction model/effects/breakaway",
+    "actuators for simulators": "estimation/actuators estimation/actuator_text experiment/replay/actuators",
+    "commands as torque, sample times": "logs/checks/commanded logs/repair/sample_times",
+    "stiffness from the motor side": "estimation/motor_side experiment/stiffness_motion report/answers/motor_side "
+    "report/answers/stiffness_motion",
+    "excite --resolve": "experiment/resolve report/answers/resolution",
+    "trend": "estimation/trend cli/verbs/trend report/answers/trend report/answers/trend_families "
+    "report/figures/plots/trended",
+    "sample": "estimation/sampling cli/verbs/sample report/answers/sampling",
+    "gains of drives from a payload": "estimation/drive_gains report/answers/drive_gains",
+    "does the model suffice": "estimation/validation/following estimation/validation/sufficiency "
+    "estimation/validation/too_quiet estimation/regression/known_columns signals/repeating "
+    "diagnosis/evidence/channel_zeros diagnosis/evidence/leftover diagnosis/written report/answers/missing",
+    "MJCF, patched files, trees": "robot/mjcf robot/patch robot/xml_edit robot/beside robot/frames robot/locking "
+    "experiment/real_bodies",
+    "init, incomplete robots": "cli/asking cli/verbs/init robot/completion robot/ideal report/answers/completion "
+    "logs/first_look",
+    "further log formats": "logs/formats/db3 logs/formats/json_lines logs/formats/long_form logs/formats/mat5 "
+    "logs/formats/npz logs/formats/packed logs/formats/parquet logs/formats/ros2_echo logs/mapping/long_table "
+    "logs/mapping/profiles",
+    "elastic by the log, doubted units": "logs/adapt logs/checks/deflection logs/checks/limits",
+    "hostile files, dropouts": "budget logs/repair/dropouts",
+    "the page, plot": "cli/verbs/plot report/answers/log report/answers/summary report/glossary "
+    "report/figures/drawing report/figures/raster report/figures/svg report/figures/timeline "
+    "report/figures/plots/change report/figures/plots/errors report/figures/plots/signals",
+    "results in Python": "tables report/present",
+    "compiled and exact simulation, jobs": "experiment/simulation/compiled_periods experiment/simulation/exponential "
+    "experiment/simulation/kernel diagnosis/search/side_by_side",
+}
+"""Folders and modules of `elid_cli` that came with a feature after version 0.1; a deeper path wins over its folder."""
 _THIN = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
 
 
@@ -70,6 +110,27 @@ def complicated() -> list[str]:
     ]
 
 
+def feature_of(path: Path) -> str | None:
+    """Return the feature after version 0.1 that a module came with; None if it serves version 0.1."""
+    owners = {place: feature for feature, places in LATER.items() for place in places.split()}
+    module = path.relative_to(PACKAGE).with_suffix("")
+    return next((owners[str(m)] for m in (module, *module.parents) if str(m) in owners), None)
+
+
+def features(code: dict[Path, int]) -> None:
+    """Print how many modules and code lines serve version 0.1, and how many came with each feature since."""
+    sizes: dict[str | None, Counter[str]] = defaultdict(Counter)
+    for path, lines in code.items():
+        sizes[feature_of(path)].update(modules=1, code=lines)
+    first = sizes.pop(None)
+    print(f"\n{'feature':36s} {'modules':>7s} {'code':>7s}")
+    print(f"{'version 0.1, and what is shared':36s} {first['modules']:7d} {first['code']:7d}")
+    for feature, size in sorted(sizes.items(), key=lambda item: -item[1]["code"]):
+        print(f"{feature:36s} {size['modules']:7d} {size['code']:7d}")
+    over = first["code"] - FOR_THE_FEATURES_OF_0_1
+    print(f"for the features of 0.1: {first['code']} code lines, {over:+d} against {FOR_THE_FEATURES_OF_0_1} aimed at")
+
+
 def levels() -> tuple[int, int]:
     """Return (longest chain of imports between files, arrows between files), imports inside functions left out."""
     modules = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in PACKAGE.rglob("*.py")}
@@ -91,6 +152,7 @@ def levels() -> tuple[int, int]:
 def main() -> None:
     """Print sizes by folder, then what is over a limit."""
     rooms: dict[str, Counter[str]] = defaultdict(Counter)
+    code: dict[Path, int] = {}
     long: list[str] = []
     wide: list[str] = []
     for path in sorted(PACKAGE.rglob("*.py")):
@@ -99,7 +161,8 @@ def main() -> None:
         parts = path.relative_to(PACKAGE).parts
         room = parts[0] if len(parts) > 1 else "(top)"
         rows = len(source.splitlines())
-        rooms[room].update(files=1, lines=rows, code=len(code_lines(source)), imports=import_lines(tree))
+        code[path] = len(code_lines(source))
+        rooms[room].update(files=1, lines=rows, code=code[path], imports=import_lines(tree))
         where = str(path.relative_to(ROOT))
         if rows > LINES:
             long.append(f"{where}: {rows} lines")
@@ -112,6 +175,8 @@ def main() -> None:
     print(f"{'all':12s} {total['files']:6d} {total['lines']:7d} {total['code']:7d} {total['imports']:8d}")
     chain, arrows = levels()
     print(f"longest chain of imports {chain}, imports between files {arrows}")
+    features(code)
+    print()
     for title, rows_over in (
         (f"functions over complexity {COMPLEXITY}", complicated()),
         (f"functions with more than {PARAMETERS} parameters", wide),
