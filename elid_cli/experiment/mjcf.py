@@ -18,7 +18,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -32,6 +31,7 @@ from elid_cli.robot.mjcf.elements import stiffness_and_rest
 from elid_cli.robot.mjcf.read import SPRING
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.write import origins
+from elid_cli.robot.xml_text import quoted
 
 ROTOR_SHARE = 1e-3
 """Part of a link's mass that its rotor carries, at the link's centre of mass, so that it does not matter."""
@@ -71,7 +71,7 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
     """Return a robot as MJCF text (see `write_mjcf`)."""
     values = known_parameters(robot, parameters)
     full, links = apart(robot, values)
-    lines = [f"<mujoco model={quoteattr(robot.name)}>"]
+    lines = [f"<mujoco model={quoted(robot.name)}>"]
     beyond = [effect.effect for effect in robot.effects if effect.effect != SPRING]
     if beyond:
         names = ", ".join(beyond)
@@ -135,7 +135,7 @@ def _bodies(robot: Robot, links: list[Array]) -> Iterator[str]:
         yield from rotors
         for k in on:
             place = f'pos="{_spaced(places[k][:3, 3])}" quat="{_spaced(_quaternion(places[k][:3, :3]))}"'
-            yield f"{pad}<body name={quoteattr(robot.joints[k].name + '_link')} {place}>"
+            yield f"{pad}<body name={quoted(robot.joints[k].name + '_link')} {place}>"
             yield from carried(k, links[k], pad + "  ")
             yield f"{pad}</body>"
 
@@ -169,7 +169,7 @@ def _link_joint(joint: Joint, spring: Mapping[str, float] | None) -> str:
     if spring is not None:
         stiffness, rest = stiffness_and_rest(spring)
         motor += f' stiffness="{_number(stiffness)}" springref="{_number(rest)}"'
-    return f'<joint name={quoteattr(joint.name)} type="{kind}" axis="{_spaced(joint.axis)}"{limits}{motor}/>'
+    return f'<joint name={quoted(joint.name)} type="{kind}" axis="{_spaced(joint.axis)}"{limits}{motor}/>'
 
 
 def _rotor(joint: Joint, mass: float, centre: Array, pad: str) -> Iterator[str]:
@@ -179,11 +179,11 @@ def _rotor(joint: Joint, mass: float, centre: Array, pad: str) -> Iterator[str]:
     damping = _number(joint.parameters.get("fv", 0.0) / k**2)
     name = joint.name + "_rotor"
     turned = _spaced(_quaternion(_frame_with_z(np.asarray(joint.motor_axis))))
-    yield f'{pad}<body name={quoteattr(name)} pos="{_spaced(centre)}" quat="{turned}">'
+    yield f'{pad}<body name={quoted(name)} pos="{_spaced(centre)}" quat="{turned}">'
     half = _number(inertia / 2)
     yield f'{pad}  <inertial pos="0 0 0" mass="{_number(mass)}" diaginertia="{half} {half} {_number(inertia)}"/>'
     yield (
-        f'{pad}  <joint name={quoteattr(name)} type="hinge" axis="0 0 1" '
+        f'{pad}  <joint name={quoted(name)} type="hinge" axis="0 0 1" '
         f'damping="{damping}" frictionloss="{friction}" solreffriction="{2 * TIMESTEP} 1"/>'
     )
     yield f"{pad}</body>"
@@ -198,17 +198,17 @@ def _transmissions(joints: tuple[Joint, ...]) -> Iterator[str]:
     if any(joint.elastic for joint in joints):
         yield "  <tendon>"
         for joint in (joint for joint in joints if joint.elastic):
-            name = quoteattr(joint.name + "_transmission")
+            name = quoted(joint.name + "_transmission")
             yield f'    <fixed name={name} stiffness="{_number(joint.parameters["K"])}" springlength="0">'
-            yield f'      <joint joint={quoteattr(joint.name)} coef="1"/>'
-            yield f'      <joint joint={quoteattr(joint.name + "_rotor")} coef="{_number(-1 / _ratio(joint))}"/>'
+            yield f'      <joint joint={quoted(joint.name)} coef="1"/>'
+            yield f'      <joint joint={quoted(joint.name + "_rotor")} coef="{_number(-1 / _ratio(joint))}"/>'
             yield "    </fixed>"
         yield "  </tendon>"
     stiff = [joint for joint in joints if not joint.elastic and not _armature(joint)]
     if stiff:
         yield "  <equality>"
         for joint in stiff:
-            both = f"joint1={quoteattr(joint.name + '_rotor')} joint2={quoteattr(joint.name)}"
+            both = f"joint1={quoted(joint.name + '_rotor')} joint2={quoted(joint.name)}"
             firm = f'solref="{2 * TIMESTEP} 1" solimp="0.9999 0.9999 0.001"'
             yield f'    <joint {both} polycoef="0 {_number(_ratio(joint))} 0 0 0" {firm}/>'
         yield "  </equality>"
@@ -220,7 +220,7 @@ def _motors(joints: tuple[Joint, ...]) -> Iterator[str]:
         torque = joint.limits.torque
         limits = f' ctrllimited="true" ctrlrange="{_number(-torque)} {_number(torque)}"' if torque is not None else ""
         moved = joint.name if _armature(joint) else joint.name + "_rotor"
-        names = f"name={quoteattr(joint.name + '_motor')} joint={quoteattr(moved)}"
+        names = f"name={quoted(joint.name + '_motor')} joint={quoted(moved)}"
         yield f'    <motor {names} gear="{_number(1 / _ratio(joint))}"{limits}/>'
     yield "  </actuator>"
 
@@ -228,12 +228,12 @@ def _motors(joints: tuple[Joint, ...]) -> Iterator[str]:
 def _sensors(joints: tuple[Joint, ...]) -> Iterator[str]:
     yield "  <sensor>"
     for joint in joints:
-        link, motor = quoteattr(joint.name), quoteattr(joint.name + "_motor")
-        yield f"    <jointpos name={quoteattr(joint.name + '_q')} joint={link}/>"
-        yield f"    <jointvel name={quoteattr(joint.name + '_dq')} joint={link}/>"
-        yield f"    <actuatorpos name={quoteattr(joint.name + '_theta')} actuator={motor}/>"
-        yield f"    <actuatorvel name={quoteattr(joint.name + '_dtheta')} actuator={motor}/>"
-        yield f"    <actuatorfrc name={quoteattr(joint.name + '_tau')} actuator={motor}/>"
+        link, motor = quoted(joint.name), quoted(joint.name + "_motor")
+        yield f"    <jointpos name={quoted(joint.name + '_q')} joint={link}/>"
+        yield f"    <jointvel name={quoted(joint.name + '_dq')} joint={link}/>"
+        yield f"    <actuatorpos name={quoted(joint.name + '_theta')} actuator={motor}/>"
+        yield f"    <actuatorvel name={quoted(joint.name + '_dtheta')} actuator={motor}/>"
+        yield f"    <actuatorfrc name={quoted(joint.name + '_tau')} actuator={motor}/>"
     yield "  </sensor>"
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from xml.sax.saxutils import escape, quoteattr
 
 from elid_cli.robot.urdf.xml import Element, parse_xml
+from elid_cli.robot.xml_text import escaped, quoted
 
 
 class XmlEdit:
@@ -37,7 +37,7 @@ class XmlEdit:
 
     def comment(self, lines: str) -> None:
         """Put a comment first inside the root."""
-        self.add_first(self.root, f"<!-- {escape(lines).replace('--', '- -')} -->")
+        self.add_first(self.root, f"<!-- {escaped(lines).replace('--', '- -')} -->")
 
     def text(self) -> str:
         """Return the changed document."""
@@ -57,9 +57,9 @@ class XmlEdit:
         for name, value in values.items():
             found = re.search(rb"\s" + re.escape(name.encode()) + rb"\s*=\s*(\"[^\"]*\"|'[^']*')", tag)
             if found:
-                changes.append((element.start + found.start(1), element.start + found.end(1), quoteattr(value)))
+                changes.append((element.start + found.start(1), element.start + found.end(1), quoted(value)))
             else:
-                added += f" {name}={quoteattr(value)}"
+                added += f" {name}={quoted(value)}"
         if added:
             place = end - 2 if tag.endswith(b"/>") else end - 1
             while self._data[place - 1 : place].isspace():

@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from elid_cli.robot.inertia import about_centre, about_origin, inertial_paramete
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.gears import OWN_PARAMETERS
+from elid_cli.robot.xml_text import quoted
 
 UNLIMITED = 1e9
 """What stands for no limit: URDF asks for the numbers."""
@@ -55,13 +55,13 @@ def write_urdf(robot: Robot, path: str | Path, parameters: Array | None = None) 
 def urdf_text(robot: Robot, parameters: Array | None = None) -> str:
     """Return a robot as URDF text (see `write_urdf`)."""
     robot = in_joint_frames(with_parameters(robot, parameters))
-    description = f" description={quoteattr(robot.description)}" if robot.description else ""
+    description = f" description={quoted(robot.description)}" if robot.description else ""
     links = link_names(robot)
     lines = [
         '<?xml version="1.0" encoding="utf-8"?>',
-        f"<robot name={quoteattr(robot.name)}>",
+        f"<robot name={quoted(robot.name)}>",
         f'  <elid gravity="{_spaced(robot.gravity)}" dh="{robot.dh}"{description}/>',
-        f"  <link name={quoteattr(links[0])}/>",
+        f"  <link name={quoted(links[0])}/>",
     ]
     for i, (joint, origin) in enumerate(zip(robot.joints, origins(robot), strict=True)):
         lines += _link(joint, links[i + 1])
@@ -127,7 +127,7 @@ def link_names(robot: Robot) -> list[str]:
 
 def _link(joint: Joint, name: str) -> list[str]:
     if "m" not in joint.parameters:
-        return [f"  <link name={quoteattr(name)}/>"]
+        return [f"  <link name={quoted(name)}/>"]
     given = np.array([joint.parameters[key] for key in LINK_PARAMETERS])
     try:
         mass, centre, tensor = about_centre(given)
@@ -145,7 +145,7 @@ def _link(joint: Joint, name: str) -> list[str]:
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
     inertia = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), (xx, xy, xz, yy, yz, zz), strict=True)
     return [
-        f"  <link name={quoteattr(name)}>",
+        f"  <link name={quoted(name)}>",
         "    <inertial>",
         f'      <origin xyz="{_spaced(centre)}" rpy="0 0 0"/>',
         f'      <mass value="{_number(mass)}"/>',
@@ -161,10 +161,10 @@ def _joint(joint: Joint, origin: Array, parent: str, child: str) -> Iterator[str
     rpy = joint.rpy if urdf else rpy_of(origin)
     limits = joint.limits
     kind = joint.type if limits.position is not None or not joint.revolute else "continuous"
-    yield f'  <joint name={quoteattr(joint.name)} type="{kind}">'
+    yield f'  <joint name={quoted(joint.name)} type="{kind}">'
     yield f'    <origin xyz="{_spaced(xyz)}" rpy="{_spaced(rpy)}"/>'
-    yield f"    <parent link={quoteattr(parent)}/>"
-    yield f"    <child link={quoteattr(child)}/>"
+    yield f"    <parent link={quoted(parent)}/>"
+    yield f"    <child link={quoted(child)}/>"
     yield f'    <axis xyz="{_spaced(joint.axis)}"/>'
     low, high = limits.position or (-UNLIMITED, UNLIMITED)
     position = f'lower="{_number(low)}" upper="{_number(high)}" ' if kind != "continuous" else ""
@@ -189,12 +189,12 @@ def _transmission(joint: Joint, dh: bool) -> Iterator[str]:
         own["acceleration"] = _number(joint.limits.acceleration)
     if dh:
         own |= {key: _number(getattr(joint, key)) for key in ("a", "alpha", "d", "theta")}
-    yield f"  <transmission name={quoteattr(joint.name + '_transmission')}>"
+    yield f"  <transmission name={quoted(joint.name + '_transmission')}>"
     yield "    <type>transmission_interface/SimpleTransmission</type>"
-    yield f"    <joint name={quoteattr(joint.name)}>"
+    yield f"    <joint name={quoted(joint.name)}>"
     yield "      <hardwareInterface>hardware_interface/EffortJointInterface</hardwareInterface>"
     yield "    </joint>"
-    yield f"    <actuator name={quoteattr(joint.name + '_motor')}>"
+    yield f"    <actuator name={quoted(joint.name + '_motor')}>"
     if joint.gear_ratio is not None:
         yield f"      <mechanicalReduction>{_number(joint.gear_ratio)}</mechanicalReduction>"
     yield "    </actuator>"
