@@ -36,7 +36,7 @@ from elid_cli.report.figures.build import (
     validation_figures,
     with_figures,
 )
-from elid_cli.report.figures.drawing import CYCLE, PALETTE, tick_texts, ticks
+from elid_cli.report.figures.drawing import CYCLE, PALETTE, decades, tick_texts, ticks
 from elid_cli.report.figures.input import FigureInput
 from elid_cli.report.figures.joint_views import joint_views, organised
 from elid_cli.report.figures.paint import bands, cloud, envelope
@@ -75,6 +75,13 @@ EFFECT = Figure("effect1", "an effect", "effect", {
 })  # fmt: skip
 
 
+RESPONSE = Figure("response_joint1", "a frequency response", "response", {
+    "frequency": np.linspace(1, 40, 300), "elastic": np.linspace(0.1, 2, 300), "rigid": np.full(300, 0.2),
+    "seen": np.array([3.0, 8.0]), "measured": np.array([0.2, 0.4]), "rigid_to": 3.0, "antiresonance": 10.0,
+    "resonance": 14.0, "unit": "rad/s² per N·m",
+})  # fmt: skip
+
+
 def every_kind(report: Report, planar: Robot) -> dict[str, Figure]:
     trajectory = excite(planar, ExciteOptions(duration=8.0, rounds=1, starts=1))
     log = simulate(planar, SimulationOptions(duration=3.0, rate=250.0))
@@ -83,7 +90,7 @@ def every_kind(report: Report, planar: Robot) -> dict[str, Figure]:
     others = (*figures_of(FigureInput(excitation=trajectory)), *log_figures(log, planar),
               *comparison_figures(compare(results)),
               *trend_figures(trend([*results, *results])),
-              *replay_figures(replay(planar, log)), EFFECT)  # fmt: skip
+              *replay_figures(replay(planar, log)), EFFECT, RESPONSE)  # fmt: skip
     return {figure.kind: figure for figure in (*others, *report.figures)}
 
 
@@ -309,6 +316,12 @@ def test_ticks_are_round_inside_and_told_apart(low: float, high: float) -> None:
     texts = tick_texts(found)
     assert len(set(texts)) == len(texts)
     assert [float(text) for text in texts] == pytest.approx(found)
+
+
+def test_ticks_of_a_logarithmic_scale_are_few_and_never_one() -> None:
+    assert decades(0.08, 0.7) == [0.1, 0.2, 0.5]
+    assert decades(0.5, 2e4) == [1.0, 10.0, 100.0, 1000.0, 10000.0]
+    assert len(decades(1e-17, 2.0)) <= 7
 
 
 def test_a_folder_of_figures_holds_one_file_each(report: Report, tmp_path: Path) -> None:

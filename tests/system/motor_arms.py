@@ -71,10 +71,10 @@ def locked_frequencies(arm: Arm) -> Array:
     return np.sort(np.sqrt(np.linalg.eigvals(np.linalg.solve(mass(arm), np.diag(_sprung(arm)))).real)) / (2 * np.pi)
 
 
-def mass(arm: Arm) -> Array:
-    """Return the links' mass matrix of the bent arm, kg·m², (n, n)."""
+def mass(arm: Arm, pose: Array | None = None) -> Array:
+    """Return the links' mass matrix of the bent arm, or of a pose (n,), kg·m², (n, n)."""
     n = arm.n
-    still, bent = np.zeros((1, n)), _bent(n)
+    still, bent = np.zeros((1, n)), _bent(n) if pose is None else pose[None]
     rest = _bodies(arm, bent, still, still)[0]
     return np.stack([_bodies(arm, bent, still, np.eye(n)[[i]])[0] - rest for i in range(n)], axis=1)
 

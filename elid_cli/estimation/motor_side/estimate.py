@@ -13,10 +13,12 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.gates import CRAWLS, MOVE, RISES, TIGHT, failed_gates, verdict_of
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
+from elid_cli.estimation.motor_side.response import response_of
 from elid_cli.estimation.motor_side.result import PAST, MotorSide, MotorSideJoint, NextMotion, why
 from elid_cli.estimation.motor_side.rotors import rotors_of
 from elid_cli.estimation.motor_side.search import FALL, Search, Setting, search
 from elid_cli.estimation.motor_side.stretch import stretch_of
+from elid_cli.estimation.motor_side.vibration import Vibration
 from elid_cli.robot.locking import locked
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
@@ -87,10 +89,11 @@ def _estimated(robot: Robot, recording: Recording, moving: Sequence[int], asked:
 
 
 class _Answer(NamedTuple):
-    """Figures of a fit and the gates that every joint fails."""
+    """Figures of a fit, the gates that every joint fails, and how the fitted robot vibrates."""
 
     told: Figures
     failed: list[tuple[str, ...]]
+    vibration: Vibration
 
 
 def _answer(setting: Setting) -> _Answer | None:
@@ -100,7 +103,7 @@ def _answer(setting: Setting) -> _Answer | None:
         told = first_figures(found)
         if any(verdict_of(failed_gates(told, k)) != "refused" for k in range(setting.link.n)):
             told = with_moves(found, told)
-        return _Answer(told, _failed(found, told))
+        return _Answer(told, _failed(found, told), Vibration(found.best))
     except (np.linalg.LinAlgError, ValueError):
         return None
 
@@ -165,7 +168,7 @@ def _judged(
     )
     if answer is None:
         return base
-    told, failed = answer.told, answer.failed[place]
+    told, failed, fitted = answer.told, answer.failed[place], answer.vibration
     verdict = verdict_of(failed)
     judged = replace(base, verdict=verdict, failed=failed, reason=why(failed), gates=_gates(told, place))
     if verdict == "refused":
@@ -173,11 +176,11 @@ def _judged(
     c, error = float(told.compliance[place]), float(told.error[place])
     share = max(error / c, LEAST_ERROR if told.chi > WELL_FITTED or told.fall > FALL else 0.0)
     systematic = float(np.hypot(ASYMMETRY * told.load_friction[place], OF_FORM * _form(told, place))) / c
-    anti, resonance = float(told.antiresonance[place]), float(told.resonance[place])
     return replace(
         judged, stiffness=1 / c, std_error=float(np.hypot(share / c, systematic)), systematic=systematic,
-        rotor=float(told.rotor[place]), antiresonance=anti, resonance=resonance, rigid_to=rigid_to(anti, resonance),
-        motion=motion if verdict == "weak" else None,
+        rotor=float(told.rotor[place]), antiresonance=fitted.antiresonance(place), resonance=fitted.resonance(place),
+        rigid_to=fitted.rigid_to(place, RIGID_ERROR), motion=motion if verdict == "weak" else None,
+        response=response_of(fitted, setting.samples, place, base.band),
     )  # fmt: skip
 
 
@@ -185,15 +188,6 @@ def _form(told: Figures, place: int) -> float:
     """Return how far other forms of friction and of lost motion moved a compliance at most, share of it."""
     moves = told.moves
     return 0.0 if moves is None else float(max(abs(moves.friction[place]), abs(moves.spring[place])))
-
-
-def rigid_to(antiresonance: float, resonance: float) -> float:
-    """Return the frequency, Hz, at which a rigid joint's motion per torque is `RIGID_ERROR` off.
-
-    Motor over torque of link, spring and rotor is that of a rigid joint times (1 - (f / antiresonance)²) /
-    (1 - (f / resonance)²).
-    """
-    return float(np.sqrt(RIGID_ERROR / (antiresonance**-2 - (1 - RIGID_ERROR) * resonance**-2)))
 
 
 def _next_motion(robot: Robot, number: int, setting: Setting, place: int, total: Array) -> NextMotion:

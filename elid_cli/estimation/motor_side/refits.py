@@ -65,9 +65,7 @@ class Figures:
     load_friction_error: Array
     band: Array
     antiresonance: Array
-    """sqrt(K (M^-1)_ii) / 2π, Hz: motors locked."""
-    resonance: Array
-    """Motor against link, Hz."""
+    """sqrt(K (M^-1)_ii) / 2π, Hz: this motor locked, all other links free; the antiresonance at most."""
     least_mass: float
     """Smallest eigenvalue of the links' mass matrix."""
     gain: Array
@@ -226,12 +224,10 @@ def _other_end(found: Search) -> tuple[Array, float]:
     return far, cost
 
 
-def _frequencies(best: LatentFit) -> tuple[Array, Array, float]:
-    """Return antiresonance and resonance of every joint, Hz, and the mass matrix's smallest eigenvalue."""
+def _frequencies(best: LatentFit) -> tuple[Array, float]:
+    """Return the antiresonance of every joint, Hz, and the mass matrix's smallest eigenvalue."""
     problem = best.problem
     M = problem.link.mass(best.model.q[0][::25], best.x[problem.unknowns["p"]])
     inverse = np.linalg.pinv(M).diagonal(axis1=1, axis2=2).mean(axis=0)
-    c, J = np.maximum(best.compliance, 1e-300), np.maximum(best.x[problem.unknowns["J"]], 1e-300)
-    anti = np.sqrt(np.maximum(inverse, 0) / c) / (2 * np.pi)
-    both = np.sqrt((np.maximum(inverse, 0) + 1 / J) / c) / (2 * np.pi)
-    return anti, both, float(np.linalg.eigvalsh(M).min())
+    anti = np.sqrt(np.maximum(inverse, 0) / np.maximum(best.compliance, 1e-300)) / (2 * np.pi)
+    return anti, float(np.linalg.eigvalsh(M).min())

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from elid_cli.estimation.motor_side.gates import WORDS
+from elid_cli.estimation.motor_side.response import Response
 from elid_cli.estimation.result import Verdict
 from elid_cli.robot.parameter import StandardParameter
 
@@ -64,11 +65,11 @@ class MotorSideJoint:
     rotor: float = float("nan")
     """The rotor's inertia as the joint sees it, kg·m² (kg); NaN where refused."""
     antiresonance: float = float("nan")
-    """Frequency at which the link swings against the held motor, Hz; NaN where refused."""
+    """Frequency at which the links swing against the held motor and its spring, Hz; NaN where refused."""
     resonance: float = float("nan")
-    """Frequency at which link and rotor swing against each other, Hz; NaN where refused."""
+    """Frequency at which links and rotors swing against each other by its spring, Hz; NaN where refused."""
     rigid_to: float = float("nan")
-    """Frequency up to which a rigid joint's torque is within 5 %, Hz; NaN where refused."""
+    """Frequency up to which the torque of rigid joints is within 5 %, Hz; NaN where refused."""
     band: float = float("nan")
     """Highest frequency of the motor's motion above its noise, Hz."""
     failed: tuple[str, ...] = ()
@@ -78,6 +79,8 @@ class MotorSideJoint:
     reason: str = ""
     """Why it is weak or refused."""
     motion: NextMotion | None = None
+    response: Response | None = None
+    """The motor's acceleration over its torque; None where refused."""
 
     @property
     def parameter(self) -> StandardParameter:

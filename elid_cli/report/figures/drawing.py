@@ -211,6 +211,20 @@ def ticks(low: float, high: float, most: int = 6) -> list[float]:
     return [float((first + k) * step) for k in range(int((high / step + 1e-9) - first) + 1)]
 
 
+def decades(low: float, high: float, most: int = 7) -> list[float]:
+    """Return powers of ten between two, at most about `most`; with twice and five times them where they are few."""
+    first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(high)))
+    found = [10.0**k for k in range(first, last + 1) if low <= 10.0**k <= high]
+    if len(found) < 3:
+        return [f * 10.0**k for k in range(first, last + 1) for f in (1, 2, 5) if low <= f * 10.0**k <= high]
+    return found[:: -(-len(found) // most)]
+
+
+def decade_text(value: float) -> str:
+    """Return a tick of a logarithmic scale as text."""
+    return f"{value:.10g}" if 1e-3 <= value < 1e4 else f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
+
+
 def tick_texts(values: Sequence[float]) -> list[str]:
     """Return ticks as text, all with the decimals that their step needs."""
     if len(values) < 2:

@@ -20,6 +20,8 @@ from elid_cli.report.figures.drawing import (
     Rule,
     Spans,
     Words,
+    decade_text,
+    decades,
 )
 from elid_cli.report.figures.svg import WIDE, WIDTH
 
@@ -89,9 +91,12 @@ def _settings() -> dict[Any, Any]:
 def _panel(axes: Axes, panel: Panel) -> None:
     for mark in panel.marks:
         _mark(axes, mark)
+    (x, y) = panel.limits()
     if panel.logarithmic:
         axes.set_yscale("log")
-    (x, y) = panel.limits()
+        rows = decades(*y)
+        axes.set_yticks(rows, [decade_text(value) for value in rows])
+        axes.tick_params(axis="y", which="minor", left=False)
     axes.set_xlim(*x)
     axes.set_ylim(*y)
     axes.set_title(panel.title)

@@ -21,6 +21,8 @@ from elid_cli.report.figures.drawing import (
     Rule,
     Spans,
     Words,
+    decade_text,
+    decades,
     tick_texts,
     ticks,
 )
@@ -141,9 +143,7 @@ def _y_ticks(panel: Panel, low: float, high: float) -> list[tuple[float, str]]:
     if panel.ynames is not None:
         return [(float(k), name) for k, name in enumerate(panel.ynames)]
     if panel.logarithmic:
-        first, last = int(np.ceil(np.log10(low))), int(np.floor(np.log10(high)))
-        step = max(1, -(-(last - first) // 6))
-        return [(10.0**k, f"1e{k}") for k in range(first, last + 1, step)]
+        return [(value, decade_text(value)) for value in decades(low, high)]
     found = [t for t in ticks(low, high, max(3, int(panel.height / 38))) if low <= t <= high]
     return list(zip(found, tick_texts(found), strict=True))
 

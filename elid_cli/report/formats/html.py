@@ -33,7 +33,8 @@ SUFFIXES, FIGURES = (".html", ".htm"), True
 LONG = 16
 """Rows of a table beyond which it is folded."""
 PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("Evidence", ("figure:effect", "figure:errors", "figure:trended", "parameters", "member_errors", "values",
+    ("Evidence", ("figure:effect", "figure:errors", "figure:trended", "motor_side*",
+                          "figure:response", "parameters", "member_errors", "values",
                           "members", "effects*", "meaning", "waiting", "also_possible", "before_after", "position",
                           "error*", "unexplained", "triage", "differing", "by_log")),
     ("Parameters", ("figure:parameters", "joint_parameters", "base_parameters", "reasons", "physical*", "std_error")),

@@ -13,6 +13,9 @@ from elid_cli.cli import main
 from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
 from elid_cli.logs import write_recording
 from elid_cli.report.answers.identification_json import identification_payload
+from elid_cli.report.figures import figures_of, panels_of
+from elid_cli.report.figures.drawing import Rule
+from elid_cli.report.figures.input import FigureInput
 from elid_cli.robot.text import text_of
 from tests.system.motor_arms import Case, motor_log, random_motor_arm, told_robot
 from tests.system.plain_arms import Arm
@@ -76,3 +79,13 @@ def test_a_refused_one_has_no_number_and_says_what_would_show_it(
     assert "joint1 not shown – – – – –" in said
     assert "K1: not shown by this log (" in said
     assert "torque multisine" in said
+
+
+def test_a_found_joint_has_a_figure_of_its_response(elastic: Identification) -> None:
+    (figure,) = [item for item in figures_of(FigureInput(identified=elastic)) if item.kind == "response"]
+    assert elastic.motor_side is not None
+    (joint,) = elastic.motor_side.joints
+    assert f"resonance {joint.resonance:.3g} Hz" in figure.caption
+    (panel,) = panels_of(figure).panels
+    rules = [mark.x for mark in panel.marks if isinstance(mark, Rule)]
+    assert rules == [joint.rigid_to, joint.antiresonance, joint.resonance]

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elid_cli.estimation.motor_side.estimate import motor_side, rigid_to
+from elid_cli.estimation.motor_side.estimate import motor_side
 from elid_cli.estimation.motor_side.link_side import LinkSide, reflected
 from elid_cli.estimation.motor_side.result import MotorSideJoint
-from tests.system.motor_arms import Case, inertias, motor_log, random_motor_arm, told_robot
+from tests.system.motor_arms import Case, inertias, mass, motor_log, random_motor_arm, told_robot
 from tests.system.plain_arms import Arm, motion, random_arm
 
 
@@ -37,8 +37,49 @@ def test_motion_past_the_resonance_shows_the_stiffness() -> None:
     assert abs(joint.stiffness - arm.stiffness[0]) < 4 * joint.std_error
     assert joint.rotor == pytest.approx(rotor[0], rel=0.01)  # the file is up to 20 % off
     assert joint.antiresonance == pytest.approx(np.sqrt(arm.stiffness[0] / link[0]) / (2 * np.pi), rel=0.01)
-    assert joint.antiresonance > joint.rigid_to > 0
+    assert joint.resonance == pytest.approx(
+        np.sqrt(arm.stiffness[0] * (1 / link[0] + 1 / rotor[0])) / (2 * np.pi), rel=0.01
+    )
+    share = [1 - (joint.rigid_to / f) ** 2 for f in (joint.antiresonance, joint.resonance)]
+    assert share[0] / share[1] == pytest.approx(0.95, abs=0.003)
     assert not joint.failed
+
+
+def test_its_response_is_rigid_below_and_the_rotors_above_and_what_the_spectra_show() -> None:
+    arm = arm_of(1)
+    (joint,) = found_of(arm, 1, Case(signal_to_noise=70.0))
+    link, rotor = inertias(arm)
+    found = joint.response
+    assert found is not None
+    assert found.rigid == pytest.approx(1 / (link[0] + rotor[0]), rel=0.02)
+    assert found.elastic[0] == pytest.approx(found.rigid[0], rel=0.02)
+    true = (1 - (found.frequency / joint.antiresonance) ** 2) / (1 - (found.frequency / joint.resonance) ** 2)
+    off = np.abs(found.elastic / np.abs(true * found.rigid) - 1)
+    sharp = (np.abs(found.frequency / joint.resonance - 1) < 0.05) | (np.abs(true) < 0.1)
+    assert off[~sharp].max() < 0.05
+    assert len(found.seen) > 10
+    below = (found.seen > 2.0) & (found.seen < 0.8 * joint.antiresonance)
+    measured = found.measured[below] / np.interp(found.seen[below], found.frequency, found.elastic)
+    assert np.median(measured) == pytest.approx(1.0, abs=0.05)
+
+
+def test_frequencies_are_those_of_the_coupled_arm() -> None:
+    arm = arm_of(0, 2, rigid=(0,))
+    (joint,) = found_of(arm, 0, Case(duration=6.0))
+    _, rotor = inertias(arm)
+    theta = motor_log(arm, 0, Case(duration=6.0)).theta[::50]
+    squares = []
+    for pose in theta:
+        whole = np.zeros((3, 3))
+        whole[:2, :2] = mass(arm, pose) + np.diag([rotor[0], 0.0])
+        whole[0, 2] = whole[2, 0] = arm.rotor[1] * arm.gear[1]
+        whole[0, 0] += arm.rotor[1]
+        whole[2, 2] = rotor[1]
+        spring = arm.stiffness[1] * np.array([[0, 0, 0], [0, 1, -1], [0, -1, 1]])
+        held, free = (np.linalg.eigvals(np.linalg.solve(whole[:k, :k], spring[:k, :k])).real for k in (2, 3))
+        squares.append((held.max(), free.max()))
+    expected = np.median(np.sqrt(squares), axis=0) / (2 * np.pi)
+    assert (joint.antiresonance, joint.resonance) == pytest.approx(tuple(expected), rel=0.01)
 
 
 def test_a_hidden_joint_behind_a_rigid_one_with_coupled_rotors() -> None:
@@ -105,11 +146,6 @@ def test_the_link_side_with_its_rotors_gives_the_torque_of_another_simulator() -
     p = np.linalg.lstsq(terms.columns.reshape(-1, link.count), needed.ravel(), rcond=None)[0]
     assert np.abs(terms.columns @ p - needed).max() < 1e-9 * np.abs(needed).max()
     assert np.allclose(terms.carried[:, 2] * arm.gear[2], world.ddq[:, :2].sum(axis=1))
-
-
-def test_a_rigid_joint_is_five_per_cent_off_where_it_is_said() -> None:
-    f = rigid_to(8.0, 12.0)
-    assert (1 - (f / 8) ** 2) / (1 - (f / 12) ** 2) == pytest.approx(0.95)
 
 
 def test_the_link_sides_derivatives_are_those_of_differences() -> None:
