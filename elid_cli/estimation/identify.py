@@ -20,7 +20,7 @@ from elid_cli.estimation.assembly import assemble, judged, with_unseen
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
 from elid_cli.estimation.judgement import JointError, Judgement
-from elid_cli.estimation.motor_side.door import asked_motor_side, below_resonance, with_motor_side
+from elid_cli.estimation.motor_side.door import asked_motor_side, asks, below_resonance, with_motor_side
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
@@ -181,12 +181,14 @@ def identify_logs(
 
         request = replace(request, robot=robot_as_logged(request.robot, request.logs, request.mapping))
     if _merges(request, options):
+        from elid_cli.estimation.motor_side.several import motor_side_of_logs
         from elid_cli.estimation.streaming.fleet import reduced_logs
         from elid_cli.estimation.streaming.merge import identify_reduced, joined_recording
 
         logs = reduced_logs(request)
+        side = motor_side_of_logs(request, logs) if asks(options) else None
         found, apart = identify_reduced(request.robot, logs, options)
-        return Identified(found, joined_recording(logs), apart, None)
+        return Identified(with_motor_side(found, side), joined_recording(logs), apart, None)
     from elid_cli.estimation.refined_robot import identified_robot
     from elid_cli.estimation.streaming.merge import identify_reduced
     from elid_cli.estimation.streaming.reduce import asked_of, reduce_each

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint
+from elid_cli.estimation.motor_side.several import motor_side_of_files
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
@@ -19,16 +20,23 @@ LOWEST = 1.0
 
 
 def asked_motor_side(robot: Robot, signals: Signals, options: EstimateOptions) -> MotorSide | None:
-    """Return what one log's motors say of transmissions whose links it does not hold; None: not asked.
+    """Return what motors say of transmissions whose links the logs do not hold; None: not asked.
 
-    Several logs are not asked together, and neither are fits that hold on to what they were told.
+    Fits that hold on to what they were told do not ask.
     """
     from elid_cli.estimation.motor_side.estimate import motor_side
 
     recording = signals.recording
-    if recording is None or not options.guards or options.hold or len({s.source for s in signals.segments}) > 1:
+    if recording is None or not asks(options):
         return None
+    if len({segment.source for segment in signals.segments}) > 1:
+        return motor_side_of_files(robot, recording, signals.still)
     return motor_side(robot, recording, signals.still)
+
+
+def asks(options: EstimateOptions) -> bool:
+    """Whether an estimate with these options asks the motor side."""
+    return options.guards and not options.hold
 
 
 def below_resonance(signals: Signals, side: MotorSide | None) -> Signals:
@@ -66,7 +74,7 @@ def with_motor_side(found: Identification, side: MotorSide | None) -> Identifica
     if limit is not None:
         cutoff = found.settings.get("cutoff")
         within = isinstance(cutoff, float) and cutoff <= limit * 1.001
-        word = "fitted below it" if within else f"but fitted up to {cutoff:.3g} Hz: expect a bias"
+        word = "fitted below it" if within else f"but fitted up to {cutoff:.3g} Hz: expect a bias (less with --cutoff {limit:.3g})"
         notes.append(f"all other parameters are those of rigid joints, which hold up to {limit:.3g} Hz; {word}")
     return replace(found, hidden=hidden, notes=tuple(notes), motor_side=side)
 
@@ -75,4 +83,5 @@ def _note(joint: MotorSideJoint) -> str:
     if joint.verdict == "refused":
         return joint.says
     why = f" ({joint.reason}: right only if friction and gravity are as modelled)" if joint.verdict == "weak" else ""
-    return f"from motor position and torque alone, {joint.verdict}{why}; resonance {joint.resonance:.3g} Hz"
+    logs = f", {joint.together}" if joint.together else ""
+    return f"from motor position and torque alone, {joint.verdict}{why}{logs}; resonance {joint.resonance:.3g} Hz"

@@ -81,6 +81,10 @@ class MotorSideJoint:
     motion: NextMotion | None = None
     response: Response | None = None
     """The motor's acceleration over its torque; None where refused."""
+    together: str = ""
+    """Of several logs: how many show it, and whether these agree."""
+    by_log: tuple[tuple[str, MotorSideJoint], ...] = ()
+    """Of several logs: what each of them says, by its name."""
 
     @property
     def parameter(self) -> StandardParameter:
@@ -93,7 +97,7 @@ class MotorSideJoint:
         if self.verdict == "refused":
             shown = f"; what would show it: {self.motion.words}" if self.motion else ""
             return f"{NOT_SHOWN} ({self.reason}){shown}"
-        return self.reason
+        return "; ".join(part for part in (self.together, self.reason) if part)
 
     @property
     def relative_error(self) -> float:

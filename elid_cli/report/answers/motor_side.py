@@ -33,7 +33,7 @@ def motor_side_sections(found: Identification) -> list[Section]:
         Column("resonance", "resonance", "Hz", "right"),
     )
     rows = tuple(_row(found, joint) for joint in joints)
-    said = [Text(f"motor_side{joint.number}", f"{joint.parameter}: {joint.says}") for joint in joints if joint.reason]
+    said = [Text(f"motor_side{joint.number}", f"{joint.parameter}: {joint.says}") for joint in joints if joint.says]
     return [Table("motor_side", columns, rows, title=TITLE, note=NOTE), *said]
 
 
@@ -80,6 +80,8 @@ def motor_side_payload(found: Identification) -> dict[str, Any]:
 
 def _joint_payload(joint: MotorSideJoint) -> dict[str, Any]:
     motion = joint.motion
+    logs = {name: {"verdict": own.verdict, "stiffness": own.stiffness, "std_error": own.std_error, "reason": own.reason}
+            for name, own in joint.by_log}  # fmt: skip
     return {
         "verdict": joint.verdict,
         "stiffness": joint.stiffness,
@@ -96,4 +98,5 @@ def _joint_payload(joint: MotorSideJoint) -> dict[str, Any]:
         "next_motion": None if motion is None else {
             "torque": list(motion.torque), "top": motion.top, "words": motion.words,
         },
+        **({"by_log": logs} if logs else {}),
     }  # fmt: skip
