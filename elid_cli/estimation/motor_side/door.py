@@ -74,7 +74,8 @@ def with_motor_side(found: Identification, side: MotorSide | None) -> Identifica
     if limit is not None:
         cutoff = found.settings.get("cutoff")
         within = isinstance(cutoff, float) and cutoff <= limit * 1.001
-        word = "fitted below it" if within else f"but fitted up to {cutoff:.3g} Hz: expect a bias (less with --cutoff {limit:.3g})"
+        above = f"but fitted up to {cutoff:.3g} Hz: expect a bias (less with --cutoff {limit:.3g})"
+        word = "fitted below it" if within else above
         notes.append(f"all other parameters are those of rigid joints, which hold up to {limit:.3g} Hz; {word}")
     return replace(found, hidden=hidden, notes=tuple(notes), motor_side=side)
 
