@@ -8,6 +8,7 @@ import shutil
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -100,6 +101,8 @@ def _carried(report: Report) -> Report:
             return section
         mine = [*options, *(held if given.get("robot") in words else ())]
         pairs = [(name, value) for name, value in zip(mine[::2], mine[1::2], strict=True) if value not in words]
+        anew = _mapped(v for name, v in pairwise(words) if name == "--map")
+        pairs = [(name, value) for name, value in pairs if name != "--map" or not _mapped([value]) <= anew]
         more = shlex.join([word for pair in pairs for word in pair])
         if not more:
             return section
@@ -107,6 +110,13 @@ def _carried(report: Report) -> Report:
         return replace(section, text=f"{before} {more}{own}{after}")
 
     return replace(report, sections=tuple(told(section) for section in report.sections))
+
+
+def _mapped(places: Iterable[str]) -> set[str]:
+    """Return the signals that values of ``--map`` give a place; earlier values of theirs do not count."""
+    from elid_cli.logs.mapping.options import read_map_options
+
+    return set(read_map_options(tuple(places)))
 
 
 def _reading_words(given: Mapping[str, Any]) -> list[str]:

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from elid_cli.errors import LogError
+from elid_cli.errors import LogError, UsageError
 from elid_cli.logs.checks.deflection import Sensed, same_position
 from elid_cli.logs.contract import RawLog
+from elid_cli.logs.mapping.language import parse_mapping
 from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.resolve import Placement, ReadPlan, resolve
 from elid_cli.logs.reading import converted, layers_of
@@ -54,18 +55,17 @@ def robot_as_logged(
     """
     hold = dict(hold or {})
     told = _beyond(robot, hold) + (_elsewhere(robot, logs, mapping, hold) if hold else [])
+    robot = locked(robot, hold)
     auto = [joint.name for joint in robot.joints if joint.transmission == "auto"]
     if not (hold or auto or robot.source):
         return replace(robot, notes=(*robot.notes, *_ungeared(robot)))
     parts = [found for log in logs for found in _held(robot, log, mapping, auto)]
     notes = [*robot.notes, *told]
     absent = [name for name in robot.joint_names if not any(name in part.link | part.motor for part in parts)]
-    if parts and robot.source and len(absent) < robot.n:
-        unheld = [name for name in absent if name not in hold]
-        hold |= dict.fromkeys(unheld, 0.0)
-        if unheld:
-            notes.append(f"{_count(unheld)} locked at 0, as the log does not hold {_them(unheld)}: {_listed(unheld)}")
-    robot = locked(robot, hold)
+    if parts and robot.source and 0 < len(absent) < robot.n:
+        robot = locked(robot, dict.fromkeys(absent, 0.0))
+        notes.append(f"{_count(absent)} locked at 0, as the log does not hold {_them(absent)}: {_listed(absent)}")
+    notes = [note for note in notes if not any(note.startswith(f"{name} mimics ") for name in robot.held)]
     joints = list(robot.joints)
     decided: dict[str, list[str]] = {}
     for k, joint in enumerate(joints):
@@ -116,6 +116,10 @@ def _held(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None, auto
         link, motor = (_placed(plan, signal, robot) for signal in ("q", "theta"))
         if any(name in link & motor for name in auto):
             yield _looked_at(raw, plan, robot, frozenset(auto))
+        elif unnamed := _unnamed(raw, plan, robot):
+            chosen = {s: plan.placements[s] for s in ("q", "theta") if s in plan.placements}
+            absent = unnamed - {joint for _, joint, _ in _sensed(raw, plan, robot, chosen)}
+            yield _Held(link - absent, motor - absent)
         else:
             yield _Held(link, motor)
 
@@ -134,6 +138,20 @@ def _parts(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None) -> 
 def _placed(plan: ReadPlan, signal: str, robot: Robot) -> frozenset[str]:
     placement = plan.placements.get(signal)
     return frozenset(robot.joint_names[j] for js in placement.joints for j in js) if placement else frozenset()
+
+
+def _unnamed(raw: RawLog, plan: ReadPlan, robot: Robot) -> frozenset[str]:
+    """Return the joints placed in messages that may name them, of which those seen so far name others only."""
+    named = {(c.source, c.field): c.labels for c in raw.channels if c.open_ended and c.labels}
+    found: set[str] = set()
+    for signal in {"q", "theta"} & set(plan.placements):
+        placement = plan.placements[signal]
+        for pick, joints in zip(placement.picks, placement.joints, strict=True):
+            labels = named.get((pick.source, pick.field), ())
+            found |= {
+                robot.joint_names[j] for c, j in zip(pick.columns, joints, strict=True) if labels and c not in labels
+            }
+    return frozenset(found)
 
 
 def _looked_at(raw: RawLog, plan: ReadPlan, robot: Robot, auto: frozenset[str]) -> _Held:
@@ -169,6 +187,10 @@ def _elsewhere(
 ) -> list[str]:
     """Return a sentence per joint that somebody locked and a log has somewhere else: its load is not in the model."""
     found: dict[str, tuple[float, float]] = {}
+    try:
+        parse_mapping(mapping or {}, robot, "--map")
+    except UsageError:  # lists of places, of the joints that are left: the locked ones have none
+        return []
     for log in logs:
         for raw, plan in _parts(robot, log, mapping):
             side = "q" if "q" in plan.placements else "theta"

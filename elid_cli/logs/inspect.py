@@ -14,7 +14,7 @@ from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
 from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.resolve import ReadPlan, fits, resolve
-from elid_cli.logs.mapping.suggest import needed, suggestion
+from elid_cli.logs.mapping.suggest import needed, shorter_chain, suggestion
 from elid_cli.logs.reading import layers_of
 from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.repair.timeline import build
@@ -93,7 +93,7 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     opened = fmt.open(source)
     raw = reshaped(opened[0], mapping, robot.log if robot is not None else None)
     chosen = robot if robot is not None else _guessed(raw)
-    plan = resolve(raw.channels, layers_of(raw, chosen, mapping), chosen)
+    plan = _with_effort_named(resolve(raw.channels, layers_of(raw, chosen, mapping), chosen), chosen)
     taken = {signal: placement.places for signal, placement in plan.placements.items()}
     units = getattr(raw, "units", {})
     lacking = needed(plan, chosen, units)
@@ -109,6 +109,13 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     if not any(info.rate for info in infos):  # named or not, nothing serves as time
         missing, wanted = ("t", *missing), tuple(dict.fromkeys(("t", *wanted)))
         reasons["t"] = "nothing holds times that advance"
+    proposed = suggestion(raw.channels, chosen.joint_names, wanted, works, units)
+    link = "" if proposed else shorter_chain(raw.channels, chosen, missing)[0]
+    if link:
+        notes.append(
+            f"its columns cannot be those of {chosen.n} joints, but of the joints that carry {link}: "
+            f"--tip {link}, if it holds these alone"
+        )
     return LogInfo(
         file=source.name,
         format=fmt.name,
@@ -118,14 +125,28 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
         channels=infos,
         taken=taken,
         missing=missing,
-        mapping=suggestion(raw.channels, chosen.joint_names, wanted, works, units),
+        mapping=proposed,
         losses=(*raw.losses, *plan.unfit),
         notes=tuple(dict.fromkeys(notes)),
         reasons={signal: reason for signal, reason in reasons.items() if signal in missing},
         resolved=({LONG: long.written} if (long := getattr(raw, "long", None)) is not None else {})
         | ({"t": plan.time.written} if plan.time is not None else {})
-        | {signal: dict(placement.spec.written or {}) for signal, placement in plan.placements.items()},
+        | {
+            signal: dict(placement.spec.written or {})
+            for signal, placement in plan.placements.items()
+            if not placement.either or (signal == "tau" and robot is not None)  # else the robot to come decides
+        },
     )
+
+
+def _with_effort_named(plan: ReadPlan, robot: Robot) -> ReadPlan:
+    """Return the plan with the effort of joint states as the torque that reading makes of it (`checks.required`)."""
+    effort = plan.placements.get("tau_link")
+    elastic = any(joint.transmission == "elastic" for joint in robot.joints)
+    if effort is None or not effort.either or elastic or {"tau", "theta"} & set(plan.placements):
+        return plan
+    others = {signal: placement for signal, placement in plan.placements.items() if signal != "tau_link"}
+    return replace(plan, placements={**others, "tau": effort})
 
 
 def guessed_robot(path: str | Path) -> Robot:

@@ -171,6 +171,10 @@ def test_a_prediction_is_not_called_trusted_where_a_unit_is_doubted(tmp_path: Pa
     assert trust_words(robot, error, warnings=right).startswith("Yes: ")
     wrong = read(written(tmp_path, "log.csv", like(BASE, tau=100 * TAU)), robot=robot).warnings
     assert trust_words(robot, error, warnings=wrong).startswith("Only if the log's units are right")
+    path = text(tmp_path, {"t": BASE.t, **each("q{}[deg]", Q), **each("tau{}[A]", TAU)})
+    told = read(path, robot=RIGID, mapping={"q": {"from": "q{i}"}, "tau": {"from": "tau{i}", "scale": 2.0}}).warnings
+    assert trust_words(RIGID, error, warnings=told[:1]).startswith("Only if the log's units are right")
+    assert "which is no torque" in told[1]
 
 
 def test_numbered_values_of_joint_states_are_said_to_be_taken_in_the_robots_order(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli.logs import read_map_options
+from elid_cli.logs import inspect_log, read_map_options
 from elid_cli.logs.formats.csv import FIELDS
 from elid_cli.robot.robot import Robot
 from tests.logs.made_logs import JOINTS, ROBOT, read, recording
@@ -66,6 +66,8 @@ def test_the_effort_of_an_elastic_joint_without_motor_side_is_that_of_its_torque
     assert log.tau_link is not None
     np.testing.assert_array_equal(log.tau_link[:, 2], BASE.tau[:, 2])
     assert any("tau of shoulder elbow is the effort" in note for note in log.notes)
+    said = next(note for note in log.notes if "joint torque sensors" in note)
+    assert "(tau_link) of wrist, declared elastic" in said
 
 
 @pytest.mark.parametrize("robot", [ROBOT, RIGID])
@@ -74,3 +76,17 @@ def test_beside_a_motor_side_the_effort_of_joint_states_stays_the_sensors(tmp_pa
     assert np.isnan(log.tau).all()
     assert log.tau_link is not None
     np.testing.assert_array_equal(log.tau_link, BASE.tau)
+
+
+@pytest.mark.parametrize("made", [bag, plotjuggler])
+@pytest.mark.parametrize("robot", [RIGID, MIXED])
+def test_what_info_writes_reads_the_same_signals(tmp_path: Path, made: object, robot: Robot) -> None:
+    path = made(tmp_path)  # type: ignore[operator]
+    plain = read(path, robot=robot)
+    for info in (inspect_log(path, robot), inspect_log(path)):
+        mapped = read(path, robot=robot, mapping=dict(info.resolved))
+        np.testing.assert_array_equal(mapped.tau, plain.tau)
+        np.testing.assert_array_equal(np.isnan(mapped.tau), np.isnan(plain.tau))
+        assert (mapped.tau_link is None) == (plain.tau_link is None)
+        assert mapped.warnings == plain.warnings
+    assert ("tau" in inspect_log(path, robot).taken) == (robot is RIGID)

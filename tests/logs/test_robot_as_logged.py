@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from elid_cli.cli import main
 from elid_cli.errors import RobotError, UsageError
 from elid_cli.experiment.simulation.run import simulate
-from elid_cli.logs import read_recording, robot_as_logged
+from elid_cli.logs import read_map_options, read_recording, robot_as_logged
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.regressor import Regressor
@@ -22,6 +25,7 @@ from elid_cli.robot.files import read_robot
 from elid_cli.robot.locking import beside_chain, locked
 from elid_cli.robot.robot import Limits, Robot
 from elid_cli.robot.urdf.write import urdf_text
+from tests.logs.mcap_made import Bag, joint_state
 from tests.robot.random_robots import random_robot
 
 TREE = random_robot(45, 5, "urdf", kinds="rrp", parents=(-1, 0, 1, 0, 3), gearless=(0, 1, 2, 3, 4))
@@ -92,6 +96,47 @@ def test_joints_that_the_log_lacks_are_locked(arm: Path, tmp_path: Path) -> None
     assert robot.joint_names == ("axis_1", "axis_3", "axis_4")
     assert robot.parents == (-1, 0, 0)
     assert "1 joint locked at 0, as the log does not hold it: axis_5" in robot.notes
+
+
+def test_joints_that_no_message_names_are_locked(arm: Path, tmp_path: Path) -> None:
+    arm.write_text(re.sub(r'(<joint name="axis_5"[^>]*>)', r'\1<mimic joint="axis_4"/>', arm.read_text()))
+    made, names = Bag(), ["axis_3", "axis_1", "axis_4"]
+    made.topic("/joint_states")
+    for row, values in enumerate(np.column_stack(list(waves(names).values()))):
+        made.add("/joint_states", row * 10**7, joint_state(row * 10**7, names, values, effort=values))
+    (log := tmp_path / "log.mcap").write_bytes(made.bytes())
+    described = read_robot(arm)
+    assert "axis_5 mimics another joint in the file; here it is one of its own" in described.notes
+    robot = robot_as_logged(described, [log])
+    assert robot.joint_names == ("axis_1", "axis_3", "axis_4")
+    assert "2 joints locked at 0, as the log does not hold them: axis_2, axis_5" in robot.notes
+    assert not any("mimics" in note for note in robot.notes)
+    assert read_recording([log], robot).q.shape[1] == 3
+
+
+def test_a_table_without_names_of_fewer_joints_is_read_by_the_chain_that_is_proposed(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The chain of the robot that is longest has three joints, and the table seven columns."""
+    t = np.arange(400) / 100
+    values = np.column_stack(list(waves(["axis_1", "axis_4", "axis_5"]).values()))
+    np.savetxt(log := tmp_path / "log.txt", np.column_stack([t, values, 2 * values]))
+    assert main(["identify", str(log), "--robot", str(arm)]) == 3
+    said = capsys.readouterr().err.partition("hint: ")[2]
+    options = shlex.split(said.partition("order: ")[2])
+    tip = options[options.index("--tip") + 1]
+    assert f"the joints that carry {tip} alone" in said
+    maps = [value for name, value in pairwise(options) if name == "--map"]
+    robot = robot_as_logged(
+        described := read_robot(arm), [log], read_map_options(maps), dict.fromkeys(beside_chain(described, tip), 0.0)
+    )
+    assert robot.n == 3
+    assert not any("the log has it from" in note for note in robot.notes)
+    recording = read_recording([log], robot, read_map_options(maps))
+    np.testing.assert_allclose(recording.q, values, atol=1e-9)
+    np.testing.assert_allclose(recording.tau, 2 * values, atol=1e-9)
+    assert main(["info", str(log), "--robot", str(arm)]) == 0
+    assert f"--tip {tip}" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize("dh", ["urdf", "standard", "modified"])

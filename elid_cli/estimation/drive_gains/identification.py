@@ -18,6 +18,8 @@ from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import DriveGain, Verdict
 from elid_cli.estimation.streaming.files import is_triangle_file
+from elid_cli.logs.checks.limits import beyond_limits
+from elid_cli.logs.checks.units_and_signs import NOT_TORQUE
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import as_observed
 from elid_cli.model.regressor import EstimationRow, Regressor
@@ -29,6 +31,8 @@ NORMAL = 1.96
 """Standard errors to either side that hold 95 %."""
 ZERO_INSIDE = 1 / NORMAL
 """Relative standard error beyond which 0 lies in the interval of one over the gain: it is not known at all."""
+TORQUE_SIZE = ("tau reaches", "tau looks like", NOT_TORQUE)
+"""What warnings say that doubt the size of a logged torque; the first one compares it with the robot's limits."""
 WEAK = 0.3
 """Relative standard error beyond which it is known only roughly."""
 
@@ -59,7 +63,7 @@ def identify_with_payload(
     _check(request)
     robot = request.robot
     payload = payload or declared(robot)
-    recording, signals = read_signals(request)
+    recording, signals = read_signals(_unwarned(request))
     seen = as_observed(robot, signals)
     model = Regressor(seen)
     base = find_base(model)
@@ -71,7 +75,9 @@ def identify_with_payload(
     gains = _judged(seen, fit, payload, request)
     first = _of_source(recording, 0)
     scale = np.array([np.nan if item.gain is None else item.gain for item in gains])
-    first = replace(first, tau=first.tau * scale)
+    first = _in_torque(replace(first, tau=first.tau * scale))
+    over = (line for line in beyond_limits(first.theta, first.tau, first.dt, robot) if TORQUE_SIZE[0] in line)
+    first = replace(first, warnings=(*first.warnings, *over))
     signals = prepare(first, robot, request.signals)
     found = identify(robot, signals, options)
     whole = all(item.gain is not None for item in gains)
@@ -80,6 +86,20 @@ def identify_with_payload(
     said.append("standard errors of parameters do not contain those of the gains")
     found = replace(found, drive_gains=gains, gain_map=line, notes=(*found.notes, *said))
     return Identified(found, first, (), signals if keep_signals else None)
+
+
+def _in_torque(recording: Recording) -> Recording:
+    """Return a recording without warnings of how large its torques are, which the gains turn into N·m (N)."""
+    kept = (line for line in recording.warnings if not any(words in line for words in TORQUE_SIZE))
+    return replace(recording, warnings=tuple(kept))
+
+
+def _unwarned(request: LogRequest) -> LogRequest:
+    """Return the request with those warnings kept from whoever is told of what was read."""
+    told = request.on_read
+    if told is None:
+        return request
+    return replace(request, on_read=lambda read, every: told([_in_torque(part) for part in read], every))
 
 
 def _check(request: LogRequest) -> None:

@@ -17,7 +17,7 @@ from elid_cli.logs.checks.commanded import commanded_torque, gains_of
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.resolve import Placement, ReadPlan, fits
-from elid_cli.logs.mapping.suggest import needed, suggestion
+from elid_cli.logs.mapping.suggest import needed, shorter_chain, suggestion
 from elid_cli.logs.repair.stuck import drop_stuck
 from elid_cli.memory import passed, writable
 from elid_cli.robot.robot import Robot
@@ -147,7 +147,12 @@ def _name_efforts(filled: dict[str, Array], robot: Robot, plan: ReadPlan, notes:
         return
     absent = [np.isnan(filled[signal]).all(axis=0) for signal in ("tau", "theta")]
     rigid = np.array([joint.transmission != "elastic" for joint in robot.joints])
-    mine = absent[0] & absent[1] & rigid & ~np.isnan(filled["tau_link"]).all(axis=0)
+    alone = absent[0] & absent[1] & ~np.isnan(filled["tau_link"]).all(axis=0)
+    mine = alone & rigid
+    if (sensed := alone & ~rigid).any():
+        who, place = " ".join(np.array(robot.joint_names)[sensed]), placement.places
+        said = f"the effort of {place} is taken as that of joint torque sensors (tau_link) of {who}, declared elastic"
+        notes.append(f"{said}; motors' torque needs transmission: rigid")
     if mine.any():
         filled["tau"] = np.where(mine, filled["tau_link"], filled["tau"])
         filled["tau_link"] = np.where(mine, np.nan, filled["tau_link"])
@@ -296,8 +301,7 @@ class _Fault:
         free = [c for c in self.raw.channels if c.width and c.source not in taken and not _about(c.field)]
         units = getattr(self.raw, "units", {})
         wanted = (signal,) if placement is not None else needed(self.plan, self.robot, units)
-        clocks = ("t",) if getattr(self.raw, "timeless", False) else ()
-        wanted = tuple(s for s in wanted if s != "t" or clocks)
+        wanted = tuple(s for s in wanted if s != "t" or getattr(self.raw, "timeless", False))
         works = partial(fits, self.raw.channels, self.robot)
         lines = suggestion(free, self.robot.joint_names, wanted, works, units).splitlines()
         fitting = " ".join(f"--map {shlex.quote(line)}" for line in lines)
@@ -306,6 +310,11 @@ class _Fault:
             before = f"is this a log of {self.robot.name!r}? if so, map it: "
         if not fitting and signal in self.plan.mapped:  # whoever has mapped it knows how to; an example is no answer
             return f"elid info {self.name} lists what it holds"
+        if not fitting:
+            link, chained = shorter_chain(free, self.robot, wanted)
+            maps = " ".join(f"--map {shlex.quote(line)}" for line in chained.splitlines())
+            if link:
+                return f"if it holds the joints that carry {link} alone, in their order: {maps} --tip {link}"
         example = signal if not (signal == "theta" and "q" in needed(self.plan, self.robot)) else "q"
         return before + (fitting or f"--map {example}=PLACE")
 

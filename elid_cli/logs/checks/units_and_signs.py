@@ -29,6 +29,8 @@ SI = {"q": LENGTHS, "theta": LENGTHS, "dq": RATES, "dtheta": RATES, "tau": EFFOR
 """Units, as `plain` writes them, that need no mapping."""
 NOT_TORQUE = "which is no torque"
 """What is said of a torque that is in no unit of torque."""
+AS_IT_IS = "and taken as it is"
+"""What is said of values that their header writes to be in another unit."""
 NO_TORQUE = {"A": "A", "mA": "A", "V": "V"} | dict.fromkeys(
     ("%", "percent", "‰", "permille"), "shares of a rated torque"
 )
@@ -103,7 +105,7 @@ def _amperes(plan: ReadPlan, robot: Robot) -> Iterator[str]:
         return
     if re.search(r"current|ampere|(^|[^a-z])amps?([^a-z]|$)", placement.places.lower()):
         yield (
-            f"tau is read from {placement.places} as it is, and that is a current by its name; "
+            f"tau is read from {placement.places} as it is, and that is a current by its name, {NOT_TORQUE}; "
             f"{proposed(plan, 'tau', 'unit: A, scale: TORQUE_CONSTANT, side: motor')}"
         )
 
@@ -116,7 +118,8 @@ def written_units(units: Mapping[str, str], plan: ReadPlan) -> Iterator[str]:
         if usual and found and not placement.spec.unit and plain(found[0]) not in usual:
             known = UNIT_WORDS.get(plain(found[0]))
             paste = f"; {proposed(plan, signal, f'unit: {as_yaml(known)}')}" if known else ""
-            yield f"{signal} is written to be in {found[0]!r} and taken as it is{paste}"
+            bare = f", {NOT_TORQUE}" if signal == "tau" and known in NO_TORQUE else ""
+            yield f"{signal} is written to be in {found[0]!r} {AS_IT_IS}{bare}{paste}"
 
 
 def _thinned(values: Array, step: int) -> Array:

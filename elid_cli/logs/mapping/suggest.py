@@ -10,6 +10,7 @@ from elid_cli.errors import nearest
 from elid_cli.logs.contract import Channel
 from elid_cli.logs.mapping.language import UNIT_WORDS
 from elid_cli.logs.mapping.resolve import ReadPlan
+from elid_cli.robot.locking import beside_chain
 from elid_cli.robot.robot import Robot
 
 WORDS: Mapping[str, tuple[str, ...]] = {
@@ -124,6 +125,24 @@ def suggestion(
                 break
     order = {signal: k for k, signal in enumerate(signals)}
     return "\n".join(sorted(lines, key=lambda line: order[line.partition(":")[0]]))
+
+
+def shorter_chain(channels: Sequence[Channel], robot: Robot, signals: Sequence[str]) -> tuple[str, str]:
+    """Return a link whose chain has as many joints as a table without names has columns for, and the lines then.
+
+    The longest such chain is taken, as the joints beside it are those of a gripper; both are empty where there is none.
+    """
+    columns = [channel.source for channel in channels[:MOST]]
+    if not columns or not all(map(HEADERLESS.fullmatch, columns)):
+        return "", ""
+    chains = {
+        link: robot.n - len(beside_chain(robot, link)) for link, by in robot.links.items() if by in robot.joint_names
+    }
+    for link, joints in sorted(chains.items(), key=lambda item: -item[1]):
+        lines = list(_unnamed(columns, joints, signals)) if joints > 1 else []
+        if set(signals) <= {line.partition(":")[0] for line in lines}:
+            return link, "\n".join(lines)
+    return "", ""
 
 
 def _unnamed(columns: Sequence[str], joints: int, signals: Sequence[str]) -> Iterator[str]:

@@ -14,7 +14,7 @@ from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
 from elid_cli.logs.checks.limits import WRONG
-from elid_cli.logs.checks.units_and_signs import NOT_TORQUE
+from elid_cli.logs.checks.units_and_signs import AS_IT_IS, NOT_TORQUE
 from elid_cli.report.answers.inputs import Items
 from elid_cli.report.tree import KeyValues, Mark, Section, number_text
 from elid_cli.robot.parameter import StandardParameter
@@ -48,7 +48,7 @@ SYMBOLS = {
     "I": "inertia of the body about its joint's frame",
 }  # fmt: skip
 """Symbols of parameters in words; c and I have axes behind them, all of them the number of their joint."""
-DOUBTS = (WRONG, NOT_TORQUE)
+DOUBTS = (WRONG, NOT_TORQUE, AS_IT_IS)
 """What a warning says that doubts units."""
 NAMED = 6
 """Names in a sentence, beyond which they are counted."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -135,6 +136,13 @@ def test_the_command_prints_gains_and_a_mapping_to_go_on_with(logs: list[str]) -
     assert 0.9 * GAINS[1] < low < high < 1.1 * GAINS[1]
     report = subprocess.run(line, capture_output=True, text=True, check=True).stdout
     assert "gains of the drives" in report
+    current = [*line, "--map", "tau: {from: /tau, unit: A}"]
+    done = subprocess.run(current, capture_output=True, text=True, check=True)
+    assert "which is no torque" not in done.stdout + done.stderr
+    assert "Only if" not in done.stdout
+    pasted = shlex.split(done.stdout.partition("Next: ")[2])
+    assert pasted.count("--map") == 1
+    assert "unit: A, scale: [0." in pasted[pasted.index("--map") + 1]
     following = report.partition("Next: elid ")[2].strip()
     again = subprocess.run(
         ["bash", "-c", f"{sys.executable} -m elid_cli {following} --json"], capture_output=True, text=True, check=True
