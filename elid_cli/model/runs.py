@@ -43,11 +43,11 @@ class Run:
     seen: Array | None = None
     """Measured positions of the coordinates, rad (m), (N, m); NaN where missing."""
 
-    def delayed(self, late: Array, *, commanded: bool = True) -> Run:
-        """Return the run with drives that act later than logged by `late`, s, (n,)."""
+    def delayed(self, late: Array, *, commanded: bool = True, finer: int = 1) -> Run:
+        """Return the run with drives that act later than logged by `late`, s, (n,), in steps `finer` times shorter."""
         if self.told is None:
             return self
-        steps = len(self.drives.told) // (len(self.t) - 1)
+        steps = finer * len(self.drives.told) // (len(self.t) - 1)
         acting = _held(self.told, steps, late / self.dt, commanded=commanded)
         return replace(self, drives=replace(self.drives, told=acting))
 

@@ -17,7 +17,6 @@ from elid_cli.diagnosis.by_motion.candidates import Candidate, View, edges_of, k
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fit_trajectory, fitted
-from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
@@ -158,7 +157,7 @@ def again(
     fit: TrajectoryFit, unknowns: Unknowns, z: Array, tell: Callable[[float], None] | None = None
 ) -> TrajectoryFit:
     """Return a fit of other unknowns to the same stretches; delays stay at 0 where the log does not show them."""
-    tracked = [Tracked(item.run, item.x, item.v, item.local) for item in fit.tracked]
+    tracked = [replace(item) for item in fit.tracked]
     return fitted(unknowns, tracked, z, prompt=not fit.delays.any(), tell=tell)
 
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.long_run import beyond_normal
-from elid_cli.estimation.trajectory.fit import TrajectoryFit, solved
+from elid_cli.estimation.trajectory.descent import solved
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 
 APART = 4.0

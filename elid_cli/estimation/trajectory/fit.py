@@ -15,25 +15,18 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.long_run import at_least, beyond_normal
-from elid_cli.estimation.trajectory.normal_equations import Equations, Tracked, passed
-from elid_cli.estimation.trajectory.unknowns import KINDS, LATEST, Unknowns, started
+from elid_cli.estimation.trajectory.descent import DAMPING, SETTLED, costs, descended, solved
+from elid_cli.estimation.trajectory.normal_equations import Equations, Tracked, passed, refine
+from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, started
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.rollout import Linearised
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 
-CYCLES, STEPS = 7, 8
-"""Most motions whose slopes are computed, and most steps by those of one."""
-FAR = 0.5
-"""Part of itself by which an inertia or friction falls in one step at most …"""
-HIGH = 4.0
-"""… and times the usual value of all joints by which it rises."""
-SETTLED = 1e-3
-"""Relative change of the error below which the fit ends: the standard errors are far larger than what is left."""
-SHORTER = 0.3
-"""Part of a step that is tried after it did not lower the error."""
-SLIGHT = 1e-4
-"""Relative change of the error that does not count as a rise."""
+CYCLES = 7
+"""Most motions whose slopes are computed."""
+REFINED = 2
+"""Cycle, from 1, before which the motion is near enough to look at what shorter steps change."""
 WORTH = 0.01
 """Part of the squared error that delays must take away: in slow motion viscous friction and a delay are one, and a
 delay that the log does not show would only take the friction's precision."""
@@ -43,8 +36,6 @@ PROMPT = 1.5e-4
 """… and time by which they move a delay, s."""
 WEAKLY = 1e-3
 """Part of all blocks' normal equations that is added to those of one."""
-DAMPING = 1e-6
-"""Of the normal equations' diagonal: directions that the motion does not show stay where they are."""
 
 
 @dataclass(frozen=True)
@@ -166,20 +157,22 @@ def fitted(
     z = unknowns.possible(z)
     weights = np.ones(robot.n)
     before: Array | None = None
-    last, steps = np.inf, 0
+    last = np.inf
     for number in range(1, CYCLES + 1):
         if tell is not None:
             tell((number - 1) / CYCLES)
+        if number == REFINED:
+            for item in tracked:
+                refine(equations, item, unknowns, z, parameters)
         every, columns = passed(equations, tracked, unknowns, z, parameters, weights)
         if not np.isfinite(every.rms).all():
             raise DataError("the simulated motion runs away from the measured one", hint="are the gains right?")
         before = every.rms if before is None else before
-        weights, cost = 1.0 / np.maximum(every.size, 1e-7), float(np.sum(_costs(every, unknowns)))
-        if number == CYCLES or (number > 2 and last - cost < SETTLED * robot.n):
+        weights, cost = 1.0 / np.maximum(every.size, 1e-7), float(np.sum(costs(every, unknowns)))
+        if number == CYCLES or (number > REFINED and last - cost < SETTLED * robot.n):
             break
         last = cost
-        z, taken = _descended(equations, tracked, unknowns, z, (every, columns), prompt=prompt)
-        steps += taken
+        z = descended(equations, tracked, unknowns, z, (every, columns), prompt=prompt)
     assert before is not None
     final = every.holding(unknowns.delays) if prompt else every
     late = _to_go(every, weights) if prompt else 0.0
@@ -192,71 +185,11 @@ def fitted(
                          final, tuple(tracked), late)  # fmt: skip
 
 
-def _costs(found: Equations, unknowns: Unknowns) -> Array:
-    """Return what the fit makes small, chain by chain, (C,)."""
-    cost = np.log(np.maximum(found.size, 1e-9))
-    return np.array([cost[joints].sum() for joints in unknowns.chains])
-
-
-def _descended(
-    equations: Linearised, tracked: list[Tracked], unknowns: Unknowns, z: Array,
-    known: tuple[Equations, list[Array]], *, prompt: bool,
-) -> tuple[Array, int]:  # fmt: skip
-    """Take steps by the slopes of one motion, which change little, for as long as they lower the error.
-
-    A chain of joints whose error a step does not lower takes a smaller one, or none. Returns the number of steps, too.
-    """
-    found, columns = known
-    parameters, cost = unknowns.robot.reference(), _costs(found, unknowns)
-    reach = np.ones(len(cost) + 1)  # delays belong to all chains
-    step = _step(unknowns, z, found.holding(unknowns.delays) if prompt else found)
-    for number in range(1, STEPS + 1):
-        weights = 1.0 / np.maximum(found.size, 1e-7)
-        trial = unknowns.possible(z + reach[unknowns.chain_of] * step)
-        tried, _ = passed(equations, tracked, unknowns, trial, parameters, weights, columns)
-        now = _costs(tried, unknowns)
-        fell = now <= cost + SLIGHT
-        fell = np.append(fell, fell.all() and reach[-1] > 0)  # a delay moves all chains
-        z = np.where(fell[unknowns.chain_of], trial, z)
-        if not fell[:-1].all():
-            reach = np.where(fell, 0.0, SHORTER * reach)
-            if reach.max() < SHORTER**3:
-                return z, number
-            continue
-        gained, cost, found, reach = float((cost - now).sum()), now, tried, np.ones(len(reach))
-        if gained < SETTLED:
-            return z, number
-        step = _step(unknowns, z, found.holding(unknowns.delays) if prompt else found)
-    return z, STEPS
-
-
 def _to_go(found: Equations, weights: Array) -> float:
     """Return by which part the next step would lower the squared error."""
     squares = float(found.lighter.sum(axis=0) @ weights**2)
     load = found.load.sum(axis=0)
     return float(-load @ solved(found.matrix.sum(axis=0), load)) / max(squares, 1e-300)
-
-
-def _step(unknowns: Unknowns, z: Array, found: Equations) -> Array:
-    """Return the step of the unknowns, (U,), no inertia or friction by more than a part of itself."""
-    step = solved(found.matrix.sum(axis=0), found.load.sum(axis=0))
-    values = np.abs(unknowns.joint_values(z))
-    down, up = np.full((2, unknowns.count), np.inf)
-    usual = np.median(values, axis=0)
-    fall, rise = FAR * np.maximum(values, 0.2 * usual), HIGH * np.maximum(values, usual)
-    fall[:, 3] = rise[:, 3] = np.inf
-    down[: unknowns.drives], up[: unknowns.drives] = fall.ravel(), rise.ravel()
-    down[unknowns.delays] = up[unknowns.delays] = 0.2 * LATEST
-    limited: Array = np.clip(step, -down, up)
-    return limited
-
-
-def solved(matrix: Array, load: Array) -> Array:
-    """Return the Gauss-Newton step of normal equations (U, U), (U,)."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix / np.outer(scale, scale) + DAMPING * np.eye(len(matrix))
-    step: Array = -np.linalg.solve(scaled, load / scale) / scale
-    return step
 
 
 def _spread(found: Equations, z: Array, unknowns: Unknowns) -> tuple[Array, Array, Array, Array]:

@@ -24,6 +24,10 @@ CONSTANT = 1e-9
 """Relative change of a torque that counts as none."""
 AGREEING, AGREED = 4, 2e-5
 """Times that a motion with effects is simulated until it is, rms in rad (m), the one along which they act."""
+FINER = 4
+"""Times that steps are shorter where what they change is looked at."""
+COARSEST = 5e-3
+"""rad (m); a change by shorter steps that is larger is no small correction: the motion runs away."""
 NEAR = 5e-4
 """rad (m); the equations are linearised again where the motion is farther, rms, from where they were."""
 
@@ -36,15 +40,22 @@ class Tracked:
     x: Array
     v: Array
     local: Local | None = None
+    finer: Array | float = 0.0
+    """What shorter steps change of the simulated positions, rad (m), (N, n)."""
 
     @classmethod
     def of(cls, run: Run) -> Tracked:
         """Return a stretch about its measured motion."""
         return cls(run, run.near, np.gradient(run.near, run.dt, axis=0))
 
+    @property
+    def is_near(self) -> bool:
+        """Whether the present motion is near the one that the equations are about."""
+        return self.local is not None and bool(np.sqrt(np.mean((self.x - self.local.place[:, 0]) ** 2)) <= NEAR)
+
     def equations(self, about: Linearised) -> Local:
         """Return the equations about a motion near the present one."""
-        if self.local is None or np.sqrt(np.mean((self.x - self.local.place[:, 0]) ** 2)) > NEAR:
+        if self.local is None or not self.is_near:
             self.local = about.about(self.x[:, None], self.v[:, None])
         return self.local
 
@@ -101,17 +112,17 @@ def simulated(
     equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, parameters: Array, *, plain: bool = False
 ) -> Moved:
     """Simulate a stretch, and move on what its equations are linearised about; `plain`: without columns."""
-    run = item.run.delayed(np.full(unknowns.robot.n, z[unknowns.delays][item.run.source]))
-    n = unknowns.robot.n
-    for _ in range(AGREEING if unknowns.effects else 0):
-        # effects act along a motion, which they move
+    run, n = _as_late(item, unknowns, z), unknowns.robot.n
+    for _ in range(AGREEING):
+        # effects act along a motion, which they move; equations are those about a motion near the one that comes out
         before = item.x
-        _stepped(equations, item, run, unknowns, z, parameters, ())
-        if np.sqrt(np.mean((item.x - before) ** 2)) < AGREED:
+        x, v, steps, still = _stepped(equations, item, run, unknowns, z, parameters, ())
+        if item.is_near and (not unknowns.effects or np.sqrt(np.mean((item.x - before) ** 2)) < AGREED):
             break
     groups = () if plain else unknowns.together
-    x, v, steps, still = _stepped(equations, item, run, unknowns, z, parameters, groups)
-    error = np.where(np.isnan(run.measured), 0.0, x[:, 0, :n] - run.measured)
+    if groups:
+        x, v, steps, still = _stepped(equations, item, run, unknowns, z, parameters, groups)
+    error = np.where(np.isnan(run.measured), 0.0, x[:, 0, :n] + item.finer - run.measured)
     columns = np.zeros((len(error), n, 0 if plain else unknowns.count))
     for number, group in enumerate(groups, start=1):
         change = x[:, number, :n] - x[:, 0, :n]
@@ -121,6 +132,24 @@ def simulated(
         columns[:, :, unknowns.delays.start + run.source] = -v[:, 0, :n]
         columns[:, :, unknowns.drives + still] = 0.0
     return Moved(error, columns)
+
+
+def refine(equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, parameters: Array) -> None:
+    """Note what shorter steps change of a stretch's motion: steps of 1 ms act as a delay of some hundredths of one.
+
+    A delay is nearly viscous friction: twenty microseconds were up to a twentieth of it.
+    """
+    moved = [
+        _stepped(equations, replace(item), _as_late(item, unknowns, z, finer), unknowns, z, parameters, ())[0]
+        for finer in (1, FINER)
+    ]
+    change = moved[1] - moved[0]
+    item.finer = np.where(np.abs(change) < COARSEST, change, 0.0)[:, 0, : unknowns.robot.n]
+
+
+def _as_late(item: Tracked, unknowns: Unknowns, z: Array, finer: int = 1) -> Run:
+    """Return the run with the delay that its recording has among unknowns (U,)."""
+    return item.run.delayed(np.full(unknowns.robot.n, z[unknowns.delays][item.run.source]), finer=finer)
 
 
 def _stepped(

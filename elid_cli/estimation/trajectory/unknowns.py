@@ -98,10 +98,11 @@ class Unknowns:
 
     def possible(self, z: Array) -> Array:
         """Return unknowns that mean something, the nearest to given ones, (U,)."""
-        return np.clip(z, *self._bounds())
+        return np.clip(z, *self.bounds)
 
-    def _bounds(self) -> tuple[Array, Array]:
-        """Return the least and greatest values that mean something, (U,) each."""
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and greatest values that mean something, (U,) each."""
         low, high = np.full(self.count, -np.inf), np.full(self.count, np.inf)
         low[0 : self.drives : len(KINDS)] = 1e-6
         low[1 : self.drives : len(KINDS)] = low[2 : self.drives : len(KINDS)] = 0.0

@@ -113,6 +113,30 @@ def test_least_squares_on_the_computed_torque_is_biased_and_the_trajectory_is_no
         assert by_motion[joint, "fv"][0] == pytest.approx(value, rel=0.1)
 
 
+def test_a_delay_is_told_from_viscous_friction(arm: Robot, clean: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    quiet = logged(clean, 7, noise=2e-6)
+    # commands that act one sample later than they are logged
+    early = {k: np.concatenate([v[1:], v[-1:]]) for k, v in quiet.commands.items()}
+    dq = np.gradient(quiet.q, quiet.dt, axis=0)
+    tau = early["kp"] * (early["q_des"] - quiet.q) + early["kd"] * (early["dq_des"] - dq)
+    late = replace(quiet, commands=early, tau=tau)
+    told = []
+    for step in (1.1e-3, 1.1e-4):
+        monkeypatch.setattr("elid_cli.model.runs.STEP", step)
+        found = fitted(bare(arm), late)
+        settings = found.settings["trajectory"]
+        assert isinstance(settings, dict)
+        told.append((settings["delays"][0], {key: value for key, (value, _) in unknowns(found).items()}))
+    (delay, coarse), (finest, fine) = told
+    assert delay == pytest.approx(clean.dt, abs=3e-5)  # the log's Coulomb friction is rounded over a millirad/s
+    for joint, value in zip(arm.joint_names, TRUTH["fv"], strict=True):
+        assert coarse[joint, "fv"] == pytest.approx(value, rel=0.01)
+    # steps of 1 ms do as well as those of a tenth
+    assert delay == pytest.approx(finest, abs=2e-6)
+    for key, value in fine.items():
+        assert coarse[key] == pytest.approx(value, rel=1e-3), key
+
+
 def test_bodies_are_held_and_said_to_be(arm: Robot, clean: Recording) -> None:
     found = fitted(bare(arm), logged(clean, 1))
     held = [p for p in found.parameters if p.verdict == "refused"]

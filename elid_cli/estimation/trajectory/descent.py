@@ -1,0 +1,116 @@
+"""Steps of the trajectory fit: Levenberg-Marquardt by the slopes of one motion, for as long as they lower the error.
+
+A delay, viscous friction and inertia move a motion nearly alike: the error has a narrow valley, along which single
+unknowns go far. A step is therefore made shorter as a whole, or turned by damping, never cut unknown by unknown.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.trajectory.normal_equations import Equations, Tracked, passed
+from elid_cli.estimation.trajectory.unknowns import LATEST, Unknowns
+from elid_cli.model.rollout import Linearised
+
+STEPS = 8
+"""Most steps by the slopes of one motion."""
+FAR = 0.8
+"""Part of itself by which an inertia or friction falls in one step at most …"""
+HIGH = 4.0
+"""… and times the usual value of all joints by which it rises."""
+SETTLED = 1e-3
+"""Relative change of the error below which the fit ends: the standard errors are far larger than what is left."""
+FIRST, LAST = 1e-3, 10.0
+"""Damping, in parts of the diagonal, after a step that did not lower the error; ten times more after the next."""
+SLIGHT = 1e-4
+"""Relative change of the error that does not count as a rise."""
+DAMPING = 1e-6
+"""Of the normal equations' diagonal: directions that the motion does not show stay where they are."""
+
+
+def costs(found: Equations, unknowns: Unknowns) -> Array:
+    """Return what the fit makes small, chain by chain, (C,)."""
+    cost = np.log(np.maximum(found.size, 1e-9))
+    return np.array([cost[joints].sum() for joints in unknowns.chains])
+
+
+def descended(
+    equations: Linearised, tracked: list[Tracked], unknowns: Unknowns, z: Array,
+    known: tuple[Equations, list[Array]], *, prompt: bool,
+) -> Array:  # fmt: skip
+    """Return unknowns (U,) with a lower error, by the equations and slopes `known` at z.
+
+    Where delays are held (`prompt`), chains of joints do not move each other: one whose error a step does not lower
+    takes a damped one, the others go on.
+    """
+    found, columns = known
+    parameters, cost = unknowns.robot.reference(), costs(found, unknowns)
+    waiting, damping = np.ones(len(cost), dtype=bool), np.zeros(len(cost))
+    for _ in range(STEPS):
+        open_ = np.append(waiting, not prompt)[unknowns.chain_of]
+        trial = unknowns.possible(z + np.where(open_, _step(unknowns, z, found, damping, prompt=prompt), 0.0))
+        tried, _ = passed(equations, tracked, unknowns, trial, parameters, 1.0 / np.maximum(found.size, 1e-7), columns)
+        now = costs(tried, unknowns)
+        fell = now <= cost + SLIGHT if prompt else np.full(len(cost), now.sum() <= cost.sum() + SLIGHT)
+        z = np.where(np.append(fell, fell.all())[unknowns.chain_of], trial, z)
+        if not fell.all():
+            waiting = ~fell
+            damping = np.where(fell, damping, np.maximum(10 * damping, FIRST))
+            if damping.max() > LAST:
+                return z
+            continue
+        gained, cost, found = float((cost - now).sum()), now, tried
+        waiting, damping = np.ones(len(cost), dtype=bool), np.where(damping > FIRST, 0.1 * damping, 0.0)
+        if gained < SETTLED:
+            return z
+    return z
+
+
+def _step(unknowns: Unknowns, z: Array, found: Equations, damping: Array, *, prompt: bool) -> Array:
+    """Return the step of the unknowns, (U,): those at a bound that it would break stay there."""
+    matrix, load = found.matrix.sum(axis=0), found.load.sum(axis=0)
+    more = np.append(damping, damping.max())[unknowns.chain_of]
+    low, high = unknowns.bounds
+    held = np.zeros(len(z), dtype=bool)
+    if prompt:
+        held[unknowns.delays] = True
+    for _ in range(3):
+        step = solved(matrix, load, more, held)
+        broken = ~held & (((z <= low) & (step < 0)) | ((z >= high) & (step > 0)))
+        if not broken.any():
+            break
+        held |= broken
+    part = _within_reach(unknowns, z, step)
+    shortened: Array = (part if prompt else np.full_like(part, part.min()))[unknowns.chain_of] * step
+    return shortened
+
+
+def _within_reach(unknowns: Unknowns, z: Array, step: Array) -> Array:
+    """Return the part of a step that each chain of joints, and the delays, take at once, (C + 1,)."""
+    values = np.abs(unknowns.joint_values(z))
+    down, up = np.full((2, unknowns.count), np.inf)
+    usual = np.median(values, axis=0)
+    fall, rise = FAR * np.maximum(values, 0.2 * usual), HIGH * np.maximum(values, usual)
+    fall[:, 3] = rise[:, 3] = np.inf
+    down[: unknowns.drives], up[: unknowns.drives] = fall.ravel(), rise.ravel()
+    down[unknowns.delays] = up[unknowns.delays] = 0.2 * LATEST
+    over = np.maximum(np.maximum(-step / down, step / up), 1.0)
+    part = np.ones(len(unknowns.chains) + 1)
+    np.minimum.at(part, unknowns.chain_of, 1.0 / over)
+    return part
+
+
+def solved(matrix: Array, load: Array, damping: Array | float = 0.0, held: NDArray[np.bool_] | None = None) -> Array:
+    """Return the step of normal equations (U, U), (U,); `damping` is a part of their diagonal, `held` do not move."""
+    if held is not None and held.any():
+        step = np.zeros(len(load))
+        free = ~held
+        step[free] = solved(matrix[np.ix_(free, free)], load[free], np.broadcast_to(damping, load.shape)[free])
+        return step
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix / np.outer(scale, scale)
+    scaled[np.diag_indices(len(load))] += DAMPING + damping
+    found: Array = -np.linalg.solve(scaled, load / scale) / scale
+    return found
