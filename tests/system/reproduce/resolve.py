@@ -1,11 +1,11 @@
 """Whether the planned next log decides what a first log left open: ``elid excite --resolve`` on simulated ties.
 
-    python -m tests.system.reproduce.resolve [--pairs 0-15] [--arms 0-1] [--logs 3]
+    python -m tests.system.reproduce.resolve [--pairs 0-15] [--arms 0-1] [--logs 3] [--seconds 10]
 
 For every pair of effects, the first of them as the truth, a random arm of two joints moves a little, slowly and for a
 short time until a diagnosis with those two effects cannot tell them apart. The answer is given to the planner; the log
 of the planned motion, of a random motion and of plain ``elid excite``, all as long and as noisy, are diagnosed anew,
-each alone. Logs are made by inverse dynamics with effects written a second time (`inverse_logs`), not by the simulator
+each alone. The shorter these are, the more it matters how the robot moves. Logs are made by inverse dynamics with effects written a second time (`inverse_logs`), not by the simulator
 that shares its formulas with the planner.
 """
 
@@ -50,7 +50,7 @@ PAIRS = (
 stiffness and friction of the link, which poor logs show or do not show at all."""
 RATE = 500.0
 SHORT, LONG = 5.0, 10.0
-"""Length of the first log and of the next one, s."""
+"""Length of the first log, and of the next one where nothing else is asked for, s."""
 NOISES = (0.005, 0.01, 0.02, 0.04)
 """White torque noise, as a part of the joint's typical torque: an arm's is the first with which a poor log ties."""
 POSITION = 2e-6
@@ -158,7 +158,7 @@ def _asks(hypotheses: Sequence[object], truth: str, rival: str) -> bool:
 
 def played(reference: SplineReference) -> tuple[Array, Array, Array]:
     """Return a planned motion at the rate of the log."""
-    return reference.evaluate(np.arange(round(LONG * RATE)) / RATE)
+    return reference.evaluate(np.arange(round(reference.duration * RATE)) / RATE)
 
 
 @cache
@@ -168,16 +168,16 @@ def arm_of(arm: int) -> Made:
 
 
 @cache
-def usual(arm: int) -> SplineReference:
+def usual(arm: int, seconds: float) -> SplineReference:
     """Return the motion that plain ``elid excite`` plans for an arm's parameters."""
-    return excite(arm_of(arm).truth, ExciteOptions(duration=LONG, seed=arm)).trajectory
+    return excite(arm_of(arm).truth, ExciteOptions(duration=seconds, seed=arm)).trajectory
 
 
 def _pair(pairs: Sequence[Pair], truth: str, rival: str) -> Pair:
     return next(p for p in pairs if {p.first.effect, p.second.effect} == {truth, rival})
 
 
-def tried(truth: str, rival: str, arms: Sequence[int], logs: int) -> Line:
+def tried(truth: str, rival: str, arms: Sequence[int], logs: int, seconds: float = LONG) -> Line:
     """Return what becomes of a pair with one of them as the truth."""
     line = Line(truth, rival)
     for arm in arms:
@@ -187,7 +187,7 @@ def tried(truth: str, rival: str, arms: Sequence[int], logs: int) -> Line:
         if tied is None:
             continue
         question, noise = tied
-        plan = resolve(question, ResolveOptions(duration=LONG, seed=arm))
+        plan = resolve(question, ResolveOptions(duration=seconds, seed=arm))
         pair = _pair(plan.pairs, truth, rival)
         line.ties += 1
         line.promises += pair.verdict == "promised"
@@ -196,8 +196,8 @@ def tried(truth: str, rival: str, arms: Sequence[int], logs: int) -> Line:
         line.probability.append(pair.probability)
         motions = (
             (line.planned, plan.trajectory),
-            (line.by_chance, random_reference(made.truth, LONG, 500 + arm)),
-            (line.excited, usual(arm)),
+            (line.by_chance, random_reference(made.truth, seconds, 500 + arm)),
+            (line.excited, usual(arm, seconds)),
         )
         for number in range(logs):
             for count, reference in motions:
@@ -209,7 +209,7 @@ def tried(truth: str, rival: str, arms: Sequence[int], logs: int) -> Line:
     return line
 
 
-def main(pairs: Sequence[tuple[str, str]], arms: Sequence[int], logs: int) -> list[Line]:
+def main(pairs: Sequence[tuple[str, str]], arms: Sequence[int], logs: int, seconds: float = LONG) -> list[Line]:
     """Print the table."""
     print("plan, random: separation in σ; p: probability of a right decision; sure: promised, of so many ties")
     print("then right/wrong/open of the logs of the planned motion, a random one, and plain elid excite")
@@ -217,7 +217,7 @@ def main(pairs: Sequence[tuple[str, str]], arms: Sequence[int], logs: int) -> li
           f"{'excite':>7}")  # fmt: skip
     lines = []
     for truth, rival in pairs:
-        line = tried(truth, rival, arms, logs)
+        line = tried(truth, rival, arms, logs, seconds)
         lines.append(line)
         if not line.ties:
             print(f"{truth:>20} {rival:>20}  no tie among {len(arms) * ATTEMPTS} poor logs", flush=True)
@@ -240,7 +240,8 @@ if __name__ == "__main__":
     parser.add_argument("--pairs", default=f"0-{len(PAIRS) - 1}")
     parser.add_argument("--arms", default="0-1")
     parser.add_argument("--logs", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=LONG)
     asked = parser.parse_args()
     chosen = [range(int(low), int(high or low) + 1) for low, _, high in (
         text.partition("-") for text in (asked.pairs, asked.arms))]  # fmt: skip
-    main([PAIRS[k] for k in chosen[0]], chosen[1], asked.logs)
+    main([PAIRS[k] for k in chosen[0]], chosen[1], asked.logs, asked.seconds)

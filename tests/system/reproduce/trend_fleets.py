@@ -1,6 +1,6 @@
 """How often ``elid trend`` finds wear, and how often it names a change where there is none.
 
-    python -m tests.system.reproduce.trend_fleets [--fleets 200]
+    python -m tests.system.reproduce.trend_fleets [--fleets 200] [--quiet 0] [--first 0]
 
 Every fleet is one machine of 40 parameters over its recordings. Values scatter between recordings by twice the standard
 error of one recording, which the standard errors do not know.
@@ -10,6 +10,9 @@ recordings by 6, 6 and 2 %, each by its own. Warming up, viscous friction falls 
 joint by a share of its own. Where sessions differ, viscous friction of all joints has a factor of its own in each
 recording, and no trend. The table counts robots of which it is said that viscous friction differs alike at all joints
 between recordings (a line included), of which a line is named, and of which any change is named that is none.
+
+--quiet N: nothing but the share of N robots without and N with differing sessions on which a change is named that is
+none, with its 95 % interval. --first moves all seeds.
 """
 
 from __future__ import annotations
@@ -105,21 +108,44 @@ def main() -> None:
     """Print all shares."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--fleets", type=int, default=200)
-    count = parser.parse_args().fleets
-    found = sum(fleet(seed, 60, WEAR).trends[0].word in ("trend", "step") for seed in range(count))
-    quiet = sum(bool(changed(fleet(10_000 + seed, 100))) for seed in range(count))
+    parser.add_argument("--quiet", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0)
+    told = parser.parse_args()
+    if told.quiet:
+        quiet_robots(told.quiet, told.first)
+    else:
+        everything(told.fleets, told.first)
+
+
+def quiet_robots(count: int, begin: int) -> None:
+    """Print how often a change is named where there is none."""
+    from scipy.stats import binomtest
+
+    for words, first, options in CASES:
+        for recordings in (12, 30) if options.get("fall") == STILL else ():
+            seeds = range(first + begin, first + begin + count)
+            wrong = sum(bool(changed(robot(seed, recordings=recordings, **options))) for seed in seeds)
+            low, high = binomtest(wrong, count).proportion_ci(method="exact")
+            print(f"{words:38} {recordings:10} recordings: {wrong} of {count}, {100 * wrong / count:.2f} % "
+                  f"({100 * low:.2f} to {100 * high:.2f})", flush=True)  # fmt: skip
+
+
+def everything(count: int, begin: int) -> None:
+    """Print all shares but those of `quiet_robots`."""
+    found = sum(fleet(begin + seed, 60, WEAR).trends[0].word in ("trend", "step") for seed in range(count))
+    quiet = sum(bool(changed(fleet(begin + 10_000 + seed, 100))) for seed in range(count))
     print(f"wear of 3 % per 100 recordings named by recording 60: {found} of {count}")
     print(f"quiet machines of {PARAMETERS} parameters and 100 recordings with a change named: {quiet} of {count}")
     many = 5 * count
     print(f"\n{f'{many} robots of each kind':38} recordings   alike at all joints   a line   wrong")
     for words, first, options in CASES:
         for recordings in (5, 12, 30):
-            told = [robot(first + seed, recordings=recordings, **options) for seed in range(many)]
+            told = [robot(begin + first + seed, recordings=recordings, **options) for seed in range(many)]
             own = [viscous(item) for item in told]
             alike, line = sum(item.word != "steady" for item in own), sum(item.word == "trend" for item in own)
             wrong = sum(any(_wrong(name, options) for name in changed(item)) for item in told)
             print(f"{words:38} {recordings:10} {alike:21} {line:8} {wrong:7}")
-    own = [viscous(robot(60_000 + seed, STILL, 12, warmth=0.01)) for seed in range(count)]
+    own = [viscous(robot(begin + 60_000 + seed, STILL, 12, warmth=0.01)) for seed in range(count)]
     best = [item.explained[0] for item in own if item.explained]
     lone = [item for item in own if item.explained and all(e.ruled_out for e in item.explained[1:])]
     print(
