@@ -12,6 +12,7 @@ rates, gears with a kinematic error, links with a mode of their own.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Iterable, Sequence
@@ -141,12 +142,15 @@ def table(joints: Iterable[Joint], seconds: dict[str, list[float]]) -> str:
 
 def main() -> None:
     """Print the table."""
-    kinds = BEYOND if "--beyond" in sys.argv else KINDS
-    told = [int(word) for word in sys.argv[1:] if word != "--beyond"]
-    count, first = [*told, *(26, 0)[len(told) :]]
+    parser = argparse.ArgumentParser()
+    parser.add_argument("logs", type=int, nargs="?", default=26)
+    parser.add_argument("first", type=int, nargs="?", default=0)
+    parser.add_argument("--beyond", action="store_true")
+    told = parser.parse_args()
+    kinds = BEYOND if told.beyond else KINDS
     joints: list[Joint] = []
     seconds: dict[str, list[float]] = {}
-    for number in range(first, first + count):
+    for number in range(told.first, told.first + told.logs):
         found, spent = judged(number, kinds)
         joints += found
         seconds.setdefault(found[0].kind, []).append(spent)

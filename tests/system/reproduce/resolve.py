@@ -5,8 +5,8 @@
 For every pair of effects, the first of them as the truth, a random arm of two joints moves a little, slowly and for a
 short time until a diagnosis with those two effects cannot tell them apart. The answer is given to the planner; the log
 of the planned motion, of a random motion and of plain ``elid excite``, all as long and as noisy, are diagnosed anew,
-each alone. The shorter these are, the more it matters how the robot moves. Logs are made by inverse dynamics with effects written a second time (`inverse_logs`), not by the simulator
-that shares its formulas with the planner.
+each alone. The shorter these are, the more it matters how the robot moves. Logs are made by inverse dynamics with
+effects written a second time (`inverse_logs`), not by the simulator that shares its formulas with the planner.
 """
 
 from __future__ import annotations
