@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.gates import CRAWLS, MOVE, RISES, TIGHT, failed_gates, verdict_of
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
-from elid_cli.estimation.motor_side.response import response_of
+from elid_cli.estimation.motor_side.response import Response, responses_of
 from elid_cli.estimation.motor_side.result import PAST, MotorSide, MotorSideJoint, NextMotion, why
 from elid_cli.estimation.motor_side.rotors import rotors_of
 from elid_cli.estimation.motor_side.search import FALL, Search, Setting, search
@@ -89,11 +89,12 @@ def _estimated(robot: Robot, recording: Recording, moving: Sequence[int], asked:
 
 
 class _Answer(NamedTuple):
-    """Figures of a fit, the gates that every joint fails, and how the fitted robot vibrates."""
+    """A fit's figures, the gates that every joint fails, its vibration, and responses of joints not refused."""
 
     told: Figures
     failed: list[tuple[str, ...]]
     vibration: Vibration
+    responses: Mapping[int, Response]
 
 
 def _answer(setting: Setting) -> _Answer | None:
@@ -103,7 +104,10 @@ def _answer(setting: Setting) -> _Answer | None:
         told = first_figures(found)
         if any(verdict_of(failed_gates(told, k)) != "refused" for k in range(setting.link.n)):
             told = with_moves(found, told)
-        return _Answer(told, _failed(found, told), Vibration(found.best))
+        failed, fitted = _failed(found, told), Vibration(found.best)
+        shown = [k for k, names in enumerate(failed) if verdict_of(names) != "refused"]
+        responses = responses_of(fitted, setting.samples, shown, setting.bands) if shown else {}
+        return _Answer(told, failed, fitted, responses)
     except (np.linalg.LinAlgError, ValueError):
         return None
 
@@ -180,7 +184,7 @@ def _judged(
         judged, stiffness=1 / c, std_error=float(np.hypot(share / c, systematic)), systematic=systematic,
         rotor=float(told.rotor[place]), antiresonance=fitted.antiresonance(place), resonance=fitted.resonance(place),
         rigid_to=fitted.rigid_to(place, RIGID_ERROR), motion=motion if verdict == "weak" else None,
-        response=response_of(fitted, setting.samples, place, base.band),
+        response=answer.responses[place],
     )  # fmt: skip
 
 

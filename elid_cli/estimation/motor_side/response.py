@@ -6,6 +6,7 @@ Measured is the quotient of spectra with all moving joints' torques as inputs (B
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,7 @@ LOWEST = 1.0
 BEYOND = 1.15
 """Highest frequency over the resonance or over the end of the band, where the resonance is not far beyond it."""
 FAR = 3.0
-FREQUENCIES = 600
+FREQUENCIES = 300
 PIECES = 12
 """Half-overlapping pieces of a log over which spectra are averaged, and at least two for every input."""
 UNSURE = 0.4
@@ -43,19 +44,22 @@ class Response:
     """What it shows, (M,)."""
 
 
-def response_of(fitted: Vibration, samples: Samples, joint: int, band: float) -> Response:
-    """Return the response of one joint, numbered among those that move.
+def responses_of(fitted: Vibration, samples: Samples, joints: Sequence[int], bands: Array) -> dict[int, Response]:
+    """Return the responses of some joints, numbered among those that move.
 
-    `band` is where its motion ends, Hz.
+    `bands` is where each joint's motion ends, Hz, (n,).
     """
-    resonance = fitted.resonance(joint)
-    top = max(band, resonance if resonance < FAR * band else 0.0, 2 * LOWEST)
+    near = [f for k in joints if (f := fitted.resonance(k)) < FAR * bands[k]]
+    top = max([2 * LOWEST, *near, *(float(bands[k]) for k in joints)])
     frequency = np.geomspace(LOWEST, BEYOND * top, FREQUENCIES)
-    elastic, rigid = (_typical(fitted.acceleration(frequency, rigid=rigid)[:, :, joint]) for rigid in (False, True))
+    elastic, rigid = (_typical(fitted.acceleration(frequency, rigid=rigid)) for rigid in (False, True))
     seen, responses, errors = measured_response(samples)
-    measured, error = np.abs(responses[:, joint]), errors[:, joint]
-    known = (error < UNSURE * measured) & (seen >= LOWEST) & (seen <= band)
-    return Response(frequency, elastic, rigid, seen[known], measured[known])
+    measured = np.abs(responses)
+    found = {}
+    for k in joints:
+        known = (errors[:, k] < UNSURE * measured[:, k]) & (seen >= LOWEST) & (seen <= bands[k])
+        found[k] = Response(frequency, elastic[:, k], rigid[:, k], seen[known], measured[known, k])
+    return found
 
 
 def _typical(answer: NDArray[np.complexfloating]) -> Array:

@@ -15,8 +15,8 @@ from elid_cli.estimation.motor_side.latent_fit import LatentFit
 
 POSES = 40
 """Poses of a log that are looked at, about."""
-FINEST = 0.002
-"""Distance of frequencies at which a rigid joint is compared, share of the resonance."""
+LOOKS = 50
+"""Frequencies at which rigid joints are compared at first, and again between the last two."""
 
 
 class Vibration:
@@ -67,11 +67,14 @@ class Vibration:
 
     def rigid_to(self, joint: int, error: float) -> float:
         """Return the lowest frequency at which a rigid robot's torque for the motor's motion is `error` off, Hz."""
-        top = self.resonance(joint)
-        frequency = np.arange(FINEST, 1 + FINEST / 2, FINEST) * top
-        elastic, rigid = (self.acceleration(frequency, rigid=rigid)[:, :, joint] for rigid in (False, True))
-        off = np.flatnonzero(np.median(np.abs(rigid / elastic - 1), axis=1) > error)
-        return float(frequency[off[0]]) if len(off) else top
+        low, high = 0.0, self.resonance(joint)
+        for _ in range(2):
+            frequency = np.linspace(low, high, LOOKS + 1)[1:]
+            elastic, rigid = (self.acceleration(frequency, rigid=rigid)[:, :, joint] for rigid in (False, True))
+            off = np.flatnonzero(np.median(np.abs(rigid / elastic - 1), axis=1) > error)
+            place = int(off[0]) if len(off) else LOOKS - 1
+            low, high = frequency[place] - (high - low) / LOOKS, frequency[place]
+        return float(high)
 
     def _frequency(self, joint: int, *, held: bool) -> float:
         """Return the frequency of the mode that strains one spring most, the median over poses."""
