@@ -56,6 +56,12 @@ def check_suffix(path: Path, suffixes: tuple[str, ...], content: str) -> None:
     )
 
 
+def check_target(name: str | Path, suffixes: tuple[str, ...], content: str) -> None:
+    """Refuse, before any work is done, a file to write by its name or its place (`check_suffix`, `check_writable`)."""
+    check_suffix(Path(name), suffixes, content)
+    check_writable(Path(name))
+
+
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
     """Yield a name beside `path` to write to, and rename it onto `path` when the block ends well.

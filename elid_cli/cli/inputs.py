@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from elid_cli.cli.options import LOCK, TIP, Conditioning, Output, Reading
+from elid_cli.cli.options import LOCK, TIP, Output, Reading, Source
 from elid_cli.cli.output import note
+from elid_cli.signals.options import SignalOptions
 
 if TYPE_CHECKING:
     from elid_cli._types import Progress
     from elid_cli.robot.robot import Robot
-    from elid_cli.signals.options import SignalOptions
     from elid_cli.signals.recording import Recording
     from elid_cli.signals.signals import Signals
 
@@ -81,39 +81,28 @@ def load_recording(
     return recording
 
 
-def load_signals(recording: Recording, robot: Robot, conditioning: Conditioning, progress: Progress | None) -> Signals:
+def read_source(source: Source, robot: Robot, output: Output, progress: Progress | None) -> tuple[Recording, Signals]:
+    """Read the logs, and filter and decimate them as a diagnosis needs it."""
+    recording = load_recording(source.logs, robot, source.reading, output, source.conditioning.rate, progress)
+    return recording, load_signals(recording, robot, sharp(source.conditioning, recording), progress)
+
+
+def load_signals(recording: Recording, robot: Robot, options: SignalOptions, progress: Progress | None) -> Signals:
     """Filter and decimate a recording as the options say."""
     from elid_cli.signals.signals import prepare
 
     if progress is not None:
         progress("smoothing", 0.0)
-    options = signal_options(conditioning)
     if options.rate == recording.rate:  # --rate told the sample rate of a log without time, and no wish to decimate
         options = replace(options, rate=None)
     return prepare(recording, robot, options)
 
 
-def diagnosis_conditioning(conditioning: Conditioning, recording: Recording) -> Conditioning:
+def sharp(options: SignalOptions, recording: Recording) -> SignalOptions:
     """Return the options that diagnose and validate share; a cut-off that the user chose stands."""
-    from elid_cli.signals.options import SignalOptions
-
     shared = SignalOptions.for_diagnosis(recording.rate)
-    cutoff = shared.cutoff if conditioning.cutoff is None else conditioning.cutoff
-    return replace(conditioning, cutoff=cutoff, slow_motion=shared.slow_motion)
-
-
-def signal_options(conditioning: Conditioning) -> SignalOptions:
-    """Return the core's options."""
-    from elid_cli.signals.options import SignalOptions
-
-    return SignalOptions(
-        cutoff=conditioning.cutoff,
-        rate=conditioning.rate,
-        min_velocity=conditioning.min_velocity,
-        knots=conditioning.knots,
-        measured_velocity=conditioning.measured_velocity,
-        slow_motion=conditioning.slow_motion,
-    )
+    cutoff = shared.cutoff if options.cutoff is None else options.cutoff
+    return replace(options, cutoff=cutoff, slow_motion=shared.slow_motion)
 
 
 def check_effects(names: Sequence[str]) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from importlib import import_module
 from typing import Any, Literal, TypeAlias
 
 import click
@@ -15,6 +16,7 @@ import click
 from elid_cli.cli.color import CHOICES
 from elid_cli.cli.group import Option
 from elid_cli.cli.values import File, Held, Number, Numbers, ShareOfOne, completing, robots
+from elid_cli.signals.options import SignalOptions
 
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -26,17 +28,22 @@ def option(heading: str, *names: str, **kwargs: Any) -> Decorator:
     return click.option(*names, cls=Option, heading=heading, **kwargs)
 
 
-def gathered(name: str, kind: type, *options: Decorator) -> Decorator:
+def gathered(name: str, kind: type | str, *options: Decorator) -> Decorator:
     """Return a decorator that adds options and hands their values over as one `kind`, as the argument `name`.
 
-    The options are named as the fields of the dataclass `kind`; fields without an option keep their default.
+    The options are named as the fields of the dataclass `kind`; fields without an option keep their default. One of the
+    core may be named, ``module:class``: it is imported when the command runs, not for its help.
     """
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(function)
         def call(**values: Any) -> Any:
-            chosen = {field.name: values.pop(field.name) for field in fields(kind) if field.name in values}
-            return function(**values, **{name: kind(**chosen)})
+            made: Any = kind
+            if isinstance(kind, str):
+                module, _, own = kind.partition(":")
+                made = getattr(import_module(module), own)
+            chosen = {field.name: values.pop(field.name) for field in fields(made) if field.name in values}
+            return function(**values, **{name: made(**chosen)})
 
         wrapped: Callable[..., Any] = call
         for add in reversed(options):
@@ -117,20 +124,8 @@ reading = gathered(
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Conditioning:
-    """How signals are filtered and decimated; None: chosen from the log."""
-
-    cutoff: float | None = None
-    rate: float | None = None
-    min_velocity: float | None = None
-    measured_velocity: bool = True
-    knots: float | None = None
-    slow_motion: bool = False
-
-
 conditioning = gathered(
-    "conditioning", Conditioning,
+    "conditioning", SignalOptions,
     option(SIGNALS, "--cutoff", type=Number(above=0), metavar="HZ",
            help="Cut-off of the zero-phase low-pass. Default: from the log."),
     option(SIGNALS, "--rate", type=Number(above=0), metavar="HZ",
@@ -145,6 +140,21 @@ conditioning = gathered(
 
 
 @dataclass(frozen=True)
+class Source:
+    """Logs, the robot that made them, and how they are read and filtered."""
+
+    logs: tuple[str, ...]
+    robot: str
+    reading: Reading
+    conditioning: SignalOptions
+
+
+def source(*, required: bool = True) -> Decorator:
+    """Return the argument LOG… and the options of robot, reading and filter, handed over as one `Source`."""
+    return gathered("source", Source, logs(required=required), robot, reading, conditioning)
+
+
+@dataclass(frozen=True)
 class Spread:
     """Who reads several logs."""
 
@@ -152,17 +162,8 @@ class Spread:
     scheduler: str | None = None
 
 
-@dataclass(frozen=True)
-class FitOptions:
-    """How parameters are estimated."""
-
-    estimator: Literal["default", "paper"] = "default"
-    accurate: bool = False
-    fit: str = "torque"
-
-
 fit = gathered(
-    "fit", FitOptions,
+    "fit", "elid_cli.estimation.result:EstimateOptions",
     option(FIT, "--estimator", type=click.Choice(("default", "paper")), default="default",
            help="The paper's own least squares is biased under noise; it is here to compare with."),
     option(FIT, "--fit", type=click.Choice(("torque", "trajectory")), default="torque",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from elid_cli.cli.output import note
 from elid_cli.errors import ElidError, UsageError
-from elid_cli.files import check_suffix, check_writable, write_text
+from elid_cli.files import check_target, check_writable, write_text
 
 if TYPE_CHECKING:
     from elid_cli.cli.options import Files, Output
@@ -24,11 +24,9 @@ FOREIGN = (".urdf", ".xml", ".mjcf")
 def check_described(files: Files) -> None:
     """Refuse, before any work is done, files that no robot, or no actuators, can be written to (UsageError)."""
     if files.write_actuators is not None:
-        check_suffix(Path(files.write_actuators), (".json", ".yaml", ".yml"), "actuators")
-        check_writable(Path(files.write_actuators))
+        check_target(files.write_actuators, (".json", ".yaml", ".yml"), "actuators")
     for path in files.write_robot:
-        check_suffix(Path(path), (".yaml", ".yml", *FOREIGN), "a robot file")
-        check_writable(Path(path))
+        check_target(path, (".yaml", ".yml", *FOREIGN), "a robot file")
 
 
 class Written(NamedTuple):
@@ -252,8 +250,7 @@ def check_sets(out: str | None, robot: str | None) -> None:
         return
     path = Path(out)
     if not _is_folder(path):
-        check_suffix(path, TABLES, "parameter sets")
-        check_writable(path)
+        check_target(path, TABLES, "parameter sets")
         return
     if robot is None:
         raise UsageError(f"-o {out}: a folder is for robot files", hint="--robot ROBOT, or -o sets.csv")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from elid_cli.cli import options
-from elid_cli.cli.inputs import load_recording, load_signals, mapping_of, signal_options
-from elid_cli.cli.options import Conditioning, Output, Reading, Spread
+from elid_cli.cli.inputs import load_recording, load_signals, mapping_of
+from elid_cli.cli.options import Output, Source, Spread
 from elid_cli.cli.output import note
 
 if TYPE_CHECKING:
@@ -29,15 +29,7 @@ spread = options.gathered(
 )  # fmt: skip
 
 
-def log_request(
-    logs: Sequence[str],
-    robot: Robot,
-    reading: Reading,
-    conditioning: Conditioning,
-    spread: Spread,
-    output: Output,
-    progress: Progress | None,
-) -> LogRequest:
+def log_request(source: Source, robot: Robot, spread: Spread, output: Output, progress: Progress | None) -> LogRequest:
     """Return the request for what was typed; what was repaired and what looks wrong goes to stderr as logs are read."""
     from elid_cli.estimation.request import LogRequest
     from elid_cli.memory import keep_freed_memory
@@ -53,24 +45,18 @@ def log_request(
         note(repeated([f for r in every for f in r.files], [d for r in every for d in r.sha256]), output, "warning")
 
     return LogRequest(
-        logs, robot, signal_options(conditioning), mapping_of(reading), reading.strict,
-        reading.time, spread.jobs, spread.scheduler, on_read, progress,
+        source.logs, robot, source.conditioning, mapping_of(source.reading), source.reading.strict,
+        source.reading.time, spread.jobs, spread.scheduler, on_read, progress,
     )  # fmt: skip
 
 
-def samples_of(
-    logs: Sequence[str],
-    robot: Robot,
-    reading: Reading,
-    conditioning: Conditioning,
-    output: Output,
-    progress: Progress | None,
-) -> Signals | None:
+def samples_of(source: Source, robot: Robot, output: Output, progress: Progress | None) -> Signals | None:
     """Return the signals of the logs for figures, or None (and say so) where only their triangles are at hand."""
     from elid_cli.estimation.streaming.files import is_triangle_file
 
-    if any(is_triangle_file(log) for log in logs):
+    if any(is_triangle_file(log) for log in source.logs):
         note(["no figures of torques: triangles hold no samples"], output)
         return None
-    recording = load_recording(logs, robot, reading, replace(output, quiet=True), conditioning.rate)
-    return load_signals(recording, robot, conditioning, progress)
+    quiet, options = replace(output, quiet=True), source.conditioning
+    recording = load_recording(source.logs, robot, source.reading, quiet, options.rate)
+    return load_signals(recording, robot, options, progress)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from elid_cli.cli.options import INPUT, gathered, option
+from elid_cli.cli.options import INPUT, gathered, option, robot
 from elid_cli.cli.values import File, Number, Share, completing, effects
 
 if TYPE_CHECKING:
-    from elid_cli.experiment.simulation import SimulationOptions
+    from elid_cli.experiment.simulation import ControlOptions, SensorOptions, SimulationOptions
     from elid_cli.robot.robot import EffectSpec, Robot
 
 MOTION, CONTROL, SENSORS = "Motion", "Control", "Sensors"
@@ -43,6 +43,15 @@ class MotionChoice:
     reference: str | None = None
 
 
+@dataclass(frozen=True)
+class Machine:
+    """Which robot is simulated."""
+
+    robot: str
+    ideal_drives: bool = False
+    effects: tuple[str, ...] = ()
+
+
 motion = gathered(
     "motion", MotionChoice,
     option(MOTION, "--duration", type=Number(above=0), metavar="S",
@@ -62,19 +71,8 @@ motion = gathered(
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class ControlChoice:
-    """How the robot is controlled."""
-
-    kp: tuple[float, ...] | None = None
-    kd: tuple[float, ...] | None = None
-    feedforward: Literal["model", "gravity", "none"] = "model"
-    continuous: bool = False
-    friction_width: float = 5e-3
-
-
 control = gathered(
-    "control", ControlChoice,
+    "control", "elid_cli.experiment.simulation:ControlOptions",
     option(CONTROL, "--kp", type=Numbers(), metavar="N[,N…]",
            help="Position gains at the joints, N·m/rad. Default: from the inertia."),
     option(CONTROL, "--kd", type=Numbers(), metavar="N[,N…]", help="Velocity gains, N·m·s/rad."),
@@ -87,32 +85,22 @@ control = gathered(
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class SensorChoice:
-    """What the logger sees."""
-
-    noise_db: float | None = None
-    position_noise: float = 0.0
-    velocity_noise: float = 0.0
-    torque_noise: str = "0"
-    torque_correlation: float = 0.0
-    counts: float | None = None
-    motor_counts: float | None = None
-    motor_side: bool = False
-    velocities: bool = False
-    torque_sensor: bool = False
-    temperature: bool = False
+def _torque_noise(ctx: click.Context, _: click.Parameter, text: str) -> float:
+    """Return N·m of a torque noise; one that is a share goes where the core takes shares."""
+    size = Share(least=0).convert(text, None, None)
+    ctx.params["torque_noise_relative"] = size if text.endswith("%") else 0.0
+    return 0.0 if text.endswith("%") else size
 
 
 sensors = gathered(
-    "sensors", SensorChoice,
+    "sensors", "elid_cli.experiment.simulation:SensorOptions",
     option(SENSORS, "--noise-db", type=Number(), metavar="DB",
            help="White noise on positions and velocities, dB below each channel's rms (80: 1e-4 of it)."),
     option(SENSORS, "--position-noise", type=Number(least=0), default=0.0, metavar="RAD",
            help="White noise on positions, standard deviation."),
     option(SENSORS, "--velocity-noise", type=Number(least=0), default=0.0, metavar="RAD/S",
            help="White noise on logged velocities."),
-    option(SENSORS, "--torque-noise", default="0", metavar="N·m|SHARE",
+    option(SENSORS, "--torque-noise", default="0", metavar="N·m|SHARE", callback=_torque_noise,
            help="Noise on torques: in N·m, or 1% of each channel's rms."),
     option(SENSORS, "--torque-correlation", type=Number(least=0), default=0.0, metavar="S",
            help="Correlation time of the torque noise. Default: white."),
@@ -120,7 +108,7 @@ sensors = gathered(
     option(SENSORS, "--motor-counts", type=Number(above=0), metavar="N", help="Counts of the motor encoders."),
     option(SENSORS, "--motor-side", is_flag=True, help="Motor encoders count before the gear."),
     option(SENSORS, "--velocities", is_flag=True, help="Log velocities too."),
-    option(SENSORS, "--torque-sensor", is_flag=True, help="Log the torque through the transmissions too."),
+    option(SENSORS, "--torque-sensor", "tau_link", is_flag=True, help="Log the torque through the transmissions too."),
     option(SENSORS, "--temperature", is_flag=True, help="Log motor temperatures too (a slow warm-up)."),
 )  # fmt: skip
 
@@ -136,38 +124,29 @@ effect = option(
 )  # fmt: skip
 
 
-def options_of(robot: Robot, motion: MotionChoice, control: ControlChoice, sensors: SensorChoice) -> SimulationOptions:
+machine = gathered("machine", Machine, robot, ideal_drives, effect)
+
+
+def options_of(
+    described: Robot, motion: MotionChoice, control: ControlOptions, friction_width: float, sensors: SensorOptions
+) -> SimulationOptions:
     """Return the core's options (UsageError where they make no sense)."""
     from elid_cli.experiment.reference import Reference, ReferenceOptions, read_reference
-    from elid_cli.experiment.simulation import ControlOptions, SensorOptions, SimulationOptions
+    from elid_cli.experiment.simulation import SimulationOptions
 
     duration = motion.duration
     reference: Reference | ReferenceOptions = ReferenceOptions(motion.amplitude, motion.speed, motion.interval)
     if motion.reference is not None:
-        reference = read_reference(motion.reference, robot)
+        reference = read_reference(motion.reference, described)
         duration = duration or reference.duration
-    absolute, relative = _torque_noise(sensors.torque_noise)
     return SimulationOptions(
         duration=10.0 if duration is None else duration,
         rate=motion.rate,
         seed=motion.seed,
         reference=reference,
-        control=ControlOptions(control.kp, control.kd, control.feedforward, control.continuous),
-        sensors=SensorOptions(
-            noise_db=sensors.noise_db,
-            position_noise=sensors.position_noise,
-            velocity_noise=sensors.velocity_noise,
-            counts=sensors.counts,
-            motor_counts=sensors.motor_counts,
-            motor_side=sensors.motor_side,
-            torque_noise=absolute,
-            torque_noise_relative=relative,
-            torque_correlation=sensors.torque_correlation,
-            velocities=sensors.velocities,
-            tau_link=sensors.torque_sensor,
-            temperature=sensors.temperature,
-        ),
-        friction_width=control.friction_width,
+        control=control,
+        sensors=sensors,
+        friction_width=friction_width,
     )
 
 
@@ -195,9 +174,3 @@ def effect_specs(texts: tuple[str, ...]) -> tuple[EffectSpec, ...]:
                 raise UsageError(f"--effect {text}: {item!r} is not KEY=VALUE")
         specs.append(EffectSpec(name, joint or None, parameters))
     return tuple(specs)
-
-
-def _torque_noise(text: str) -> tuple[float, float]:
-    """Return (N·m, share) of a torque noise."""
-    size = Share(least=0).convert(text, None, None)
-    return (0.0, size) if text.endswith("%") else (size, 0.0)

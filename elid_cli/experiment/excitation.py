@@ -127,11 +127,6 @@ class Excitation(Shown):
         """How many times smaller standard errors are than after random motion, geometric mean."""
         return float(np.exp((self.evaluation.log_det - self.random.log_det) / self.base.count))
 
-    def sampled(self, rate: float) -> tuple[Array, Array, Array, Array]:
-        """Return (t, q, q', q'') at `rate` samples per second, both ends included."""
-        t = np.arange(round(self.trajectory.duration * rate) + 1) / rate
-        return (t, *self.trajectory.evaluate(t))
-
 
 def excite(
     robot: Robot, options: ExciteOptions | None = None, progress: Callable[[float], None] | None = None

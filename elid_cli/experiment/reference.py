@@ -79,6 +79,11 @@ class SplineReference:
         q, dq, ddq = (np.stack([s.evaluate(at, d) for s in self.splines], axis=1) for d in range(3))
         return q, dq * inside[:, None], ddq * inside[:, None]
 
+    def sampled(self, rate: float) -> tuple[Array, Array, Array, Array]:
+        """Return (t, q, q', q'') at `rate` samples per second, both ends included."""
+        t = np.arange(round(self.duration * rate) + 1) / rate
+        return (t, *self.evaluate(t))
+
 
 def random_reference(
     robot: Robot, duration: float, seed: int, options: ReferenceOptions | None = None

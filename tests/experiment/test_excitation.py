@@ -37,7 +37,7 @@ def found(limited: Robot) -> Excitation:
 
 
 def test_it_stays_within_position_velocity_acceleration_and_torque(found: Excitation, limited: Robot) -> None:
-    _, q, dq, ddq = found.sampled(300.0)
+    _, q, dq, ddq = found.trajectory.sampled(300.0)
     dynamics = Dynamics(limited)
     rows = [dynamics.inverse(*(a.tolist() for a in (x, v, a, x, v, a))) for x, v, a in zip(q, dq, ddq, strict=True)]
     torque = np.array([np.add(link, motor) for link, motor in rows])
@@ -56,14 +56,14 @@ def test_the_limits_said_to_be_used_are_used(found: Excitation) -> None:
 
 
 def test_it_starts_and_ends_at_rest_where_it_started(found: Excitation) -> None:
-    _, q, dq, ddq = found.sampled(100.0)
+    _, q, dq, ddq = found.trajectory.sampled(100.0)
     assert np.abs(dq[[0, -1]]).max() < 1e-9
     assert np.abs(ddq[[0, -1]]).max() < 1e-7
     assert np.allclose(q[0], q[-1])
 
 
 def test_velocity_and_acceleration_are_the_derivatives_of_position(found: Excitation) -> None:
-    t, q, dq, ddq = found.sampled(2000.0)
+    t, q, dq, ddq = found.trajectory.sampled(2000.0)
     assert np.allclose(np.gradient(q, t, axis=0)[1:-1], dq[1:-1], atol=1e-4)
     assert np.allclose(np.gradient(dq, t, axis=0)[1:-1], ddq[1:-1], atol=1e-3)
 
@@ -82,7 +82,7 @@ def test_aiming_at_a_parameter_shows_it_better(limited: Robot, found: Excitation
 
 def test_the_same_seed_gives_the_same_trajectory(limited: Robot) -> None:
     options = ExciteOptions(duration=8.0, rounds=3, starts=2)
-    first, second = excite(limited, options).sampled(50.0), excite(limited, options).sampled(50.0)
+    first, second = excite(limited, options).trajectory.sampled(50.0), excite(limited, options).trajectory.sampled(50.0)
     assert all(np.array_equal(a, b) for a, b in zip(first, second, strict=True))
 
 
@@ -120,7 +120,7 @@ def test_predicted_standard_errors_come_true(found: Excitation, limited: Robot) 
 
 def test_the_file_is_what_the_simulator_follows(found: Excitation, limited: Robot, tmp_path: Path) -> None:
     path = tmp_path / "a trajectory.csv"
-    t, q, dq, ddq = found.sampled(100.0)
+    t, q, dq, ddq = found.trajectory.sampled(100.0)
     write_trajectory(path, limited.joint_names, t, q, dq, ddq)
     assert path.read_text().splitlines()[0] == "t,q.joint1,q.joint2,dq.joint1,dq.joint2,ddq.joint1,ddq.joint2"
     again = read_reference(str(path), limited).evaluate(t)

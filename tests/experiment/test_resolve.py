@@ -15,7 +15,6 @@ from elid_cli.errors import DataError, UsageError
 from elid_cli.experiment.reference import random_reference
 from elid_cli.experiment.resolve import Question, Resolution, ResolveOptions, question_of, read_question, resolve
 from elid_cli.experiment.resolve.decision import Distance
-from elid_cli.experiment.resolve.motions import sampled
 from elid_cli.experiment.resolve.played import Bench
 from elid_cli.experiment.resolve.separation import Separation, varied
 from elid_cli.robot.robot import Limits, Robot
@@ -76,7 +75,7 @@ def test_the_question_holds_both_effects_of_the_tie(question: Question) -> None:
 
 
 def test_the_motion_stays_within_limits_from_rest_to_rest(plan: Resolution, made: Made) -> None:
-    _, q, dq, ddq = plan.sampled(200.0)
+    _, q, dq, ddq = plan.trajectory.sampled(200.0)
     assert LIMITS.position is not None
     assert q.min() >= LIMITS.position[0]
     assert q.max() <= LIMITS.position[1]
@@ -108,7 +107,7 @@ def test_the_same_seed_plans_the_same_motion(question: Question) -> None:
 def test_an_effect_explains_its_own_log_and_its_rival_only_part_of_it(question: Question, made: Made) -> None:
     separation = Separation(Bench(question))
     truth = next(h for h in question.groups[0].hypotheses if h.effect == TRUTH)
-    states = sampled(random_reference(made.truth, 6.0, 3), separation.bench.rate)
+    states = random_reference(made.truth, 6.0, 3).sampled(separation.bench.rate)[1:]
     view = separation.view(states, truth)
     rival = next(h for h in question.groups[0].hypotheses if h.effect == RIVAL)
     own, other = (view.left(effect) for effect in (view.own, separation.shapes(view, rival)[0]))
@@ -123,7 +122,7 @@ def test_friction_as_its_sign_is_rounded_counts_for_nothing(question: Question, 
         for effect, name in (("torque_offset", "offset"), ("asymmetric_coulomb", "difference"))
     )
     separation = Separation(Bench(question))
-    view = separation.view(sampled(random_reference(made.truth, 8.0, 1), separation.bench.rate), offset)
+    view = separation.view(random_reference(made.truth, 8.0, 1).sampled(separation.bench.rate)[1:], offset)
     distance = separation.distance(view, offset, asymmetric, separation.shapes(view, asymmetric))
     assert distance.sigma < 0.5
     assert np.sqrt(distance.seen.sum()) > 20

@@ -8,27 +8,16 @@ from __future__ import annotations
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
-from elid_cli.cli.options import Conditioning, Gates, Output, Reading, Spread
+from elid_cli.cli.options import Gates, Output, Source, Spread
 from elid_cli.cli.routes import spread
 
 
 @verb("elid classify --robot puma560", "elid classify run07.mcap --robot puma560")
-@options.logs(required=False)
-@options.robot
-@options.reading
-@options.conditioning
+@options.source(required=False)
 @spread
 @options.gathered("gates", Gates, options.require_independent)
 @options.output
-def classify(
-    logs: tuple[str, ...],
-    robot: str,
-    reading: Reading,
-    conditioning: Conditioning,
-    spread: Spread,
-    gates: Gates,
-    output: Output,
-) -> None:
+def classify(source: Source, spread: Spread, gates: Gates, output: Output) -> None:
     """Say which of the robot's parameters are independent, which only show in combinations, and which not at all.
 
     With a log: also what its motion excites, and why anything is missing.
@@ -44,14 +33,14 @@ def classify(
         from elid_cli.model.regressor import Regressor
         from elid_cli.report.answers.classification import classification_report
 
-        machine = load_robot(robot)
+        machine = load_robot(source.robot)
         base = find_base(Regressor(machine))
         check_names(gates, machine)
         recording = found = None
-        if logs:
+        if source.logs:
             from elid_cli.estimation.identify import identify_logs
 
-            answer = identify_logs(log_request(logs, machine, reading, conditioning, spread, output, advance))
+            answer = identify_logs(log_request(source, machine, spread, output, advance))
             found, recording = answer.found, answer.recording
-    emit(classification_report(machine, base, robot, found, recording), output)
+    emit(classification_report(machine, base, source.robot, found, recording), output)
     check_gates(gates, classes=base.classes if found is None else found.this_log)

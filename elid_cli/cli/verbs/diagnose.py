@@ -9,7 +9,7 @@ import click
 
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
-from elid_cli.cli.options import FIT, GATES, Conditioning, Files, Gates, Output, Reading, gathered
+from elid_cli.cli.options import FIT, GATES, Files, Gates, Output, Source, gathered
 from elid_cli.cli.values import completing, effects
 
 if TYPE_CHECKING:
@@ -44,10 +44,7 @@ class Limits(Gates):
     "elid diagnose run07.mcap --robot puma560",
     "elid diagnose run07.mcap --robot puma560 --check run08.mcap --write-robot refined.yaml",
 )
-@options.logs()
-@options.robot
-@options.reading
-@options.conditioning
+@options.source()
 @gathered(
     "search",
     Search,
@@ -93,22 +90,13 @@ class Limits(Gates):
 )
 @options.files
 @options.output
-def diagnose(
-    logs: tuple[str, ...],
-    robot: str,
-    reading: Reading,
-    conditioning: Conditioning,
-    search: Search,
-    gates: Limits,
-    files: Files,
-    output: Output,
-) -> None:
+def diagnose(source: Source, search: Search, gates: Limits, files: Files, output: Output) -> None:
     """Find the effect that the model lacks: look at the residual of each joint, try every effect that could have left
     it, and report the error before and after on stretches that the search never saw.
     """  # noqa: D205
     from dataclasses import replace
 
-    from elid_cli.cli.inputs import check_effects, diagnosis_conditioning, load_recording, load_robot, load_signals
+    from elid_cli.cli.inputs import check_effects, load_recording, load_robot, load_signals, sharp
     from elid_cli.cli.output import check_output, emit, note, pictures_wanted
     from elid_cli.cli.progress import progress
     from elid_cli.cli.robot_files import FOREIGN, check_described, write_found
@@ -126,16 +114,15 @@ def diagnose(
         from elid_cli.report.answers.diagnosis_input import Check, DiagnosisInput
 
         check_effects(search.only)
-        machine = load_robot(robot)
-        recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
+        machine, options = load_robot(source.robot), source.conditioning
+        recording = load_recording(source.logs, machine, source.reading, output, options.rate, advance)
         moving = by_motion(machine, recording) and not (search.checks or search.lookup)
         if moving and (search.accurate or search.jobs > 1):
             note(["--accurate and --jobs are of the search by torques, not of this one by motion"], output)
         others = [
-            load_recording((log,), machine, reading, output, conditioning.rate, label=log) for log in search.checks
+            load_recording((log,), machine, source.reading, output, options.rate, label=log) for log in search.checks
         ]
-        sharp = conditioning if moving else diagnosis_conditioning(conditioning, recording)
-        signals = load_signals(recording, machine, sharp, advance)
+        signals = load_signals(recording, machine, options if moving else sharp(options, recording), advance)
         if advance is not None and not moving:
             advance("fitting", 0.0)
         chosen = DiagnoseOptions(
@@ -143,12 +130,12 @@ def diagnose(
         )
         found = find(machine, signals, chosen, advance)
         if not isinstance(found, Diagnosis):
-            _tell_motion(found, signals, gates, files, robot, output)
+            _tell_motion(found, signals, gates, files, source.robot, output)
             return
-        found = replace(found, usual=load_signals(recording, replace(machine, effects=()), conditioning, advance))
+        found = replace(found, usual=load_signals(recording, replace(machine, effects=()), options, advance))
         judged = []
         for other in others:
-            seen = load_signals(other, machine, diagnosis_conditioning(conditioning, other), advance)
+            seen = load_signals(other, machine, sharp(options, other), advance)
             before, after = (validate(r, seen).error for r in (found.validation_before.robot, found.written_robot))
             judged.append(Check(other, before, after))
         if advance is not None:
@@ -159,7 +146,7 @@ def diagnose(
             found.identified_with_effects, found.after, lambda plain: identify(plain, signals), output,
         )  # fmt: skip
         told = DiagnosisInput(
-            found, found.identified_before, published, found.contributions, recording, robot, judged,
+            found, found.identified_before, published, found.contributions, recording, source.robot, judged,
             next((path for path in written.files if not path.lower().endswith(FOREIGN)), None),
             search.lookup, search.only,
         )  # fmt: skip

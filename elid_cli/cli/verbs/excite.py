@@ -14,7 +14,9 @@ from elid_cli.cli.options import Output, Reading
 from elid_cli.cli.values import File, Number, Share
 
 if TYPE_CHECKING:
+    from elid_cli.experiment.excitation import Excitation, ExciteOptions
     from elid_cli.experiment.last_log import LastLog
+    from elid_cli.experiment.resolve import Resolution
     from elid_cli.robot.robot import Robot
 
 MOTION = "Trajectory"
@@ -123,53 +125,38 @@ def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output:
     Limits and reference values come from the robot file. The report says which standard errors to expect; with
     --resolve, how surely the next log decides between effects; with --show-stiffness, which multisine it is.
     """
-    from pathlib import Path
-
-    import click
-
-    from elid_cli.cli.output import check_output, emit, note, pictures_wanted
+    from elid_cli.cli.output import check_output, emit, pictures_wanted
     from elid_cli.cli.progress import progress
-    from elid_cli.files import check_suffix, check_writable
+    from elid_cli.files import check_target
 
     check_output(output)
-    check_suffix(Path(out), (".csv",), "a trajectory")
-    check_writable(Path(out))
-    if motion.resolve is not None:
-        _resolve(motion.resolve, robot, motion, out, output)
-        return
-    if motion.show_stiffness:
+    check_target(out, (".csv",), "a trajectory")
+    if motion.show_stiffness and motion.resolve is None:
         _show_stiffness(robot, motion, out, output)
         return
+    if motion.resolve is not None:
+        detail = "it plans for effects with the noise that the diagnosis found; they plan for parameters"
+        _alone("--resolve", ("aims", "after", "residual", "show_stiffness"), detail)
     with progress(output, "optimising") as advance:
-        from dataclasses import replace
-
-        from elid_cli.experiment.excitation import ExciteOptions
-        from elid_cli.experiment.excitation import excite as find
         from elid_cli.experiment.reference import write_trajectory
-        from elid_cli.report.answers.excitation import excitation_report
 
         machine = load_robot(robot)
-        choice = ExciteOptions(
-            duration=motion.duration,
-            interval=motion.interval,
-            aims=motion.aims,
-            residual=motion.residual,
-            seed=motion.seed,
-        )
-        if motion.after is not None:
-            last = _last(motion.after, machine, reading, output)
-            if not last.hidden and not motion.aims:
-                note(
-                    [f"{motion.after} shows every parameter that the robot can show; nothing special is aimed at"],
-                    output,
-                )
-            choice = replace(choice, aims=tuple(dict.fromkeys((*motion.aims, *last.hidden))))
-            asked = click.get_current_context().get_parameter_source("residual")
-            if asked is not ParameterSource.COMMANDLINE:
-                choice = replace(choice, measured=last.residual)
-        found = find(machine, choice, None if advance is None else lambda share: advance("optimising", share))
-        write_trajectory(out, machine.joint_names, *found.sampled(motion.rate))
-        report = excitation_report(found, robot, out, motion.rate)
+        told = None if advance is None else lambda share: advance("optimising", share)
+        found: Excitation | Resolution
+        if motion.resolve is not None:
+            from elid_cli.experiment.resolve import ResolveOptions, read_question, resolve
+            from elid_cli.report.answers.resolution import resolution_report
+
+            chosen = ResolveOptions(duration=motion.duration, interval=motion.interval, seed=motion.seed)
+            found = resolve(read_question(motion.resolve, machine), chosen, told)
+            report = resolution_report(found, robot, motion.resolve, out, motion.rate)
+        else:
+            from elid_cli.experiment.excitation import excite as find
+            from elid_cli.report.answers.excitation import excitation_report
+
+            found = find(machine, _options(motion, machine, reading, output), told)
+            report = excitation_report(found, robot, out, motion.rate)
+        write_trajectory(out, machine.joint_names, *found.trajectory.sampled(motion.rate))
         if pictures_wanted(output):
             from elid_cli.report.figures import figures_of
             from elid_cli.report.figures.build import with_figures
@@ -179,44 +166,23 @@ def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output:
     emit(report, output)
 
 
-def _resolve(diagnosis: str, robot: str, motion: MotionChoice, out: str, output: Output) -> None:
-    """Plan the motion that tells apart what a diagnosis leaves open."""
-    import click
+def _options(motion: MotionChoice, machine: Robot, reading: Reading, output: Output) -> ExciteOptions:
+    """Return what to look for, after the last log where one is named."""
+    from dataclasses import replace
 
-    from elid_cli.cli.output import emit, pictures_wanted
-    from elid_cli.cli.progress import progress
-    from elid_cli.errors import UsageError
+    from elid_cli.cli.output import note
+    from elid_cli.experiment.excitation import ExciteOptions
 
-    residual = click.get_current_context().get_parameter_source("residual") is ParameterSource.COMMANDLINE
-    given = (
-        ("--for", bool(motion.aims)), ("--after", motion.after is not None), ("--residual", residual),
-        ("--show-stiffness", bool(motion.show_stiffness)),
-    )  # fmt: skip
-    unused = [name for name, there in given if there]
-    if unused:
-        raise UsageError(
-            f"--resolve does not go with {' and '.join(unused)}",
-            detail="it plans for effects with the noise that the diagnosis found; they plan for parameters",
-        )
-    with progress(output, "optimising") as advance:
-        from elid_cli.experiment.reference import write_trajectory
-        from elid_cli.experiment.resolve import ResolveOptions, read_question
-        from elid_cli.experiment.resolve import resolve as find
-        from elid_cli.report.answers.resolution import resolution_report
-
-        machine = load_robot(robot)
-        question = read_question(diagnosis, machine)
-        options = ResolveOptions(duration=motion.duration, interval=motion.interval, seed=motion.seed)
-        found = find(question, options, None if advance is None else lambda share: advance("optimising", share))
-        write_trajectory(out, machine.joint_names, *found.sampled(motion.rate))
-        report = resolution_report(found, robot, diagnosis, out, motion.rate)
-        if pictures_wanted(output):
-            from elid_cli.report.figures import figures_of
-            from elid_cli.report.figures.build import with_figures
-            from elid_cli.report.figures.input import FigureInput
-
-            report = with_figures(report, figures_of(FigureInput(excitation=found)))
-    emit(report, output)
+    choice = ExciteOptions(
+        duration=motion.duration, interval=motion.interval, aims=motion.aims, residual=motion.residual, seed=motion.seed
+    )
+    if motion.after is None:
+        return choice
+    last = _last(motion.after, machine, reading, output)
+    if not last.hidden and not motion.aims:
+        note([f"{motion.after} shows every parameter that the robot can show; nothing special is aimed at"], output)
+    choice = replace(choice, aims=tuple(dict.fromkeys((*motion.aims, *last.hidden))))
+    return choice if _given("residual") else replace(choice, measured=last.residual)
 
 
 def _show_stiffness(robot: str, motion: MotionChoice, out: str, output: Output) -> None:
@@ -227,10 +193,7 @@ def _show_stiffness(robot: str, motion: MotionChoice, out: str, output: Output) 
     from elid_cli.experiment.stiffness_motion import stiffness_motion
     from elid_cli.report.answers.stiffness_motion import LOG_RATE, stiffness_motion_report
 
-    unused = [name for name in ("aims", "after", "interval", "residual") if _given(name)]
-    if unused:
-        names = " and ".join("--for" if name == "aims" else f"--{name}" for name in unused)
-        raise UsageError(f"--show-stiffness does not go with {names}", detail="it plans a motion of its own kind")
+    _alone("--show-stiffness", ("aims", "after", "interval", "residual"), "it plans a motion of its own kind")
     duration = motion.duration if _given("duration") else SHOWN_FOR
     found = stiffness_motion(load_robot(robot), motion.show_stiffness, duration, motion.seed)
     rate = motion.rate if _given("rate") else max(float(LOG_RATE), found.least_rate)
@@ -239,6 +202,15 @@ def _show_stiffness(robot: str, motion: MotionChoice, out: str, output: Output) 
                          hint=f"--rate {found.least_rate:.0f} or more")  # fmt: skip
     write_trajectory(out, found.robot.joint_names, *found.sampled(rate))
     emit(stiffness_motion_report(found, robot, out, rate), output)
+
+
+def _alone(option: str, others: tuple[str, ...], detail: str) -> None:
+    """Refuse options that do not go with one (UsageError)."""
+    from elid_cli.errors import UsageError
+
+    unused = ["--for" if name == "aims" else f"--{name.replace('_', '-')}" for name in others if _given(name)]
+    if unused:
+        raise UsageError(f"{option} does not go with {' and '.join(unused)}", detail=detail)
 
 
 def _given(name: str) -> bool:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 from elid_cli.cli import options, values
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
-from elid_cli.cli.options import Conditioning, Files, FitOptions, Gates, Output, Reading, Spread
+from elid_cli.cli.options import Files, Gates, Output, Source, Spread
 from elid_cli.cli.routes import spread
 
 if TYPE_CHECKING:
-    from elid_cli.estimation.identify import EstimateOptions, Identified
+    from elid_cli.estimation.identify import Identified
     from elid_cli.estimation.request import LogRequest
-    from elid_cli.estimation.result import Identification
+    from elid_cli.estimation.result import EstimateOptions, Identification
     from elid_cli.robot.robot import Payload, Robot
 
 
@@ -31,10 +31,7 @@ class Beyond:
     "elid identify *.mcap --robot puma560 --write-robot mine.yaml --report report.html",
     "elid identify empty.mcap loaded.mcap --robot arm.urdf --payload 2.805@joint6",
 )
-@options.logs()
-@options.robot
-@options.reading
-@options.conditioning
+@options.source()
 @options.fit
 @spread
 @options.gathered(
@@ -51,11 +48,8 @@ class Beyond:
 @options.files
 @options.output
 def identify(
-    logs: tuple[str, ...],
-    robot: str,
-    reading: Reading,
-    conditioning: Conditioning,
-    fit: FitOptions,
+    source: Source,
+    fit: EstimateOptions,
     spread: Spread,
     beyond: Beyond,
     gates: Gates,
@@ -80,18 +74,14 @@ def identify(
         need_solver()
     check_described(files)
     with progress(output, "reading") as advance:
-        from elid_cli.estimation.identify import EstimateOptions
         from elid_cli.estimation.refined_robot import identified_robot, remarks, with_stiffnesses
         from elid_cli.report.answers.identification import identification_report
         from elid_cli.report.answers.physical import with_physical
 
-        machine = load_robot(robot)
+        machine = load_robot(source.robot)
         check_names(gates, machine)
-        request = log_request(logs, machine, reading, conditioning, spread, output, advance)
-        chosen = EstimateOptions(
-            estimator=fit.estimator, accurate=fit.accurate, fit="trajectory" if fit.fit == "trajectory" else "torque"
-        )
-        found, recording, apart, signals = _identified(request, chosen, beyond.payload, pictures_wanted(output))
+        request = log_request(source, machine, spread, output, advance)
+        found, recording, apart, signals = _identified(request, fit, beyond.payload, pictures_wanted(output))
         predicting = refined = identified_robot(found)
         if beyond.physical:
             from elid_cli.estimation.physical.nearest import make_physical
@@ -102,7 +92,7 @@ def identify(
 
         def without_effects(plain: Robot) -> Identification:
             return _identified(
-                replace(again, robot=plain), replace(chosen, delays=chosen.fit != "trajectory"), beyond.payload, False
+                replace(again, robot=plain), replace(fit, delays=fit.fit != "trajectory"), beyond.payload, False
             ).found
 
         elastic = with_stiffnesses(refined, found)
@@ -110,15 +100,11 @@ def identify(
             files, elastic, remarks(found, physical=beyond.physical) if files.write_robot else (), found, found.error,
             without_effects, output,
         )  # fmt: skip
-        report = identification_report(found, recording, robot, apart, written.files)
+        report = identification_report(found, recording, source.robot, apart, written.files)
         if pictures_wanted(output):
             from elid_cli.report.figures.build import identification_figures, with_figures
 
-            signals = (
-                signals
-                if beyond.payload or signals
-                else samples_of(logs, machine, reading, conditioning, output, advance)
-            )
+            signals = signals if beyond.payload or signals else samples_of(source, machine, output, advance)
             if signals is not None:
                 report = with_figures(report, identification_figures(found, predicting, signals))
         if beyond.physical:
@@ -130,13 +116,13 @@ def identify(
 
 
 def _identified(
-    request: LogRequest, chosen: EstimateOptions, payload: tuple[Payload | None] | None, keep: bool
+    request: LogRequest, fit: EstimateOptions, payload: tuple[Payload | None] | None, keep: bool
 ) -> Identified:
     """Identify from the logs, or from the pair of them that a payload makes."""
     if payload is None:
         from elid_cli.estimation.identify import identify_logs
 
-        return identify_logs(request, chosen, keep_signals=keep)
+        return identify_logs(request, fit, keep_signals=keep)
     from elid_cli.estimation.drive_gains.identification import identify_with_payload
 
-    return identify_with_payload(request, chosen, payload[0], keep_signals=keep)
+    return identify_with_payload(request, fit, payload[0], keep_signals=keep)

@@ -38,7 +38,7 @@ def init(robot: str, log: str | None, maps: tuple[str, ...], out: str | None, fo
 
     from elid_cli.cli.output import check_output, emit, note
     from elid_cli.errors import UsageError
-    from elid_cli.files import check_suffix, check_writable, write_text
+    from elid_cli.files import check_target, write_text
     from elid_cli.logs import read_map_options
     from elid_cli.report.answers.completion import completion_report
     from elid_cli.robot.beside import beside_file
@@ -55,8 +55,7 @@ def init(robot: str, log: str | None, maps: tuple[str, ...], out: str | None, fo
             hint=f"elid info {log or 'LOG'} --robot {robot} --write-map map.yaml finds the signals of a log",
         )
     target = Path(out) if out else beside_file(Path(robot))
-    check_suffix(target, (".yaml", ".yml"), "a robot's completion")
-    check_writable(target)
+    check_target(target, (".yaml", ".yml"), "a robot's completion")
     if target.exists() and not force:
         raise UsageError(f"{target}: is there already", hint="edit it, or --force to write it anew")
     known = _known(machine, log, read_map_options(maps), asks=_asks(output))

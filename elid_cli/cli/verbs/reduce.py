@@ -5,7 +5,7 @@ from __future__ import annotations
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
-from elid_cli.cli.options import Conditioning, Output, Reading, Spread
+from elid_cli.cli.options import Output, Source, Spread
 from elid_cli.cli.routes import spread
 
 
@@ -13,37 +13,23 @@ from elid_cli.cli.routes import spread
     "elid reduce run07.mcap --robot puma560 -o run07.npz",
     "elid reduce fleet/*.mcap --robot puma560 -o fleet.npz --jobs 8",
 )
-@options.logs()
-@options.robot
-@options.reading
-@options.conditioning
+@options.source()
 @spread
 @options.out("The triangles to write, NumPy's npz: some hundred kilobytes per log.", metavar="FILE.npz")
 @options.output
-def reduce(
-    logs: tuple[str, ...],
-    robot: str,
-    reading: Reading,
-    conditioning: Conditioning,
-    spread: Spread,
-    out: str,
-    output: Output,
-) -> None:
+def reduce(source: Source, spread: Spread, out: str, output: Output) -> None:
     """Reduce logs to what identification keeps of them: small triangles, however long the log.
 
     elid identify and elid classify take such files beside logs and give the same answer as from the logs.
     """
-    from pathlib import Path
-
     from elid_cli.cli.output import check_output, emit
     from elid_cli.cli.progress import progress
     from elid_cli.cli.routes import log_request
     from elid_cli.errors import UsageError
-    from elid_cli.files import check_suffix, check_writable
+    from elid_cli.files import check_target
 
     check_output(output)
-    check_suffix(Path(out), (".npz",), "triangles")
-    check_writable(Path(out))
+    check_target(out, (".npz",), "triangles")
     with progress(output, "reading") as advance:
         from elid_cli.estimation.identify import EstimateOptions, samples_needed
         from elid_cli.estimation.streaming.files import write_triangles
@@ -51,11 +37,12 @@ def reduce(
         from elid_cli.estimation.streaming.merge import check_alike, joined_recording
         from elid_cli.report.answers.reduction import reduction_report
 
+        robot = source.robot
         machine = load_robot(robot)
         reason = samples_needed(machine, EstimateOptions())
         if reason:
             raise UsageError(f"{robot}: cannot be reduced for", detail=reason, hint="take the robot without effects")
-        found = reduced_logs(log_request(logs, machine, reading, conditioning, spread, output, advance))
+        found = reduced_logs(log_request(source, machine, spread, output, advance))
         check_alike(machine, found)
         write_triangles(found, out)
         report = reduction_report(machine, found, joined_recording(found), robot, out)

@@ -50,15 +50,14 @@ def sample(
     from elid_cli.cli.robot_files import check_sets, write_sets
     from elid_cli.estimation.sampling.files import RANGES, write_ranges
     from elid_cli.estimation.sampling.sets import sample as draw
-    from elid_cli.files import check_suffix, check_writable
+    from elid_cli.files import check_target
     from elid_cli.report.answers.sampling import sampling_report, with_samples
     from elid_cli.report.formats import write_report
 
     check_output(output)
     check_sets(out, robot)
     if ranges is not None:
-        check_suffix(Path(ranges), RANGES, "ranges")
-        check_writable(Path(ranges))
+        check_target(ranges, RANGES, "ranges")
     sets = draw(results, count, None if robot is None else load_robot(robot), seed)
     note(sets.notes, output)
     written = [name for name in (out, ranges) if name is not None]

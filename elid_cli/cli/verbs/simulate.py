@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from elid_cli.cli import options
 from elid_cli.cli import simulate_options as simulating
 from elid_cli.cli.group import verb
 from elid_cli.cli.inputs import load_robot
 from elid_cli.cli.options import Output
-from elid_cli.cli.simulate_options import ControlChoice, MotionChoice, SensorChoice
+from elid_cli.cli.simulate_options import Machine, MotionChoice
 from elid_cli.cli.values import File
+
+if TYPE_CHECKING:
+    from elid_cli.experiment.simulation import ControlOptions, SensorOptions
 
 
 @dataclass(frozen=True)
@@ -25,9 +29,7 @@ class Written:
     "elid simulate --robot planar2 -o run.mcap",
     "elid simulate --robot puma560 -o run.h5 --duration 60 --counts 65536 --motor-side --torque-noise 1%",
 )
-@options.robot
-@simulating.ideal_drives
-@simulating.effect
+@simulating.machine
 @simulating.motion
 @simulating.control
 @simulating.sensors
@@ -39,12 +41,11 @@ class Written:
 )  # fmt: skip
 @options.output
 def simulate(
-    robot: str,
-    ideal_drives: bool,
-    effects: tuple[str, ...],
+    machine: Machine,
     motion: MotionChoice,
-    control: ControlChoice,
-    sensors: SensorChoice,
+    control: ControlOptions,
+    friction_width: float,
+    sensors: SensorOptions,
     written: Written,
     output: Output,
 ) -> None:
@@ -72,16 +73,16 @@ def simulate(
         from elid_cli.report.answers.simulation import simulation_report
         from elid_cli.robot.ideal import with_ideal_drives
 
-        machine = load_robot(robot)
-        if ideal_drives:
-            told = len(machine.notes)
-            machine = with_ideal_drives(machine)
-            note(machine.notes[told:], output)
-        acting = replace(machine, effects=(*machine.effects, *simulating.effect_specs(effects)))
-        chosen = simulating.options_of(machine, motion, control, sensors)
+        described = load_robot(machine.robot)
+        if machine.ideal_drives:
+            told = len(described.notes)
+            described = with_ideal_drives(described)
+            note(described.notes[told:], output)
+        acting = replace(described, effects=(*described.effects, *simulating.effect_specs(machine.effects)))
+        chosen = simulating.options_of(described, motion, control, friction_width, sensors)
         share = None if advance is None else lambda done: advance("simulating", done)
         result = simulation.run(acting, chosen, share)
         digest = write_recording(result.recording, written.out)
         if written.truth is not None:
             write_recording(simulation.exact(result), written.truth)
-    emit(simulation_report(acting, simulation.filed(result, written.out, digest), chosen, robot), output)
+    emit(simulation_report(acting, simulation.filed(result, written.out, digest), chosen, machine.robot), output)

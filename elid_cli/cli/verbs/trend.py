@@ -8,11 +8,12 @@ import click
 
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
-from elid_cli.cli.options import Conditioning, Output, Reading, Spread
+from elid_cli.cli.options import Output, Reading, Source, Spread
 from elid_cli.cli.values import File
 
 if TYPE_CHECKING:
     from elid_cli.estimation.comparison import SavedResult
+    from elid_cli.signals.options import SignalOptions
 
 
 @verb("elid trend monday.json tuesday.json wednesday.json --fail-on-trend", "elid trend logs/*.mcap --robot arm.yaml")
@@ -32,7 +33,7 @@ def trend(
     by: str,
     fail_on_trend: bool,
     reading: Reading,
-    conditioning: Conditioning,
+    conditioning: SignalOptions,
     output: Output,
 ) -> None:
     """Say which parameters of a machine change over its recordings, steadily or at once, and which recordings disagree.
@@ -62,9 +63,8 @@ def trend(
             if advance is not None:
                 advance("reading", k / len(recordings))
             saved = name not in logs
-            results.append(
-                read_result(name) if saved else _identified(name, robot or "", reading, conditioning, output)
-            )
+            source = Source((name,), robot or "", reading, conditioning)
+            results.append(read_result(name) if saved else _identified(source, output))
         hours = [Path(name).stat().st_mtime / 3600.0 for name in recordings] if by == "time" else None
         places = None if hours is None else [value - min(hours) for value in hours]
         found = over_recordings(results, places, "recording" if hours is None else "hour")
@@ -80,12 +80,12 @@ def trend(
         raise LimitError(f"{', '.join(moved)}: changed over the recordings")
 
 
-def _identified(log: str, robot: str, reading: Reading, conditioning: Conditioning, output: Output) -> SavedResult:
+def _identified(source: Source, output: Output) -> SavedResult:
     """Return what identification says of one log, as a saved result would."""
     from elid_cli.cli.inputs import load_robot
     from elid_cli.cli.routes import log_request
     from elid_cli.estimation.comparison import result_of
     from elid_cli.estimation.identify import identify_logs
 
-    request = log_request((log,), load_robot(robot), reading, conditioning, Spread(), output, None)
-    return result_of(identify_logs(request).found.to_dict(), log)
+    request = log_request(source, load_robot(source.robot), Spread(), output, None)
+    return result_of(identify_logs(request).found.to_dict(), source.logs[0])

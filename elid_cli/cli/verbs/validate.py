@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
-from elid_cli.cli.options import Conditioning, Gates, Output, Reading
+from elid_cli.cli.options import Gates, Output, Source
 
 if TYPE_CHECKING:
     from elid_cli.robot.robot import Robot
@@ -25,10 +25,7 @@ class Part:
     "elid validate run08.mcap --robot identified.yaml --max-error 5%",
     "elid validate run08.mcap run09.mcap --robot identified.yaml --against datasheet.yaml --report compared.html",
 )
-@options.logs()
-@options.robot
-@options.reading
-@options.conditioning
+@options.source()
 @options.gathered(
     "part", Part,
     options.held_out,
@@ -37,18 +34,10 @@ class Part:
 )  # fmt: skip
 @options.gathered("gates", Gates, options.max_error, options.fail_on_insufficient)
 @options.output
-def validate(
-    logs: tuple[str, ...],
-    robot: str,
-    reading: Reading,
-    conditioning: Conditioning,
-    part: Part,
-    gates: Gates,
-    output: Output,
-) -> None:
+def validate(source: Source, part: Part, gates: Gates, output: Output) -> None:
     """Say how well a robot file, with its parameters and effects, predicts the motor torques of a log."""
     from elid_cli.cli.gates import check_gates, lacking, motor_rows_told
-    from elid_cli.cli.inputs import diagnosis_conditioning, load_recording, load_robot, load_signals
+    from elid_cli.cli.inputs import load_robot, read_source
     from elid_cli.cli.output import check_output, emit, pictures_wanted
     from elid_cli.cli.progress import progress
 
@@ -60,9 +49,9 @@ def validate(
         from elid_cli.estimation.validation.sufficiency import judge_prediction
         from elid_cli.report.answers.validation import validation_report
 
+        robot = source.robot
         machine = load_robot(robot)
-        recording = load_recording(logs, machine, reading, output, conditioning.rate, advance)
-        signals = load_signals(recording, machine, diagnosis_conditioning(conditioning, recording), advance)
+        recording, signals = read_source(source, machine, output, advance)
         chosen = search_folds(len(signals.outputs)) < 0 if part.held_out else None
         found = judge(machine, signals, chosen)
         stretches = () if chosen is None else spans(found.observation.t, chosen)

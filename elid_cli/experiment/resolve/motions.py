@@ -9,7 +9,6 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.experiment.excitation import ENDS, ROOM, Bounds
-from elid_cli.experiment.information import States
 from elid_cli.experiment.reference import DEGREE, ReferenceSpline, SplineReference
 
 PER_LIMIT = 1.0
@@ -98,11 +97,6 @@ def _few(width: int, generator: np.random.Generator) -> tuple[Array, Array]:
     """Return places and heights of a few corners over a stretch, so that slow changes are tried as well as quick."""
     corners = int(generator.integers(1, max(width, 2)))
     return np.linspace(0, max(width - 1, 1), corners + 1), generator.standard_normal(corners + 1)
-
-
-def sampled(motion: SplineReference, rate: float) -> States:
-    """Return (q, q', q'') at `rate` samples per second."""
-    return motion.evaluate(np.arange(round(motion.duration * rate) + 1) / rate)
 
 
 def improved(

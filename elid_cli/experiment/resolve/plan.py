@@ -15,7 +15,7 @@ from elid_cli.experiment.excitation import Bounds, bounds_of, within
 from elid_cli.experiment.information import States
 from elid_cli.experiment.reference import SplineReference, random_reference
 from elid_cli.experiment.resolve.decision import Distance
-from elid_cli.experiment.resolve.motions import Family, improved, sampled
+from elid_cli.experiment.resolve.motions import Family, improved
 from elid_cli.experiment.resolve.otherwise import LIKELY, Remedy, remedies
 from elid_cli.experiment.resolve.played import Bench
 from elid_cli.experiment.resolve.question import Group, Hypothesis, Question
@@ -111,11 +111,6 @@ class Resolution(Shown):
     """Motions that were judged."""
     options: ResolveOptions
 
-    def sampled(self, rate: float) -> tuple[Array, Array, Array, Array]:
-        """Return (t, q, q', q'') at `rate` samples per second, both ends included."""
-        t = np.arange(round(self.trajectory.duration * rate) + 1) / rate
-        return (t, *self.trajectory.evaluate(t))
-
 
 def resolve(
     question: Question, options: ResolveOptions | None = None, progress: Callable[[float], None] | None = None
@@ -166,14 +161,14 @@ class Judge:
         excess = 0.0
         try:
             for group in self.bench.question.groups:
-                for truth, distances in self.judged(sampled(motion, self.bench.rate), group):
+                for truth, distances in self.judged(motion.sampled(self.bench.rate)[1:], group):
                     for rival, distance in distances:
                         key = (truth.name, rival.name)
                         self._hopeful[key] = max(self._hopeful.get(key, 0.0), distance.sigma)
                         margins.append((key, min(*distance.margins, CLEAR)))
         except DataError:
             return -np.inf
-        torque = np.abs(self.bench.torques(sampled(motion, self.bench.rate))).max(axis=0)
+        torque = np.abs(self.bench.torques(motion.sampled(self.bench.rate)[1:])).max(axis=0)
         excess = float(np.sum(np.maximum(torque / self.bounds.torque - 1.0, 0.0)))
         # what no motion so far tells apart must not hide what some do
         counted = [m for key, m in margins if self._hopeful[key] >= BELOW] or [m for _, m in margins]
@@ -226,7 +221,7 @@ Expected = Mapping[tuple[str, str], tuple[float, float]]
 def expected(judge: Judge, group: Group, motion: SplineReference) -> Expected:
     """Return what a log of a motion is expected to show of a group, over its parameters' uncertainty."""
     found: dict[tuple[str, str], tuple[float, float]] = {}
-    states = sampled(motion, judge.bench.rate)
+    states = motion.sampled(judge.bench.rate)[1:]
     for scale, weight in DRAWS:
         for truth, distances in judge.judged(states, group, scale, finely=True):
             for rival, distance in distances:
@@ -250,7 +245,7 @@ def _pairs(judge: Judge, group: Group, motion: SplineReference, others: Sequence
         alike = b.effect in twins_of(a.kind)
         pair = Pair(a, b, group.named, sigma, others_sigma, probability, chance, judge.same(a, b), alike)
         if pair.verdict != "promised":
-            states = sampled(motion, judge.bench.rate)
+            states = motion.sampled(judge.bench.rate)[1:]
             more = remedies(a, b, states, partial(judge.distances, group), hopeless=pair.twins)
             pair = replace(pair, otherwise=more)
         yield pair

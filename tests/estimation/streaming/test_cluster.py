@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli.cli.options import Conditioning
 from elid_cli.estimation.streaming.fleet import Job, reduce_jobs
 from elid_cli.estimation.streaming.merge import identify_reduced
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.text import text_of
+from elid_cli.signals.options import SignalOptions
 
 distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.filterwarnings("ignore")
@@ -26,7 +26,7 @@ LOGS = Path(__file__).parents[3] / "sample_logs"
 def test_a_cluster_gives_the_same_answer_though_a_worker_is_killed() -> None:
     robot = read_robot("planar2")
     names = ["planar2.h5", "planar2.csv", "planar2.mcap"] * 2
-    jobs = [Job(str(LOGS / name), text_of(robot), robot.name, conditioning=asdict(Conditioning())) for name in names]
+    jobs = [Job(str(LOGS / name), text_of(robot), robot.name, conditioning=asdict(SignalOptions())) for name in names]
     here, _ = identify_reduced(robot, reduce_jobs(jobs))
     with (
         distributed.LocalCluster(

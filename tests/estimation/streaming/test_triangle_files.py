@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli.cli.options import Conditioning
 from elid_cli.errors import LogError, UsageError
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.result import Identification
@@ -57,7 +56,7 @@ def elid(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 def jobs(place: Path, *logs: str) -> list[Job]:
     robot = read_robot("puma560")
-    return [Job(str(place / log), text_of(robot), robot.name, conditioning=asdict(Conditioning())) for log in logs]
+    return [Job(str(place / log), text_of(robot), robot.name, conditioning=asdict(SignalOptions())) for log in logs]
 
 
 def apart(a: Identification, b: Identification) -> tuple[float, float]:

@@ -17,7 +17,7 @@ ORDER = 9
 def figures(told: FigureInput) -> Iterator[Figure]:
     """Yield the trajectory that was found."""
     if (found := told.excitation) is not None:
-        t, q, dq, ddq = found.sampled(50.0)
+        t, q, dq, ddq = found.trajectory.sampled(50.0)
         revolute = tuple(joint.revolute for joint in found.robot.joints)
         data = {"t": t, "q": q, "dq": dq, "ddq": ddq, "joints": found.robot.joint_names, "revolute": revolute}
         caption = "position, velocity and acceleration"
