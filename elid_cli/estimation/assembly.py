@@ -61,25 +61,20 @@ def assemble(
     left = freedom(facts, fit.triangles, len(solution.basis))
     verdict, reasons = judge(values, robot, facts, refused or {}, left)
     unsaid = np.array([v == "refused" for v in verdict])
+    reference = base.values(robot.reference())
+    parameters, covariance = records(base, estimate, spread, unsaid, reference, verdict, reasons)
     nuisances, delays = _nuisances(fit)
     doubts = () if fit.data.samples is None else fit.signals.doubts
     lacking = shortfall(base, known, robot, facts)
     fresh = Identification(
         robot=robot,
         base=base,
-        parameters=records(
-            base,
-            np.where(unsaid, np.nan, estimate),
-            np.where(unsaid, np.nan, deviation),
-            base.values(robot.reference()),
-            verdict,
-            reasons,
-        ),
+        parameters=parameters,
         error=_of_delivered(fit, held_out(robot, fit.triangles, solution, None if before is None else before.solution)),
         condition=solution.condition,
         rank_margin=solution.margin,
         rank=int(known.sum()),
-        covariance=np.where(unsaid[:, None] | unsaid[None], np.nan, spread),
+        covariance=covariance,
         standard=solution.values[: len(base.parameters)],
         delays=delays,
         settings=_settings(fit.data, options),

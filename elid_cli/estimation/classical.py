@@ -81,23 +81,18 @@ def identify_paper(
     verdict, reasons = judge(values, robot, facts_of(signals, observation.known), {})
     unsaid = ~known
     verdict = tuple(v if v != "refused" or unsaid[k] else "weak" for k, v in enumerate(verdict))
+    reference = base.values(robot.reference())
+    parameters, covariance = records(base, estimate, covariance, unsaid, reference, verdict, reasons)
     error = joint_errors(robot, *_prediction(model, base, signals, triangles, solution, options))
     return Identification(
         robot=robot,
         base=base,
-        parameters=records(
-            base,
-            np.where(unsaid, np.nan, estimate),
-            np.where(unsaid, np.nan, deviation),
-            base.values(robot.reference()),
-            verdict,
-            reasons,
-        ),
+        parameters=parameters,
         error=error,
         condition=solution.condition,
         rank_margin=solution.margin,
         rank=int(known.sum()),
-        covariance=np.where(unsaid[:, None] | unsaid[None], np.nan, covariance),
+        covariance=covariance,
         standard=solution.values[: model.parameters],
         delays=np.zeros(robot.n),
         settings={

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
@@ -247,17 +248,18 @@ class Identification(Shown):
 
 
 def records(
-    base: BaseParameters,
-    estimate: Array,
-    std_error: Array,
-    reference: Array,
-    verdicts: Sequence[Verdict],
-    reasons: Mapping[str, str],
-) -> tuple[BaseEstimate, ...]:
-    """Return one record per base parameter from arrays (b,); `reasons` go by the leading parameter's name."""
+    base: BaseParameters, estimate: Array, covariance: Array, refused: NDArray[np.bool_], reference: Array,
+    verdicts: Sequence[Verdict], reasons: Mapping[str, str],
+) -> tuple[tuple[BaseEstimate, ...], Array]:  # fmt: skip
+    """Return one record per base parameter, from arrays (b,), and their covariance, (b, b); NaN where refused.
+
+    `reasons` go by the leading parameter's name.
+    """
+    std_error = np.where(refused, np.nan, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+    estimate = np.where(refused, np.nan, estimate)
     found = []
     for k, leader in enumerate(base.leaders):
         name = base.parameters[leader]
         values = float(estimate[k]), float(std_error[k]), float(reference[k])
         found.append(BaseEstimate(base.names[k], name, base.units[k], *values, verdicts[k], reasons.get(name, "")))
-    return tuple(found)
+    return tuple(found), np.where(refused[:, None] | refused, np.nan, covariance)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
+from elid_cli.diagnosis.by_motion.held_out import DAMPING, Blocks, gain
+from elid_cli.estimation.regression.normal_equations import step_of
 from elid_cli.estimation.trajectory.acting import acting, can_act
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
@@ -174,9 +175,7 @@ def _placed(columns: Array, source: int, recordings: int) -> Array:
 def _amplitudes(blocks: Blocks, first: int, count: int) -> Array:
     """Return the amplitudes of the linear step, the median of the recordings'."""
     whole, pull = blocks.matrix.sum(axis=0), blocks.load.sum(axis=0)
-    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    scaled = whole / np.outer(scale, scale) + 1e-7 * np.eye(len(whole))
-    step: Array = -np.linalg.solve(scaled, pull / scale) / scale
+    step = step_of(whole, pull, DAMPING)
     return np.asarray(np.median(step[first:].reshape(-1, count), axis=0))
 
 

@@ -14,10 +14,11 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError
-from elid_cli.estimation.output_error.normal_equations import eliminated, left_out, step_of, white_covariance
+from elid_cli.estimation.output_error.normal_equations import SMALL, eliminated, left_out
 from elid_cli.estimation.output_error.simulated import Simulated, Unknowns, simulate
 from elid_cli.estimation.output_error.windows import Windows
-from elid_cli.estimation.regression.long_run import at_least, beyond_normal
+from elid_cli.estimation.regression.long_run import at_least
+from elid_cli.estimation.regression.normal_equations import jackknife, step_of, white_covariance
 from elid_cli.model.runs import Run
 from elid_cli.signals.signals import Signals
 
@@ -97,8 +98,8 @@ def settled(own: Unknowns, windows: Windows, now: Simulated, weights: Array) -> 
         number += 1
         free = eliminated(now.gram.sum(axis=1), own.count)
         matrix, load = free.matrix.sum(axis=0), free.load.sum(axis=0)
-        deviation = np.sqrt(np.diag(white_covariance(matrix)))
-        z = own.possible(now.z + step_of(matrix, load, damping))
+        deviation = np.sqrt(np.diag(white_covariance(matrix, SMALL)))
+        z = own.possible(now.z + step_of(matrix, load, SMALL + damping))
         moved = float(np.max(np.abs(z - now.z) / deviation))
         if moved < SETTLED:
             break
@@ -179,18 +180,7 @@ def _of_length(own: Unknowns, windows: Windows, z: Array) -> OutputErrorFit | No
         return None
     blocks, spans = windows.blocks()
     left = left_out(now.gram, own.count, blocks)
-    return OutputErrorFit(own, windows, now, _covariance(now, own.count, left), left + now.z, spans, before.rms,
+    # no smaller than that of a residual without memory
+    white = np.diag(white_covariance(eliminated(now.gram.sum(axis=1), own.count).matrix.sum(axis=0), SMALL))
+    return OutputErrorFit(own, windows, now, at_least(jackknife(left), white), left + now.z, spans, before.rms,
                           steps + more)  # fmt: skip
-
-
-def _covariance(now: Simulated, unknowns: int, left: Array) -> Array:
-    """Return the covariance (C, C) by leaving out blocks of time, no smaller than that of a residual without memory.
-
-    The residual's own memory is in what a block changes. Few blocks tell a variance badly: it is that of a normal
-    distribution whose 95 % interval is Student's.
-    """
-    count = len(left)
-    offset = left - left.mean(axis=0)
-    found = beyond_normal(count - 1) ** 2 * (count - 1) / count * offset.T @ offset
-    white = np.diag(white_covariance(eliminated(now.gram.sum(axis=1), unknowns).matrix.sum(axis=0)))
-    return at_least(found, white)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -13,9 +12,9 @@ from elid_cli.estimation.output_error.equations import MotionEquations
 from elid_cli.estimation.output_error.fit import OutputErrorFit, fit_output_error
 from elid_cli.estimation.output_error.simulated import Unknowns
 from elid_cli.estimation.refined_robot import refined_robot, representative
-from elid_cli.estimation.result import Identification, Nuisance, records
+from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.trajectory.found_effects import delay_name, offset_name
-from elid_cli.estimation.trajectory.held_out import held_out_errors, verdicts_of
+from elid_cli.estimation.trajectory.held_out import by_simulated_motion, held_out_errors
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.shifts import Shifts, corrected
@@ -97,9 +96,6 @@ def _identification(found: Identification, fit: OutputErrorFit, signals: Signals
     robot, base, own = found.robot, found.base, fit.unknowns
     part = slice(0, own.base)
     estimate, spread = fit.z[part], fit.covariance[part, part]
-    deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    verdicts, reasons = verdicts_of(found, estimate, deviation)
-    refused = np.array([verdict == "refused" for verdict in verdicts])
     late = np.full(robot.n, fit.z[own.delay])
     moved = corrected(signals, Shifts(np.zeros(robot.n), late))
     left = [_robot(found, fit, z) for z in fit.left_out]
@@ -112,19 +108,14 @@ def _identification(found: Identification, fit: OutputErrorFit, signals: Signals
     )
     if fit.windows.resting:
         note += f"; {fit.windows.resting} windows in which a motor rests are left out"
-    return replace(
-        found,
-        parameters=records(base, np.where(refused, np.nan, estimate), np.where(refused, np.nan, deviation),
-                           found.reference, verdicts, reasons),
+    return by_simulated_motion(
+        found, estimate, spread, found.reference,
         error=held_out_errors(left, fit.spans, moved, found),
-        covariance=np.where(refused[:, None] | refused[None], np.nan, spread),
         standard=representative(base, estimate, robot.reference()),
         delays=late,
         nuisances=_nuisances(robot, fit),
-        estimator="trajectory",
-        warnings=(),
-        notes=(*found.notes, note),
-        settings={**found.settings, "estimator": "trajectory", "trajectory": _settings(robot, fit)},
+        notes=(note,),
+        settings=_settings(robot, fit),
     )  # fmt: skip
 
 

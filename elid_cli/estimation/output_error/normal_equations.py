@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.regression.normal_equations import step_of
 
 SMALL = 1e-9
 """Of the diagonal: directions that the motion does not show stay where they are."""
@@ -52,21 +53,6 @@ def eliminated(gram: Array, unknowns: int, damping: Array | float = 0.0) -> Elim
     return Eliminated(whole[:, :-1, :-1], whole[:, :-1, -1], whole[:, -1, -1], back)
 
 
-def step_of(matrix: Array, load: Array, damping: float = 0.0) -> Array:
-    """Return the Gauss-Newton step of normal equations (C, C), (C,)."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix / np.outer(scale, scale) + (SMALL + damping) * np.eye(len(matrix))
-    found: Array = -np.linalg.solve(scaled, load / scale) / scale
-    return found
-
-
-def white_covariance(matrix: Array) -> Array:
-    """Return the covariance of unknowns whose weighted errors are white with a variance of 1, (C, C)."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    found: Array = np.linalg.inv(matrix / np.outer(scale, scale) + SMALL * np.eye(len(matrix))) / np.outer(scale, scale)
-    return found
-
-
 def left_out(gram: Array, unknowns: int, blocks: NDArray[np.intp]) -> Array:
     """Return the steps of the unknowns without each block of time in turn, (B, C).
 
@@ -88,5 +74,5 @@ def left_out(gram: Array, unknowns: int, blocks: NDArray[np.intp]) -> Array:
         hit = inside.any(axis=1)
         rest = eliminated(windows[hit] - (gram[hit] * inside[hit][:, :, None, None]).sum(axis=1), unknowns)
         found.append(step_of(matrix + (rest.matrix - whole.matrix[hit]).sum(axis=0),
-                             load + (rest.load - whole.load[hit]).sum(axis=0)))  # fmt: skip
+                             load + (rest.load - whole.load[hit]).sum(axis=0), SMALL))  # fmt: skip
     return np.array(found)

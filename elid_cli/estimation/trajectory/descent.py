@@ -7,9 +7,9 @@ unknowns go far. A step is therefore made shorter as a whole, or turned by dampi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.regression.normal_equations import step_of
 from elid_cli.estimation.trajectory.normal_equations import Equations, Tracked, passed
 from elid_cli.estimation.trajectory.unknowns import LATEST, Unknowns
 from elid_cli.model.rollout import Linearised
@@ -77,7 +77,7 @@ def _step(unknowns: Unknowns, z: Array, found: Equations, damping: Array, *, pro
     if prompt:
         held[unknowns.delays] = True
     for _ in range(3):
-        step = solved(matrix, load, more, held)
+        step = step_of(matrix, load, DAMPING + more, held)
         broken = ~held & (((z <= low) & (step < 0)) | ((z >= high) & (step > 0)))
         if not broken.any():
             break
@@ -100,17 +100,3 @@ def _within_reach(unknowns: Unknowns, z: Array, step: Array) -> Array:
     part = np.ones(len(unknowns.chains) + 1)
     np.minimum.at(part, unknowns.chain_of, 1.0 / over)
     return part
-
-
-def solved(matrix: Array, load: Array, damping: Array | float = 0.0, held: NDArray[np.bool_] | None = None) -> Array:
-    """Return the step of normal equations (U, U), (U,); `damping` is a part of their diagonal, `held` do not move."""
-    if held is not None and held.any():
-        step = np.zeros(len(load))
-        free = ~held
-        step[free] = solved(matrix[np.ix_(free, free)], load[free], np.broadcast_to(damping, load.shape)[free])
-        return step
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix / np.outer(scale, scale)
-    scaled[np.diag_indices(len(load))] += DAMPING + damping
-    found: Array = -np.linalg.solve(scaled, load / scale) / scale
-    return found

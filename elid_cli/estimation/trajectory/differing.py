@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.regression.long_run import beyond_normal
-from elid_cli.estimation.trajectory.descent import solved
+from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without
+from elid_cli.estimation.trajectory.descent import DAMPING
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 
@@ -67,11 +67,7 @@ def errors_alone(fit: TrajectoryFit) -> Array:
     found = []
     for recording in np.unique(sources):
         matrix, load = (part[sources == recording] for part in (fit.equations.matrix, fit.equations.load))
-        whole, pull = matrix.sum(axis=0), load.sum(axis=0)
-        steps = np.array([solved(whole - m, pull - g) for m, g in zip(matrix, load, strict=True)])
-        count = len(steps)
-        spread = np.sqrt((count - 1) / count * np.sum((steps - steps.mean(axis=0)) ** 2, axis=0))
-        found.append(beyond_normal(count - 1) * spread)
+        found.append(np.sqrt(np.diag(jackknife(steps_without(matrix, load, DAMPING)))))
     return np.array(found)
 
 
@@ -94,7 +90,7 @@ def as_last(fit: TrajectoryFit, changed: tuple[Differing, ...]) -> TrajectoryFit
             continue
         joint = robot.joint_names.index(item.joint)
         after = sources >= item.changed_at
-        step = solved(fit.equations.matrix[after].sum(axis=0), fit.equations.load[after].sum(axis=0))
+        step = step_of(fit.equations.matrix[after].sum(axis=0), fit.equations.load[after].sum(axis=0), DAMPING)
         places = of_joint(fit, joint)
         z[places] = fit.z[places] + step[places]
     return replace(fit, z=own.possible(z))

@@ -15,7 +15,8 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.long_run import at_least, beyond_normal
-from elid_cli.estimation.trajectory.descent import DAMPING, SETTLED, costs, descended, solved
+from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without, white_covariance
+from elid_cli.estimation.trajectory.descent import DAMPING, SETTLED, costs, descended
 from elid_cli.estimation.trajectory.normal_equations import Equations, Tracked, passed, refine
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, started
 from elid_cli.model.effects.effect import Effect
@@ -89,7 +90,9 @@ class TrajectoryFit:
         sources = np.array([source for source, _, _ in self.spans])
         matrix, load = self.equations.matrix, self.equations.load
         # a block that hardly shows an unknown leaves it where all blocks have it
-        alone = np.array([solved(m + WEAKLY * matrix.sum(axis=0), g) for m, g in zip(matrix, load, strict=True)])
+        alone = np.array(
+            [step_of(m + WEAKLY * matrix.sum(axis=0), g, DAMPING) for m, g in zip(matrix, load, strict=True)]
+        )
         spread = [np.var(alone[sources == r], axis=0, ddof=1) for r in np.unique(sources)]
         found: Array = np.sqrt(np.mean(spread, axis=0))
         return found
@@ -189,30 +192,24 @@ def _to_go(found: Equations, weights: Array) -> float:
     """Return by which part the next step would lower the squared error."""
     squares = float(found.lighter.sum(axis=0) @ weights**2)
     load = found.load.sum(axis=0)
-    return float(-load @ solved(found.matrix.sum(axis=0), load)) / max(squares, 1e-300)
+    return float(-load @ step_of(found.matrix.sum(axis=0), load, DAMPING)) / max(squares, 1e-300)
 
 
 def _spread(found: Equations, z: Array, unknowns: Unknowns) -> tuple[Array, Array, Array, Array]:
     """Return the covariance, the spread between recordings, what each says alone, and values without each block.
 
-    One block of time after the other is left out of one linear step: the residual's memory is in what that changes.
-    It counts where it is larger than white noise would have it; of three recordings and more, the scatter of what each
-    says alone counts where it is larger still. Few blocks tell a variance badly: it is that of a normal distribution
-    whose 95 % interval is Student's.
+    One block of time after the other is left out of one linear step. What that changes counts where it is larger than
+    white noise would have it; of three recordings and more, the scatter of what each says alone counts where it is
+    larger still.
     """
     source = np.array([number for number, _, _ in found.spans])
     recordings = np.unique(source)
-    whole, pull = found.matrix.sum(axis=0), found.load.sum(axis=0)
-    steps = np.array([solved(whole - m, pull - g) for m, g in zip(found.matrix, found.load, strict=True)])
-    count = len(steps)
-    offset = steps - steps.mean(axis=0)
-    covariance = beyond_normal(count - 1) ** 2 * (count - 1) / count * offset.T @ offset
-    covariance = at_least(covariance, _white(whole, found, unknowns))
+    steps = steps_without(found.matrix, found.load, DAMPING)
+    covariance = at_least(jackknife(steps), _white(found))
     between, alone = np.zeros(len(z)), np.repeat(z[None], len(recordings), axis=0)
     if len(recordings) > 1:
-        own = np.array([
-            solved(found.matrix[source == r].sum(axis=0), found.load[source == r].sum(axis=0)) for r in recordings
-        ])  # fmt: skip
+        parts = [(found.matrix[source == r].sum(axis=0), found.load[source == r].sum(axis=0)) for r in recordings]
+        own = np.array([step_of(matrix, load, DAMPING) for matrix, load in parts])
         alone = alone + own
         scatter = np.var(own, axis=0, ddof=1)
         scatter[unknowns.delays] = 0.0  # each recording has its own
@@ -225,12 +222,10 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns) -> tuple[Array, Arra
     return covariance + np.diag((COARSE * coarse) ** 2), between, alone, z + steps
 
 
-def _white(whole: Array, found: Equations, unknowns: Unknowns) -> Array:
+def _white(found: Equations) -> Array:
     """Return the variances that a residual without memory would leave; weights make each joint's error 1."""
-    samples = found.counts.sum()
+    whole, samples = found.matrix.sum(axis=0), found.counts.sum()
     share = found.lighter.sum(axis=0) / samples / np.maximum(found.size, 1e-12) ** 2
-    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-    scaled = whole / np.outer(scale, scale) + DAMPING * np.eye(len(whole))
-    inverse: Array = float(np.mean(share)) * np.diag(np.linalg.inv(scaled)) / scale**2
+    inverse: Array = float(np.mean(share)) * np.diag(white_covariance(whole, DAMPING))
     inverse[np.diag(whole) <= 0] = 0.0
     return inverse

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.regression.observation import observe
-from elid_cli.estimation.result import Identification, Verdict
+from elid_cli.estimation.result import Identification, Verdict, records
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.estimation.validation.verdicts import HELD, REFUSED, WEAK
 from elid_cli.model.effects.shifts import Shifts, corrected
@@ -74,6 +75,30 @@ def with_late_commands(signals: Signals, delays: Array) -> Signals:
             if segment.source == source:
                 tau[segment.start : segment.stop] = own[segment.start : segment.stop]
     return replace(signals, tau=tau)
+
+
+def by_simulated_motion(
+    found: Identification, estimate: Array, spread: Array, reference: Array, **told: Any
+) -> Identification:
+    """Return the identification with base parameters (b,) and their covariance (b, b) from simulated motion.
+
+    Parameters
+    ----------
+    found
+        What least squares say of the same log.
+    estimate, spread, reference
+        Base parameters, their covariance, 0 of what is held, and reference values.
+    told
+        What else changes: ``notes`` are added, ``settings`` are what JSON says of the fit.
+    """
+    verdicts, reasons = verdicts_of(found, estimate, np.sqrt(np.maximum(np.diag(spread), 0.0)))
+    refused = np.array([verdict == "refused" for verdict in verdicts])
+    parameters, covariance = records(found.base, estimate, spread, refused, reference, verdicts, reasons)
+    told["notes"] = (*found.notes, *told["notes"])
+    told["settings"] = {**found.settings, "estimator": "trajectory", "trajectory": told["settings"]}
+    return replace(
+        found, parameters=parameters, covariance=covariance, estimator="trajectory", warnings=(), **told
+    )  # fmt: skip
 
 
 def verdicts_of(found: Identification, estimate: Array, deviation: Array) -> tuple[tuple[Verdict, ...], dict[str, str]]:

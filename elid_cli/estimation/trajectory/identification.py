@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
-from elid_cli.estimation.result import Identification, Nuisance, records
+from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.trajectory.acting import can_act, declared, scene_along
 from elid_cli.estimation.trajectory.differing import Differing, as_last, differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fit_trajectory
@@ -20,7 +19,7 @@ from elid_cli.estimation.trajectory.found_effects import (
     robot_of,
     settled,
 )
-from elid_cli.estimation.trajectory.held_out import held_out_errors, verdicts_of, with_late_commands
+from elid_cli.estimation.trajectory.held_out import by_simulated_motion, held_out_errors, with_late_commands
 from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.model.effects.declared import resolve
@@ -158,34 +157,22 @@ def identification_of(found: Identification, fit: TrajectoryFit, signals: Signal
     standard = _standard(robot, places, fit.values)
     estimate = base.transform @ standard
     spread = base.transform @ covariance @ base.transform.T
-    deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    verdicts, reasons = verdicts_of(found, estimate, deviation)
-    refused = np.array([verdict == "refused" for verdict in verdicts])
-    nuisances, effects = channel_faults(robot, fit), fitted_effects(robot, fit)
     apart = [difference_words(item) for item in differing(fit)]
     note = (
         f"--fit trajectory: {fit.steps} steps; simulated positions are off by {1e3 * fit.rms.mean():.3g} mrad (rms) on "
         f"average, {1e3 * fit.rms_before.mean():.3g} with the values of least squares; the motion is "
         f"{', '.join(f'{1e3 * d:.2g}' for d in fit.delays)} ms later than the commands; bodies are held at the file's"
     )
-    return replace(
-        found,
-        parameters=records(
-            base, np.where(refused, np.nan, estimate), np.where(refused, np.nan, deviation),
-            base.values(robot.reference()), verdicts, reasons,
-        ),
-        error=held_out_errors(
-            [robot_of(fit, z) for z in fit.left_out], fit.spans, with_late_commands(signals, fit.delays), found
-        ),
-        covariance=np.where(refused[:, None] | refused[None], np.nan, spread),
+    left_out = [robot_of(fit, z) for z in fit.left_out]
+    return by_simulated_motion(
+        found, estimate, spread, base.values(robot.reference()),
+        error=held_out_errors(left_out, fit.spans, with_late_commands(signals, fit.delays), found),
         standard=standard,
         delays=np.zeros(robot.n),
-        nuisances=nuisances,
-        effects=effects,
-        estimator="trajectory",
-        warnings=(),
-        notes=(*found.notes, note, *apart),
-        settings={**found.settings, "estimator": "trajectory", "trajectory": _settings(robot, fit)},
+        nuisances=channel_faults(robot, fit),
+        effects=fitted_effects(robot, fit),
+        notes=(note, *apart),
+        settings=_settings(robot, fit),
     )  # fmt: skip
 
 

@@ -1,0 +1,57 @@
+"""Steps and covariances from normal equations, in columns of length one; what blocks of time say without each other."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.regression.long_run import beyond_normal
+
+
+def sizes(matrix: Array) -> Array:
+    """Return the lengths of the columns that a Gram matrix (U, U) is of, none of them 0."""
+    found: Array = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return found
+
+
+def step_of(matrix: Array, load: Array, more: Array | float, held: NDArray[np.bool_] | None = None) -> Array:
+    """Return the Gauss-Newton step of normal equations (U, U), (U,); those `held` do not move.
+
+    `more` of the diagonal, one part or (U,), is added to it (Levenberg, Marquardt): directions that the data do not
+    show stay where they are.
+    """
+    if held is not None and held.any():
+        step, free = np.zeros(len(load)), ~held
+        step[free] = step_of(matrix[np.ix_(free, free)], load[free], np.broadcast_to(more, load.shape)[free])
+        return step
+    scale = sizes(matrix)
+    scaled = matrix / np.outer(scale, scale)
+    scaled[np.diag_indices(len(load))] += more
+    found: Array = -np.linalg.solve(scaled, load / scale) / scale
+    return found
+
+
+def white_covariance(matrix: Array, more: float) -> Array:
+    """Return the covariance of unknowns whose weighted errors are white with a variance of 1, (U, U)."""
+    scale = sizes(matrix)
+    found: Array = np.linalg.inv(matrix / np.outer(scale, scale) + more * np.eye(len(matrix))) / np.outer(scale, scale)
+    return found
+
+
+def steps_without(matrix: Array, load: Array, more: float) -> Array:
+    """Return the steps without each of B blocks in turn, (B, U), of normal equations by block, (B, U, U), (B, U)."""
+    whole, pull = matrix.sum(axis=0), load.sum(axis=0)
+    return np.array([step_of(whole - m, pull - g, more) for m, g in zip(matrix, load, strict=True)])
+
+
+def jackknife(left_out: Array) -> Array:
+    """Return the covariance (U, U) of unknowns from their values without each of B blocks in turn, (B, U).
+
+    The residual's own memory is in what a block changes. Few blocks tell a variance badly: it is that of a normal
+    distribution whose 95 % interval is Student's.
+    """
+    count = len(left_out)
+    offset = left_out - left_out.mean(axis=0)
+    found: Array = beyond_normal(count - 1) ** 2 * (count - 1) / count * offset.T @ offset
+    return found
