@@ -16,7 +16,7 @@ import click
 
 from elid_cli.cli.color import is_terminal, wants_color
 from elid_cli.cli.options import LOCK, TIP, Output
-from elid_cli.errors import ElidError, visible
+from elid_cli.errors import EXIT_LIMIT, ElidError, visible
 from elid_cli.report import formats
 from elid_cli.report.tree import Report, Section, Text
 
@@ -156,7 +156,7 @@ def note(lines: Iterable[str], output: Output, word: str = "note") -> None:
 class LimitError(ElidError):
     """A limit that the user set was broken (exit code 1); raised after the report is out."""
 
-    exit_code = 1
+    exit_code = EXIT_LIMIT
 
 
 def _knows(stream: TextIO, characters: str) -> bool:

@@ -17,13 +17,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.experiment.real_bodies import apart, known_parameters, split_mass
-from elid_cli.files import write_text
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.declared import resolve
 from elid_cli.robot.inertia import about_centre, inertial_parameters
@@ -43,16 +41,14 @@ integrator, and is unstable from 2 on."""
 _POSES = 24
 
 
-def write_mjcf(robot: Robot, path: str | Path, parameters: Array | None = None) -> None:
-    """Write a robot as MJCF, whole or not at all.
+def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
+    """Return a robot as MJCF text.
 
     Parameters
     ----------
     robot
         Any convention. Springs on links are joints' stiffness; its other effects are named in a comment, and not
         exported.
-    path
-        The file.
     parameters
         Standard parameters in standard order, shape (p,); the robot's reference values if None. Where they are not
         those of real bodies, parameters that no motion notices are changed until they are.
@@ -61,14 +57,7 @@ def write_mjcf(robot: Robot, path: str | Path, parameters: Array | None = None) 
     ------
     RobotError
         A parameter that matters is unknown, or no real body moves like this one.
-    UsageError
-        The file cannot be written.
     """
-    write_text(path, mjcf_text(robot, parameters))
-
-
-def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
-    """Return a robot as MJCF text (see `write_mjcf`)."""
     values = known_parameters(robot, parameters)
     full, links = apart(robot, values)
     lines = [f"<mujoco model={quoted(robot.name)}>"]

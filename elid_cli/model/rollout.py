@@ -366,11 +366,3 @@ def _coupled(robot: Robot) -> list[list[NDArray[np.intp]]]:
         kinds = tuple(robot.joints[k].elastic for k in chain)
         lengths.setdefault(kinds, []).append(np.array(chain, dtype=np.intp))
     return list(lengths.values())
-
-
-def one_variant(joints: Joints, number: int) -> Joints:
-    """Return a variant alone."""
-    row = slice(number, number + 1)
-    push, grip = (None if values is None else values[:, row] for values in (joints.push, joints.grip))
-    inertia, coulomb = joints.inertia[row], joints.coulomb[row]
-    return Joints(inertia, coulomb, joints.viscous[row], joints.offset[row], push, grip, joints.damping)

@@ -13,7 +13,7 @@ from elid_cli.model.regressor import Regressor
 from elid_cli.robot.files import fingerprint, read_robot, robot_from_text, write_robot
 from elid_cli.robot.robot import Limits, Robot
 from elid_cli.robot.urdf.read import read_urdf
-from elid_cli.robot.urdf.write import urdf_text, write_urdf
+from elid_cli.robot.urdf.write import urdf_text
 from tests.robot.elastic_lagrange import frames, inertia_matrix, potential
 from tests.robot.random_robots import random_robot
 
@@ -159,7 +159,7 @@ def compare_with_pinocchio(pin, robot: Robot, text: str) -> None:
 @pytest.mark.parametrize("name", ["planar2", "puma560"])
 def test_a_dh_robot_keeps_its_frames_and_parameters_through_urdf(name, tmp_path):
     robot = read_robot(name)
-    write_urdf(robot, tmp_path / "arm.urdf")
+    (tmp_path / "arm.urdf").write_text(urdf_text(robot), "utf-8")
     again = read_robot(tmp_path / "arm.urdf")
     assert fingerprint(again) == fingerprint(robot)
     assert again.description == robot.description
@@ -179,7 +179,7 @@ def test_an_edited_geometry_is_read_as_it_stands():
 @pytest.mark.parametrize("seed", range(6))
 def test_round_trips_within_1e_9(dh, seed, tmp_path):
     robot = random_robot(seed, 4, dh, kinds="rpr", rigid=(2,), own_axes=True)
-    write_urdf(robot, tmp_path / "arm.urdf")
+    (tmp_path / "arm.urdf").write_text(urdf_text(robot), "utf-8")
     again = read_robot(tmp_path / "arm.urdf")
     assert again.dh == dh
     assert same_motion(robot, again) < 1e-9
@@ -194,7 +194,7 @@ def test_round_trips_within_1e_9(dh, seed, tmp_path):
 def test_identified_parameters_are_written_in_place_of_the_reference(tmp_path):
     robot = random_robot(2, 3, "standard")
     values = robot.reference() * 1.1
-    write_urdf(robot, tmp_path / "arm.urdf", values)
+    (tmp_path / "arm.urdf").write_text(urdf_text(robot, values), "utf-8")
     np.testing.assert_allclose(read_robot(tmp_path / "arm.urdf").reference(), values, rtol=1e-9, atol=1e-12)
 
 
@@ -314,10 +314,9 @@ def test_the_yaml_beside_completes_the_urdf(tmp_path):
         read_robot(tmp_path / "arm.urdf")
 
 
-def test_a_body_without_mass_but_with_a_first_moment_cannot_be_a_urdf_link(tmp_path):
+def test_a_body_without_mass_but_with_a_first_moment_cannot_be_a_urdf_link():
     robot = read_robot("planar2")
     values = robot.reference()
     values[robot.parameter_names().index("m2")] = 0
     with pytest.raises(RobotError, match=r"joint2: a first moment"):
-        write_urdf(robot, tmp_path / "arm.urdf", values)
-    assert list(tmp_path.iterdir()) == []
+        urdf_text(robot, values)

@@ -351,9 +351,7 @@ def _polished(state: State, declared: int) -> State:
         return state
     items = [Declared(EffectSpec(e.name, None), e) for e in state.effects]
     others: Sequence[ExtraColumns] = state.nuisances
-    fitted = fit_declared(
-        state.log.training, state.log.signals, state.scene, items, state.solution.weights, others, spread=0.5
-    )
+    fitted = fit_declared(state.log.training, state.log.signals, state.scene, items, state.solution.weights, others)
     effects = [item.effect for item in fitted.effects]
     polished = refreshed(fit(state.log, effects, state.scene))
     better = sum(polished.rms(r) / state.rms(r) for r in state.triangles.rows) < len(state.triangles.rows) + 1e-9

@@ -80,11 +80,6 @@ class Candidate:
         return self.gain.whole * share - self.price
 
     @property
-    def folds_won(self) -> int:
-        """Number of folds in which it helps."""
-        return int(np.sum(self.gain.folds > 0))
-
-    @property
     def supported(self) -> bool:
         """Whether data that did not fit it support it."""
         if self.effect.local and self.net <= NET_UNSEEN:

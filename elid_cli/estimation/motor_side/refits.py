@@ -84,25 +84,29 @@ class _Refits:
         self.n = self.setting.link.n
 
     def fitted(
-        self, log: MotorLog | None = None, *, spacing: float = 0.0, cutoff: float = 0.0, parts: Sequence[str] = (),
-        further: Sequence[Friction] = (), lost_scale: Array | None = None, rigid: int | None = None,
-        held: tuple[int, float] | None = None, how: Iteration = PLAIN,
+        self, log: MotorLog | None = None, *, spacing: float = 0.0, cutoff: float = 0.0,
+        further: Sequence[Friction] = (), lost_scale: Array | None = None, held: tuple[int, float] | None = None,
+        how: Iteration = PLAIN,
     ) -> LatentFit | None:  # fmt: skip
-        """Return a refit from the best fit's end, or None where it fails."""
+        """Return a refit from the best fit's end, or None where it fails; `held`: a joint at a compliance, 0 if rigid.
+
+        With further friction, that of the load is free as well; with a scale of what is lost in springs, that part.
+        """
         best, setting, log = self.best, self.setting, log or self.best.problem.log
         unknowns = Unknowns(setting.link, len(further))
         scale = best.problem.lost_scale if lost_scale is None else lost_scale
+        parts = *(("load",) if further else ()), *(() if lost_scale is None else ("lost",))
         wanted = tuple(dict.fromkeys([*best.problem.parts, *parts]))
         problem = Latent(log, unknowns, spacing or setting.spacing, setting.rotors, wanted, scale, further)
         x, free = np.zeros(unknowns.size), unknowns.free()
         x[: len(best.x)] = best.x
         q = best.problem.spline.at(log.t, best.coefficients)
-        same = log is best.problem.log and problem.spline is best.problem.spline and rigid is None
-        if rigid is not None:
-            x[unknowns["c"][rigid]], free[unknowns["c"][rigid]] = 0.0, False
-            q[:, rigid] = log.theta[:, rigid]
+        same = log is best.problem.log and problem.spline is best.problem.spline
         if held is not None:
-            x[unknowns["c"][held[0]]], free[unknowns["c"][held[0]]] = held[1], False
+            joint, compliance = held
+            x[unknowns["c"][joint]], free[unknowns["c"][joint]] = compliance, False
+            if compliance == 0.0:
+                q[:, joint], same = log.theta[:, joint], False
         problem.filter_torque(cutoff or setting.cutoff, FLOORS[-1][0])
         try:
             return fit(problem, x, best.coefficients if same else problem.spline.fit(q), free, how)
@@ -150,7 +154,7 @@ def first_figures(found: Search) -> Figures:
     at, x, n = best.problem.unknowns.places, best.x, setting.link.n
     gain = np.full(n, np.inf)
     for j in np.flatnonzero(setting.link.elastic).tolist() if best.chi <= MISFIT else ():
-        rigid = refits.fitted(rigid=j, how=Iteration(12, high=GAIN * best.cost))
+        rigid = refits.fitted(held=(j, 0.0), how=Iteration(12, high=GAIN * best.cost))
         gain[j] = 1.0 if rigid is None else rigid.cost / best.cost
     prior, V, J = setting.rotors, best.covariance, x[at["J"]]
     with np.errstate(all="ignore"):
@@ -168,8 +172,8 @@ def with_moves(found: Search, told: Figures) -> Figures:
     refits, best, setting = _Refits(found), found.best, found.setting
     finer = setting.spacing * FINER
     share = _SHARPER if "lost" in best.problem.parts else LOST_SHARE
-    friction = refits.fitted(further=refits.frictions(), parts=("load",), how=_LONGER)
-    spring = refits.fitted(parts=("lost",), lost_scale=share * best.model.spring.std(axis=0), how=_LONGER)
+    friction = refits.fitted(further=refits.frictions(), how=_LONGER)
+    spring = refits.fitted(lost_scale=share * best.model.spring.std(axis=0), how=_LONGER)
     moves = Moves(
         cut=refits.move(refits.fitted(cutoff=LOWER_CUT * setting.band)),
         knots=refits.move(refits.fitted(MotorLog(setting.samples, 2 / finer), spacing=finer)),

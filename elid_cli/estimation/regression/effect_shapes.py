@@ -45,7 +45,6 @@ def fit_declared(
     effects: Sequence[Declared],
     weights: Mapping[EstimationRow, float],
     nuisances: Sequence[ExtraColumns] = (),
-    spread: float = SHAPE_SPREAD,
     *,
     scan: bool = True,
 ) -> FittedEffects:
@@ -61,8 +60,6 @@ def fit_declared(
         Weight of every row group (one over its noise), as in a `Solution`.
     nuisances
         Further linear columns that are eliminated as well.
-    spread
-        Standard deviation of the prior on a shape's logarithm about its start.
     scan
         Whether other valleys of the cost are looked for, too.
     """
@@ -97,7 +94,7 @@ def fit_declared(
 
         def cost(z: Array) -> Array:
             columns = [extra(i, shape) for i, shape in enumerate(shapes(z))]
-            return np.concatenate([projection.residual(columns, effects), (z - begin) / spread])
+            return np.concatenate([projection.residual(columns, effects), (z - begin) / SHAPE_SPREAD])
 
         groups = sorted({effects[i].searched_with for i, _ in places})
         owners = [groups.index(effects[i].searched_with) for i, _ in places]

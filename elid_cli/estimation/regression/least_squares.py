@@ -215,15 +215,3 @@ def _least_squares(system: Array) -> Array | None:
         return None
     solved: Array = lapack().dtrtrs(factor[:count, :count], factor[:count, -1])[0] / norms
     return solved
-
-
-def weights_of(
-    triangles: Triangles, values: Array, present: Mapping[EstimationRow, float], folds: Sequence[int] | None = None
-) -> dict[EstimationRow, float]:
-    """Return one over each row group's residual rms, bounded so that a perfect fit stays finite."""
-    weights = {}
-    for row in present:
-        rms = triangles.rms(values, row, folds)
-        lowest = LOWEST * triangles.torque_rms(row, folds)
-        weights[row] = 1.0 / max(rms, lowest)
-    return weights

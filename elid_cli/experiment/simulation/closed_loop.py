@@ -33,6 +33,15 @@ class Clock:
     """Controller's sample time, s."""
     held: int
     steps: int
+    samples: int
+    """Samples of the log."""
+    accuracy: float = 1.0
+    """Factor by which steps are finer than the default."""
+
+    @property
+    def periods(self) -> int:
+        """Controller periods of the log."""
+        return (self.samples - 1) * self.held + 1
 
     @property
     def step(self) -> float:
@@ -134,11 +143,9 @@ def follow(
     phases: Sequence[tuple[float, System]],
     controller: Controller,
     x: list[float],
-    samples: int,
     clock: Clock,
     *,
     continuous: bool,
-    accuracy: float = 1.0,
     progress: Callable[[float], None] | None = None,
 ) -> Trace:
     """Run the loop from state `x` and return what happened at every sample.
@@ -151,14 +158,10 @@ def follow(
         What commands the motors.
     x
         State of the first system at time 0.
-    samples
-        Samples of the log.
     clock
         Time steps.
     continuous
         Whether the controller acts at every instant; otherwise its torque is held over a period.
-    accuracy
-        Factor by which steps are finer than the default.
     progress
         Called with the fraction done.
 
@@ -169,17 +172,16 @@ def follow(
 
     """
     trace = Trace()
-    period, steps, h = clock.period, clock.steps, clock.step
-    periods = (samples - 1) * clock.held + 1
+    period, steps, h, periods = clock.period, clock.steps, clock.step, clock.periods
     stages = 2 * steps if continuous else 1
     for _, system in phases:
         system.prepare(4 * steps * periods)
         if not continuous:
-            system.hold(period, steps, accuracy)
+            system.hold(period, steps, clock.accuracy)
     for first in range(0, periods, _CHUNK):
         count = min(_CHUNK, periods - first)
         asked = controller.wanted(period * (first + np.arange(count * stages + 1) / stages))
-        x, done = _looped(phases, controller, asked, x, range(first, first + count), periods, clock, trace)
+        x, done = _looped(phases, controller, asked, x, range(first, first + count), clock, trace)
         plan = list(zip(*(values.tolist() for values in asked), strict=True)) if done < count else []
         for k in range(done, count):
             now = first + k
@@ -212,7 +214,6 @@ def _looped(
     asked: tuple[Array, Array, Array],
     x: list[float],
     chunk: range,
-    periods: int,
     clock: Clock,
     trace: Trace,
 ) -> tuple[list[float], int]:
@@ -225,7 +226,7 @@ def _looped(
         return x, 0
     count, half = len(chunk), system.size // 2
     noted = np.empty((count, 2 * half)), np.empty((count, half)), np.empty((count, system.dynamics.robot.n))
-    state, moving = np.array(x), min(count, periods - 1 - chunk.start)
+    state, moving = np.array(x), min(count, clock.periods - 1 - chunk.start)
     done = system.looped.follow(state, asked, controller.law, noted, moving, RUNAWAY)
     logged = slice(-chunk.start % clock.held, done, clock.held)
     states, rates, commands = (values[logged] for values in noted)

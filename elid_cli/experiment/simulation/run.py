@@ -129,14 +129,14 @@ def run(
     held = max(math.ceil(CONTROL_RATE / options.rate), 1)
     gains = gains_of(options.control, nominal, positions, dt / held)
     step = min(longest_step(system, positions[::3], options.accuracy) for _, system in phases)
-    clock = Clock(dt / held, held, max(math.ceil(dt / held / step), 1))
+    clock = Clock(dt / held, held, max(math.ceil(dt / held / step), 1), samples, options.accuracy)
 
     controller = Controller(nominal, reference, options.control, gains, effects)
     first = phases[0][1]
     theta = positions[0] + np.nan_to_num(first.dynamics.gravity(positions[:1])[0] / first.dynamics.stiffness)
     trace = follow(
-        phases, controller, first.initial(positions[0], theta), samples, clock,
-        continuous=options.control.continuous, accuracy=options.accuracy, progress=progress,
+        phases, controller, first.initial(positions[0], theta), clock,
+        continuous=options.control.continuous, progress=progress,
     )  # fmt: skip
     *states, commands, delivered, transmitted = trace.columns()
     motion = Motion(*states)

@@ -10,13 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
-from elid_cli.files import write_text
 from elid_cli.robot.frames import rpy_of
 from elid_cli.robot.inertia import about_centre, about_origin, inertial_parameters, moved, pseudo_inertia
 from elid_cli.robot.parameter import LINK_PARAMETERS
@@ -30,15 +28,13 @@ FAITHFUL = 1e-9
 """How far, relative to the largest, a body's parameters may change through mass and centre of mass."""
 
 
-def write_urdf(robot: Robot, path: str | Path, parameters: Array | None = None) -> None:
-    """Write a robot as URDF, whole or not at all.
+def urdf_text(robot: Robot, parameters: Array | None = None) -> str:
+    """Return a robot as URDF text.
 
     Parameters
     ----------
     robot
         Any convention; DH robots keep their DH parameters as a remark that elid reads back.
-    path
-        The file.
     parameters
         Standard parameters in standard order, shape (p,), NaN where unknown; the robot's reference values if None.
 
@@ -46,14 +42,7 @@ def write_urdf(robot: Robot, path: str | Path, parameters: Array | None = None) 
     ------
     RobotError
         A body that no mass and centre of mass can stand for (a first moment without mass).
-    UsageError
-        The file cannot be written.
     """
-    write_text(path, urdf_text(robot, parameters))
-
-
-def urdf_text(robot: Robot, parameters: Array | None = None) -> str:
-    """Return a robot as URDF text (see `write_urdf`)."""
     robot = in_joint_frames(with_parameters(robot, parameters))
     description = f" description={quoted(robot.description)}" if robot.description else ""
     links = link_names(robot)

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from elid_cli.errors import DataError
-from elid_cli.estimation.regression.least_squares import WEIGHT_ITERATIONS, reweighted, solve, solve_system, weights_of
+from elid_cli.estimation.regression.least_squares import WEIGHT_ITERATIONS, reweighted, solve, solve_system
 from elid_cli.estimation.regression.long_run import student_quantile
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, observe
@@ -137,7 +137,7 @@ def test_weights_are_iterated_as_solving_every_time_would(observation: Observati
     weights = {row: 1.0 / triangles.torque_rms(row) for row in triangles.rows}
     solution = solve(triangles, weights, None, rank)
     for _ in range(WEIGHT_ITERATIONS):
-        weights = weights_of(triangles, solution.values, weights)
+        weights = {row: 1.0 / triangles.rms(solution.values, row) for row in weights}
         solution = solve(triangles, weights, None, rank, solution.basis)
     expected = solve(triangles, weights, None, rank)
     found = reweighted(triangles, rank)

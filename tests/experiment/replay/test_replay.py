@@ -276,12 +276,12 @@ def test_variants_side_by_side_are_those_alone(arm: Robot, log: Recording) -> No
     values = np.array([[2.0, 2.0], [1.0, 4.0], [3.0, 0.5]])
     none = np.zeros_like(values)
     joints = Joints(none, values, 0.5 * values, none)
-    x, v = motion_of(equations, together.start, together.near, together.drives, rollout.one_variant(joints, 0), DT)
+    single = [Joints(none[k : k + 1], v, 0.5 * v, none[k : k + 1]) for k, v in enumerate(np.split(values, 3))]
+    x, v = motion_of(equations, together.start, together.near, together.drives, single[0], DT)
     local = equations.about(x, v)
     every, _ = rollout.variants_of(equations, local, together.start, together.drives, joints, DT)
     for k in range(3):
-        one = rollout.one_variant(joints, k)
-        alone, _ = rollout.variants_of(equations, local, together.start, together.drives, one, DT)
+        alone, _ = rollout.variants_of(equations, local, together.start, together.drives, single[k], DT)
         np.testing.assert_allclose(every[:, k], alone[:, 0], atol=1e-12)
 
 
