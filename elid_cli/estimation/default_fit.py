@@ -8,27 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.data import FitData, SampledData, sampled, sum_row
-from elid_cli.estimation.regression.covariance import lasting_weights
-from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of, with_effects
-from elid_cli.estimation.regression.effect_shapes import fit_declared
+from elid_cli.estimation.fitted_shapes import Step, rescened, shaped, start_effects
+from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of
 from elid_cli.estimation.regression.least_squares import Solution, reweighted
 from elid_cli.estimation.regression.nuisances import LONGEST, reading_columns, short_enough, significant
 from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.other_shapes import check_shape_ambiguity, triangles_with_effects
+from elid_cli.estimation.regression.other_shapes import check_shape_ambiguity
 from elid_cli.estimation.regression.standard_errors import amplitudes_of, covariance_of
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects import nuisance_of
-from elid_cli.model.effects.declared import declared_effects
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.signals.signals import Signals
@@ -145,13 +142,13 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
     elif options.mask is None:
         data = _with_gliding(base, data, [*delays, *offsets])
     nuisances = [*(delays if options.delays else ()), *(offsets if options.offsets else ())]
-    effects = _start_effects(base, data, options.hold)
+    effects = start_effects(base, data, options.hold)
     if options.offsets and data.samples is not None and data.samples.rows_of_sensors():
         nuisances += _reading_columns(base, data.samples, nuisances, effects)
     solved = solve_with(base, data, nuisances, effects, shaping=not options.hold)
     for _ in range(RESCENED if effects and options.hold else 0):  # columns from what the fit made of the parameters
         values = solved.solution.values[: data.model.parameters]
-        solved = solve_with(base, data, solved.nuisances, _rescened(data, effects, values), shaping=False)
+        solved = solve_with(base, data, solved.nuisances, rescened(data, effects, values), shaping=False)
     covariance = covariance_of(data, solved.nuisances, solved.effects, solved.triangles, solved.solution)
     effects = solved.effects
     if effects and data.samples is not None and not options.hold:
@@ -197,8 +194,8 @@ def solve_with(
     """
     for last in (False, True):
         if shaping and effects and data.samples is not None:
-            steps = (_Step.REFINE, _Step.REFINE) if last else (_Step.SCAN, _Step.RESCAN, _Step.REFINE)
-            effects = _shaped(base, data.samples, nuisances, effects, steps)
+            steps = (Step.REFINE, Step.REFINE) if last else (Step.SCAN, Step.RESCAN, Step.REFINE)
+            effects = shaped(base, data.samples, nuisances, effects, steps)
         triangles = data.triangles(nuisances, effects)
         solution = reweighted(triangles, base.count + triangles.extras)
         if last or not nuisances:
@@ -220,7 +217,7 @@ def _with_gliding(base: BaseParameters, data: FitData, nuisances: Sequence[Extra
     Coulomb friction just there. Joints with declared effects stay masked: a friction curve is bent by what happens at
     standstill more than it learns there.
     """
-    effects = _start_effects(base, data)
+    effects = start_effects(base, data)
     extras = () if effects is None else effects.extras
     # what is known of the effects' amplitudes does not count yet: the columns alone, as further nuisances
     triangles = data.triangles([*nuisances, *extras])
@@ -308,70 +305,3 @@ def _reading_columns(
             [values[model.index[StandardParameter("K", k)]] if elastic[k] else 0.0 for k in range(len(elastic))]
         )
     return reading_columns(observation, stiffness, declared)
-
-
-def _start_effects(base: BaseParameters, data: FitData, hold: float = 0.0) -> FittedEffects | None:
-    """Return the robot file's effects at the shapes it gives, or None where it declares none.
-
-    `hold`: part of themselves within which amplitudes stay.
-    """
-    model, samples = data.model, data.samples
-    if not model.robot.effects or samples is None:
-        return None
-    if hold:  # what the file says is known: a fit without effects would start further away
-        rough = np.nan_to_num(model.robot.reference())
-    else:
-        rough = reweighted(to_triangles(samples.observation), base.count).values[: model.parameters]
-    scene = scene_of(model, samples.signals, rough)
-    effects = declared_effects(model.robot, scene)
-    if hold:
-        effects = tuple(replace(e, spread=np.where(e.mean != 0, hold * np.abs(e.mean), np.inf)) for e in effects)
-    extras = tuple(extra_of(item.effect, scene, samples.signals) for item in effects)
-    return FittedEffects(effects, extras, scene)
-
-
-def _rescened(data: FitData, effects: FittedEffects | None, values: Array) -> FittedEffects | None:
-    """Return effects with their columns computed from other parameters (p,)."""
-    if effects is None or data.samples is None:
-        return effects
-    scene = scene_of(data.model, data.samples.signals, values)
-    return replace(
-        effects, extras=tuple(extra_of(e.effect, scene, data.samples.signals) for e in effects.effects), scene=scene
-    )
-
-
-class _Step(Enum):
-    """One fit of the shapes, between two of everything else."""
-
-    SCAN = "all valleys of the cost about what the file gives"
-    RESCAN = "the same with what the residual's colour leaves of the rows"
-    REFINE = "the valley it is in"
-
-
-def _shaped(
-    base: BaseParameters,
-    data: SampledData,
-    nuisances: Sequence[ExtraColumns],
-    effects: FittedEffects,
-    steps: Sequence[_Step],
-) -> FittedEffects:
-    """Return effects with refined shapes.
-
-    Which valley of the cost is right is a matter of a few standard deviations, in which rows with a slow residual, as
-    that of a stiff spring's torque, count for far less than their number, and what the file gives counts as it stands.
-    """
-    model, observation, signals = data.model, data.observation, data.signals
-    for step in steps:
-        triangles = triangles_with_effects(observation, nuisances, effects)
-        solution = reweighted(triangles, base.count + triangles.extras)
-        scene = scene_of(model, signals, solution.values[: model.parameters])
-        amplitudes = amplitudes_of(solution, model.parameters, nuisances, effects)
-        scene = with_effects(scene, [(e.effect, a) for e, a in zip(effects.effects, amplitudes, strict=True)])
-        weights, items = solution.weights, effects.effects
-        if step is not _Step.REFINE:
-            items = tuple(replace(item, effect=item.start or item.effect) for item in items)
-        if step is _Step.RESCAN:
-            weights = lasting_weights(observation, solution, [*nuisances, *effects.extras])
-        found = fit_declared(observation, signals, scene, items, weights, nuisances, scan=step is not _Step.REFINE)
-        effects = replace(found, others=found.others if step is _Step.RESCAN else effects.others)
-    return effects

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.model.coordinates import coordinates_of
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.regressor import inputs_of
 from elid_cli.model.rollout_loops import SWEEPS, compiled_steps
@@ -32,28 +33,6 @@ FASTEST = 1e3
 """Largest velocity, rad/s (m/s), about which equations are linearised: beyond, the motion runs away."""
 SLIGHT = 1e-5
 """Change of position, rad (m), for the slope of the torques."""
-
-
-@dataclass(frozen=True)
-class Coordinates:
-    """Places of the motion's m coordinates: the links' n positions, then the motors' of elastic joints."""
-
-    links: int
-    motors: NDArray[np.intp]
-    """Coordinate that the motor of each joint moves, (n,)."""
-
-    @property
-    def count(self) -> int:
-        """Number of coordinates m."""
-        return int(max(self.links, self.motors.max() + 1))
-
-
-def coordinates_of(robot: Robot) -> Coordinates:
-    """Return the coordinates of a robot's motion."""
-    elastic = np.array([joint.elastic for joint in robot.joints])
-    motors = np.arange(robot.n)
-    motors[elastic] = robot.n + np.arange(np.count_nonzero(elastic))
-    return Coordinates(robot.n, motors)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ import pytest
 
 from elid_cli.errors import DataError, UsageError
 from elid_cli.estimation.identify import identify
-from elid_cli.experiment.excitation import Excitation, ExciteOptions, _Search, bounds_of, excite
+from elid_cli.experiment.bounds import bounds_of
+from elid_cli.experiment.excitation import Excitation, ExciteOptions, _Search, excite
 from elid_cli.experiment.information import Information, Weights
 from elid_cli.experiment.reference import random_reference, read_reference, write_trajectory
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.collocation.equations import RobotEquations, UnknownsLayout, free_shapes
+from elid_cli.estimation.collocation.equations import RobotEquations
+from elid_cli.estimation.collocation.layout import UnknownsLayout, free_shapes
 from elid_cli.estimation.collocation.problem import CollocationSegment, Iterate, Problem, Setting
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import FittedEffects

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.collocation.bordered_banded import eliminate_trajectory
-from elid_cli.estimation.collocation.equations import Scanned, free_shapes
 from elid_cli.estimation.collocation.gauss_newton import Outcome, iterate
+from elid_cli.estimation.collocation.layout import Scanned, free_shapes
 from elid_cli.estimation.collocation.problem import Iterate, States
 from elid_cli.estimation.collocation.setup import SHAPE_SPREAD, Setup
 from elid_cli.estimation.default_fit import DefaultFit

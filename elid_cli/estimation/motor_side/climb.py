@@ -11,7 +11,6 @@ prior on the rotors grows with the misfit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +27,7 @@ from elid_cli.estimation.motor_side.unknowns import (
     RotorPrior,
     Unknowns,
 )
+from elid_cli.estimation.regression.normal_equations import descend
 
 FIRST_RUNG, RATIO, LAST_RUNG = 1.2, 1.4, 1.1
 """Lowest cut-off, Hz; the least step between cut-offs; the last one over the end of the band."""
@@ -44,6 +44,7 @@ _FITS = 4.0
 _RATE = 12.0
 """Sample rate of the misfit over the signals' band limit: none of its products reach the half of it."""
 _STEPS = 6
+"""Most steps of a rung, and most dampings that each tries."""
 _SAME = 0.10
 """Two ends are one where no compliance differs by more than this share."""
 
@@ -274,7 +275,7 @@ class Climb:
             rows: Array = np.concatenate([spectrum(self._slopes(at)[:, :, free]), np.diag(factor)[:, free]])
             return rows
 
-        x, cost = _descend(x, free, residual, slopes)
+        x, cost = descend(x, free, residual, slopes, _STEPS)
         return x, cost / (2 * self.link.n * bins)
 
     # ---- the climb
@@ -312,7 +313,7 @@ class Climb:
         found.sort(key=lambda end: (-round(np.log(end.top) / np.log(RATIO)), end.cost))
         kept: list[ClimbEnd] = []
         for end in found:
-            if all(apart(end.x, other.x, self.unknowns) > _SAME for other in kept):
+            if all(self.unknowns.apart(end.x, other.x) > _SAME for other in kept):
                 kept.append(end)
         return kept
 
@@ -326,13 +327,6 @@ class Climb:
         place = np.clip(np.arange(len(q)), inside[0], inside[-1])
         theta = self._whole.theta[0]
         return self._spline.at(t, self._spline.fit(theta + (q - theta)[place]))
-
-
-def apart(x: Array, other: Array, unknowns: Unknowns) -> float:
-    """Return the largest logarithm of a ratio of two answers' compliances."""
-    place = unknowns["c"][unknowns.link.elastic]
-    here, there = (np.log(np.maximum(v[place], 1e-15)) for v in (x, other))
-    return float(np.max(np.abs(here - there)))
 
 
 def _rungs(top: float) -> Array:
@@ -351,30 +345,3 @@ def _chain(motions: Array, moves: list[Array]) -> Array:
     """Return what moves of q, q', q'' of one joint do to all rows, (N, n)."""
     found: Array = sum((motions[d] * moves[d][:, None] for d in range(3)), np.zeros(()))
     return found
-
-
-def _descend(
-    x: Array, free: NDArray[np.bool_], residual: Callable[[Array], Array], slopes: Callable[[Array], Array]
-) -> tuple[Array, float]:
-    """Return the end of damped Gauss-Newton steps and its squared residual."""
-    r = residual(x)
-    cost, damping = float(r @ r), 1e-3
-    for _ in range(_STEPS):
-        A = slopes(x)
-        normal, gradient = A.T @ A, A.T @ r
-        size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        unit = normal / size / size[:, None]
-        for _ in range(_STEPS):
-            trial = x.copy()
-            trial[free] -= np.linalg.solve(unit + (damping + 1e-10) * np.eye(len(size)), gradient / size) / size
-            moved = residual(trial)
-            now = float(moved @ moved)
-            if np.isfinite(now) and now < cost:
-                break
-            damping = max(10 * damping, 1e-3)
-        else:
-            break
-        fall, x, r, cost, damping = (cost - now) / cost, trial, moved, now, damping / 5
-        if fall < 1e-3:
-            break
-    return x, cost

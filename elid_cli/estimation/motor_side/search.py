@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.climb import FIRST_RUNG, RATIO, Climb, ClimbEnd, apart
+from elid_cli.estimation.motor_side.climb import FIRST_RUNG, RATIO, Climb, ClimbEnd
 from elid_cli.estimation.motor_side.latent import Latent
 from elid_cli.estimation.motor_side.latent_fit import Iteration, LatentFit, fit
 from elid_cli.estimation.motor_side.link_side import LinkSide
@@ -150,7 +150,7 @@ def _without_load(setting: Setting, climb: Climb, starts: Sequence[ClimbEnd]) ->
         start = climb.ascend()
     except (np.linalg.LinAlgError, ValueError):
         return []
-    known = [apart(start.x, other.x, setting.unknowns) for other in starts]
+    known = [setting.unknowns.apart(start.x, other.x) for other in starts]
     if not np.all(np.isfinite(start.x)) or any(distance < 0.03 for distance in known):
         return []
     end = _from(setting, climb, start)

@@ -57,6 +57,12 @@ class Unknowns:
             free[self[name][~self.link.elastic]] = False
         return free
 
+    def apart(self, x: Array, other: Array) -> float:
+        """Return the largest logarithm of a ratio of two answers' compliances."""
+        place = self["c"][self.link.elastic]
+        here, there = (np.log(np.maximum(v[place], 1e-15)) for v in (x, other))
+        return float(np.max(np.abs(here - there)))
+
 
 @dataclass(frozen=True)
 class RotorPrior:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.model.base_parameters import BaseParameters
+from elid_cli.model.coordinates import coordinates_of
 from elid_cli.model.regressor import Regressor
-from elid_cli.model.rollout import coordinates_of
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 

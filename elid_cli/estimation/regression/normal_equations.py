@@ -1,6 +1,8 @@
-"""Steps and covariances from normal equations, in columns of length one; what blocks of time say without each other."""
+"""Steps, covariances and descents by normal equations in columns of length one; what blocks of time say alone."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +32,34 @@ def step_of(matrix: Array, load: Array, more: Array | float, held: NDArray[np.bo
     scaled[np.diag_indices(len(load))] += more
     found: Array = -np.linalg.solve(scaled, load / scale) / scale
     return found
+
+
+def descend(
+    x: Array, free: NDArray[np.bool_], residual: Callable[[Array], Array], slopes: Callable[[Array], Array], steps: int
+) -> tuple[Array, float]:
+    """Return the end of at most `steps` damped Gauss-Newton steps of the free unknowns, and its squared residual.
+
+    `slopes` gives the residual's derivatives by the free unknowns, (N, U).
+    """
+    r = residual(x)
+    cost, damping = float(r @ r), 1e-3
+    for _ in range(steps):
+        A = slopes(x)
+        normal, gradient = A.T @ A, A.T @ r
+        for _ in range(steps):
+            trial = x.copy()
+            trial[free] += step_of(normal, gradient, damping + 1e-10)
+            moved = residual(trial)
+            now = float(moved @ moved)
+            if np.isfinite(now) and now < cost:
+                break
+            damping = max(10 * damping, 1e-3)
+        else:
+            break
+        fall, x, r, cost, damping = (cost - now) / cost, trial, moved, now, damping / 5
+        if fall < 1e-3:
+            break
+    return x, cost
 
 
 def white_covariance(matrix: Array, more: float) -> Array:

@@ -9,10 +9,11 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
+from elid_cli.model.coordinates import coordinates_of
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
-from elid_cli.model.rollout import Local, coordinates_of
+from elid_cli.model.rollout import Local
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
 

@@ -12,7 +12,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.experiment.mjcf import mjcf_text
-from elid_cli.model.rollout import coordinates_of
+from elid_cli.model.coordinates import coordinates_of
 from elid_cli.model.runs import Run
 from elid_cli.robot.mjcf.read import SPRING
 from elid_cli.robot.robot import Robot

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.experiment.excitation import ENDS, ROOM, Bounds
+from elid_cli.experiment.bounds import ROOM, Bounds
+from elid_cli.experiment.excitation import ENDS
 from elid_cli.experiment.reference import DEGREE, ReferenceSpline, SplineReference
 
 PER_LIMIT = 1.0

@@ -11,7 +11,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError
-from elid_cli.experiment.excitation import Bounds, bounds_of, within
+from elid_cli.experiment.bounds import Bounds, bounds_of, within
 from elid_cli.experiment.information import States
 from elid_cli.experiment.reference import SplineReference, random_reference
 from elid_cli.experiment.resolve.decision import Distance

@@ -7,9 +7,9 @@ import pytest
 
 from elid_cli import read_robot
 from elid_cli.estimation.trajectory.acting import acting
+from elid_cli.model.coordinates import coordinates_of
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.scene import Scene
-from elid_cli.model.rollout import coordinates_of
 from elid_cli.signals.motion import Motion
 
 HOLDING = sorted(name for name, kind in effect_classes().items() if kind.holds())

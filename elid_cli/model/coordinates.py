@@ -1,0 +1,32 @@
+"""Which coordinates a robot's motion has: links' positions, and motors' behind springs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """Places of the motion's m coordinates: the links' n positions, then the motors' of elastic joints."""
+
+    links: int
+    motors: NDArray[np.intp]
+    """Coordinate that the motor of each joint moves, (n,)."""
+
+    @property
+    def count(self) -> int:
+        """Number of coordinates m."""
+        return int(max(self.links, self.motors.max() + 1))
+
+
+def coordinates_of(robot: Robot) -> Coordinates:
+    """Return the coordinates of a robot's motion."""
+    elastic = np.array([joint.elastic for joint in robot.joints])
+    motors = np.arange(robot.n)
+    motors[elastic] = robot.n + np.arange(np.count_nonzero(elastic))
+    return Coordinates(robot.n, motors)
