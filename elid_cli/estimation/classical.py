@@ -20,7 +20,7 @@ from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.triangles import Triangles, to_triangles
 from elid_cli.estimation.result import EstimateOptions, Identification, records
 from elid_cli.estimation.stretches import stretch_of
-from elid_cli.estimation.validation.cross_validation import joint_errors
+from elid_cli.estimation.validation.cross_validation import all_others, joint_errors, left_out
 from elid_cli.estimation.validation.verdicts import Estimates, judge, suspicious, torque_scale
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.regressor import EstimationRow, Regressor
@@ -179,10 +179,6 @@ def _prediction(
     """Return sum and motor rows, filtered as the default estimator does, and squares predicted from other folds."""
     observation = observe(model, signals, model.estimation)
     rows = to_triangles(observation, (), stretch_of(observation.instants, options.folds))
-    squares: dict[EstimationRow, float] = dict.fromkeys(rows.rows, 0.0)
-    for fold in range(rows.folds):
-        others = [f for f in range(triangles.folds) if f != fold]
-        fitted = solve(triangles, solution.weights, others or None, len(solution.basis)).values
-        for row in rows.rows:
-            squares[row] += sum(t.squares(fitted) for t in rows.of(row, [fold]))
-    return rows, squares
+    rank = len(solution.basis)
+    fits = (solve(triangles, solution.weights, others, rank).values for others in all_others(triangles.folds))
+    return rows, left_out(rows, fits)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,13 @@ from elid_cli._types import Array
 from elid_cli.estimation.collocation.problem import Setting
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.regression.effect_columns import FittedEffects
+from elid_cli.model.effects.declared import declared_effects
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import EstimationRow
+
+LOOSER = 3.0
+"""Amplitudes that the robot file gives are held this many times more loosely than in the default fit, whose noise is
+larger."""
 
 
 @dataclass(frozen=True)
@@ -65,3 +70,12 @@ def shaped(effects: FittedEffects, z: Array) -> list[Effect]:
                 place += 1
         found.append(type(item.effect)(item.effect.joint, shape))
     return found
+
+
+def given_effects(fit: DefaultFit) -> FittedEffects | None:
+    """Return the effects as the robot file gives them, their amplitudes held loosely."""
+    if fit.effects is None:
+        return None
+    declared = declared_effects(fit.model.robot, fit.effects.scene)
+    looser = (replace(e, spread=np.where(e.mean != 0, LOOSER, 1.0) * e.spread) for e in declared)
+    return replace(fit.effects, effects=tuple(looser))

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.collocation.equations import RobotEquations
-from elid_cli.estimation.collocation.layout import UnknownsLayout, free_shapes
+from elid_cli.estimation.collocation.layout import UnknownsLayout, free_shapes, given_effects
 from elid_cli.estimation.collocation.problem import CollocationSegment, Iterate, Problem, Setting
 from elid_cli.estimation.default_fit import DefaultFit
-from elid_cli.estimation.regression.effect_columns import FittedEffects
-from elid_cli.model.effects.declared import amplitude_prior, declared_effects
+from elid_cli.model.effects.declared import amplitude_prior
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.signals.recording import Segment
@@ -37,9 +37,6 @@ WIDER, SOFTER = 1.5, 2.5
 """… so that coarse knots are so much wider, and the equations so much softer, that few of them are left."""
 SHAPE_SPREAD = 0.7
 """Prior standard deviation of a shape's logarithm about what the robot file gives."""
-LOOSER = 3.0
-"""Amplitudes that the robot file gives are held this many times more loosely than in the default fit, whose noise is
-larger."""
 FOLLOWED, FOLLOWED_LOOSELY = 1.4, 1.1
 """Noise of the torques that fine knots assume, as a share of what is measured. A trajectory so free follows that noise:
 with the share 1 a rotor's inertia came out 1.4 standard errors too large on a planar arm at 90 dB and 1 % (1.25: 0.5,
@@ -137,7 +134,7 @@ class Setup:
         rates = tuple(p.rate for p in self.pieces)
         layout = UnknownsLayout(fit, self.channels, self.rows, self.p_columns, self.setting, rates)
         self.equations = RobotEquations(layout)
-        self.effects = _given(fit)
+        self.effects = given_effects(fit)
         self.z_start = free_shapes(self.effects)
         self.start = Iterate(
             [p.start for p in self.pieces], fit.solution.values[self.p_columns].copy(), free_shapes(fit.effects)
@@ -311,12 +308,8 @@ class Setup:
 
     def common_cost(self, now: Iterate) -> float:
         """Return the cost of unknowns with the noise and the weights that were assumed at first, to compare by."""
-        held = self.problem.rho
-        self.problem.rho = self.first_rho()
-        self.problem.trust(self.start)
-        cost = self.problem.cost(now)
-        self.problem.rho = held
-        return cost + self.prior(now)[0]
+        with self._as_assumed(self.start):
+            return self.problem.cost(now) + self.prior(now)[0]
 
     def common_costs(self, *several: Iterate) -> list[list[Array]]:
         """Return what `common_cost` sums, of every knot interval, (intervals,) of each piece, without the priors.
@@ -324,12 +317,16 @@ class Setup:
         Of several, to compare them: where a motor reverses in any of them, equations count as little in all. A jump of
         friction at another instant costs more than what else tells two apart.
         """
+        with self._as_assumed(self.start, *several):
+            return [self.problem.costs(now) for now in several]
+
+    @contextmanager
+    def _as_assumed(self, *trusted: Iterate) -> Iterator[None]:
         held = self.problem.rho
         self.problem.rho = self.first_rho()
-        self.problem.trust(self.start, *several)
-        costs = [self.problem.costs(now) for now in several]
+        self.problem.trust(*trusted)
+        yield
         self.problem.rho = held
-        return costs
 
     def noise_cost(self) -> float:
         """Return the cost that noise alone makes: of the positions, and of the torques where they are noisy."""
@@ -340,12 +337,3 @@ class Setup:
         used = sum(piece.mask.sum(axis=(1, 2)) for piece in self.pieces)
         seen = sum(int(np.count_nonzero(piece.weight)) for piece in self.pieces)
         return seen + float(np.sum(used * (white / rho) ** 2))
-
-
-def _given(fit: DefaultFit) -> FittedEffects | None:
-    """Return the effects as the robot file gives them, their amplitudes held loosely."""
-    if fit.effects is None:
-        return None
-    declared = declared_effects(fit.model.robot, fit.effects.scene)
-    looser = (replace(e, spread=np.where(e.mean != 0, LOOSER, 1.0) * e.spread) for e in declared)
-    return replace(fit.effects, effects=tuple(looser))

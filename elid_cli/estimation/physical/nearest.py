@@ -20,7 +20,7 @@ from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.physical.semidefinite import nearest_physical, need_solver
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.result import Identification
-from elid_cli.estimation.validation.cross_validation import joint_errors
+from elid_cli.estimation.validation.cross_validation import all_others, joint_errors, left_out
 from elid_cli.model.consistency import Consistency, consistency, prior
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
@@ -263,13 +263,8 @@ def _equations(found: Identification) -> int:
 def _held_out(
     robot: Robot, fit: _Fit, triangles: Triangles, weights: Mapping[EstimationRow, float]
 ) -> dict[str, JointError]:
-    squares: dict[EstimationRow, float] = dict.fromkeys(triangles.rows, 0.0)
-    for fold in range(triangles.folds):
-        others = [f for f in range(triangles.folds) if f != fold]
-        fitted = fit.solve(triangles.stacked(weights, others or None))
-        for row in triangles.rows:
-            squares[row] += sum(t.squares(fitted) for t in triangles.of(row, [fold]))
-    return joint_errors(robot, triangles, squares)
+    fits = (fit.solve(triangles.stacked(weights, others)) for others in all_others(triangles.folds))
+    return joint_errors(robot, triangles, left_out(triangles, fits))
 
 
 def _typical(found: Identification) -> Array:

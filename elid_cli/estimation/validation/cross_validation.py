@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,11 +19,22 @@ def held_out(
     robot: Robot, triangles: Triangles, solution: Solution, before: Solution | None = None
 ) -> dict[str, JointError]:
     """Return each joint's error on every fold, predicted by a fit to the other folds (`fold_fits`)."""
+    return joint_errors(robot, triangles, left_out(triangles, fold_fits(triangles, solution, before)))
+
+
+def left_out(triangles: Triangles, fits: Iterable[Array]) -> dict[EstimationRow, float]:
+    """Return the residual sum of squares of every row group; `fits` are the parameters that predict each fold."""
     squares: dict[EstimationRow, float] = dict.fromkeys(triangles.rows, 0.0)
-    for fold, fitted in enumerate(fold_fits(triangles, solution, before)):
+    for fold, fitted in enumerate(fits):
         for row in triangles.rows:
             squares[row] += sum(t.squares(fitted) for t in triangles.of(row, [fold]))
-    return joint_errors(robot, triangles, squares)
+    return squares
+
+
+def all_others(folds: int) -> Iterator[list[int] | None]:
+    """Yield the other folds of each; None, which stands for all, where there is one only."""
+    for fold in range(folds):
+        yield [f for f in range(folds) if f != fold] or None
 
 
 def fold_fits(triangles: Triangles, solution: Solution, before: Solution | None = None) -> Iterator[Array]:
