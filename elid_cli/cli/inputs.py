@@ -93,9 +93,7 @@ def load_signals(recording: Recording, robot: Robot, options: SignalOptions, pro
 
     if progress is not None:
         progress("smoothing", 0.0)
-    if options.rate == recording.rate:  # --rate told the sample rate of a log without time, and no wish to decimate
-        options = replace(options, rate=None)
-    return prepare(recording, robot, options)
+    return prepare(recording, robot, options.of_log(recording.rate))
 
 
 def sharp(options: SignalOptions, recording: Recording) -> SignalOptions:

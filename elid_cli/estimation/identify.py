@@ -233,10 +233,7 @@ def read_signals(request: LogRequest) -> tuple[Recording, Signals]:
         request.on_read([recording], ())
     if progress is not None:
         progress("smoothing", 0.0)
-    chosen = request.signals
-    if chosen.rate == recording.rate:  # a rate that told the sample rate of a log without time is no other wish
-        chosen = replace(chosen, rate=None)
-    return recording, prepare(recording, request.robot, chosen)
+    return recording, prepare(recording, request.robot, request.signals.of_log(recording.rate))
 
 
 def _merges(request: LogRequest, options: EstimateOptions) -> bool:

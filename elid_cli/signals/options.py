@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 RATE_PER_CUTOFF = 5.0
@@ -33,6 +33,10 @@ class SignalOptions:
     """Cut-off of the Butterworth filter on positions, Hz."""
     order: int = 4
     """Order of the Butterworth filter."""
+
+    def of_log(self, rate: float) -> SignalOptions:
+        """Return the options for a log of `rate` samples per second: a rate that told just that is no other wish."""
+        return replace(self, rate=None) if self.rate == rate else self
 
     @classmethod
     def for_diagnosis(cls, rate: float) -> SignalOptions:

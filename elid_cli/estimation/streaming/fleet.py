@@ -26,8 +26,7 @@ from elid_cli.estimation.streaming.reduced_log import ReducedLog, without_positi
 from elid_cli.logs import read_recording
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.options import SignalOptions
-from elid_cli.signals.recording import Recording
-from elid_cli.signals.signals import Signals, prepare
+from elid_cli.signals.signals import prepare
 
 Progress: TypeAlias = Callable[[float], None]
 Answer: TypeAlias = bytes | tuple[str, str, str, str]
@@ -63,14 +62,6 @@ class Job:
     """Where the log is, where the worker runs in another folder."""
 
 
-def prepared(recording: Recording, robot: Robot, conditioning: Mapping[str, Any]) -> Signals:
-    """Return the signals of a recording; a rate that told the sample rate of a log without time is no other wish."""
-    options = SignalOptions(**conditioning)
-    if options.rate == recording.rate:
-        options = SignalOptions(**{**conditioning, "rate": None})
-    return prepare(recording, robot, options)
-
-
 def reduce_job(job: Job, progress: Progress | None = None) -> ReducedLog:
     """Read and reduce one log in this process."""
     robot = _machine(job.robot, job.name)
@@ -83,7 +74,7 @@ def reduce_job(job: Job, progress: Progress | None = None) -> ReducedLog:
         time_source=job.time_source,
         progress=None if progress is None else lambda share: progress(READING * share),
     )
-    signals = prepared(recording, robot, job.conditioning)
+    signals = prepare(recording, robot, SignalOptions(**job.conditioning).of_log(recording.rate))
     recording = without_positions(recording)
     signals = replace(signals, recording=recording)
     told = None if progress is None else lambda share: progress(READING + (1 - READING) * share)

@@ -76,6 +76,11 @@ def use_of_limits(robot: Robot, used: Mapping[str, Array]) -> Table:
     return Table("limits", tuple(columns), tuple(rows), title="use of the limits", note=note)
 
 
+def limits_payload(robot: Robot, used: Mapping[str, Array]) -> dict[str, dict[str, float]]:
+    """Return the object ``limits_used`` of JSON."""
+    return {joint: {kind: share[k] for kind, share in used.items()} for k, joint in enumerate(robot.joint_names)}
+
+
 def expected_table(found: Excitation) -> Table:
     """Return the standard errors to expect, those aimed at where there are aims."""
     columns = (
@@ -109,10 +114,7 @@ def excitation_payload(found: Excitation, **written: str | float) -> dict[str, A
         "condition": found.evaluation.condition,
         "log_det": found.evaluation.log_det,
         "random": {"condition": found.random.condition, "log_det": found.random.log_det},
-        "limits_used": {
-            joint: {kind: share[k] for kind, share in found.used.items()}
-            for k, joint in enumerate(found.robot.joint_names)
-        },
+        "limits_used": limits_payload(found.robot, found.used),
         "base_parameters": [
             {"name": name, "terms": dict(found.base.terms[k]), "unit": found.base.units[k],
              "std_error": found.std_error[k], "relative_std_error": relative[k]}

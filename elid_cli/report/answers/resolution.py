@@ -6,7 +6,7 @@ import shlex
 from typing import Any
 
 from elid_cli.experiment.resolve.plan import Pair, Resolution
-from elid_cli.report.answers.excitation import limits_table
+from elid_cli.report.answers.excitation import limits_payload, limits_table
 from elid_cli.report.answers.inputs import heading, robot_payload
 from elid_cli.report.tree import (
     Cell,
@@ -110,10 +110,7 @@ def resolution_payload(found: Resolution, **written: str | float) -> dict[str, A
         "trajectory": {**written, "duration": found.trajectory.duration},
         "tried": found.tried,
         "pairs": [_pair_payload(pair) for pair in found.pairs],
-        "limits_used": {
-            joint: {kind: share[k] for kind, share in found.used.items()}
-            for k, joint in enumerate(found.robot.joint_names)
-        },
+        "limits_used": limits_payload(found.robot, found.used),
     }
 
 

@@ -6,7 +6,7 @@ import shlex
 from typing import Any
 
 from elid_cli.experiment.stiffness_motion import LOWEST, StiffnessMotion
-from elid_cli.report.answers.excitation import use_of_limits
+from elid_cli.report.answers.excitation import limits_payload, use_of_limits
 from elid_cli.report.answers.inputs import heading, robot_payload
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
 
@@ -67,7 +67,5 @@ def stiffness_motion_payload(found: StiffnessMotion, **written: str | float) -> 
             for shown in found.shown
         },
         "top": found.top,
-        "limits_used": {
-            joint: {kind: float(share[k]) for kind, share in found.used.items()} for k, joint in enumerate(names)
-        },
+        "limits_used": limits_payload(found.robot, found.used),
     }  # fmt: skip

@@ -185,6 +185,11 @@ class Drawing:
     wide: bool = False
     """Whether every panel takes the whole width of a page."""
 
+    @property
+    def columns(self) -> int:
+        """Panels side by side, at most."""
+        return 1 if self.wide else min(len(self.panels), 2 if len(self.panels) in (2, 4) else 3)
+
     def legend(self) -> tuple[Mark, ...]:
         """Return the marks with a label, one of each."""
         labelled = [m for panel in self.panels for m in panel.marks if getattr(m, "label", "")]

@@ -47,7 +47,7 @@ def png(drawing: Drawing) -> bytes:
     from matplotlib.figure import Figure
 
     count, width = len(drawing.panels), WIDE if drawing.wide else WIDTH
-    columns = 1 if drawing.wide else min(count, 2 if count in (2, 4) else 3)
+    columns = drawing.columns
     rows = -(-count // columns)
     heights = [max(p.height for p in drawing.panels[r * columns : (r + 1) * columns]) for r in range(rows)]
     stream = io.BytesIO()

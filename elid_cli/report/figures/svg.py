@@ -41,7 +41,7 @@ Place = Callable[[Array], Array]
 def file(drawing: Drawing, title: str) -> str:
     """Return a drawing as an SVG file on white paper, its panels side by side, legend on top."""
     width = WIDE if drawing.wide else WIDTH
-    columns = 1 if drawing.wide else min(len(drawing.panels), 2 if len(drawing.panels) in (2, 4) else 3)
+    columns = drawing.columns
     parts, legend_height = _legend_row(drawing, width * columns)
     x, y, tallest = 0.0, legend_height, 0.0
     for number, panel in enumerate(drawing.panels):
