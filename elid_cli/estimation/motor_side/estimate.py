@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.gates import CRAWLS, MOVE, RISES, TIGHT, failed_gates, verdict_of
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
 from elid_cli.estimation.motor_side.response import Response, responses_of
@@ -18,6 +17,7 @@ from elid_cli.estimation.motor_side.result import PAST, MotorSide, MotorSideJoin
 from elid_cli.estimation.motor_side.rotors import rotors_of
 from elid_cli.estimation.motor_side.search import FALL, Search, Setting, search
 from elid_cli.estimation.motor_side.stretch import stretch_of
+from elid_cli.estimation.motor_side.verdict import CRAWLS, MOVE, RISES, TIGHT, failed_gates, verdict_of
 from elid_cli.estimation.motor_side.vibration import Vibration
 from elid_cli.robot.locking import locked
 from elid_cli.robot.parameter import StandardParameter

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from elid_cli.estimation.motor_side.gates import WORDS
 from elid_cli.estimation.motor_side.response import Response
+from elid_cli.estimation.motor_side.verdict import WORDS
 from elid_cli.estimation.result import Verdict
 from elid_cli.robot.parameter import StandardParameter
 

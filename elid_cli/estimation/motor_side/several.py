@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli.estimation.motor_side.gates import REACH
 from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint
+from elid_cli.estimation.motor_side.verdict import REACH
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.moving_joints import constant, held
 from elid_cli.signals.recording import Recording, Segment
