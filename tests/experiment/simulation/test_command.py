@@ -52,6 +52,20 @@ def test_log_reads_back_as_simulated(tmp_path: Path) -> None:
             np.testing.assert_allclose(getattr(log, name), getattr(direct, name), rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("told", "sensors"),
+    [("2%", SensorOptions(torque_noise_relative=0.02)), ("0.3", SensorOptions(torque_noise=0.3))],
+)
+def test_torque_noise_is_a_share_or_a_size(tmp_path: Path, told: str, sensors: SensorOptions) -> None:
+    robot = read_robot("planar2")
+    direct = simulate(robot, SimulationOptions(duration=0.5, sensors=sensors))
+    assert elid(*SHORT, "--torque-noise", told, "-o", "log.h5", cwd=tmp_path).returncode == 0
+    np.testing.assert_allclose(read_recording([str(tmp_path / "log.h5")], robot).tau, direct.tau, rtol=1e-9, atol=1e-12)
+    refused = elid(*SHORT, "--torque-noise", "much", "-o", "log.h5", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "--torque-noise: 'much' is not a number" in refused.stderr
+
+
 def test_report_says_what_acted(tmp_path: Path) -> None:
     effect = "stribeck@joint2:amplitude=-0.2,velocity=0.05"
     done = elid(*SHORT, "-o", "log.csv", "--effect", effect, "--truth", "truth.h5", cwd=tmp_path)
