@@ -20,7 +20,7 @@ from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.source import open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.robot.locking import locked
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import Joint, Robot
 
 SAME = "both logged positions are one, but for sensor noise"
 APART = 0.02
@@ -54,8 +54,9 @@ def robot_as_logged(
         Values, rad or m, of joints that are locked whatever the logs hold.
     """
     hold = dict(hold or {})
-    told = _beyond(robot, hold) + (_elsewhere(robot, logs, mapping, hold) if hold else [])
+    told = _beyond(robot, hold)
     robot = locked(robot, hold)
+    told += _elsewhere(robot, logs, mapping)
     auto = [joint.name for joint in robot.joints if joint.transmission == "auto"]
     if not (hold or auto or robot.source):
         return replace(robot, notes=(*robot.notes, *_ungeared(robot)))
@@ -132,7 +133,11 @@ def _parts(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None) -> 
     except LogError:
         return
     for raw in (reshaped(part, mapping, robot.log) for part in opened):
-        yield raw, resolve(raw.channels, layers_of(raw, robot, mapping), robot)
+        yield raw, _plan(raw, robot, mapping)
+
+
+def _plan(raw: RawLog, robot: Robot, mapping: Mapping[str, Any] | None) -> ReadPlan:
+    return resolve(raw.channels, layers_of(raw, robot, mapping), robot)
 
 
 def _placed(plan: ReadPlan, signal: str, robot: Robot) -> frozenset[str]:
@@ -182,22 +187,26 @@ def _sensed(
                 yield sampled.signal, robot.joint_names[j], known
 
 
-def _elsewhere(
-    robot: Robot, logs: Sequence[str | Path], mapping: Mapping[str, Any] | None, hold: Mapping[str, float]
-) -> list[str]:
-    """Return a sentence per joint that somebody locked and a log has somewhere else: its load is not in the model."""
+def _elsewhere(robot: Robot, logs: Sequence[str | Path], mapping: Mapping[str, Any] | None) -> list[str]:
+    """Return a sentence per locked joint that a log has somewhere else: its load is not in the model."""
     found: dict[str, tuple[float, float]] = {}
+    known, hold = {joint.name: joint for joint in robot.joints}, robot.held
+    joints = tuple(known.get(name) or Joint(name, transmission="rigid") for name in robot.order)
+    whole = Robot(robot.name, joints, log=robot.log)
     try:
-        parse_mapping(mapping or {}, robot, "--map")
-    except UsageError:  # lists of places, of the joints that are left: the locked ones have none
+        parse_mapping(mapping or {}, whole, "--map")
+        parse_mapping(robot.log, whole, "log")
+    except UsageError:  # lists of places, of the joints that are left: those that are locked have none
         return []
-    for log in logs:
-        for raw, plan in _parts(robot, log, mapping):
+    for log in logs if hold else ():
+        for raw, plan in _parts(whole, log, mapping):
             side = "q" if "q" in plan.placements else "theta"
-            if side not in plan.placements or not _placed(plan, side, robot) & set(hold):
+            if side not in plan.placements or not _placed(plan, side, whole) & set(hold):
                 continue
-            for _, joint, known in _sensed(raw, plan, robot, {side: plan.placements[side]}):
-                ends = float(known.values.min()), float(known.values.max())
+            if (own := _plan(raw, robot, mapping).placements.get(side)) is not None and own.left:
+                continue  # its columns are numbered without them
+            for _, joint, known_values in _sensed(raw, plan, whole, {side: plan.placements[side]}):
+                ends = float(known_values.values.min()), float(known_values.values.max())
                 if joint in hold and max(abs(end - hold[joint]) for end in ends) > APART:
                     low, high = found.get(joint, ends)
                     found[joint] = min(low, ends[0]), max(high, ends[1])

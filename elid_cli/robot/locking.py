@@ -75,7 +75,7 @@ def locked(robot: Robot, values: Mapping[str, float]) -> Robot:
     payload = robot.payload if robot.payload is not None and robot.payload.joint not in values else None
     return replace(
         robot, joints=tuple(joints), dh="urdf", effects=effects, control=control, payload=payload,
-        held=dict(robot.held) | dict(values),
+        held=dict(robot.held) | dict(values), order=robot.order or robot.joint_names,
     )  # fmt: skip
 
 

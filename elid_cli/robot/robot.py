@@ -152,6 +152,8 @@ class Robot:
     """Names of that file's links (bodies) with the joint that moves each, `BASE` where none does."""
     held: Mapping[str, float] = field(default_factory=_empty, compare=False)
     """That file's joints that are locked, with their values, rad or m."""
+    order: tuple[str, ...] = field(default=(), compare=False)
+    """Where joints are locked, the names of all of them, those that are locked in their places."""
     notes: tuple[str, ...] = field(default=(), compare=False)
     """What a reader of its results must know of how it was read: sentences."""
 
@@ -206,6 +208,12 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, base to tip."""
         return tuple(joint.name for joint in self.joints)
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Numbers of the joints, from 1, base to tip: those that are locked are counted."""
+        order = self.order or self.joint_names
+        return tuple(order.index(name) + 1 for name in self.joint_names)
 
     @property
     def elastic(self) -> NDArray[np.bool_]:

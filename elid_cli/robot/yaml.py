@@ -31,6 +31,8 @@ _FLOAT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
 _OTHERS_WORDS = {"yes", "no", "on", "off", "y", "n", "true", "false", "null"}
 """Texts that other YAML readers take for booleans: written in quotes."""
+EXAMPLES = {"dh": "dh: standard (distal frames) or dh: modified (proximal)", "gravity": "gravity: [0, 0, -9.81]"}
+"""Keys whose values a reader may not know -> how they are written."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,10 @@ class Value:
         for name in needed:
             if name not in found:
                 near = next((key for key in found if key.lower() == name.lower()), "")
-                raise self.error(f"missing key {name!r}", hint=f"{near!r} is there" if near else f"add '{name}: …'")
+                raise self.error(
+                    f"missing key {name!r}",
+                    hint=f"{near!r} is there" if near else f"add {EXAMPLES.get(name, f'{name}: …')}",
+                )
         return found
 
     def entries(self) -> list[tuple[Value, Value]]:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -222,3 +223,46 @@ def test_a_joint_locked_outside_its_limits_is_told(arm: Path) -> None:
     assert not any("limits" in note for note in robot_as_logged(robot, [], hold={"axis_1": 1.5}).notes)
     notes = robot_as_logged(robot, [], hold={"axis_1": 100.0}).notes
     assert "axis_1 is locked at 100, outside its limits, -1 to 2" in notes
+
+
+NUMBERED = [f"{s}{i}" for s in ("q", "tau") for i in range(1, 6)]
+
+
+def read_columns(robot: Robot, log: Path) -> dict[str, int]:
+    """Return the wave (by its number from 0) that each joint's position is read from."""
+    values, read = np.column_stack(list(waves(NUMBERED).values())), read_recording([log], robot)
+    return {name: int(np.argmin(np.abs(values.T - read.q[:, k]).sum(axis=1))) for k, name in enumerate(read.joints)}
+
+
+def test_numbers_of_columns_are_those_of_the_whole_robot_whichever_joints_are_locked(arm: Path, tmp_path: Path) -> None:
+    described, held = read_robot(arm), {"axis_2": 0.0}
+    own = {"axis_1": 0, "axis_3": 2, "axis_4": 3, "axis_5": 4}
+    log = csv(tmp_path / "log.csv", waves(NUMBERED))
+    assert read_columns(robot_as_logged(described, [log], hold=held), log) == own
+    less = csv(tmp_path / "less.csv", {name: values for name, values in waves(NUMBERED).items() if name[-1] != "2"})
+    robot = robot_as_logged(described, [less])
+    assert "1 joint locked at 0, as the log does not hold it: axis_2" in robot.notes
+    assert read_columns(robot, less) == own
+    with h5py.File(arrays := tmp_path / "log.h5", "w") as file:
+        table = np.column_stack(list(waves(NUMBERED).values()))
+        file["t"], file["q"], file["tau"] = np.arange(400) / 100, table[:, :5], table[:, 5:]
+    assert read_columns(robot_as_logged(described, [arrays], hold=held), arrays) == own
+
+
+def test_columns_numbered_without_the_locked_joints_are_taken_so_and_told(arm: Path, tmp_path: Path) -> None:
+    described = read_robot(arm)
+    log = csv(tmp_path / "log.csv", waves([f"{s}{i}" for s in ("q", "tau") for i in range(1, 5)]))
+    robot = robot_as_logged(described, [log], hold={"axis_2": 0.0})
+    assert not any("the log has it" in note for note in robot.notes)
+    recording = read_recording([log], robot)
+    np.testing.assert_allclose(recording.q, np.column_stack(list(waves(list("1234")).values())), atol=1e-9)
+    assert "q: values of q{i} have no names: taken in the order of the joints that are not held" in recording.notes
+
+
+@pytest.mark.parametrize("key", ["lock: {axis_4: 0.1}", "tip: axis_1"])
+def test_a_joint_that_the_yaml_beside_locks_elsewhere_is_told(arm: Path, tmp_path: Path, key: str) -> None:
+    arm.with_suffix(".elid.yaml").write_text(key + "\n")
+    log = csv(tmp_path / "log.csv", waves([f"{s}.axis_{i}" for s in ("q", "tau") for i in range(1, 6)]))
+    notes = robot_as_logged(read_robot(arm), [log]).notes
+    told = [note for note in notes if "but the log has it from" in note]
+    assert [note.split()[0] for note in told] == ([f"axis_{k}" for k in range(2, 6)] if "tip" in key else ["axis_4"])

@@ -74,7 +74,7 @@ def test_every_key_is_read():
     ("old", "new", "expected"),
     [
         ("gear_ratio: 1e2", "gear_ration: 1e2", ["arm.yaml:11:", "shoulder", "'gear_ration'", "mean 'gear_ratio'"]),
-        ("dh: standard\n", "", ["arm.yaml:1:", "missing key 'dh'"]),
+        ("dh: standard\n", "", ["arm.yaml:1:", "missing key 'dh'", "standard (distal", "modified (proximal)"]),
         ("name: arm\n", "", ["missing key 'name'"]),
         ("dh: standard", "dh: standrd", ["arm.yaml:4:", "did you mean 'standard'"]),
         ("a: 0.5", "a: [1]", ["arm.yaml:7:", "shoulder: a", "a list where a number"]),

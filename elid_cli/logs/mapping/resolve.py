@@ -47,6 +47,8 @@ class Placement:
     """Of a `tau_link`: whether it is the effort of joint states, the motor's where no motor side is logged."""
     unnamed: bool = False
     """Whether values without names were taken in the robot's joint order."""
+    left: bool = False
+    """Whether that order is the one of the joints that are left, without those that are held."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,8 @@ def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) 
     placing.settle_sensor()
     for signal, placement in placements.items():
         if placement.unnamed:
-            notes.append(f"{signal}: values of {placement.places} have no names: taken in the robot's joint order")
+            order = "the order of the joints that are not held" if placement.left else "the robot's joint order"
+            notes.append(f"{signal}: values of {placement.places} have no names: taken in {order}")
     reasons = {signal: reason for signal, reason in placing.reasons.items() if signal not in placements}
     return ReadPlan(
         placements, time, tuple(unfit), tuple(notes), reasons, frozenset(placing.unusable - set(placements)),
@@ -219,7 +222,8 @@ def place(
     columns, joints = chosen
     pick = Pick(channel.source, channel.field, columns, _stamps(spec, channel, by_source, time))
     unnamed = not channel.labels and robot.n > 1 and spec.joints is None
-    return Placement(spec, (pick,), (joints,), channel.address, unnamed=unnamed)
+    left = unnamed and bool(robot.held) and channel.width == robot.n
+    return Placement(spec, (pick,), (joints,), channel.address, unnamed=unnamed, left=left)
 
 
 def _place_each(
@@ -228,10 +232,11 @@ def _place_each(
     picks: list[Pick] = []
     joints: list[tuple[int, ...]] = []
     reason = ""
-    for j, (joint, source) in enumerate(zip(robot.joint_names, sources_of(spec, robot), strict=True)):
+    numbers, left = _numbers(spec, by_source, robot)
+    for j, (joint, source) in enumerate(zip(robot.joint_names, sources_of(spec, robot, numbers), strict=True)):
         if source is None:
             continue
-        own = replace(spec, field=_filled(spec, spec.field, j, joint)) if spec.field else spec
+        own = replace(spec, field=_filled(spec, spec.field, numbers[j], joint)) if spec.field else spec
         channel = _find(own, source, by_source, near=near and not reason)
         if isinstance(channel, str):
             reason = reason or channel
@@ -251,8 +256,26 @@ def _place_each(
         return reason or "no column is named"
     pattern = spec.source if isinstance(spec.source, str) else ", ".join(str(place) for place in spec.source)
     pattern += f".{spec.field}" if spec.field else ""
-    unnamed = "{i0}" in pattern and robot.n > 1 and spec.joints is None
-    return Placement(spec, tuple(picks), tuple(joints), pattern, unnamed=unnamed)
+    unnamed = ("{i0}" in pattern and robot.n > 1 and spec.joints is None) or left
+    return Placement(spec, tuple(picks), tuple(joints), pattern, unnamed=unnamed, left=left)
+
+
+def _numbers(spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot: Robot) -> tuple[tuple[int, ...], bool]:
+    """Return the numbers of the joints, from 1, and whether they had to be counted without those that are held.
+
+    They are those of the whole robot, unless the log has more columns by the numbers of the joints that are left.
+    """
+    left, whole = tuple(range(1, robot.n + 1)), robot.numbers
+    written = spec.source + spec.field if isinstance(spec.source, str) else ""
+    if left == whole or spec.joints is not None or not any(mark in written for mark in ("{i}", "{i0}")):
+        return whole, False
+
+    def held(numbers: Sequence[int]) -> int:
+        names = zip(robot.joint_names, sources_of(spec, robot, numbers), numbers, strict=True)
+        places = ((source, replace(spec, field=_filled(spec, spec.field, k, name))) for name, source, k in names)
+        return sum(isinstance(_find(own, source or "", by_source, near=False), Channel) for source, own in places)
+
+    return (whole, False) if held(whole) >= held(left) else (left, True)
 
 
 def _stamps(spec: SignalMap, channel: Channel, by_source: Mapping[str, Sequence[Channel]], time: TimeMap | None) -> str:
@@ -263,17 +286,17 @@ def _stamps(spec: SignalMap, channel: Channel, by_source: Mapping[str, Sequence[
     return wanted if any(other.field == wanted for other in by_source[channel.source]) else ""
 
 
-def sources_of(spec: SignalMap, robot: Robot) -> list[str | None]:
-    """Return the column, dataset or topic of every joint that a pattern or list of places stands for."""
+def sources_of(spec: SignalMap, robot: Robot, numbers: Sequence[int]) -> list[str | None]:
+    """Return the column, dataset or topic of every joint, by its number, that a pattern or list stands for."""
     if isinstance(spec.source, tuple):
         return list(spec.source)
-    return [_filled(spec, spec.source, j, joint) for j, joint in enumerate(robot.joint_names)]
+    return [_filled(spec, spec.source, k, joint) for k, joint in zip(numbers, robot.joint_names, strict=True)]
 
 
-def _filled(spec: SignalMap, pattern: str, j: int, joint: str) -> str:
+def _filled(spec: SignalMap, pattern: str, number: int, joint: str) -> str:
     """Return a pattern with the name and number of one joint."""
     name = _log_name(spec, joint)
-    number = name if isinstance(name, int) else j + 1
+    number = name if isinstance(name, int) else number
     return pattern.replace("{joint}", str(name)).replace("{i}", str(number)).replace("{i0}", str(number - 1))
 
 
@@ -337,6 +360,8 @@ def _columns(spec: SignalMap, channel: Channel, robot: Robot) -> tuple[tuple[int
             pairs = [(name, j) for j, name in enumerate(names) if name is not None]
     elif channel.width == robot.n and spec.joints != {}:
         pairs = [(j, j) for j in range(robot.n)]
+    elif channel.width == len(robot.order) and spec.joints != {}:  # the joints that are held have columns too
+        pairs = [(number - 1, j) for j, number in enumerate(robot.numbers)]
     else:
         which = ", ".join(f"{name}: {k}" for k, name in enumerate(robot.joint_names[: channel.width][:LISTED]))
         said = f"{channel.address} holds {channel.width} unnamed values per sample for {robot.n} joints"
