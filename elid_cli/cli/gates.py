@@ -41,7 +41,7 @@ def motor_rows_told(report: Report, gates: Gates, error: Mapping[str, JointError
     if limit is None:
         return report
     said = [
-        f"{joint}: the motor side alone, {100 * e.spring_relative:.3g} %, exceeds --max-error {100 * limit:.3g} %, "
+        f"{joint}: the motor side, {100 * e.spring_relative:.3g} %, exceeds --max-error {100 * limit:.3g} %, "
         f"which limits the error of the whole model, {100 * e.relative:.3g} %"
         for joint, e in error.items()
         if e.spring_relative is not None and e.relative <= limit < e.spring_relative

@@ -165,10 +165,10 @@ class Spread:
 fit = gathered(
     "fit", "elid_cli.estimation.result:EstimateOptions",
     option(FIT, "--estimator", type=click.Choice(("default", "paper")), default="default",
-           help="The paper's own least squares is biased under noise; it is here to compare with."),
+           help="paper: the paper's own least squares, to compare with; it is biased under noise."),
     option(FIT, "--fit", type=click.Choice(("torque", "trajectory")), default="torque",
-           help="trajectory: simulate the motion and bring it near the measured one; under the log's commands, bodies "
-                "held at the robot file's values, or under its torque, in windows."),
+           help="What is fitted to the log. trajectory: the simulated motion, under the log's commands with the bodies "
+                "of the robot file, or in short windows under its torque."),
     option(FIT, "--accurate", is_flag=True,
            help="Estimate trajectory and parameters together; slower, right under strong noise."),
 )  # fmt: skip
@@ -219,7 +219,8 @@ write_actuators = option(
 )  # fmt: skip
 drop_effects = option(
     OUTPUT, "--drop-effects", is_flag=True,
-    help="Write a URDF or MJCF although it cannot hold an effect: the fit without it, and what that costs.",
+    help="Write a URDF or MJCF although it cannot hold an effect that was found: with the values of a fit without it; "
+           "a note says how much larger the error becomes.",
 )  # fmt: skip
 files = gathered("files", Files, write_robot, write_actuators, drop_effects)
 check = option(
@@ -266,7 +267,7 @@ output = gathered(
            help="Write the whole report to a file as well; its suffix is its format. Repeatable."),
     option(OUTPUT, "--plot", type=File(), metavar="DIR", help="Write the figures into a folder."),
     option(OUTPUT, "--plot-format", type=click.Choice(("png", "svg")), default="png", show_default=True,
-           help="What the figures of --plot are."),
+           help="Format of the figures of --plot."),
     option(OUTPUT, "--all", "everything", is_flag=True, help="Print every row of long tables."),
     option(OUTPUT, "--color", type=click.Choice(CHOICES), default="auto", help="Colour of the report."),
     option(OUTPUT, "--quiet", is_flag=True, help="No progress and no notes on stderr."),

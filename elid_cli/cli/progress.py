@@ -6,6 +6,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterator
+from datetime import timedelta
 from typing import TYPE_CHECKING
 
 from elid_cli.cli.color import is_terminal, wants_color
@@ -26,8 +27,18 @@ def progress(output: Output, first: str = "reading") -> Iterator[Progress | None
         yield None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, ProgressColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bars
+    from rich.text import Text
+
+    class _Remaining(ProgressColumn):
+        """How long still; nothing while that is not known."""
+
+        max_refresh = 0.5
+
+        def render(self, task: Task) -> Text:
+            left = task.time_remaining
+            return Text("" if left is None else f"about {timedelta(seconds=round(left))} left", style="dim")
 
     color = wants_color(sys.stderr, output.color)
     console = Console(
@@ -39,9 +50,7 @@ def progress(output: Output, first: str = "reading") -> Iterator[Progress | None
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
         TimeElapsedColumn(),
-        TextColumn("about", style="dim"),
-        TimeRemainingColumn(),
-        TextColumn("left", style="dim"),
+        _Remaining(),
     )
     with Bars(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bars:
         bars.add_task(first, total=None)

@@ -55,7 +55,7 @@ def samples_of(source: Source, robot: Robot, output: Output, progress: Progress 
     from elid_cli.estimation.streaming.files import is_triangle_file
 
     if any(is_triangle_file(log) for log in source.logs):
-        note(["no figures of torques: triangles hold no samples"], output)
+        note(["no figures of torques: reduced logs hold no samples"], output)
         return None
     quiet, options = replace(output, quiet=True), source.conditioning
     recording = load_recording(source.logs, robot, source.reading, quiet, options.rate)

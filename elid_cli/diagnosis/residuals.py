@@ -95,9 +95,9 @@ def words(rows: tuple[RowState, ...]) -> tuple[str, ...]:
             sentences.append(f"{joint}: look at the {_side(total > HIGH, motor > HIGH)}; {_sizes(total, motor)}")
     if len(high_sum) > 1:
         named = f"{len(high_sum)} joints at once ({', '.join(high_sum)})"
-        could = "a payload, gravity, a contact or the base can do that"
+        could = "a payload, gravity, a contact or the base can be the cause"
         if all(ratio.get((j, "motor"), 0.0) > HIGH for j in high_sum):
-            could += " as well, but would leave the motor sides at noise: look at the motors first"
+            could += ", but these leave only noise on the motor sides: look at the motors first"
         sentences.append(f"{named}: {could}")
     return tuple(sentences)
 

@@ -249,7 +249,7 @@ def _merges(request: LogRequest, options: EstimateOptions) -> bool:
     reason = samples_needed(request.robot, options)
     stored = [log for log in request.logs if is_triangle_file(log)]
     if stored and reason:
-        raise UsageError(f"{stored[0]}: triangles do not suffice", detail=reason, hint="name the logs themselves")
+        raise UsageError(f"{stored[0]}: a reduced log does not suffice", detail=reason, hint="name the logs themselves")
     return not reason and (len(request.logs) > 1 or bool(stored))
 
 

@@ -15,6 +15,11 @@ if TYPE_CHECKING:
 
 
 ModelWord = Literal["sufficient", "insufficient", "not judged"]
+EQUATIONS = {
+    "sum": "whole joint", "motor": "motor side", "load": "link side", "drive": "drive", "spring": "transmission",
+    "link": "link side", "deflection": "deflection",
+}  # fmt: skip
+"""Row of a joint, by its name in JSON -> what people are told it is."""
 
 
 @dataclass(frozen=True)

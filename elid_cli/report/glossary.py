@@ -8,17 +8,17 @@ TERMS = {
     "of torque": "The error as a share of the rms of the joint's torque.",
     "motor side": "The motor's own equation: motor torque less its inertia and friction, against the transmission's "
     "torque from the measured deflection.",
-    "motor side alone": "The error when the transmission's torque is taken from the measured deflection (motor angle "
-    "less joint angle) instead of from the link's motion.",
     "whole joint": "Motor and link equation together: the motor torque against the motion of all bodies, without the "
     "deflection.",
     "link side": "The link's equation: the joint torque sensor against what the motion of the bodies needs.",
     "equation": "Every elastic joint has two equations: the motor's, and the link's. Their sum is free of the spring.",
     "model": "How far the prediction can be trusted: good, fair or poor.",
-    "explains": "Share of the squared error beyond noise that the effect takes away, on stretches that the search "
-    "never saw.",
+    "explains": "Share of the squared error that the effect takes away on stretches that the search never saw, over "
+    "all equations that it acts in, each in units of its noise. The errors beside it are those of one equation.",
     "worst quarter": "Share of the squared error that the effect takes away in the quarter of the log in which "
     "it takes least, with the model fitted to the other three quarters. An effect that is real helps in every quarter.",
+    "condition": "Condition number of the weighted regressor, columns of unit norm: how much an error of the torque "
+    "can grow in the parameters. Rank margin: the smallest singular value kept over the largest one dropped.",
     "base parameter": "A combination of parameters (masses, first moments, inertias …) that a log can show; the single "
     "parameters in it cannot be told apart from any motion.",
     "± sd": "Standard error of the estimate; the true value lies within twice that in 95 % of all logs.",

@@ -112,7 +112,8 @@ def number_text(value: float | None, digits: int = 4, resolution: float | None =
             decimals -= 1
     if magnitude < -4 or magnitude >= 7:
         return f"{value:.{digits - 1}e}"
-    return f"{value:.{min(max(decimals, 0), 12)}f}"
+    text = f"{value:.{min(max(decimals, 0), 12)}f}"
+    return text if text.strip("-0.") else text.removeprefix("-")
 
 
 @dataclass(frozen=True)

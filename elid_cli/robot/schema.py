@@ -74,7 +74,7 @@ def _joint(value: Value, number: int, convention: Convention, before: Sequence[s
     keys = value.fields(("name", *geometry), _JOINT_OPTIONAL)
     parent = keys["parent"].text() if "parent" in keys else ""
     if "parent" in keys and parent not in (BASE, *before):
-        what = f"{parent!r} is no joint above this one" if parent else "nothing where a joint is named"
+        what = f"{parent!r} is no joint above this one" if parent else "expected the name of a joint, found nothing"
         hint = did_you_mean(parent, (BASE, *before)) or f"parents stand before what they carry; {BASE!r}: the base"
         raise keys["parent"].error(what, hint=hint)
     if parent == BASE and BASE in before:

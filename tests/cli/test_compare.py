@@ -100,7 +100,7 @@ def test_results_of_one_robot_predicted_alike_raise_no_doubt() -> None:
 )
 def test_results_of_other_robots_or_joints_are_doubted(other: SavedResult) -> None:
     (line,) = warned(saved("a", joint1=0.01), other, saved("c", joint1=0.01))
-    assert line.startswith(f"b is of {other.robot} and a of arm: parameters of one name may be others")
+    assert line.startswith(f"b is of {other.robot} and a of arm: parameters of the same name may not be the same")
 
 
 @pytest.mark.parametrize(

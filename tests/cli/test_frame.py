@@ -73,7 +73,7 @@ def test_help_is_instant(elid) -> None:
         (["effects", "--report", "x.pdf"], "error: x.pdf: no report format for .pdf", "known: "),
         (
             ["reduce", "a.h5", "--robot", "planar2", "-o", "x.h5"],
-            "error: x.h5: not a name for triangles",
+            "error: x.h5: not a name for reduced logs",
             "name it x.npz",
         ),
         (

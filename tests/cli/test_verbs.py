@@ -157,8 +157,8 @@ def test_a_motor_row_above_the_limit_is_told_where_the_whole_model_keeps_it(elid
     line = ("validate", str(root / "sample_logs" / "planar2.h5"), "--robot", "soft.yaml", "--max-error")
     done = elid(*line, "1%", cwd=tmp_path)
     assert done.returncode == 0
-    assert done.stderr.startswith("warning: joint2: the motor side alone, 1.04 %, exceeds --max-error 1 %")
-    assert "joint2: the motor side alone, 1.04 %, exceeds --max-error 1 %" in done.stdout.replace("\n", " ")
+    assert done.stderr.startswith("warning: joint2: the motor side, 1.04 %, exceeds --max-error 1 %")
+    assert "joint2: the motor side, 1.04 %, exceeds --max-error 1 %" in done.stdout.replace("\n", " ")
     assert elid(*line, "2%", cwd=tmp_path).stderr == ""
 
 

@@ -55,7 +55,7 @@ def test_a_stiffness_that_says_nothing_is_refused() -> None:
     assert told.verdict[-1] == "refused"
     assert np.isnan(told.estimate[-1])
     assert np.isnan(told.covariance[-1]).all()
-    assert "standard deviation" in told.reasons["K2"]
+    assert "standard error" in told.reasons["K2"]
     assert told.verdict[-2] == "supported"
 
 

@@ -17,6 +17,7 @@ from elid_cli.estimation.comparison import Estimate, SavedResult, compare
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.refined_robot import refined_robot, representative
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.sampling.sets import sample
 from elid_cli.estimation.trend.trends import trend
 from elid_cli.estimation.validation.prediction import validate
 from elid_cli.experiment.excitation import ExciteOptions, excite
@@ -32,6 +33,7 @@ from elid_cli.report.figures.build import (
     identification_figures,
     log_figures,
     replay_figures,
+    sampling_figures,
     trend_figures,
     validation_figures,
     with_figures,
@@ -82,20 +84,20 @@ RESPONSE = Figure("response_joint1", "a frequency response", "response", {
 })  # fmt: skip
 
 
-def every_kind(report: Report, planar: Robot) -> dict[str, Figure]:
+def every_kind(report: Report, planar: Robot, found: Identification) -> dict[str, Figure]:
     trajectory = excite(planar, ExciteOptions(duration=8.0, rounds=1, starts=1))
     log = simulate(planar, SimulationOptions(duration=3.0, rate=250.0))
     results = [SavedResult(f, "planar2", {"K1": Estimate(v, 1.0, "N·m/rad")}, {"joint1": v / 1e6})
                for f, v in (("a.json", 3000.0), ("b.json", 3010.0))]  # fmt: skip
     others = (*figures_of(FigureInput(excitation=trajectory)), *log_figures(log, planar),
               *comparison_figures(compare(results)),
-              *trend_figures(trend([*results, *results])),
+              *trend_figures(trend([*results, *results])), *sampling_figures(sample([found], 20)),
               *replay_figures(replay(planar, log)), EFFECT, RESPONSE)  # fmt: skip
     return {figure.kind: figure for figure in (*others, *report.figures)}
 
 
-def test_every_kind_of_figure_is_drawn(report: Report, planar: Robot) -> None:
-    figures = every_kind(report, planar)
+def test_every_kind_of_figure_is_drawn(report: Report, planar: Robot, found: Identification) -> None:
+    figures = every_kind(report, planar, found)
     assert set(figures) == set(kinds())
     for figure in figures.values():
         assert b"</svg>" in picture(figure, "svg")
@@ -275,8 +277,8 @@ def test_a_page_needs_no_plotting_library(report: Report, monkeypatch: pytest.Mo
     assert "<figure" in formats.render(report, "html", formats.Style())
 
 
-def test_every_still_figure_is_small(report: Report, planar: Robot) -> None:
-    for figure in every_kind(report, planar).values():
+def test_every_still_figure_is_small(report: Report, planar: Robot, found: Identification) -> None:
+    for figure in every_kind(report, planar, found).values():
         assert len("".join(panels(panels_of(figure), figure.title))) <= 50_000, figure.key
 
 

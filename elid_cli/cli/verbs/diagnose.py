@@ -184,7 +184,9 @@ def _tell_motion(
         report = with_figures(report, motion_figures(found))
     emit(report, output)
     broken = [*broken_gates(gates, found.after.error), *(named_effects(found) if gates.fail_on_effect else ())]
-    broken += [f"{u.joint}: motion left unexplained" for u in found.unexplained if gates.fail_on_unexplained]
+    broken += [
+        f"{u.joint}: the error of the motion is unexplained" for u in found.unexplained if gates.fail_on_unexplained
+    ]
     _end(found.partial, written, broken)
 
 
@@ -203,6 +205,7 @@ def _end(partial: bool, written: Written, broken: Sequence[str]) -> None:
 def _broken(told: DiagnosisInput, gates: Limits) -> list[str]:
     """Return the limits that are broken, the model after being worse than allowed on any log among them."""
     from elid_cli.cli.gates import broken_gates
+    from elid_cli.estimation.judgement import EQUATIONS
 
     found = told.found
     broken: list[str] = []
@@ -210,7 +213,7 @@ def _broken(told: DiagnosisInput, gates: Limits) -> list[str]:
         lacks = [f"{e.joint or found.robot.name}: the model lacks {e.effect}" for e in found.effects]
         broken += dict.fromkeys(lacks)
     if gates.fail_on_unexplained:
-        broken += [f"{u.joint}: {u.rows} row left unexplained" for u in found.unexplained]
+        broken += [f"{u.joint}: the residual of the {EQUATIONS[u.rows]} is unexplained" for u in found.unexplained]
     broken += broken_gates(gates, found.after)
     for check in told.checks:
         file = check.recording.files[0]

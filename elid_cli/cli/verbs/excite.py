@@ -78,8 +78,9 @@ class MotionChoice:
         "--show-stiffness",
         multiple=True,
         metavar="JOINT[:HZ]",
-        help="Show this joint's stiffness from the motor side: a multisine past its antiresonance, that of the robot "
-        "file's K or the highest to expect, on a slow motion. Repeatable.",
+        help="Make the motion that shows this joint's stiffness to a log of motor position and torque: slow motion and "
+        "a multisine past the antiresonance. HZ: the highest antiresonance to expect; default: that of the robot "
+        "file's K. Repeatable.",
     ),
     options.option(
         MOTION,
@@ -123,7 +124,7 @@ def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output:
     """Find a trajectory whose log tells most about the base parameters, from rest to rest within the joints' limits.
 
     Limits and reference values come from the robot file. The report says which standard errors to expect; with
-    --resolve, how surely the next log decides between effects; with --show-stiffness, which multisine it is.
+    --resolve, how surely the next log decides between effects; with --show-stiffness, what the multisine is.
     """
     from elid_cli.cli.output import check_output, emit, pictures_wanted
     from elid_cli.cli.progress import progress

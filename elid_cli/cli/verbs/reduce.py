@@ -1,4 +1,4 @@
-"""Reduce logs to small triangles, to be identified together later or elsewhere."""
+"""Reduce logs to small files, to be identified together later or elsewhere."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from elid_cli.cli.routes import spread
 )
 @options.source()
 @spread
-@options.out("The triangles to write, NumPy's npz: some hundred kilobytes per log.", metavar="FILE.npz")
+@options.out("The reduced logs to write: NumPy's npz, some hundred kilobytes per log.", metavar="FILE.npz")
 @options.output
 def reduce(source: Source, spread: Spread, out: str, output: Output) -> None:
-    """Reduce logs to what identification keeps of them: small triangles, however long the log.
+    """Reduce logs to what identification needs of them: small triangular matrices, however long the log.
 
     elid identify and elid classify take such files beside logs and give the same answer as from the logs.
     """
@@ -29,7 +29,7 @@ def reduce(source: Source, spread: Spread, out: str, output: Output) -> None:
     from elid_cli.files import check_target
 
     check_output(output)
-    check_target(out, (".npz",), "triangles")
+    check_target(out, (".npz",), "reduced logs")
     with progress(output, "reading") as advance:
         from elid_cli.estimation.identify import EstimateOptions, samples_needed
         from elid_cli.estimation.streaming.files import write_triangles

@@ -1,4 +1,4 @@
-"""Draw whole parameter sets from what results say, for simulations that vary them."""
+"""Draw parameter sets from results, for simulations that vary parameters."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def sample(
 ) -> None:
     """Draw parameter sets from the joint distribution of saved results: correlations kept, nothing that no robot has.
 
-    Of several results the spread between recordings counts as well. What every result refuses is held at its
-    reference. With --robot a set is of all its parameters.
+    Of several results the spread between recordings counts as well. What no result shows is held at the
+    robot file's value. With --robot a set is of all its parameters.
     """
     from pathlib import Path
 
-    from elid_cli.cli.output import check_output, emit, note
+    from elid_cli.cli.output import check_output, emit, note, pictures_wanted
     from elid_cli.cli.robot_files import check_sets, write_sets
     from elid_cli.estimation.sampling.files import RANGES, write_ranges
     from elid_cli.estimation.sampling.sets import sample as draw
@@ -68,4 +68,8 @@ def sample(
         note(write_sets(sets, Path(out)), output, "left out")
     if ranges is not None:
         write_ranges(sets, ranges)
+    if pictures_wanted(output):
+        from elid_cli.report.figures.build import sampling_figures, with_figures
+
+        report = with_figures(report, sampling_figures(sets))
     emit(report if out is not None else with_samples(report, sets), output)

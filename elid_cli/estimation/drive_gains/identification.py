@@ -110,7 +110,7 @@ def _check(request: LogRequest) -> None:
         )
     stored = next((log for log in request.logs if is_triangle_file(log)), None)
     if stored is not None:
-        raise UsageError(f"{stored}: triangles do not suffice for --payload", hint="name the logs themselves")
+        raise UsageError(f"{stored}: a reduced log does not suffice for --payload", hint="name the logs themselves")
     if request.robot.effects:
         raise UsageError(
             f"--payload: {request.robot.name} declares effects, which are in units of the torque",
@@ -150,7 +150,7 @@ def _judged(robot: Robot, fit: PairFit, payload: Payload, request: LogRequest) -
             "" if payload.centre else f", or say where its centre is: --payload {payload.mass:g}@{payload.joint}:X,Y,Z"
         )
         raise DataError(
-            "no drive's gain is seen: the payload's mass changes no torque beyond what the logs leave open",
+            "no drive's gain can be found: the payload changes no torque by more than the error",
             detail="its share of each joint's torque, with unknown centre and inertia, must stand out of the noise",
             hint=f"move joints that lift the payload, or take a heavier one{centre}",
         )

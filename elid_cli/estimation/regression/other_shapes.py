@@ -104,7 +104,7 @@ def sentences(effects: FittedEffects, robot: Robot) -> list[str]:
         joint = robot.joints[first.joint]
         shapes = [f"{effect.name} {_shape(effect, slides=not joint.revolute)}" for effect in other.values()]
         where = "" if first.whole_robot else f"{joint.name}: "
-        said.append(f"{where}{' with '.join(shapes)} would explain this log as well; standard errors reach to that")
+        said.append(f"{where}{' with '.join(shapes)} would explain this log as well; the standard errors include it")
     return said
 
 

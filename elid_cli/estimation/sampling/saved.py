@@ -132,7 +132,7 @@ def _terms(terms: Mapping[str, Any], where: str) -> dict[str, float]:
 def _numbers(values: Sequence[Any], where: str) -> Array:
     """Return numbers, NaN for null (UsageError for anything else)."""
     if not all(v is None or (isinstance(v, int | float) and not isinstance(v, bool)) for v in values):
-        raise UsageError(f"{where}: a number of the result is none", hint=AGAIN)
+        raise UsageError(f"{where}: expected a number in the result", hint=AGAIN)
     try:
         return np.array([np.nan if v is None else float(v) for v in values], dtype=float)
     except OverflowError:
@@ -152,7 +152,7 @@ def _matrix(rows: Any, count: int, where: str) -> Array:
     symmetric = np.isfinite(part).all() and np.allclose(unit, unit.T, rtol=0, atol=INDEFINITE)
     if not symmetric or (np.diag(part) < 0).any() or _least(unit) < -INDEFINITE:
         detail = "it must be symmetric and may have no negative eigenvalue"
-        raise UsageError(f"{where}: the covariance is not one", detail=detail, hint=AGAIN)
+        raise UsageError(f"{where}: not a covariance", detail=detail, hint=AGAIN)
     return found
 
 

@@ -91,7 +91,9 @@ def sample(
         return ParameterSets(found, found.names, found.units, found.origin, values, seed, tuple(notes))
     robot, base, rows = as_identified(robot, found)
     if other_combinations(robot, base):
-        notes.append(f"the combinations are not those of {robot.name} as described: its geometry or gears are others")
+        notes.append(
+            f"the base parameters are not those of {robot.name}: its geometry or gears differ from those of the results"
+        )
     whole, origin, said = whole_sets(robot, base, found, rows, values, generator)
     return ParameterSets(
         found, tuple(base.parameters), robot.parameter_units(), origin, whole, seed, (*notes, *said), robot
@@ -107,16 +109,16 @@ def _channel_words(results: Sequence[SavedDistribution]) -> list[str]:
     if not kinds:
         return []
     listed = ", ".join(f"{kind} of {len(joints)} joint{'s' * (len(joints) > 1)}" for kind, joints in kinds.items())
-    return [f"of the drives and not of the robot, so not drawn: {listed}; a simulation needs them as well "
-            "(elid identify --write-actuators)"]  # fmt: skip
+    return [f"not drawn, as they belong to the drives and not to the robot: {listed}; a simulation needs them as "
+            "well (elid identify --write-actuators)"]  # fmt: skip
 
 
 def _held_words(found: Distribution) -> list[str]:
     """Return which base parameters are not drawn, in words."""
     words = []
-    for origin, what in (("held", "held at the reference"), ("unknown", "not known, and left out")):
+    for origin, what in (("held", "held at the robot file's value"), ("unknown", "not known, and left out")):
         names = [name for name, own in zip(found.names, found.origin, strict=True) if own == origin]
         if names:
             more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-            words.append(f"refused by every result, {what}: {', '.join(names[:LISTED])}{more}")
+            words.append(f"not shown by any result, {what}: {', '.join(names[:LISTED])}{more}")
     return words

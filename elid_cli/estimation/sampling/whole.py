@@ -109,7 +109,7 @@ def whole_sets(
         return representative(base, np.where(drawn, draws[:, rows], np.nan), reference)
 
     if not _built(robot, np.nan_to_num(reference)[None])[0]:
-        words = [f"bodies are as drawn, as those of {robot.name} as described could not be built either"]
+        words = [f"drawn bodies need not be ones that could be built, as those of {robot.name} are not either"]
         return *_marked(robot, base, completed(values), drawn), words
     sets = completed(values)
     good = _built(robot, sets)
@@ -121,7 +121,7 @@ def whole_sets(
             break
         more = completed(draw_sets(found.mean, found.covariance, found.positive, count, generator))
         kept = np.concatenate([kept, more[_built(robot, more)]])
-    words = [] if good.all() else [f"{100 * good.mean():.3g} % of the sets have bodies that could be built: only those"]
+    words = [] if good.all() else [f"{100 * good.mean():.3g} % of the drawn sets could be built: only those are kept"]
     return *_marked(robot, base, kept[:count], drawn), words
 
 
@@ -169,12 +169,12 @@ def _with_own_bodies(
     sets = np.tile(reference, (count, 1))
     sets[:, free] = draw_sets(mean, covariance, np.ones(len(free), dtype=bool), count, generator)
     words = [
-        f"drawn bodies could not be built: held at those of {robot.name}, and what joints and motors have drawn given "
-        "those (elid identify --physical --write-robot gives bodies of the log's own)"
+        f"too few drawn bodies could be built: bodies are held at those of {robot.name}, and friction, rotors and "
+        "springs are drawn given these (elid identify --physical --write-robot gives bodies that agree with the log)"
     ]
     if misfit > 1:
         words.append(
-            f"the estimates lie {misfit:.2g} times as far from these bodies as their errors say: widened by it"
+            f"the estimates are {misfit:.2g} times as far from these bodies as their errors allow: sets widened by that"
         )
     drawn_now = np.isin(np.arange(len(reference)), free)
     origin: list[Origin] = [

@@ -172,7 +172,7 @@ def _between(item: BaseEstimate, way: Callable[[int], TwoWays | None]) -> BaseEs
         f"deflection) and {ways.inverse:.3g} (deflection on torque)"
     )
     if not deviation <= REFUSED * estimate:  # true for NaN too
-        reason = f"standard deviation {deviation:.2g} against a value of {estimate:.2g}: {reason}"
+        reason = f"standard error {deviation:.2g} against a value of {estimate:.2g}: {reason}"
         return replace(item, estimate=np.nan, std_error=np.nan, verdict="refused", reason=reason)
     verdict: Verdict = "weak" if deviation > WEAK * estimate else item.verdict
     return replace(item, estimate=estimate, std_error=deviation, verdict=verdict, reason=reason)

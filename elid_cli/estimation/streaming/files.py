@@ -145,7 +145,7 @@ def read_stream(stream: IO[bytes], name: str) -> list[ReducedLog]:
             head = json.loads(str(arrays["elid"][()]))
             if head.get("schema") != SCHEMA:
                 raise LogError(
-                    f"{name}: triangles of the kind {head.get('schema')!r}, this elid reads {SCHEMA!r}",
+                    f"{name}: a reduced log of version {head.get('schema')!r}, this elid reads {SCHEMA!r}",
                     hint="run elid reduce again with this elid",
                 )
             found = []

@@ -90,7 +90,7 @@ def _disagreement(data: TriangleData, logs: Sequence[ReducedLog], fit: DefaultFi
     worst = int(np.argmax(ratios))
     return (
         f"the logs disagree by more than their noise, most in {fit.base.names[worst]} (by {np.sqrt(ratios[worst]):.2g} "
-        "times its standard error): the difference between logs counts as noise in every standard error",
+        "times its standard error): every standard error includes the difference between logs",
     )
 
 

@@ -111,7 +111,7 @@ def verdicts_of(found: Identification, estimate: Array, deviation: Array) -> tup
             reasons[item.leader] = f"{HELD} (--fit trajectory)"
         elif not error <= REFUSED * abs(value):
             verdicts.append("refused")
-            reasons[item.leader] = f"standard deviation {error:.2g} against a value of {value:.2g}"
+            reasons[item.leader] = f"standard error {error:.2g} against a value of {value:.2g}"
         elif error > WEAK * abs(value):
             verdicts.append("weak")
             reasons[item.leader] = f"known to {100 * error / abs(value):.0f} % only"

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elid_cli.estimation.judgement import RowNoise
+from elid_cli.estimation.judgement import EQUATIONS, RowNoise
 from elid_cli.estimation.result import Identification
 
 LEAST = 0.7
@@ -42,8 +42,8 @@ def too_quiet(found: Identification, noise: Sequence[RowNoise]) -> tuple[str, ..
     taken = float(np.sqrt(independent / left))  # a fit takes its parameters' share of the noise away
     high = 1.0 - MARGIN / float(np.sqrt(2.0 * left))
     return tuple(
-        f"{item.joint}: the residual of the {item.rows} row is {item.ratio:.2g} of what the sensors' noise alone would "
-        "leave: the noise is taken for too large, or the prediction holds the torque that it predicts"
+        f"{item.joint}: the residual of the {EQUATIONS[item.rows]} is {item.ratio:.2g} of what the sensors' noise "
+        "alone would leave: the noise is estimated too large, or the prediction uses the torque that it predicts"
         for item in noise
         if item.floor > MATTERS * found.error[item.joint].torque_rms and item.ratio * taken < LEAST * high
     )

@@ -110,7 +110,10 @@ def judge(
             reasons[name] = f"known to {100 * deviation[k] / size:.0f} %{of} only: {why(members, robot, facts)}"
         elif freedom < LEAST_FREEDOM:
             verdicts.append("weak")
-            reasons[name] = f"the log is so short that its standard error is itself uncertain ({freedom:.1f} to spare)"
+            reasons[name] = (
+                f"the log is so short that its standard error is itself uncertain ({freedom:.1f} independent samples "
+                "more than parameters)"
+            )
         else:
             verdicts.append("supported")
     return tuple(verdicts), reasons

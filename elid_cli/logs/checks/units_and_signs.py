@@ -97,9 +97,9 @@ def _amperes(plan: ReadPlan, robot: Robot) -> Iterator[str]:
     bare = {NO_TORQUE[unit] for unit, scale in told if unit in NO_TORQUE and scale == 1.0}
     if bare:
         yield (
-            f"tau is in {' and '.join(sorted(bare))}, {NOT_TORQUE}, as no scale to N·m is given: so are the parameters "
-            "found from it. Give scale: one number or one per joint; or record again with a known body on the robot: "
-            "--payload KG@JOINT"
+            f"tau is in {' and '.join(sorted(bare))}, {NOT_TORQUE}, as no scale to N·m is given. The parameters found "
+            "from it are in that unit, too. Give scale: one number or one per joint; or record again with a known body "
+            "on the robot: --payload KG@JOINT"
         )
     if spec.unit or spec.scale != 1.0:
         return

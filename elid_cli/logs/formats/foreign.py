@@ -21,7 +21,7 @@ KINDS: tuple[tuple[bytes, str, str], ...] = (
 def kind_of(head: bytes) -> tuple[str, str] | None:
     """Return (what it is, converter) for a known foreign head, else None."""
     if head.startswith(b"PK\x03\x04") and b"elid.npy" in head[:80]:
-        return "triangles of elid reduce, which hold no samples", "elid identify and elid classify take them"
+        return "a reduced log of elid reduce, which holds no samples", "elid identify and elid classify take it"
     return next(((what, how) for magic, what, how in KINDS if head.startswith(magic)), None)
 
 

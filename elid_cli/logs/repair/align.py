@@ -249,7 +249,7 @@ def _cut(signals: Mapping[str, Array], grid: Grid, mask: NDArray[np.bool_], repa
         more = f" and {len(gaps) - NAMED_GAPS} shorter" if len(gaps) > NAMED_GAPS else ""
         repairs.append(f"{len(gaps)} gap{'s' * (len(gaps) > 1)}, split there: {named}{more}")
     if short:
-        repairs.append(f"{short} stretch{'es' * (short > 1)} of fewer than {SHORTEST} samples between gaps left out")
+        repairs.append(f"{short} segment{'s' * (short > 1)} of fewer than {SHORTEST} samples between gaps left out")
     segments: list[tuple[int, int]] = []
     for start, stop in whole:
         begin = segments[-1][1] if segments else 0

@@ -169,8 +169,14 @@ class Effect(ABC):
         self.shape = tuple(float(value) for value in shape)
 
     @classmethod
-    def summary_of(cls, values: Mapping[str, float]) -> str:
-        """Return what it is with these values of its parameters, where they say it more closely than `summary`."""
+    def summary_of(cls, terms: Sequence[Mapping[str, float]], errors: Sequence[Mapping[str, float]] = ()) -> str:
+        """Return what it is with these values of its parameters, where they say it more closely than `summary`.
+
+        Parameters
+        ----------
+        terms, errors
+            Of every term that it has at one joint, the values of its parameters and their standard errors.
+        """
         return cls.summary
 
     @classmethod

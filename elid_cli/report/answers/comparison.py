@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from elid_cli.estimation.comparison import Change, Comparison, SavedResult
-from elid_cli.report.answers.summary import share_text
+from elid_cli.report.answers.summary import listed, share_text, signed_share
 from elid_cli.report.tree import (
     Cell,
     Column,
@@ -31,6 +31,7 @@ def comparison_report(comparisons: Sequence[Comparison], sigmas: float) -> Repor
     results = [comparisons[0].first, *(c.other for c in comparisons)]
     sections: list[Section] = [
         Text("title", " · ".join(dict.fromkeys(r.robot for r in results)), "heading"),
+        KeyValues("answers", (("what has changed?", _changed(comparisons, sigmas)),)),
         KeyValues("results", tuple((f"result {k}", r.file) for k, r in enumerate(results, start=1))),
     ]
     for k, comparison in enumerate(comparisons, start=2):
@@ -44,6 +45,25 @@ def comparison_report(comparisons: Sequence[Comparison], sigmas: float) -> Repor
         "comparisons": [_payload(c, sigmas) for c in comparisons],
     }
     return Report("compare", payload, tuple(sections))
+
+
+def _changed(comparisons: Sequence[Comparison], sigmas: float) -> str:
+    """Return in a sentence for each result what moved from the first one by more than `sigmas` standard errors."""
+    said = []
+    for comparison in comparisons:
+        moved = sorted(comparison.moved(sigmas), key=lambda change: -abs(change.deviations))
+        names = listed([f"{change.name} ({_share(change)})" for change in moved])
+        where = f" in {comparison.other.file}" if len(comparisons) > 1 else ""
+        said.append(f"{names}{where}." if moved else f"Nothing beyond the errors{where}.")
+    return " ".join(said)
+
+
+def _share(change: Change) -> str:
+    """Return the change as a share of the first value."""
+    assert change.before.value is not None
+    assert change.after.value is not None
+    before, after = change.before.value, change.after.value
+    return signed_share((after - before) / abs(before)) if before else "from 0"
 
 
 def _moved(comparison: Comparison, number: int, sigmas: float) -> list[Section]:
@@ -103,7 +123,7 @@ def _doubts(results: Sequence[SavedResult]) -> list[str]:
     first, *others = results
     doubts = [
         f"{other.file} is of {other.robot or 'another robot'} and {first.file} of {first.robot}:"
-        " parameters of one name may be others"
+        " parameters of the same name may not be the same"
         for other in others
         if other.robot != first.robot or other.error.keys() != first.error.keys()
     ]
@@ -113,7 +133,7 @@ def _doubts(results: Sequence[SavedResult]) -> list[str]:
             if before and share > WORSE * before and share > NOTABLE:
                 doubts.append(
                     f"{joint}: the torque is predicted {number_text(share / before, 2)} times as badly in {other.file}"
-                    " as in the first: its model lacks something there (elid diagnose), and its parameters bear it"
+                    " as in the first: its model lacks something there, which can bias its parameters (elid diagnose)"
                 )
     return doubts
 

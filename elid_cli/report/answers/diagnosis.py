@@ -150,7 +150,7 @@ def _moved_words(told: DiagnosisInput) -> str:
     moved = [m.name for m in told.found.moved if abs(m.deviations) > MOVED]
     if moved and not told.found.unexplained:
         more = f" and {len(moved) - NAMED} more" * (len(moved) > NAMED)
-        words.append(f"wrong without it, by more than {MOVED:g} sd: {', '.join(moved[:NAMED])}{more}")
+        words.append(f"biased without it, by more than {MOVED:g} standard errors: {', '.join(moved[:NAMED])}{more}")
     if referenced(told.before):
         first, last = (share_text(m.normalised_mean_error()) for m in (told.before, told.after))
         change = f"{first} before, {last} after" if told.contributions else last

@@ -11,10 +11,10 @@ from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import Organised
 from elid_cli.diagnosis.residuals import words as where_words
 from elid_cli.diagnosis.unexplained import HELD_OUT
-from elid_cli.estimation.judgement import JointError
+from elid_cli.estimation.judgement import EQUATIONS, JointError
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
-from elid_cli.report.answers.error_tables import LIGHTS, torque_unit
+from elid_cli.report.answers.error_tables import LIGHTS, SIDE_NOTES, torque_unit
 from elid_cli.report.answers.inputs import effect_text
 from elid_cli.report.answers.missing import curve_words, rivals_of, spoken, summary_words, variable_words, whose
 from elid_cli.report.answers.summary import AT_FLOOR, light, share_text
@@ -39,14 +39,8 @@ NEAR = 0.005
 """Share of the residual that an effect must take away to be called near."""
 STICKING = "reversals"
 """What the residual of a motor that sticks or creeps follows."""
-SIDES = {
-    "sum": "whole joint", "motor": "motor side", "load": "link side", "drive": "drive", "spring": "transmission",
-    "deflection": "deflection",
-}  # fmt: skip
-"""Equation of a joint, by its name in JSON -> as people read it."""
-SIDE_NOTES = {
-    "sum": "whole joint: motor torque against link and motor together",
-    "motor": "motor side: with the transmission's torque from the measured deflection",
+NOTES = {
+    **SIDE_NOTES,
     "load": "link side: torque sensor against the bodies",
     "drive": "drive: motor torque less the sensor's against rotor and friction",
     "spring": "transmission: torque sensor against the deflection",
@@ -70,7 +64,7 @@ def residual_table(found: Diagnosis) -> Table:
         rows.append(
             (
                 row.joint,
-                SIDES.get(row.rows, row.rows),
+                EQUATIONS.get(row.rows, row.rows),
                 Quantity(row.rms, torque_unit(found.robot, row.joint), 3),
                 share_text(row.share),
                 Quantity(row.ratio, digits=2, tone="warn" if high else "good"),
@@ -127,12 +121,12 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         told = [gain for gain in c.effect.quarters if not isnan(gain)] if len(terms) == 1 else []
         worst = percent(min(told), 2) if told else "–"
         where = c.joint if joint else f"robot ({c.joint})"
-        side = SIDES.get(c.rows, c.rows)
+        side = EQUATIONS.get(c.rows, c.rows)
         rows.append((Mark(name, "warn"), where, side, error, percent(_gain(found, c), 2), worst))
         meanings.append((whose(name, joint), _meaning_of(robot, [term.effect for term in terms])))
     note = (
-        "held-out error: with the rest of the model fitted again without it → with it; explains: share of the squared "
-        "held-out error beyond noise that it takes away"
+        "held-out error: without the effect, everything else fitted again → with it; explains: share of the squared "
+        "held-out error that it takes away, over all equations that it acts in, each in units of its noise"
     )
     if all(row[-1] == "–" for row in rows):
         columns.pop()
@@ -228,15 +222,15 @@ def before_after_table(
         for kind, first, last, share, floor in sides:
             known = light(old).text, light(new)
             change = known[1] if known[0] == known[1].text else Mark(f"{known[0]} → {known[1].text}", known[1].tone)
-            row: list[Cell] = [joint, SIDES[kind], change if kind == "sum" else ""]
+            row: list[Cell] = [joint, EQUATIONS[kind], change if kind == "sum" else ""]
             row += [*([Quantity(first, unit, 3)] if changed else []), Quantity(last, unit, 3), share_text(share)]
             if floors:
                 tone: Tone = "warn" if floor and last > AT_FLOOR * floor else "good"
                 row.append(Quantity(last / floor, digits=2, tone=tone) if floor else None)
             rows.append(tuple(row))
-    seen = [kind for kind, words in SIDES.items() if any(words == row[1] for row in rows)]
+    seen = [kind for kind, words in EQUATIONS.items() if any(words == row[1] for row in rows)]
     whose_error = ["of torque, × noise: of the error after"] if changed else []
-    notes = [LIGHTS, *whose_error, *(SIDE_NOTES[kind] for kind in seen if kind in SIDE_NOTES)]
+    notes = [LIGHTS, *whose_error, *(NOTES[kind] for kind in seen if kind in NOTES)]
     return Table(key, tuple(columns), tuple(rows), title=title, note="\n".join(notes))
 
 
@@ -257,7 +251,7 @@ def unexplained_section(found: Diagnosis) -> list[Section]:
         return []
     after = "after: " if found.effects else ""
     ordered = sorted(found.unexplained, key=lambda u: found.robot.joint_names.index(u.joint))
-    items = tuple((f"{u.joint} {SIDES.get(u.rows, u.rows)}", _left(found.robot, u)) for u in ordered)
+    items = tuple((f"{u.joint} {EQUATIONS.get(u.rows, u.rows)}", _left(found.robot, u)) for u in ordered)
     return [KeyValues("unexplained", items, title=f"{after}what no effect explains, where the model was fitted")]
 
 

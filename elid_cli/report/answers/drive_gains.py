@@ -8,12 +8,12 @@ from typing import Any
 
 from elid_cli.estimation.result import DriveGain
 from elid_cli.report.answers.classification import verdict_mark
-from elid_cli.report.answers.summary import share_text
+from elid_cli.report.answers.summary import spread_text
 from elid_cli.report.tree import Cell, Column, Quantity, Section, Table
 
 NOTE = (
-    "torque at the joint, N·m (N), is the torque as the mapping gives it times the gain; refused: the pair of logs "
-    "does not tell it, and the joint counts as one without torque"
+    "torque at the joint, N·m (N), is the torque as the mapping gives it times the gain; not shown: by these two "
+    "logs; the joint is then treated as one without torque"
 )
 
 
@@ -36,7 +36,7 @@ def gains_table(gains: Sequence[DriveGain]) -> list[Section]:
         gain, deviation, low, high = (
             Quantity(value, resolution=item.std_error) for value in (item.gain, item.std_error, *item.interval)
         )
-        share = share_text(item.std_error / abs(item.gain)).removesuffix(" %")
+        share = spread_text(item.std_error, item.gain)
         rows.append((item.joint, gain, deviation, share, low, high, verdict_mark(item.verdict)))
     title = "gains of the drives, with standard errors"
     return [Table("drive_gains", columns, tuple(rows), title, note=NOTE)] if rows else []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from math import isnan
 
-from elid_cli.estimation.judgement import JointError
+from elid_cli.estimation.judgement import EQUATIONS, JointError
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.report.answers.summary import light, share_text
 from elid_cli.report.tree import Cell, Column, Quantity, Section, Table, percent
@@ -18,7 +18,10 @@ LIGHTS = (
     "good: only the sensors' noise is left (where that noise is not known: the error is within 1 % of the torque); "
     "fair: within 5 % of the torque; poor: worse. × noise: error over what the sensors' noise alone would leave"
 )
-SIDES = "motor side alone: the same, of the motor's equation, with the spring's torque from the deflection"
+SIDE_NOTES = {
+    "sum": "whole joint: motor torque against link and motor together",
+    "motor": "motor side: with the transmission's torque from the measured deflection",
+}
 
 
 def small(fraction: float | None) -> str:
@@ -37,37 +40,40 @@ def error_table(
 ) -> Table:
     """Return how well each joint's torque is predicted, on data that the fit (if any) never saw.
 
-    `lacking` are joints whose residual follows the motion.
+    An elastic joint has two rows, as it has two equations. `lacking` are joints whose residual follows the motion.
     """
+    with_spring = any(e.spring_rms is not None for e in error.values())
     columns = [
         Column("joint", "joint"),
+        *((Column("rows", "equation"),) if with_spring else ()),
         Column("trust", "model"),
         Column("torque_rms", "torque rms", align="right"),
         Column("rms", "held-out error" if fitted else "error", align="right"),
         Column("relative", "of torque", align="right"),
     ]
     with_floor = any(e.floor is not None for e in error.values())
-    with_spring = any(e.spring_rms is not None for e in error.values())
     if with_floor:
         columns.append(Column("floor", "× noise", align="right"))
-    if with_spring:
-        columns.append(Column("spring_relative", "motor side alone", align="right"))
     rows = []
     for name, e in error.items():
         unit, mark = torque_unit(robot, name), light(e, lacking=name in lacking)
-        row: list[Cell] = [
-            name,
-            mark,
-            Quantity(e.torque_rms, unit, 3),
-            Quantity(e.rms, unit, 3),
-        ]
-        row.append(share_text(e.relative))
-        if with_floor:
-            row.append(Quantity(e.rms / e.floor, digits=2, tone=mark.tone) if e.floor else None)
-        if with_spring:
-            row.append(None if e.spring_relative is None else share_text(e.spring_relative))
-        rows.append(tuple(row))
-    return Table(key, tuple(columns), tuple(rows), title=title, note=f"{LIGHTS}; {SIDES}" if with_spring else LIGHTS)
+        sides = [("sum", e.rms, e.relative, e.floor)]
+        if e.spring_rms is not None and e.spring_relative is not None:
+            sides.append(("motor", e.spring_rms, e.spring_relative, e.spring_floor))
+        for kind, rms, share, floor in sides:
+            row: list[Cell] = [
+                name,
+                *((EQUATIONS[kind],) if with_spring else ()),
+                mark if kind == "sum" else "",
+                Quantity(e.torque_rms, unit, 3) if kind == "sum" else "",
+                Quantity(rms, unit, 3),
+                share_text(share),
+            ]
+            if with_floor:
+                row.append(Quantity(rms / floor, digits=2, tone=mark.tone) if floor else None)
+            rows.append(tuple(row))
+    note = "\n".join((LIGHTS, *SIDE_NOTES.values())) if with_spring else LIGHTS
+    return Table(key, tuple(columns), tuple(rows), title=title, note=note)
 
 
 def sensor_table(key: str, robot: Robot, error: Mapping[str, JointError]) -> list[Section]:

@@ -23,8 +23,11 @@ def excitation_report(found: Excitation, robot_argument: str, file: str, rate: f
     facts: tuple[tuple[str, Cell], ...] = (
         ("trajectory", f"{number_text(found.trajectory.duration)} s, quintic splines, from rest to rest"),
         ("written", f"{file}, {number_text(rate)} Hz: t, q, dq, ddq of every joint"),
-        ("condition", f"{number_text(e.condition, 3)}; of random splines as long {number_text(r.condition, 3)}"),
-        ("standard errors", f"{number_text(found.gain, 3)} times smaller than after random splines (geometric mean)"),
+        (
+            "condition",
+            f"{number_text(e.condition, 3)}; of random splines as long {number_text(r.condition, 3)}",
+        ),
+        ("standard errors", f"{_times(found.gain)} than after random splines (geometric mean)"),
         ("assumed", _assumed(found)),
         *_guessed(found),
         *((("aimed at", ", ".join(found.options.aims)),) if found.options.aims else ()),
@@ -38,6 +41,10 @@ def excitation_report(found: Excitation, robot_argument: str, file: str, rate: f
              "next"),
     ]  # fmt: skip
     return Report("excite", excitation_payload(found, file=file, rate=rate), tuple(sections))
+
+
+def _times(gain: float) -> str:
+    return f"{number_text(gain, 3)} times smaller" if gain >= 1 else f"{number_text(1 / gain, 3)} times larger"
 
 
 def _assumed(found: Excitation) -> str:

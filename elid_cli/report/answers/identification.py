@@ -37,6 +37,7 @@ from elid_cli.report.answers.summary import (
     near_zero,
     parameter_words,
     record_sections,
+    spread_text,
     symbol_words,
     trust_words,
 )
@@ -166,9 +167,7 @@ def _base_table(found: Identification, key: str, title: str, members: Sequence[i
                 folded(found.base.names[k], found.base.terms[k]),
                 Quantity(value, resolution=deviation),
                 Quantity(deviation, resolution=deviation),
-                NEAR_ZERO
-                if near_zero(value, deviation, found.verdict[k])
-                else small(deviation / abs(value) if value else None),
+                NEAR_ZERO if near_zero(value, deviation, found.verdict[k]) else spread_text(deviation, value),
                 found.base.units[k],
                 *reference,
                 *verdict,

@@ -54,7 +54,7 @@ def heading(robot: Robot, recording: Recording | None = None) -> Text:
 def recorded_items(robot: Robot, recording: Recording) -> Items:
     """Return what the logs hold and what was repaired."""
     present = [name for name in SIGNALS if _has(recording, name)]
-    stretches = f" in {len(recording.segments)} stretches" if len(recording.segments) > 1 else ""
+    stretches = f" in {len(recording.segments)} segments" if len(recording.segments) > 1 else ""
     line = (
         f"{_value(recording.duration)} s at {_value(recording.rate)} Hz{stretches}, "
         f"{robot.n} joint{'s' * (robot.n != 1)}, {_listed(present)}"
@@ -78,11 +78,11 @@ def recording_sections(robot: Robot, recording: Recording) -> list[Section]:
 
 def used_items(settings: Mapping[str, object]) -> Items:
     """Return how the signals were conditioned; every figure of it has an option."""
-    facts = [f"{settings['instants']} instants at {_value(settings['rate'])} Hz",
+    facts = [f"{settings['instants']} samples at {_value(settings['rate'])} Hz",
              f"zero-phase low-pass {_value(settings['cutoff'])} Hz"]  # fmt: skip
     masked = _numbers(settings.get("masked"))
     if masked and max(masked) > 0:
-        facts.append(f"reversals masked ({_span([100 * share for share in masked], 2)} %)")
+        facts.append(f"reversals left out ({_span([100 * share for share in masked], 2)} %)")
     knots = _numbers(settings.get("knots"))
     items: list[tuple[str, Cell]] = [("used", ", ".join(facts))]
     if knots:

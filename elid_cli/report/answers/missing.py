@@ -54,8 +54,16 @@ def whose(effect: str, joint: str | None) -> str:
 def summary_words(terms: Sequence[FoundEffect]) -> str:
     """Return what an effect is, as its values say it; terms of one curve, or the same effect at several joints."""
     kind = effect_classes()[terms[0].effect]
-    said = {kind.summary_of(term.parameters) for term in terms}
-    return said.pop() if len(said) == 1 else kind.summary
+    curves: dict[str | None, list[FoundEffect]] = {}
+    for term in terms:
+        curves.setdefault(term.joint, []).append(term)
+    said = {
+        joint: kind.summary_of([t.parameters for t in curve], [t.std_error for t in curve])
+        for joint, curve in curves.items()
+    }
+    if len(set(said.values())) == 1:
+        return next(iter(said.values()))
+    return "; ".join(f"{joint}: {words}" for joint, words in said.items())
 
 
 def named_words(places: Mapping[str, Sequence[str]], rivals: Sequence[Rival], summary: str = "") -> str:

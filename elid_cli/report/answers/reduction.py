@@ -29,7 +29,7 @@ def reduction_report(
     instants = sum(log.facts.instants for log in logs)
     facts: tuple[tuple[str, Cell], ...] = (
         *recorded_items(robot, recording),
-        ("reduced", f"{instants} instants at {number_text(logs[0].facts.rate, 4)} Hz, "
+        ("reduced", f"{instants} samples at {number_text(logs[0].facts.rate, 4)} Hz, "
                     f"zero-phase low-pass {number_text(logs[0].facts.cutoff, 4)} Hz"),
         ("written", f"{file}, {number_text(size / 1e3, 3)} kB"),
     )  # fmt: skip
@@ -43,7 +43,7 @@ def reduction_report(
     columns = (
         Column("file", "log"),
         Column("duration", "duration", "s", "right"),
-        Column("instants", "instants", align="right"),
+        Column("instants", "samples", align="right"),
     )
     rows: list[tuple[Cell, ...]] = [
         (", ".join(log.recording.files), Quantity(log.recording.duration, digits=4), log.facts.instants) for log in logs

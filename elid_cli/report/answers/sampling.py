@@ -8,11 +8,16 @@ from typing import Any
 
 from elid_cli.estimation.sampling.pool import Distribution
 from elid_cli.estimation.sampling.sets import ParameterSets
-from elid_cli.report.answers.summary import BIASED
+from elid_cli.report.answers.summary import BIASED, listed, share_text
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text
 
 SHOWN = 20
-ORIGIN = "drawn: from the estimates; split: member of a drawn sum, as the robot file suggests; held: no log shows it"
+WIDEST = 3
+"""Parameters that the first answer names."""
+ORIGIN = (
+    "drawn: from the estimates; split: part of a drawn sum, divided as in the robot file; held: at the robot file's "
+    "value, as no log shows it"
+)
 
 
 def sampling_report(sets: ParameterSets, written: Sequence[str] = ()) -> Report:
@@ -43,6 +48,7 @@ def sampling_report(sets: ParameterSets, written: Sequence[str] = ()) -> Report:
     title = "range of the sets: the middle 95 %"
     sections: list[Section] = [
         Text("title", found.robot, "heading"),
+        KeyValues("answers", (("what was drawn?", _drawn_words(sets, entries)),)),
         Table("parameters", columns, tuple(rows), title, SHOWN, ORIGIN if marked else ""),
         KeyValues("inputs", tuple(facts), "how they were drawn"),
     ]
@@ -52,9 +58,21 @@ def sampling_report(sets: ParameterSets, written: Sequence[str] = ()) -> Report:
 
 
 _BIAS = (
-    "the models of these results lack something that can move parameters by more than their errors say: the sets do "
-    "not reach as far (elid diagnose)"
+    "the models of these results lack something, which can bias parameters by more than their standard errors. The "
+    "sets do not cover that. elid diagnose looks for the cause"
 )
+
+
+def _drawn_words(sets: ParameterSets, entries: Sequence[dict[str, Any]]) -> str:
+    """Return how many sets of which parameters, how far they reach, and what does not vary."""
+    varied = [entry for entry in entries if entry["origin"] != "held"]
+    wide = [(entry["std"] / abs(entry["mean"]), entry["name"]) for entry in varied
+            if entry["mean"] and entry["std"] < abs(entry["mean"])]  # fmt: skip
+    widest = [f"{name} (± {share_text(share)})" for share, name in sorted(wide, reverse=True)[:WIDEST]]
+    held = len(entries) - len(varied)
+    said = f"{len(sets.values)} sets of {len(varied)} parameters that vary together as the results say"
+    rest = f"; {held} more are held at the robot file's values" if held else ""
+    return f"{said}{rest}." + (f" Relatively widest: {listed(widest)}." if widest else "")
 
 
 def with_samples(report: Report, sets: ParameterSets) -> Report:

@@ -80,6 +80,12 @@ def above_noise(error: JointError) -> float | None:
     return max(known, default=None)
 
 
+def _motor_side(error: JointError) -> bool:
+    """Whether the motor's equation is the worse one beside its noise."""
+    times = above_noise(error)
+    return bool(error.spring_floor and error.spring_rms and error.spring_rms / error.spring_floor == times)
+
+
 def trust_words(
     robot: Robot, error: Mapping[str, JointError], lacking: Collection[str] = (), warnings: Sequence[str] = ()
 ) -> str:
@@ -112,8 +118,11 @@ def _predicted_words(robot: Robot, error: Mapping[str, JointError], lacking: Col
         return f"Not at {listed(poor)}: the predicted torque is off by {sizes}.{but}"
     fair = [joint for joint, mark in marks.items() if mark == "fair"]
     times = max(((times, j) for j in fair if (times := above_noise(error[j])) is not None), default=None)
-    left = f"; the error is up to {number_text(times[0], 2)} times the sensors' noise (at {times[1]})" if times else ""
-    return f"Mostly: every joint's torque is predicted within {shares[worst]}{left}.{but}"
+    left = ""
+    if times:
+        where = f"{times[1]}, motor side" if _motor_side(error[times[1]]) else times[1]
+        left = f"; the error is up to {number_text(times[0], 2)} times the sensors' noise (at {where})"
+    return f"Mostly: every joint's torque is predicted within {shares[worst].removeprefix('< ')}{left}.{but}"
 
 
 def missing_words(
@@ -150,10 +159,15 @@ def rows_words(rows: Sequence[Insufficient]) -> str:
         worst[item.joint] = item
     ranked = sorted(worst.items(), key=lambda pair: -pair[1].ratio)
     said = [
-        f"the residual of {joint} follows the {item.follows} ({number_text(item.ratio, 2)} times the sensors' noise)"
+        f"the residual of {joint} {follows_words(item.follows)} ({number_text(item.ratio, 2)} times the sensors' noise)"
         for joint, item in ranked[:NAMED]
     ]
     return "; ".join((*said, *([f"and {len(ranked) - NAMED} more joints"] if len(ranked) > NAMED else ())))
+
+
+def follows_words(variable: str) -> str:
+    """Return that a residual follows a variable; what only time explains changes in the course of the log."""
+    return "changes in the course of the log" if variable == "time" else f"follows the {variable}"
 
 
 def parameter_words(found: Identification) -> str:
@@ -237,9 +251,9 @@ def record_sections(
         for need, names in groups.items()
     )]  # fmt: skip
     if not items:
-        check = "Nothing more for these parameters; a second log would check them (elid validate)."
+        check = "Nothing more for these parameters. A second log would check them: elid validate."
         if found.model == "insufficient":
-            check = "Nothing more for these parameters; what is missing is looked for first (elid diagnose)."
+            check = "Nothing more for these parameters. First find what is missing: elid diagnose."
         if written:
             check = "Nothing more for these parameters. Check the written robot file on another log: elid validate."
         elif writes:
@@ -298,6 +312,12 @@ def share_text(fraction: float) -> str:
     if not isfinite(percent):
         return "–"
     return "< 0.01 %" if percent < 0.01 else f"{number_text(percent, 2)} %"
+
+
+def spread_text(deviation: float, value: float) -> str:
+    """Return a standard error in percent of a value, without the unit; beyond 100 no number means much."""
+    share = deviation / abs(value) if value else float("nan")
+    return "> 100" if share > 1.0 else share_text(share).removesuffix(" %")
 
 
 def signed_share(fraction: float) -> str:

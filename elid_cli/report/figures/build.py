@@ -13,6 +13,7 @@ from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.estimation.comparison import Comparison
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.sampling.sets import ParameterSets
 from elid_cli.estimation.trend.trends import Trends
 from elid_cli.estimation.validation.noise_floor import noise_floor
 from elid_cli.estimation.validation.prediction import ByLog, Validation, validate
@@ -30,6 +31,11 @@ HELD_OUT = (
     "Error of the simulated position",
     "Simulated minus measured position, rms, on blocks of time that the values were not fitted to.",
 )
+CHANGED = (
+    "Error of each joint",
+    "Held-out error, rms, as a share of the joint's torque. Before: with the robot file's effects alone; after: with "
+    "everything that was found.",
+)
 MEMBERS = "Held-out error of each member", "Motor torque minus prediction, rms, on stretches that no fit saw."
 
 
@@ -46,7 +52,7 @@ def shares(error: Mapping[str, JointError]) -> dict[str, float]:
 
 
 def motor_sides(cases: Sequence[tuple[str, Mapping[str, JointError]]]) -> list[tuple[str, dict[str, float]]]:
-    """Return the relative error of each joint's motor side alone, of every case that has one."""
+    """Return the relative error of each joint's motor side, of every case that has one."""
     known = [(label, {joint: e.spring_relative for joint, e in error.items() if e.spring_relative is not None})
              for label, error in cases]  # fmt: skip
     return [(label, sides) for label, sides in known if sides]
@@ -118,6 +124,11 @@ def trend_figures(found: Trends) -> tuple[Figure, ...]:
     return figures_of(FigureInput(trends=found))
 
 
+def sampling_figures(sets: ParameterSets) -> tuple[Figure, ...]:
+    """Return the figures of drawn parameter sets."""
+    return figures_of(FigureInput(sets=sets))
+
+
 def validation_figures(found: Validation, signals: Signals, others: Sequence[ByLog] = ()) -> tuple[Figure, ...]:
     """Return the figures of a validation, compared with other robots or logs where there are any."""
     errors = [(case.file, case.error) for case in others] or [("error", found.error)]
@@ -133,7 +144,8 @@ def diagnosis_figures(
     before, after = found.validation_before if parts else None, found.validation_after
     errors = [("before", found.before), ("after", found.after)] if parts else [("held-out error", found.after)]
     cases, sides = [(word, shares(error)) for word, error in errors], motor_sides(errors)
-    return figures_of(FigureInput(signals, after, before, floor, identified, found, parts, cases=cases, sides=sides))
+    told = FigureInput(signals, after, before, floor, identified, found, parts, cases=cases, sides=sides)
+    return figures_of(replace(told, heading=CHANGED) if parts else told)
 
 
 def _floor(found: Identification, signals: Signals, judged: Validation) -> Mapping[EstimationRow, float] | None:

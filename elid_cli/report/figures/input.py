@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from elid_cli.diagnosis.result import Diagnosis
     from elid_cli.estimation.comparison import Comparison
     from elid_cli.estimation.result import Identification
+    from elid_cli.estimation.sampling.sets import ParameterSets
     from elid_cli.estimation.trend.trends import Trends
     from elid_cli.estimation.validation.prediction import Validation
     from elid_cli.experiment.excitation import Excitation
@@ -51,14 +52,16 @@ class FigureInput:
     """Errors to compare: a label, and the error of each joint, a share of its torque or in `unit`."""
     unit: str = ""
     """What `cases` are in, such as ``mrad``; empty: they are shares of torques."""
-    heading: tuple[str, str] = ("Error of each joint", "Shares of the joint's torque, rms.")
+    heading: tuple[str, str] = ("Error of each joint", "Error of the torque, rms, as a share of the joint's torque.")
     """Title and caption of the figure of `cases`."""
     sides: Sequence[tuple[str, Mapping[str, float]]] = ()
-    """The same of the motor side alone, where joints have one."""
+    """The same of the motor side, where joints have one."""
     comparisons: Sequence[Comparison] = ()
     """Saved results against the first one."""
     trends: Trends | None = None
     """Parameters over recordings."""
+    sets: ParameterSets | None = None
+    """Drawn parameter sets."""
 
     @property
     def robot(self) -> Robot | None:

@@ -90,6 +90,6 @@ def scatter_with_mean(x: Array, y: Array, color: Color, *, dash: str = "", label
     """Return points, thinned to occupied cells, with their middle 90 % as a band and their mean as a line."""
     kept = cloud(x, y)
     centre, mean, low, high, _ = bands(x, y)
-    points = Dots(x[kept], y[kept], "pale", label="instants")
+    points = Dots(x[kept], y[kept], "pale", label="samples")
     band = Band(centre, low, high, color, "" if dash else "middle 90 %")
     return [points, band, Rule(y=0.0), Line(centre, mean, color, dash, 1.8, label)]

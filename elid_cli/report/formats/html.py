@@ -33,8 +33,8 @@ SUFFIXES, FIGURES = (".html", ".htm"), True
 LONG = 16
 """Rows of a table beyond which it is folded."""
 PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("Evidence", ("figure:effect", "figure:errors", "figure:trended", "motor_side*",
-                          "figure:response", "parameters", "member_errors", "values",
+    ("Evidence", ("figure:effect", "figure:errors", "figure:trended", "figure:drawn_sets", "figure:change",
+                          "motor_side*", "figure:response", "parameters", "moved*", "unmoved*", "member_errors", "values",
                           "members", "effects*", "meaning", "waiting", "also_possible", "before_after", "position",
                           "error*", "unexplained", "triage", "differing", "by_log")),
     ("Parameters", ("figure:parameters", "joint_parameters", "base_parameters", "reasons", "physical*", "std_error")),
@@ -244,7 +244,7 @@ def _table(section: Table) -> str:
 def _row(columns: Iterable[Column], cells: Iterable[Cell]) -> str:
     parts = []
     for number, (column, cell) in enumerate(zip(columns, cells, strict=True)):
-        told = f' data-head="{escape(column.title)}"' if number else ""
+        told = f' data-head="{escape(column.head)}"' if number else ""
         tone = cell.tone if isinstance(cell, Mark | Quantity) else "plain"
         text = escape(cell_text(cell, unit=not column.unit))
         light = "<i class=light aria-hidden=true></i>" if column.key == "trust" and text else ""

@@ -74,7 +74,7 @@ def test_logs_in_the_other_order_are_told(logs: list[str]) -> None:
 
 def test_a_payload_that_lifts_nothing_is_refused(logs: list[str]) -> None:
     """Two logs without any payload: nothing tells the scale of the torque."""
-    with pytest.raises(DataError, match="no drive's gain is seen"):
+    with pytest.raises(DataError, match="no drive's gain can be found"):
         identify_with_payload(replace(unknown(), logs=[logs[0], logs[0]]), EstimateOptions(), Payload(MASS, "joint1"))
 
 

@@ -15,6 +15,8 @@ SLOWEST = 0.015
 """Least Stribeck velocity, as a part of the top speed."""
 TYPICAL = 0.1
 """Stribeck velocity to start from, as a part of the top speed."""
+SURE = 2.0
+"""Standard errors by which a friction curve must turn."""
 SLOW, HALF, PASSES = 1.5, 0.5, 3
 """Stribeck velocities below which a motion is slow, at most this part of the top speed, and times that it must be."""
 
@@ -55,10 +57,33 @@ class Stribeck(Effect):
     example = {"amplitude": -0.25, "velocity": 0.1, "exponent": 1.0}
 
     @classmethod
-    def summary_of(cls, values: Mapping[str, float]) -> str:
-        """Return whether friction rises or falls towards zero speed: a term of negative exponent vanishes there."""
-        rises = (values["amplitude"] > 0) != (values.get("exponent", 1.0) < 0)
-        return f"friction that {'rises' if rises else 'falls'} towards zero speed"
+    def summary_of(cls, terms: Sequence[Mapping[str, float]], errors: Sequence[Mapping[str, float]] = ()) -> str:
+        """Return whether friction rises or falls towards zero speed: a term of negative exponent vanishes there.
+
+        A sum of terms may rise and fall: that is said where it stands out of the amplitudes' errors.
+        """
+        slowest = min(term["velocity"] for term in terms)
+        speeds = np.geomspace(0.01 * slowest, 100.0 * max(term["velocity"] for term in terms), 400)
+        parts = [np.exp(-((speeds / t["velocity"]) ** t.get("exponent", 1.0))) for t in terms]
+        curve = np.sum([t["amplitude"] * part for t, part in zip(terms, parts, strict=True)], axis=0)
+        spread = [error.get("amplitude", 0.0) for error in errors] or [0.0] * len(terms)
+
+        def change(one: int, other: int) -> float:
+            """Return by how much friction differs between two speeds; 0 where that is within its error."""
+            error = sum(s * abs(part[one] - part[other]) for s, part in zip(spread, parts, strict=True))
+            size = float(curve[one] - curve[other])
+            return size if abs(size) > SURE * error else 0.0
+
+        low, high = sorted((float(curve[0]), float(curve[-1])))
+        turn = int(np.argmax(np.abs(curve - np.clip(curve, low, high))))
+        rest, top = change(turn, 0), change(turn, -1)
+        if rest * top > 0:
+            first, last = ("rises", "falls") if top > 0 else ("falls", "rises")
+            return f"friction that {first} towards zero speed, and {last} again at the slowest speeds"
+        whole = change(0, -1)
+        if not whole:
+            return "friction that changes towards zero speed: that it rises and that it falls both fit"
+        return f"friction that {'rises' if whole > 0 else 'falls'} towards zero speed"
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:

@@ -55,8 +55,8 @@ class EffectView:
 def figures(told: FigureInput) -> Iterator[Figure]:
     """Yield a figure of every effect and curve found; the terms of one curve are one."""
     caption = (
-        "Residuals of two models over the variable that the effect follows most: orange, the model without the effect, "
-        "its other parameters fitted again; blue, the model with it."
+        "Residuals of two models over the variable that the effect follows most: orange, without this effect, "
+        "everything else that was found in the model and fitted again; blue, with it."
     )
     if told.diagnosis is None:
         return

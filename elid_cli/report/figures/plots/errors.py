@@ -27,7 +27,7 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         title, caption = told.heading
         if told.sides:
             caption += (
-                " Whole joint: motor torque against the motion of all bodies. Motor side alone: with the "
+                " Whole joint: motor torque against the motion of all bodies. Motor side: with the "
                 "transmission's torque from the measured deflection, where a fault of the motor shows more clearly."
             )
         data = {"cases": told.cases, "sides": told.sides, "unit": told.unit}
@@ -38,7 +38,7 @@ def draw(figure: Figure) -> Drawing:
     """Draw ``cases`` and ``sides``: pairs of a label and the error of each joint, by name, in ``unit`` or as shares."""
     cases, sides = figure.data["cases"], figure.data.get("sides") or ()
     panels = [_panel(cases, "whole joint" if sides else "", figure.data.get("unit", ""))]
-    return Drawing([*panels, _panel(sides, "motor side alone")] if sides else panels)
+    return Drawing([*panels, _panel(sides, "motor side")]) if sides else Drawing(panels, wide=True)
 
 
 def _panel(cases: Sequence[tuple[str, Mapping[str, float]]], title: str, unit: str = "") -> Panel:

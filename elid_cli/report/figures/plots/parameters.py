@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elid_cli.estimation.validation.verdicts import HELD
-from elid_cli.report.answers.summary import JOINT_KINDS, NEAR_ZERO, NOT_SHOWN, by_kind, near_zero, share_text
+from elid_cli.report.answers.summary import JOINT_KINDS, NEAR_ZERO, NOT_SHOWN, by_kind, near_zero, spread_text
 from elid_cli.report.figures.drawing import Bars, Dots, Drawing, Mark, Panel, Rule, Words
 from elid_cli.report.tree import Figure
 
@@ -47,11 +47,11 @@ def draw(figure: Figure) -> Drawing:
     drives = [k for k in order if data["leaders"][k].kind in JOINT_KINDS]
     bodies = [k for k in order if k not in set(drives)]
     titled = [("drives and transmissions", drives), ("bodies", bodies)]
-    pieces = [(title, part) for title, rows in titled for part in _parts(rows)]
+    pieces = [(title, part) for title, rows in titled for part in parts(rows)]
     return Drawing([_panel(data, title, rows) for title, rows in pieces])
 
 
-def _parts(rows: Sequence[int]) -> list[Sequence[int]]:
+def parts(rows: Sequence[int]) -> list[Sequence[int]]:
     """Return rows in as few parts as `MOST` allows, about equally long."""
     count = -(-len(rows) // MOST)
     edges = [round(k * len(rows) / count) for k in range(count + 1)] if count else []
@@ -74,15 +74,24 @@ def _panel(data: Mapping[str, Any], title: str, index: Sequence[int]) -> Panel:
         *([Dots(reference / scale, y, "orange", "d", 9, label="robot file")] if np.isfinite(reference).any() else []),
         Words(y, [_spread(data["verdict"][k], data["estimate"][k], data["std_error"][k]) for k in index]),
     ]
-    shown = [name if len(name) <= LONGEST else _short(name) for name in names]
     drawn = np.concatenate([x - half, x + half, reference / scale])
     drawn = np.clip(drawn[np.isfinite(drawn)], -EDGE, EDGE)
     limits = (min(-0.12, *(drawn - 0.12)), max(1.12, *(drawn + 0.12))), (len(index) - 0.5, -0.5)
-    return Panel(marks, title, "value / its own size", "", *limits, 44.0 + 17.0 * len(index), ynames=shown)
+    return Panel(
+        marks,
+        title,
+        "value / its own size",
+        "",
+        *limits,
+        44.0 + 17.0 * len(index),
+        ynames=[shortened(name) for name in names],
+    )
 
 
-def _short(name: str) -> str:
-    """Return a combination by its leading term and the number of the others."""
+def shortened(name: str) -> str:
+    """Return a combination, or, of a long one, its leading term and the number of the others."""
+    if len(name) <= LONGEST:
+        return name
     leader, *others = re.split(r" [+-] ", name)
     return f"{leader} and {len(others)} more" if others else f"{name[: LONGEST - 1]}…"
 
@@ -95,4 +104,4 @@ def _spread(verdict: str, estimate: float, deviation: float) -> str:
         return NOT_SHOWN
     if near_zero(estimate, deviation, verdict) or not estimate:
         return NEAR_ZERO
-    return f"± {share_text(deviation / abs(estimate))}"
+    return f"± {spread_text(deviation, estimate)} %"

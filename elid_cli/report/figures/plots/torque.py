@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from elid_cli.report.figures.input import FigureInput
 
 ORDER = 2
-MOTOR_SIDE = "motor side alone"
+MOTOR_SIDE = "motor side"
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
@@ -27,7 +27,7 @@ def figures(told: FigureInput) -> Iterator[Figure]:
     for view in told.views:
         caption = "Filtered motor torque, measured and predicted from the motion, and their difference."
         if view.spring_residual is not None:
-            caption += " Motor side alone: the same with the transmission's torque from the measured deflection."
+            caption += " Motor side: the same with the transmission's torque from the measured deflection."
         caption += " Grey: left out, around reversals and gaps." if not np.all(view.used) else ""
         caption += " Green: held out, stretches that the fit never saw." if held_out else ""
         old = told.views_before.get(view.joint)
