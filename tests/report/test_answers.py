@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from elid_cli.cli import main
-from elid_cli.diagnosis import Rival
-from elid_cli.report.answers.missing import named_words
+from elid_cli.diagnosis import FoundEffect, Rival
+from elid_cli.report.answers.missing import named_words, summary_words
 from elid_cli.report.answers.summary import near_zero, symbol_words
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "quanser_2dsfl.csv"
@@ -27,6 +27,30 @@ def test_what_a_log_cannot_tell_apart_is_named_as_one_of_several() -> None:
     assert named_words({"stribeck": ["j1"]}, [], "friction that falls") == (
         "Stribeck friction at j1 (friction that falls)."
     )
+
+
+def curve(joint: str, amplitude: float, exponent: float, error: float = 0.01, velocity: float = 0.1) -> FoundEffect:
+    parameters = {"amplitude": amplitude, "velocity": velocity, "exponent": exponent}
+    return FoundEffect("stribeck", joint, parameters, {"amplitude": error}, 0.9, 9.0, (), False, "")
+
+
+@pytest.mark.parametrize(
+    ("terms", "words"),
+    [
+        ([curve("a", 0.5, 1.0)], "friction that rises towards zero speed"),
+        ([curve("a", 0.5, -1.0)], "friction that falls towards zero speed"),
+        ([curve("a", 0.5, 1.0), curve("a", 0.5, 2.0, velocity=0.02)], "friction that rises towards zero speed"),
+        ([curve("a", -0.3, 1.0), curve("a", -0.3, -1.0)],
+         "friction that rises towards zero speed, and falls again at the slowest speeds"),
+        ([curve("a", -0.3, 1.0, 0.3), curve("a", -0.3, -1.0, 0.3)],
+         "friction that changes towards zero speed: that it rises and that it falls both fit"),
+        ([curve("a", 0.5, 1.0), curve("b", 0.5, 1.0)], "friction that rises towards zero speed"),
+        ([curve("a", 0.5, 1.0), curve("b", -0.5, 1.0)],
+         "a: friction that rises towards zero speed; b: friction that falls towards zero speed"),
+    ],
+)  # fmt: skip
+def test_a_friction_curve_says_which_way_it_goes(terms: list[FoundEffect], words: str) -> None:
+    assert summary_words(terms) == words
 
 
 def test_near_zero_is_a_small_interval_around_zero() -> None:

@@ -34,9 +34,9 @@ LONG = 16
 """Rows of a table beyond which it is folded."""
 PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Evidence", ("figure:effect", "figure:errors", "figure:trended", "figure:drawn_sets", "figure:change",
-                          "motor_side*", "figure:response", "parameters", "moved*", "unmoved*", "member_errors", "values",
-                          "members", "effects*", "meaning", "waiting", "also_possible", "before_after", "position",
-                          "error*", "unexplained", "triage", "differing", "by_log")),
+                          "motor_side*", "figure:response", "parameters", "moved*", "unmoved*", "member_errors",
+                          "values", "members", "effects*", "meaning", "waiting", "also_possible", "before_after",
+                          "position", "error*", "unexplained", "triage", "differing", "by_log")),
     ("Parameters", ("figure:parameters", "joint_parameters", "base_parameters", "reasons", "physical*", "std_error")),
     ("What to record next", ("record", "next")),
     ("Over time", ("figure:torque", "figure:trajectory", "figure:replayed", "figure:signals")),
