@@ -130,8 +130,8 @@ def _loud_words(told: DiagnosisInput) -> str:
     memory = [n.correlation for n in told.after.noise if n.joint == worst.joint]
     lasts = f" with a correlation time of {max(memory) * 1e3:.0f} ms" if memory else ""
     return (
-        f" What is left at {worst.joint}, {number_text(worst.ratio, 2)} times the sensors' white noise, does not "
-        f"follow the motion: it is torque noise{lasts}."
+        f" What is left at {worst.joint}, {number_text(worst.ratio, 2)} times the sensors' white noise, follows no "
+        f"variable of the motion: it is torque noise{lasts}, or depends on several joints at once."
     )
 
 
@@ -216,9 +216,9 @@ def _worse(found: Diagnosis) -> list[str]:
     if not found.predicted_worse:
         return []
     return [
-        f"{listed(found.predicted_worse)}: filtered as elid identify does, stretches left out are predicted worse with"
-        " what was found; a robot file is written with the parameters before, with stiffnesses and encoder faults as"
-        " found"
+        f"{listed(found.predicted_worse)}: at the filter of elid identify, held-out stretches are predicted worse with "
+        "what was found. A written robot file has the parameters of before, and only stiffnesses and encoder faults of "
+        "what was found"
     ]
 
 

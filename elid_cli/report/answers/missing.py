@@ -102,7 +102,7 @@ def missing_words(told: DiagnosisInput) -> str:
     found = told.found
     named = [c for c in told.contributions if c.effect not in found.curves]
     left = [u.joint for u in found.unexplained]
-    nothing = "nothing found so far" if found.partial else "nothing"
+    nothing = "nothing found so far" if found.partial else "no effect of the library"
     rest = f" More than noise is left at {listed(list(dict.fromkeys(left)))}, which {nothing} explains." if left else ""
     if found.partial and not named:
         return f"Not known yet: the search was stopped before it found anything.{rest}"
@@ -110,6 +110,8 @@ def missing_words(told: DiagnosisInput) -> str:
         sticking = any(r.ratio > AT_FLOOR >= r.away for r in found.rows_after)
         where = " away from reversals" if sticking else ""
         nothing = f"Nothing{where}: only the sensors' noise is left, and no effect improves the model."
+        if any(row.high for row in found.rows_after):  # what is left is told beside
+            nothing = "Nothing that this log shows: no effect of the library improves the model."
         return (rest.strip() or nothing) + _constant_words(found)
     order = [*found.robot.joint_names, found.robot.name].index
     named.sort(key=lambda c: order(c.effect.joint or found.robot.name))

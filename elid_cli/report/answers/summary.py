@@ -147,7 +147,8 @@ def missing_words(
     if loud is not None and loud.ratio > LOUD:
         memory = (
             f" The residual of {loud.joint} is {number_text(loud.ratio, 2)} times the white noise of its sensors: "
-            f"torque noise with a correlation time of {loud.correlation * 1e3:.0f} ms."
+            f"torque noise with a correlation time of {loud.correlation * 1e3:.0f} ms, or what depends on several "
+            "joints at once."
         )
     return f"Nothing that this log shows: no joint's residual follows the motion beyond the sensors' noise.{memory}"
 

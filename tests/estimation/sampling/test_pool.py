@@ -45,7 +45,7 @@ def test_offsets_of_drives_are_said_not_to_be_drawn() -> None:
     one = result(np.array([3.0, 1.0, 2.0]))
     assert sample([one], 2).notes == ()
     (words,) = sample([replace(one, channels=("torque_offset hip", "torque_offset knee")), one], 2).notes
-    assert "not drawn: torque_offset of 2 joints" in words
+    assert "and not to the robot: torque_offset of 2 joints" in words
 
 
 def test_one_that_some_results_refuse_is_of_the_others() -> None:
