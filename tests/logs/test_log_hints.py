@@ -74,6 +74,16 @@ FORMS: dict[str, Callable[[Path], Path]] = {
         f, {"": np.arange(1200), "timestamp": BASE.t, **each("joint_{}_position", Q, 0),
             **each("joint_{}_torque", TAU, 0)}
     ),
+    "Spanish, joints in reverse": lambda f: text(
+        f, {"tiempo [ns]": 1e9 * BASE.t, **{f"posición {JOINTS[k]} [°]": np.degrees(Q[:, k]) for k in (2, 1, 0)},
+            **{f"velocidad {j} [°/s]": 0 * Q[:, k] for k, j in enumerate(JOINTS)},
+            **{f"par {JOINTS[k]} [Nm]": TAU[:, k] for k in (2, 1, 0)}}, ";",
+    ),
+    "a unit of its own per joint": lambda f: text(
+        f, {"time": BASE.t, f"{JOINTS[0]}_pos[mm]": 1e3 * Q[:, 0], f"{JOINTS[1]}_pos[deg]": np.degrees(Q[:, 1]),
+            f"{JOINTS[2]}_pos": Q[:, 2], f"{JOINTS[0]}_torque[mNm]": 1e3 * TAU[:, 0],
+            **{f"{j}_torque[Nm]": TAU[:, k] for k, j in enumerate(JOINTS) if k}}
+    ),
     "other time": lambda f: text(f, {"Zeit": BASE.t, **each("q{}", Q), **each("tau{}", TAU)}),
 }  # fmt: skip
 
@@ -175,6 +185,9 @@ def test_a_prediction_is_not_called_trusted_where_a_unit_is_doubted(tmp_path: Pa
     told = read(path, robot=RIGID, mapping={"q": {"from": "q{i}"}, "tau": {"from": "tau{i}", "scale": 2.0}}).warnings
     assert trust_words(RIGID, error, warnings=told[:1]).startswith("Only if the log's units are right")
     assert "which is no torque" in told[1]
+    path = text(tmp_path, {"t": BASE.t, "q1[rad]": Q[:, 0], "q2[deg]": Q[:, 1], "q3": Q[:, 2], **each("tau{}", TAU)})
+    told = read(path, robot=RIGID, mapping={"q": {"from": "q{i}"}, "tau": {"from": "tau{i}"}}).warnings
+    assert "q is written to be in 'deg' and taken as it is" in told
 
 
 def test_numbered_values_of_joint_states_are_said_to_be_taken_in_the_robots_order(tmp_path: Path) -> None:

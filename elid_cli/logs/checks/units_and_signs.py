@@ -115,11 +115,13 @@ def written_units(units: Mapping[str, str], plan: ReadPlan) -> Iterator[str]:
     for signal, placement in plan.placements.items():
         usual = SI.get(signal)
         found = [units[pick.source] for pick in placement.picks if pick.source in units]
-        if usual and found and not placement.spec.unit and plain(found[0]) not in usual:
-            known = UNIT_WORDS.get(plain(found[0]))
-            paste = f"; {proposed(plan, signal, f'unit: {as_yaml(known)}')}" if known else ""
+        odd = next((unit for unit in found if usual and plain(unit) not in usual), None)
+        if odd is not None and not placement.spec.unit:
+            known = UNIT_WORDS.get(plain(odd))
+            alike = known and len(set(found)) == 1
+            paste = f"; {proposed(plan, signal, f'unit: {as_yaml(known)}')}" if known and alike else ""
             bare = f", {NOT_TORQUE}" if signal == "tau" and known in NO_TORQUE else ""
-            yield f"{signal} is written to be in {found[0]!r} {AS_IT_IS}{bare}{paste}"
+            yield f"{signal} is written to be in {odd!r} {AS_IT_IS}{bare}{paste}"
 
 
 def _thinned(values: Array, step: int) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,10 +17,10 @@ from elid_cli.robot.robot import Robot
 WORDS: Mapping[str, tuple[str, ...]] = {
     "t": ("t", "time", "timestamp", "stamp", "zeit", "temps", "tiempo", "tempo", "clock"),
     "tau": ("tau", "torque", "effort", "taum", "moment", "drehmoment", "couple", "par", "force", "kraft", "tq", "trq",
-            "current", "strom", "courant", "corriente", "voltage", "i", "u"),
+            "forza", "fuerza", "coppia", "current", "strom", "courant", "corriente", "voltage", "i", "u"),
     "theta": ("theta", "motor", "rotor"),
-    "q": ("q", "qpos", "link", "position", "pos", "angle", "winkel", "joint", "achse", "axis", "angulo", "deflection",
-          "defl"),
+    "q": ("q", "qpos", "link", "position", "pos", "angle", "winkel", "joint", "achse", "axis", "angulo", "angolo",
+          "posicion", "posizione", "posicao", "deflection", "defl"),
 }  # fmt: skip
 """Words that name a signal, the surest first."""
 CURRENTS = {"current", "strom", "courant", "corriente", "i", "u", "voltage"}
@@ -40,7 +41,8 @@ RATES = {
     "rpm",
     "rads",
 }
-RATES |= {"geschwindigkeit", "drehzahl", "beschleunigung"}
+RATES |= {"geschwindigkeit", "drehzahl", "beschleunigung", "velocidad", "velocidade", "velocita", "vitesse"}
+RATES |= {"aceleracion", "aceleracao", "accelerazione"}
 OTHERS: Mapping[str, set[str]] = {
     "t": RATES,
     "tau": {"link"} | RATES,
@@ -170,6 +172,11 @@ def _places(channels: Sequence[Channel], joints: Sequence[str], units: Mapping[s
         family, source, named = _family(channel, channels, joints)
         done |= {(member, channel.field) for member in family}
         if len(family) > 1:
+            own = [_unit(Channel(member, channel.field, 1), units.get(member, "")) for member in family]
+            if len(set(own)) > 1 and len(own) == len(joints):  # lengths beside angles, say
+                unit = (
+                    "{" + ", ".join(f"{_quoted(j)}: {_quoted(u)}" for j, u in zip(joints, own, strict=True) if u) + "}"
+                )
             yield _Place(Channel(family[0], channel.field, 1, kind=channel.kind), source, named, unit)
         elif channel.labels and joints and not set(joints) <= set(channel.labels):
             names = [nearest(joint, channel.labels) for joint in joints]
@@ -243,8 +250,9 @@ def _pairs(joints: Sequence[str], names: Sequence[object]) -> str:
 
 
 def words_of(text: str) -> list[str]:
-    """Return the words of a name in lower case: of ``actual_qd_0`` and ``MotorPos``, say."""
-    return [word.lower() for word in re.findall(r"[A-ZÄÖÜ]?[a-zäöüßéµ]+|[A-ZÄÖÜ]+", text)]
+    """Return the words of a name in lower case, without accents: of ``actual_qd_0`` and ``MotorPos``, say."""
+    plain = "".join(letter for letter in unicodedata.normalize("NFD", text) if not unicodedata.combining(letter))
+    return [word.lower() for word in re.findall(r"[A-Z]?[a-zßµ]+|[A-Z]+", plain)]
 
 
 def _score(signal: str, place: _Place) -> float:
@@ -295,7 +303,7 @@ def _spec(signal: str, place: _Place) -> str:
     if signal == "tau" and not unit and CURRENTS & set(words_of(channel.address)) - {"u", "i"}:
         unit = "A"
     if unit and unit not in (("rad", "m") if signal in ("q", "theta") else ("N.m", "N")):
-        parts.append(f"unit: {unit}" if re.fullmatch(r"[\w./:]+", unit) else f'unit: "{unit}"')
+        parts.append(f"unit: {unit}" if re.fullmatch(r"[\w./:]+|\{.*\}", unit) else f'unit: "{unit}"')
     if signal == "tau" and unit in ("A", "mA"):
         parts.append("scale: 1.0")
     return "{" + ", ".join(parts) + "}"
