@@ -8,7 +8,7 @@ symmetric FIR filter has no phase and no transient beyond its half-length, so a 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,12 +48,15 @@ class LowPass:
         It is this filter on what windowed-sinc interpolation between those samples gives; rows that hold nothing near
         the rate of those samples come out the same (`thinning` tells how nearly).
         """
+        if every in self._thinned:
+            return self._thinned[every]
         reach = -(-self.half // every) + REACH
         offset = (np.arange(-self.half, self.half + 1)[:, None] - every * np.arange(-reach, reach + 1)) / every
         window = np.i0(_WINDOW * np.sqrt(np.maximum(1.0 - (offset / REACH) ** 2, 0.0))) * (np.abs(offset) <= REACH)
         between = np.sinc(offset) * window
         between /= between.sum(axis=1, keepdims=True)
-        return LowPass(self.taps @ between, self.step // every, self.cutoff)
+        self._thinned[every] = LowPass(self.taps @ between, self.step // every, self.cutoff)
+        return self._thinned[every]
 
     def differentiated(self, dt: float) -> LowPass:
         """Return the filter that gives this filter's outputs of the rows' central differences over time."""
@@ -121,7 +124,13 @@ class LowPass:
         """Matrices that were made, by their outputs."""
         return {}
 
+    @cached_property
+    def _thinned(self) -> dict[int, LowPass]:
+        """Filters of thinned rows that were made, by how thin they are."""
+        return {}
 
+
+@lru_cache(maxsize=64)
 def low_pass(cutoff: float, dt: float, step: int) -> LowPass:
     """Return a Kaiser-windowed sinc with its -6 dB point at `cutoff` (Hz), for sample time `dt` (s)."""
     if not np.isfinite(cutoff) or cutoff >= 0.5 / dt:

@@ -73,9 +73,12 @@ def held(link: Array, motor: Array, robot: Robot, segments: Sequence[Segment]) -
     for side in (link, motor):
         values = side[rows]
         let_go(side)
-        known = np.isfinite(values).any(axis=0)
-        filled = np.where(np.isfinite(values), values, np.where(known, np.nan, 0.0))
-        low, inner, outer, high = np.nanpercentile(filled, [0, 2, 98, 100], axis=0)
+        there = np.isfinite(values)
+        if there.all():
+            low, inner, outer, high = np.percentile(values, [0, 2, 98, 100], axis=0)
+        else:
+            filled = np.where(there, values, np.where(there.any(axis=0), np.nan, 0.0))
+            low, inner, outer, high = np.nanpercentile(filled, [0, 2, 98, 100], axis=0)
         held &= (outer - inner < HELD) & (high - low < JOLT)
     return held
 

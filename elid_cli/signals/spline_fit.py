@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,8 @@ _STRETCH = 32768
 """Samples taken at a time."""
 _REFINED = 2
 """Refinements of splines seen through rates."""
+_KEPT = 1 << 16
+"""Samples up to which factors of normal equations are kept for the next channels of this length."""
 _RIDGE = 1e-10
 """Weight of the third-difference penalty relative to the positions: holds coefficients that no sample sees."""
 _THIRD = (-1.0, 3.0, -3.0, 1.0)
@@ -93,17 +96,22 @@ def fit_spline(
     whole = bool(complete.all())
     samples = values.shape[1]
     intervals = max(1, -(-(samples - 1) // stride))
-    band = np.zeros((1 if whole else len(channels), ORDER, intervals + DEGREE))
     right = np.zeros((len(channels), intervals + DEGREE))
     observed: list[tuple[int, Array, Array]] = [(0, values, np.ones(len(channels))), *rates]
-    ridge = np.zeros(len(band))
-    for derivative, data, ratio in observed:
-        for first, part in _stretches(data, channels if derivative == 0 else None, stride, intervals):
-            design = interval_basis(stride, derivative) / (stride * dt) ** derivative
-            _accumulate(band, right, part, ratio, design, first, whole=whole)
-        if derivative == 0:
-            ridge = _RIDGE * np.maximum(band[:, 0].max(axis=1), 1e-300)
-    factors = _factors(band, ridge)
+    if whole:
+        for first, part in _stretches(values, channels, stride, intervals):
+            _accumulate(None, right, part, observed[0][2], interval_basis(stride, 0), first, whole=True)
+        factors = (_factors_kept if samples <= _KEPT else _factors_of_whole)(stride, samples)
+    else:
+        band = np.zeros((len(channels), ORDER, intervals + DEGREE))
+        ridge = np.zeros(len(band))
+        for derivative, data, ratio in observed:
+            for first, part in _stretches(data, channels if derivative == 0 else None, stride, intervals):
+                design = interval_basis(stride, derivative) / (stride * dt) ** derivative
+                _accumulate(band, right, part, ratio, design, first, whole=False)
+            if derivative == 0:
+                ridge = _RIDGE * np.maximum(band[:, 0].max(axis=1), 1e-300)
+        factors = _factors(band, ridge)
     spline = UniformSpline(_solve(factors, right), samples, stride, dt)
     for _ in range(_REFINED if rates else 0):
         spline = _refined(spline, factors, observed, channels, intervals)
@@ -118,6 +126,19 @@ def fit_spline(
             counted += np.count_nonzero(np.isfinite(rest), axis=1)
     own = _own_part([(d, r) for d, _, r in rates], stride * dt) if rates else None
     return SplineFit(spline, squares, counted, min(intervals + DEGREE, samples), own)
+
+
+def _factors_of_whole(stride: int, samples: int) -> list[Array]:
+    """Return the one factor of channels without a missing sample, which do not depend on the samples' values."""
+    intervals = max(1, -(-(samples - 1) // stride))
+    band, right = np.zeros((1, ORDER, intervals + DEGREE)), np.zeros((1, intervals + DEGREE))
+    for first, part in _stretches(np.broadcast_to(0.0, (1, samples)), None, stride, intervals):
+        _accumulate(band, right, part, np.ones(1), interval_basis(stride, 0), first, whole=True)
+    return _factors(band, _RIDGE * np.maximum(band[:, 0].max(axis=1), 1e-300))
+
+
+_factors_kept = lru_cache(maxsize=64)(_factors_of_whole)
+"""Of short logs, of which many of one length may come."""
 
 
 def _own_part(rates: Sequence[tuple[int, Array]], width: float) -> Array:

@@ -144,7 +144,9 @@ def solve_system(
     rest = lapack().dtrtrs(corner, r[:count, count:])[0] if len(dropped) else np.zeros((count, 0))
     # rounding must not look like a dependence: coefficients here are between columns of unit norm
     rest = np.where(np.abs(rest) < 1e-9, 0.0, rest)
-    dead = np.setdiff1d(np.arange(width), live)
+    absent = np.ones(width, dtype=bool)
+    absent[live] = False
+    dead = np.flatnonzero(absent)
     dependence = np.concatenate(
         [rest * norms[dropped][None] / norms[kept][:, None], np.zeros((count, len(dead)))], axis=1
     )

@@ -9,6 +9,7 @@ positive definite by construction, and smooth scores need not be summed at every
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -20,6 +21,7 @@ MANY = 400.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 
 
+@lru_cache(maxsize=256)
 def student_quantile(degrees: float, probability: float) -> float:
     """Return the quantile of Student's t with `degrees` (1 or more) of freedom at a probability from 0.5 to 0.999.
 
@@ -99,6 +101,12 @@ class Persistence:
         return float(np.clip(wanted, NARROWEST, max(self.instants / 6, NARROWEST)))
 
 
+@lru_cache(maxsize=64)
+def _triangle(half: int) -> LowPass:
+    """Return the triangle of half width `half`, whose autocorrelation is Parzen's kernel."""
+    return LowPass(1.0 - np.abs(np.arange(-half + 1, half)) / half, max(1, half // 4), 0.0)
+
+
 class KernelSum:
     """Sum over pairs of instants of scores times scores, weighted by the Parzen kernel of their lag, (r, r).
 
@@ -114,10 +122,9 @@ class KernelSum:
 
     def __init__(self, width: int, bandwidth: float) -> None:
         self._half = max(1, round((bandwidth + 1.0) / 2))
-        self._step = max(1, self._half // 4)
-        triangle = 1.0 - np.abs(np.arange(-self._half + 1, self._half)) / self._half
-        self._smooth = LowPass(triangle, self._step, 0.0)
-        self._scale = self._step / float(triangle @ triangle)
+        self._smooth = _triangle(self._half)
+        self._step = self._smooth.step
+        self._scale = self._step / float(self._smooth.taps @ self._smooth.taps)
         self._total = np.zeros((width, width))
         self._tail = self._nothing
         self._segment: int | None = None
@@ -148,7 +155,8 @@ class KernelSum:
     def _close(self) -> None:
         if self._segment is None:
             return
-        self._add(self._smooth.apply(np.pad(self._tail, ((0, 0), (0, 2 * self._half + self._step)))))
+        after = np.zeros((len(self._total), 2 * self._half + self._step), dtype=self._tail.dtype)
+        self._add(self._smooth.apply(np.concatenate([self._tail, after], axis=1)))
         self._tail, self._segment = self._nothing, None
 
     def _add(self, smoothed: Array) -> None:

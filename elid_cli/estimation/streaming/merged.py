@@ -64,10 +64,14 @@ class MergedTriangles:
         number[: self.parameters] = np.arange(self.parameters)
         number[self.parameters + np.array(nuisances, dtype=np.intp)] = self.parameters + np.arange(len(nuisances))
         items = []
+        columns: dict[int, tuple[NDArray[np.intp], NDArray[np.bool_]]] = {}  # the folds of a row group share theirs
         for t in triangles:
-            kept = number[t.index] >= 0
-            factor = t.factor[:, np.append(kept, True)]
-            items.append(Triangle(t.row, t.fold, number[t.index[kept]], factor, t.count, t.power))
+            if id(t.index) not in columns:
+                kept = number[t.index] >= 0
+                columns[id(t.index)] = number[t.index[kept]], np.append(kept, True)
+            index, chosen = columns[id(t.index)]
+            factor = t.factor if chosen.all() else t.factor[:, chosen]
+            items.append(Triangle(t.row, t.fold, index, factor, t.count, t.power))
         rows = sorted({t.row for t in items}, key=lambda row: (_ORDER[row.kind], row.joint))
         return Triangles(tuple(items), self.parameters, len(nuisances), self.folds, tuple(rows))
 

@@ -39,9 +39,11 @@ def beyond_limits(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[str
         limits, turns = joint.limits, joint.revolute
         units = {"tau": "N·m" if turns else "N", "dq": "rad/s" if turns else "m/s"}
         for signal, values, limit in (("tau", tau[:, j], limits.torque), ("dq", speed[:, j], limits.velocity)):
+            if not limit:
+                continue
             known = np.abs(values[np.isfinite(values)])
-            largest = float(np.percentile(known, MOST)) if known.size and limit else 0.0
-            if limit and largest > BEYOND * limit:
+            largest = float(np.percentile(known, MOST)) if known.size else 0.0
+            if largest > BEYOND * limit:
                 yield (
                     f"{joint.name}: {signal} reaches {largest:.4g} {units[signal]}, {largest / limit:.3g} times the "
                     f"{NAMES[signal]} limit of {limit:g}: {WRONG}, or the limit"
@@ -51,7 +53,7 @@ def beyond_limits(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[str
             continue
         low, high = limits.position
         slack = OUTSIDE * (high - low)
-        least, most = (float(np.percentile(known, share)) for share in (100 - MOST, MOST))
+        least, most = np.percentile(known, (100 - MOST, MOST)).tolist()
         if least < low - slack or most > high + slack:
             unit = "rad" if turns else "m"
             yield (
