@@ -76,7 +76,7 @@ class Recording(Shown):
         """Joints of which only a torque sensor in the transmission was logged, (n,)."""
         if self.tau_link is None:
             return np.zeros(self.n, dtype=bool)
-        return np.array([_empty(self.tau[:, k]) and not _empty(self.tau_link[:, k]) for k in range(self.n)])
+        return np.array([is_empty(self.tau[:, k]) and not is_empty(self.tau_link[:, k]) for k in range(self.n)])
 
     @property
     def missing_link(self) -> NDArray[np.bool_]:
@@ -84,7 +84,7 @@ class Recording(Shown):
         both = self.link_torque
         return np.array(
             [
-                _empty(q) or bool(both[k] and q[0] == self.theta[0, k] and np.array_equal(q, self.theta[:, k]))
+                is_empty(q) or bool(both[k] and q[0] == self.theta[0, k] and np.array_equal(q, self.theta[:, k]))
                 for k, q in enumerate(self.q.T)
             ]
         )
@@ -123,7 +123,7 @@ class Recording(Shown):
         return float(sum((len(s) - 1) * self.dt for s in self.segments))
 
 
-def _empty(column: Array) -> bool:
+def is_empty(column: Array) -> bool:
     """Whether a column holds no number at all; its first one decides for most."""
     return bool(np.isnan(column[:1]).all() and np.isnan(column).all())
 

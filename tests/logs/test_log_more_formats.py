@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import sqlite3
 import zipfile
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -14,6 +15,8 @@ import zstandard
 
 from elid_cli.errors import LogError
 from elid_cli.logs import inspect_log
+from elid_cli.logs.formats import db3
+from elid_cli.logs.mcap.container import Container, Messages
 from elid_cli.logs.mcap.write import joint_state_schema
 from tests.logs.made_logs import JOINTS, ROBOT, read, recording, same, written
 from tests.logs.mcap_made import encoder, joint_state
@@ -73,6 +76,52 @@ def test_a_damaged_database_is_one_error(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:3000])
     with pytest.raises(LogError):
         read(path)
+
+
+def wrong_types(path: Path, change: str) -> Path:
+    with sqlite3.connect(database(path)) as base:
+        base.executescript(change)
+    base.close()
+    return path
+
+
+ROWS = "INSERT INTO messages (topic_id, timestamp, data) VALUES"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        f"{ROWS} (1, 1e300, x'00010000');",
+        f"{ROWS} (1, 'soon', x'00010000');",
+        f"{ROWS} (1, -5, x'00010000');",
+        f"{ROWS} (1, 5, 'text');",
+        "INSERT INTO topics VALUES (70000, '/x', 'a/msg/B', 'cdr');",
+        "INSERT INTO topics VALUES (9, x'ff00', 5, NULL);",
+        "INSERT INTO topics VALUES (9, '/x', NULL, 'cdr');",
+    ],
+)
+def test_rows_of_a_database_of_other_types_are_left_out_and_said(tmp_path: Path, change: str) -> None:
+    log = read(wrong_types(tmp_path / "log.db3", change))
+    assert sum("1 rows are no messages or topics" in text for text in log.repairs) == 1
+    sound = read(database(tmp_path / "sound.db3"))
+    np.testing.assert_array_equal(log.q, sound.q)
+
+
+def test_large_messages_beside_joint_states_are_not_held_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    largest, together = [0], db3._together
+
+    def watched(rows: Sequence[tuple[int, int, bytes]], container: Container) -> Messages:
+        largest.append(sum(len(data) for _, _, data in rows))
+        return together(rows, container)
+
+    monkeypatch.setattr(db3, "TOGETHER", 1 << 16)
+    monkeypatch.setattr(db3, "_together", watched)
+    images = "".join(f"{ROWS} (9, {k}, zeroblob(10000));" for k in range(1, 100))
+    change = f"INSERT INTO topics VALUES (9, '/image', 'a/msg/B', 'cdr');{images}"
+    read(wrong_types(tmp_path / "log.db3", change))
+    assert (1 << 16) <= max(largest) < (1 << 16) + 10_000
 
 
 def test_an_archive_of_numpy_is_read_like_hdf5(tmp_path: Path) -> None:

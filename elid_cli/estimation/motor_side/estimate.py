@@ -22,7 +22,7 @@ from elid_cli.estimation.motor_side.vibration import Vibration
 from elid_cli.robot.locking import locked
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import Recording
+from elid_cli.signals.recording import Recording, is_empty
 
 LEAST_ERROR, WELL_FITTED = 0.01, 1.2
 """Least standard error, share of the stiffness, where the cost per degree of freedom is above the second, or where
@@ -41,8 +41,9 @@ GUESSED_TOP = 2.0
 
 def hidden_joints(robot: Robot, recording: Recording) -> list[int]:
     """Return the numbers of the elastic joints of which a log holds the motor's position and torque, not the link's."""
-    seen = [~np.isnan(values).all(axis=0) for values in (recording.theta, recording.tau)]
-    return [int(k) for k in np.flatnonzero(robot.elastic & recording.missing_link & seen[0] & seen[1])]
+    lacking = np.flatnonzero(robot.elastic & recording.missing_link).tolist()
+    # no look at the other joints' columns: of a long log all would be in memory
+    return [k for k in lacking if not is_empty(recording.theta[:, k]) and not is_empty(recording.tau[:, k])]
 
 
 def motor_side(robot: Robot, recording: Recording, still: NDArray[np.bool_]) -> MotorSide | None:

@@ -17,14 +17,18 @@ from elid_cli.logs.mcap.container import Container, Messages
 from elid_cli.logs.source import Source
 
 SQLITE = b"SQLite format 3\x00"
-LONGEST = 1 << 30
+LONGEST = 256 << 20
 """Bytes of one message."""
 INSTRUCTIONS = 10_000
 """SQLite's instructions between two looks at whether to go on."""
 FREE_STEPS, STEPS_PER_BYTE = 20_000_000, 50
 """Such instructions of a file of any size, and per byte of it."""
-AT_ONCE = 5000
-"""Messages that are decoded together."""
+AT_ONCE, TOGETHER = 5000, 32 << 20
+"""Messages, and bytes of them, from which on they are decoded together: a bag may hold images."""
+MOST_TOPICS = 1 << 16
+"""Numbers that topics may have."""
+LATEST = 1 << 63
+"""ns since 1970 that a time may be."""
 
 
 class Db3Log(McapLog):
@@ -104,22 +108,48 @@ def _messages(base: sqlite3.Connection, container: Container) -> Iterator[Messag
     if "message_definitions" in tables:  # since ROS 2 Iron
         for kind, text in base.execute("SELECT topic_type, encoded_message_definition FROM message_definitions"):
             texts[str(kind)] = str(text).encode()
-    for key, topic, kind, encoding in base.execute("SELECT id, name, type, serialization_format FROM topics"):
+    lost = 0
+    for row in base.execute("SELECT id, name, type, serialization_format FROM topics"):
+        key, topic, kind, encoding = row
+        if not (_whole(key, MOST_TOPICS) and all(isinstance(text, str) for text in row[1:])):
+            lost += 1  # a column of SQLite holds whatever it is given
+            continue
         container.schemas[key] = SimpleNamespace(name=kind, encoding="ros2msg", data=texts.get(kind, b""))
         container.channels[key] = SimpleNamespace(topic=topic, message_encoding=encoding, schema_id=key)
-    rows = base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id")
-    while block := rows.fetchmany(AT_ONCE):
-        known = [row for row in block if row[0] in container.channels and isinstance(row[2], bytes)]
-        parts = [_unzstd(d, container.budget) if d.startswith(ZSTD_MAGIC) else d for _, _, d in known]
-        lengths = np.array([len(part) for part in parts], dtype=np.int64)
-        yield Messages(
-            b"".join(parts),
-            np.array([key for key, _, _ in known], dtype=np.uint16),
-            np.array([stamp for _, stamp, _ in known], dtype=np.int64),
-            np.cumsum(lengths) - lengths,
-            lengths,
-            container.budget,
-        )
+    waiting: list[tuple[int, int, bytes]] = []
+    size = 0
+    for key, stamp, data in base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"):
+        if not (key in container.channels and _whole(stamp, LATEST) and isinstance(data, bytes)):
+            lost += 1
+            continue
+        part = _unzstd(data, container.budget) if data.startswith(ZSTD_MAGIC) else data
+        waiting.append((key, stamp, part))
+        size += len(part)
+        if len(waiting) >= AT_ONCE or size >= TOGETHER:
+            yield _together(waiting, container)
+            waiting, size = [], 0
+    if waiting:
+        yield _together(waiting, container)
+    if lost:
+        raise sqlite3.DatabaseError(f"{lost} rows are no messages or topics")
+
+
+def _whole(value: object, end: int) -> bool:
+    return isinstance(value, int) and 0 <= value < end
+
+
+def _together(rows: Sequence[tuple[int, int, bytes]], container: Container) -> Messages:
+    """Return rows (topic, time in ns, message) as messages."""
+    keys, stamps, parts = zip(*rows, strict=True)
+    lengths = np.array([len(part) for part in parts], dtype=np.int64)
+    return Messages(
+        b"".join(parts),
+        np.array(keys, dtype=np.uint16),
+        np.array(stamps, dtype=np.int64),
+        np.cumsum(lengths) - lengths,
+        lengths,
+        container.budget,
+    )
 
 
 def open_bags(name: str, files: Sequence[Source], missing: Sequence[str] = ()) -> list[Db3Log]:

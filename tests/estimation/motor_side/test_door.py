@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,13 +11,16 @@ import pytest
 
 from elid_cli import Identification, identify, prepare
 from elid_cli.cli import main
+from elid_cli.estimation.motor_side.estimate import hidden_joints
 from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
 from elid_cli.logs import write_recording
 from elid_cli.report.answers.identification_json import identification_payload
 from elid_cli.report.figures import figures_of, panels_of
 from elid_cli.report.figures.drawing import Rule
 from elid_cli.report.figures.input import FigureInput
+from elid_cli.robot.files import read_robot
 from elid_cli.robot.text import text_of
+from elid_cli.signals.recording import Recording, Segment
 from tests.system.motor_arms import Case, motor_log, random_motor_arm, told_robot
 from tests.system.plain_arms import Arm
 
@@ -89,3 +93,23 @@ def test_a_found_joint_has_a_figure_of_its_response(elastic: Identification) -> 
     (panel,) = panels_of(figure).panels
     rules = [mark.x for mark in panel.marks if isinstance(mark, Rule)]
     assert rules == [joint.rigid_to, joint.antiresonance, joint.resonance]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_long_log_with_both_positions_is_not_taken_into_memory_to_see_that(tmp_path: Path) -> None:
+    samples, robot = 2_000_000, read_robot("planar2")
+    values = np.memmap(tmp_path / "values", dtype=np.float64, mode="w+", shape=(samples, 2))
+    values[:] = 1.0
+    values.flush()
+    mapped = np.memmap(tmp_path / "values", dtype=np.float64, mode="r", shape=(samples, 2)).view(np.ndarray)
+    del values
+    t = np.broadcast_to(0.0, (samples,))
+    log = Recording(robot.joint_names, 1e-3, t, q=mapped, theta=mapped, tau=mapped, segments=(Segment(0, samples),))
+
+    def in_memory() -> int:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next(int(line.split()[1]) for line in lines if line.startswith("RssFile")) << 10
+
+    before = in_memory()
+    assert hidden_joints(robot, log) == []
+    assert in_memory() - before < mapped.nbytes / 4
