@@ -20,8 +20,6 @@ from elid_cli.robot.robot import Robot
 
 CHECKS = 100.0
 """Instants per second at which limits are checked at the end."""
-
-
 ROOM = 0.97
 """Share of each limit that is used."""
 

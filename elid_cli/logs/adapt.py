@@ -14,7 +14,8 @@ from elid_cli.logs.checks.deflection import Sensed, same_position
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.language import parse_mapping
 from elid_cli.logs.mapping.long_table import reshaped
-from elid_cli.logs.mapping.resolve import Placement, ReadPlan, resolve
+from elid_cli.logs.mapping.plan import Placement, ReadPlan
+from elid_cli.logs.mapping.resolve import resolve
 from elid_cli.logs.reading import converted, layers_of
 from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.source import open_source

@@ -13,7 +13,8 @@ from elid_cli.errors import LogError
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog
 from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import reshaped
-from elid_cli.logs.mapping.resolve import ReadPlan, fits, resolve
+from elid_cli.logs.mapping.plan import ReadPlan
+from elid_cli.logs.mapping.resolve import fits, resolve
 from elid_cli.logs.mapping.suggest import needed, shorter_chain, suggestion
 from elid_cli.logs.reading import layers_of
 from elid_cli.logs.repair.clocks import in_seconds

@@ -17,8 +17,9 @@ from elid_cli.logs.checks.units_and_signs import suspicions, written_units
 from elid_cli.logs.contract import RawLog, Stream
 from elid_cli.logs.mapping.language import COMMANDS, parse_mapping
 from elid_cli.logs.mapping.long_table import reshaped
+from elid_cli.logs.mapping.plan import Layer, Placement, ReadPlan
 from elid_cli.logs.mapping.profiles import known_messages
-from elid_cli.logs.mapping.resolve import Layer, Placement, ReadPlan, resolve
+from elid_cli.logs.mapping.resolve import resolve
 from elid_cli.logs.mapping.suggest import suggestion
 from elid_cli.logs.repair.align import Aligned, align
 from elid_cli.logs.repair.clocks import another_clock, in_seconds

@@ -11,6 +11,7 @@ import pytest
 
 from elid_cli.errors import LogError
 from elid_cli.logs.formats import csv_text
+from elid_cli.logs.formats.csv_dialect import sniff
 from tests.logs.faults import Table, table
 from tests.logs.made_logs import JOINTS, read, recording, same
 
@@ -178,7 +179,7 @@ def test_faults_are_read_around_block_by_block(tmp_path: Path, monkeypatch: pyte
     lines[400] = lines[400].rpartition(",")[0] + ","  # an empty cell
     lines.insert(250, "# stop")
     text = "\n".join(lines)[:-25]  # cut
-    dialect = csv_text.sniff(text, "log")
+    dialect = sniff(text, "log")
     wanted = dialect.names
     whole, said = csv_text.parse_columns(text, dialect, wanted, "log")
     monkeypatch.setattr(csv_text, "PART", 1 << 12)

@@ -13,7 +13,7 @@ import pytest
 from elid_cli.errors import LogError, UsageError
 from elid_cli.logs import read_map_options, read_recording
 from elid_cli.logs.checks.encoder_pairs import Pair
-from elid_cli.logs.mapping.resolve import ReadPlan
+from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.robot.robot import Joint, Robot
 from tests.logs.faults import table
 from tests.logs.made_logs import GEARS, JOINTS, ROBOT, like, read, recording, same, written

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.diagnosis.fit.gain import Gain, Judgement, Unit
 from elid_cli.diagnosis.fit.whitening import JointWhitener, stack
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.observation import Observation
@@ -19,70 +19,10 @@ from elid_cli.model.regressor import EstimationRow
 
 LAGS = 50
 """Lags over which the remaining correlation of the scores is summed."""
-JUDGED = 16
-"""Candidates that are judged at once."""
 AT_ONCE = 200_000
 """Values of columns that are whitened and projected at once."""
 LEAST_SHARE = 0.02
 """Least share of equations that count as independent."""
-
-
-class Judgement(NamedTuple):
-    """What of a gain only the better candidates are asked for."""
-
-    share: float
-    folds: Array
-    energy: Array
-
-
-@dataclass(frozen=True)
-class Gain:
-    """What adding columns would gain."""
-
-    whole: float
-    """Gain in log-likelihood with every instant counted: what candidates for one residual are compared by."""
-    coefficients: Array
-    """Fitted coefficients of the columns, (d,)."""
-    width: int
-    """Columns that were not already explained."""
-    count: int
-    """Whitened equations."""
-    source: tuple[Projected, _Unit, Array] | None = field(repr=False)
-    """The problem, the columns and their coefficients there, from which the judgement is computed when asked …"""
-    known: Judgement | None = None
-    """… or the judgement, so that the columns need not be kept."""
-
-    @cached_property
-    def _judgement(self) -> Judgement:
-        if self.known is None and self.source is not None:
-            return self.source[0].judged([self.source[1:]])[0]
-        assert self.known is not None
-        return self.known
-
-    @property
-    def share(self) -> float:
-        """Share of the equations that counts as independent."""
-        return self._judgement.share
-
-    @property
-    def likelihood(self) -> float:
-        """Gain in log-likelihood, only instants counted that what is left over leaves independent."""
-        return self.whole * self.share
-
-    @property
-    def folds(self) -> Array:
-        """Reduction of the squared whitened residual per fold, predicted from the other folds, (folds,)."""
-        return self._judgement.folds
-
-    @property
-    def energy(self) -> Array:
-        """Share of the columns' squares per fold, (folds,): where the effect acts at all."""
-        return self._judgement.energy
-
-    @property
-    def acting(self) -> NDArray[np.bool_]:
-        """Folds in which the effect acts, (folds,)."""
-        return self.energy > 0.01
 
 
 @dataclass(frozen=True)
@@ -92,24 +32,6 @@ class Stretch:
     channel: int
     fold: int
     slice: slice
-
-
-@dataclass(frozen=True)
-class _Unit:
-    """Columns of length one that the model does not span."""
-
-    parts: Mapping[int, Array]
-    """What they are in the channels that they act on, (d, k) by number of the channel …"""
-    shared: Array
-    """… and in others the basis times the negative of this, (d, r)."""
-    live: NDArray[np.bool_]
-    """Which of all columns they are."""
-    size: Array
-    """Their sizes before they were scaled, (d,)."""
-    grams: Array
-    """Their Gram matrix in every channel, (channels, d, d) …"""
-    loads: Array
-    """… and their products with the residual, (channels, d)."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +107,7 @@ class Projected:
                     found[number] = None if unit is None else self._gain(unit)
         return found
 
-    def _gain(self, unit: _Unit) -> Gain:
+    def _gain(self, unit: Unit) -> Gain:
         solved, rank = _least_squares(unit.grams.sum(axis=0), unit.loads.sum(axis=0))
         coefficients = np.zeros(len(unit.live))
         coefficients[unit.live] = solved / unit.size
@@ -202,7 +124,7 @@ class Projected:
         _ = self._grams, self._powers
         return self
 
-    def judged(self, units: Sequence[tuple[_Unit, Array]]) -> list[Judgement]:
+    def judged(self, units: Sequence[tuple[Unit, Array]]) -> list[Judgement]:
         """Return the judgement on each of some columns with their fitted coefficients (d,)."""
         found = []
         # the basis is far larger than the columns: it is read once for all of them
@@ -236,7 +158,7 @@ class Projected:
         gains, _ = self._cross_validated(self._full([unit])[0], own)
         return max(float(gains.sum()), 0.0) / max(squares, 1e-300)
 
-    def _units(self, candidates: Sequence[Mapping[EstimationRow, Array]]) -> list[_Unit | None]:
+    def _units(self, candidates: Sequence[Mapping[EstimationRow, Array]]) -> list[Unit | None]:
         """Return each candidate's columns of length one that the model does not span; None where it spans them all.
 
         All candidates act in the same rows with the same number of columns d.
@@ -260,7 +182,7 @@ class Projected:
             else:
                 one, other, load = apart(shared @ self._grams[0][k]), apart(shared), -apart(shared) @ self._grams[1][k]
             grams[:, k], loads[:, k] = one @ other.transpose(0, 2, 1), load
-        found: list[_Unit | None] = []
+        found: list[Unit | None] = []
         for k in range(count):
             size = np.sqrt(np.maximum(np.diag(grams[k].sum(axis=0)), 0.0))
             live = size > 1e-4 * np.sqrt(before[k])
@@ -270,10 +192,10 @@ class Projected:
             here, size = k * width + np.flatnonzero(live), size[live]
             own = {number: part[here] / size[:, None] for number, part in parts.items()}
             gram = grams[k][:, live][:, :, live] / np.outer(size, size)
-            found.append(_Unit(own, shared[here] / size[:, None], live, size, gram, loads[k][:, live] / size))
+            found.append(Unit(own, shared[here] / size[:, None], live, size, gram, loads[k][:, live] / size))
         return found
 
-    def _full(self, units: Sequence[_Unit]) -> list[Array]:
+    def _full(self, units: Sequence[Unit]) -> list[Array]:
         """Return unit columns in all equations, (K, d) each."""
         shared = -self.basis @ np.concatenate([unit.shared for unit in units]).T
         edges = np.cumsum([0, *(len(unit.shared) for unit in units)])
@@ -327,18 +249,6 @@ class Projected:
             gains[f] = 2 * left @ own_load[f] - left @ own_gram[f] @ left
         power = np.trace(gram, axis1=1, axis2=2)
         return gains, power / max(float(power.sum()), 1e-300)
-
-
-def settled(gains: Sequence[Gain]) -> list[Gain]:
-    """Return gains with everything computed, so that their columns need not be kept."""
-    found = list(gains)
-    for first in range(0, len(gains), JUDGED):
-        todo = [(k, g.source) for k, g in enumerate(gains[first : first + JUDGED], first) if g.source is not None]
-        if todo:
-            judgements = todo[0][1][0].judged([source[1:] for _, source in todo])
-            for (k, _), judgement in zip(todo, judgements, strict=True):
-                found[k] = replace(gains[k], source=None, known=judgement)
-    return found
 
 
 def _least_squares(gram: Array, load: Array) -> tuple[Array, int]:

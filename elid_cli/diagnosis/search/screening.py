@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli._types import Array, Progress
-from elid_cli.diagnosis.fit.projection import JUDGED, Gain, settled
+from elid_cli.diagnosis.fit.gain import JUDGED, Gain, settled
 from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.diagnosis.search.side_by_side import side_by_side
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.logs.mapping.resolve import ReadPlan
+from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.robot.robot import Robot
 
 ALIKE = 0.98

@@ -16,7 +16,8 @@ from elid_cli.errors import LogError, UsageError, nearest
 from elid_cli.logs.checks.commanded import commanded_torque, gains_of
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.language import GAINS
-from elid_cli.logs.mapping.resolve import Placement, ReadPlan, fits
+from elid_cli.logs.mapping.plan import Placement, ReadPlan
+from elid_cli.logs.mapping.resolve import fits
 from elid_cli.logs.mapping.suggest import needed, shorter_chain, suggestion
 from elid_cli.logs.repair.stuck import drop_stuck
 from elid_cli.memory import passed, writable

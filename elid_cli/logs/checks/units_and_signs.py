@@ -18,7 +18,7 @@ from elid_cli.logs.checks.limits import beyond_limits
 from elid_cli.logs.checks.required import Checked
 from elid_cli.logs.checks.torque_scale import FOLLOWS, WRONG_SCALE, correlation_of, off, scale_of, spring_slope
 from elid_cli.logs.mapping.language import UNIT_WORDS
-from elid_cli.logs.mapping.resolve import ReadPlan
+from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.logs.repair.align import Aligned
 from elid_cli.logs.repair.stuck import frozen, limited
 from elid_cli.memory import along, let_go

@@ -15,7 +15,8 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import LogError, did_you_mean
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog, Stream
-from elid_cli.logs.formats.csv_text import HEAD, Dialect, first_rows, parse_blocks, parse_columns, parted, sniff
+from elid_cli.logs.formats.csv_dialect import HEAD, Dialect, first_rows, sniff
+from elid_cli.logs.formats.csv_text import parse_blocks, parse_columns, parted
 from elid_cli.logs.formats.long_form import LongLog, recognised
 from elid_cli.logs.mapping.language import SIGNALS
 from elid_cli.logs.mapping.long_table import LongTable

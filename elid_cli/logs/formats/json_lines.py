@@ -24,7 +24,8 @@ from elid_cli.budget import Budget
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import LogFormat
 from elid_cli.logs.formats.csv import CUT, GZIP, MOST_COLUMNS, TIME_NAMES, CsvLog, unpack
-from elid_cli.logs.formats.csv_text import LONGEST_LINE, REPORTED, Dialect, parted, without_units
+from elid_cli.logs.formats.csv_dialect import LONGEST_LINE, Dialect, without_units
+from elid_cli.logs.formats.csv_text import REPORTED, parted
 from elid_cli.logs.source import Source
 
 WIDEST = 1000

@@ -22,7 +22,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import LogError, did_you_mean
 from elid_cli.logs.contract import Channel, Pick, RawLog, Stream
-from elid_cli.logs.formats.csv_text import COMMENTS, Dialect, split, to_number
+from elid_cli.logs.formats.csv_dialect import COMMENTS, Dialect, split, to_number
 from elid_cli.logs.mapping.long_table import LongTable
 from elid_cli.logs.mapping.suggest import WORDS, words_of
 

@@ -14,7 +14,8 @@ from elid_cli.budget import Budget
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import LogFormat
 from elid_cli.logs.formats.csv import CsvLog
-from elid_cli.logs.formats.csv_text import Dialect, floats_of, number_of, parted, without_units
+from elid_cli.logs.formats.csv_dialect import Dialect, number_of, without_units
+from elid_cli.logs.formats.csv_text import floats_of, parted
 from elid_cli.logs.mcap.bulk_decode import GrowingArray
 from elid_cli.logs.source import Source
 

@@ -17,7 +17,7 @@ from elid_cli._types import Array
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import LogFormat
 from elid_cli.logs.formats.csv import CsvLog
-from elid_cli.logs.formats.csv_text import to_number
+from elid_cli.logs.formats.csv_dialect import to_number
 from elid_cli.logs.source import Source
 
 HEADER = 3

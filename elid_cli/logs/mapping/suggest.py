@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from elid_cli.errors import nearest
 from elid_cli.logs.contract import Channel
 from elid_cli.logs.mapping.language import UNIT_WORDS
-from elid_cli.logs.mapping.resolve import ReadPlan
+from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.robot.locking import beside_chain
 from elid_cli.robot.robot import Robot
 

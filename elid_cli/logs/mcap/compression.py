@@ -9,8 +9,6 @@ from elid_cli.budget import Budget
 
 LARGEST_CHUNK = 1 << 30
 """Bytes of an uncompressed chunk that are still accepted."""
-
-
 DENSEST = 20_000
 """Uncompressed bytes per compressed byte that are still believed."""
 

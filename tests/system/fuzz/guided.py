@@ -22,7 +22,7 @@ with atheris.instrument_imports(include=["elid_cli"]):
     from elid_cli.errors import ElidError
     from elid_cli.logs import reading
     from elid_cli.logs.formats import csv as csv_log
-    from elid_cli.logs.formats import csv_text
+    from elid_cli.logs.formats import csv_dialect, csv_text
     from elid_cli.logs.formats import mcap as mcap_log
     from elid_cli.logs.mapping.language import parse_mapping
     from elid_cli.logs.repair import align as repair
@@ -32,7 +32,7 @@ with atheris.instrument_imports(include=["elid_cli"]):
     from elid_cli.robot.text import text_of
     from elid_cli.robot.yaml import parse_yaml
 
-INSTRUMENTED = (csv_log, csv_text, mcap_log, repair, timeline)
+INSTRUMENTED = (csv_log, csv_dialect, csv_text, mcap_log, repair, timeline)
 LIMITS = ["-timeout=10", "-rss_limit_mb=2048", "-max_len=20000", "-print_final_stats=1"]
 MAGIC = mcap_log.MAGIC
 
