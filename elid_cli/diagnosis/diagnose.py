@@ -11,11 +11,14 @@ from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.evidence.leftover import only_helps, silences
 from elid_cli.diagnosis.evidence.moments import friction_at_rest, one_of_many
 from elid_cli.diagnosis.evidence.quarters import Survival, judged
+from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
 from elid_cli.diagnosis.fit.state import Log, fit, refreshed, without
 from elid_cli.diagnosis.result import Diagnosis
+from elid_cli.diagnosis.search.channel_faults import with_channel_faults
 from elid_cli.diagnosis.search.event_times import retimed
 from elid_cli.diagnosis.search.forward import Found, beside, search
 from elid_cli.diagnosis.search.friction_curves import with_whole_curves
+from elid_cli.diagnosis.search.one_for_two import with_one_for_two
 from elid_cli.diagnosis.search.screening import sensible
 from elid_cli.diagnosis.search.ties import by_known_values
 from elid_cli.diagnosis.summary import result
@@ -34,7 +37,7 @@ from elid_cli.model.effects.tilt import declared_tilt, levelled
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.repeating import repeats_every
-from elid_cli.signals.signals import Signals
+from elid_cli.signals.signals import Signals, prepare
 
 if TYPE_CHECKING:
     from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
@@ -77,6 +80,11 @@ def divided(robot: Robot, signals: Signals) -> Log:
     )
 
 
+def as_usual(robot: Robot, signals: Signals) -> Signals:
+    """Return a log as identification takes it; as it is where the recording behind it is not at hand."""
+    return signals if signals.recording is None else prepare(signals.recording, replace(robot, effects=()))
+
+
 def _check_only(robot: Robot, names: Sequence[str]) -> None:
     """Refuse an effect to search for that can act at no joint: finding nothing would say that the model suffices."""
     for name in names:
@@ -87,7 +95,11 @@ def _check_only(robot: Robot, names: Sequence[str]) -> None:
 
 
 def diagnose(
-    robot: Robot, signals: Signals, options: DiagnoseOptions | None = None, progress: Progress | None = None
+    robot: Robot,
+    signals: Signals,
+    options: DiagnoseOptions | None = None,
+    progress: Progress | None = None,
+    usual: Signals | None = None,
 ) -> Diagnosis | MotionDiagnosis:
     """Find the effects that a robot's model lacks, as the log and the options say: by torque, or by motion.
 
@@ -101,6 +113,9 @@ def diagnose(
         See `DiagnoseOptions`.
     progress
         Called with a label and the finished part, 0 to 1.
+    usual
+        The log as identification takes it, at whose cut-off effects are judged as well; None: prepared from the
+        recording with the usual options.
 
     Returns
     -------
@@ -119,11 +134,15 @@ def diagnose(
         raise UsageError("the motion cannot judge this log", detail="it must hold commands, of a robot of known bodies")
     if able and (options.by == "motion" or not options.lookup):
         return diagnose_motion(robot, signals, None, options.only, progress)
-    return diagnose_torque(robot, signals, options, progress)
+    return diagnose_torque(robot, signals, options, progress, usual)
 
 
 def diagnose_torque(
-    robot: Robot, signals: Signals, options: DiagnoseOptions | None = None, progress: Progress | None = None
+    robot: Robot,
+    signals: Signals,
+    options: DiagnoseOptions | None = None,
+    progress: Progress | None = None,
+    usual: Signals | None = None,
 ) -> Diagnosis:
     """Find the effects that a robot's model lacks in the residual of its torques.
 
@@ -137,6 +156,8 @@ def diagnose_torque(
         See `DiagnoseOptions`.
     progress
         Called with a label and the finished part, 0 to 1.
+    usual
+        See `diagnose`.
 
     Ctrl-C during the search ends it: the diagnosis is `partial` then and holds what was found so far.
     """
@@ -158,7 +179,12 @@ def diagnose_torque(
     searched = retimed(searched, len(declared))
     found, refuted = _surviving(searched, len(declared))
     known = len(declared) + found.kept
+    if not found.partial:
+        found = with_one_for_two(found, known, library)
+        found, harmful = helpful_there(found, known, lambda: usual or as_usual(robot, signals))
+        refuted = (*refuted, *harmful)
     found = by_known_values(found, known)
+    found = with_channel_faults(found, known, options.only or effect_classes())
     if not found.partial:
         try:
             found = with_whole_curves(found, known, progress, asked=options.accurate)
@@ -168,7 +194,7 @@ def diagnose_torque(
     if options.lookup and not found.partial:
         found, curves = _with_curves(found)
     told = result(robot, log, found, known, curves, named)
-    return replace(told, refuted=refuted, repeats=repeats_every(log.signals))
+    return replace(told, refuted=refuted, repeats=repeats_every(log.signals), usual=usual)
 
 
 def _surviving(found: Found, declared: int) -> tuple[Found, tuple[Survival, ...]]:

@@ -10,7 +10,7 @@ from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect
 from elid_cli.diagnosis.stiffness_by_load import with_load
-from elid_cli.diagnosis.summary import channel_specs, described
+from elid_cli.diagnosis.summary import described
 from elid_cli.diagnosis.written import robot_between, worse
 from elid_cli.errors import DataError
 from elid_cli.estimation.assembly import assemble, judged
@@ -70,6 +70,10 @@ class Published(NamedTuple):
     robot: Robot
     worse: tuple[str, ...] = ()
     """Joints whose left-out torque is predicted worse with what was found: the robot then has the parameters before."""
+    left_out: tuple[Mapping[str, JointError], Mapping[str, JointError]] = ({}, {})
+    """Errors on left-out stretches by the models before and after, both at one cut-off of identification's."""
+    cutoff: float = float("nan")
+    """That cut-off, Hz."""
 
 
 def published(found: Diagnosis, signals: Signals) -> Published:
@@ -94,9 +98,19 @@ def published(found: Diagnosis, signals: Signals) -> Published:
     after = replace(last.told, noise=noise, model=lacking)
     if last.robot is None or first.robot is None:
         return Published(first.told, after, last.robot or found.refined)
-    joints = worse(first.left_out(), last.left_out()) if found.effects else ()
+    errors, cutoff = _comparable(first, last, signals) if found.effects else ((first.told.published,) * 2, first.cutoff)
+    joints = worse(*errors) if found.effects else ()
     robot = robot_between(first.robot, last.robot) if joints else last.robot
-    return Published(first.told, after, robot, joints)
+    return Published(first.told, after, robot, joints, errors, cutoff)
+
+
+def _comparable(
+    first: _Again, last: _Again, signals: Signals
+) -> tuple[tuple[Mapping[str, JointError], Mapping[str, JointError]], float]:
+    """Return the errors of two models on left-out stretches at one cut-off: that of both, or identification's usual."""
+    if first.cutoff == last.cutoff:
+        return (first.told.published, last.told.published), first.cutoff
+    return (first.left_out(), last.left_out()), signals.filter.cutoff
 
 
 class _Again(NamedTuple):
@@ -106,11 +120,16 @@ class _Again(NamedTuple):
     robot: Robot | None = None
     fitted: tuple[Robot, Signals] | None = None
 
+    @property
+    def cutoff(self) -> float:
+        """Cut-off that the fit chose, Hz."""
+        return float(self.told.settings["published"]["cutoff"])  # type: ignore[index]
+
     def left_out(self) -> Mapping[str, JointError]:
         """Return the errors on left-out stretches at the cut-off of the signals, whatever the fit chose."""
         assert self.fitted is not None
         robot, signals = self.fitted
-        if self.told.settings["published"]["cutoff"] == signals.filter.cutoff:  # type: ignore[index]
+        if self.cutoff == signals.filter.cutoff:
             return self.told.published
         return identify(robot, replace(signals, cutoff_free=False), _HOLDING).error
 
@@ -125,13 +144,14 @@ def _identified_again(
     if state.known is not None:
         return _Again(at_search)
     described_ = described(robot, state)
-    own = channel_specs(state)  # identification estimates these itself, and delays of any size
+    own = [(spec.effect, spec.joint) for spec in robot.effects]
     held, late = [], []
     for spec in described_.effects:
         kind = effect_classes()[spec.effect]
         if kind.corrects == "link":
             late.append(spec)
-        elif kind.nuisance != "delay" and spec not in own:
+        # identification estimates offsets and delays of any size itself
+        elif kind.nuisance != "delay" and (kind.nuisance != "offset" or (spec.effect, spec.joint) in own):
             held.append(spec)
     # a late link encoder is put right as a prediction does it: its first order alone would bend the bodies' torques
     moved = corrected(signals, declared_shifts(replace(described_, effects=tuple(late))))

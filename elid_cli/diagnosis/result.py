@@ -213,6 +213,16 @@ class Diagnosis(Shown):
         return self._published.worse
 
     @property
+    def left_out(self) -> tuple[Mapping[str, JointError], Mapping[str, JointError]]:
+        """Errors on left-out stretches, before and after, both at one cut-off of identification's, `usual_cutoff`."""
+        return self._published.left_out
+
+    @property
+    def usual_cutoff(self) -> float:
+        """Identification's cut-off that `left_out` is of, Hz."""
+        return self._published.cutoff
+
+    @property
     def identified_with_effects(self) -> Identification:
         """`identified_after` with the standard errors of the effects that the search found."""
         known = (FittedEffect(e.effect, e.joint, e.parameters, e.std_error) for e in self.effects)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from elid_cli.diagnosis.evidence.channel_zeros import constants
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.fit.state import Log, State, fit, refreshed, without
 from elid_cli.diagnosis.residuals import Organised, RowState, follows_motion, judged_rows, organise, rows_of, words
@@ -53,7 +52,11 @@ def result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence
         after=last_error,
         effects=(*seen, *effects, *terms),
         also_possible=(*_rivals(after, declared, found.steps, effects), *_rivals_of_skews(robot, found.skews)),
-        nuisances=(*_nuisances(after), *(_kept(after, k) for k in range(declared - found.kept, declared))),
+        nuisances=(
+            *_nuisances(after),
+            *(_kept(after, k) for k in range(declared - found.kept, declared)),
+            *(_kept(after, k) for k in range(declared, len(after.effects)) if after.effects[k].nuisance),
+        ),
         unexplained=unexplained,
         rows_before=rows_before,
         rows_after=rows_after,
@@ -236,18 +239,9 @@ def _rivals(state: State, declared: int, steps: Sequence[Step], effects: Sequenc
                 errors,
                 _behind(step.candidate, candidate),
             )
-    for rival in (*_together(robot, effects), *_constants(state)):
+    for rival in _together(robot, effects):
         rivals.setdefault((rival.effect, rival.joint), rival)
     return tuple(rivals.values())
-
-
-def _constants(state: State) -> Iterator[Rival]:
-    """Yield what constants of the torque channels, which no effect is made of, could be: an offset or its twin."""
-    robot, offset = state.log.model.robot, effect_that(nuisance="offset")
-    for item in constants(state):
-        joint, twin = robot.joint_names[item.joint], item.twin
-        yield Rival(twin.name, joint, offset.name, item.gain, item.values, offset.record)
-        yield Rival(offset.name, joint, twin.name, item.gain, item.offset, offset.record)
 
 
 def _behind(named: Candidate, rival: Candidate) -> float:
@@ -262,7 +256,7 @@ def _behind(named: Candidate, rival: Candidate) -> float:
 def _in_its_place(state: State, number: int, rival: Candidate) -> tuple[Mapping[str, float], Mapping[str, float]]:
     """Return a rival's parameters and their standard errors from a fit with it in the place of effect `number`."""
     lacking = without(state, number)
-    other = refreshed(fit(lacking.log, (*lacking.effects, rival.effect), lacking.scene))
+    other = refreshed(fit(lacking.log, (*lacking.effects, rival.effect), lacking.scene, but=lacking.but))
     last = len(other.effects) - 1
     values = other.named(last)
     if not sensible(other.effects[last], other.scene, values):
@@ -293,13 +287,15 @@ def _nuisances(state: State) -> tuple[Nuisance, ...]:
         deviation = float(np.sqrt(state.covariance[where[0], where[0]])) if len(where) else float("nan")
         joint = names[next(iter(extra.rows)).joint]
         value = float(state.solution.values[first + k])
+        if extra.nuisance == "delay":
+            value = state.delays[next(iter(extra.rows)).joint]
         name = effect_classes()[extra.name].amplitudes[0].name
         found.append(Nuisance(extra.name, joint, {name: value}, {name: deviation}))
     return tuple(found)
 
 
 def _kept(state: State, number: int) -> Nuisance:
-    """Return an effect that stays in the model without being named."""
+    """Return an effect that stays in the model without being named, or is a fault of a channel that is corrected."""
     effect = state.effects[number]
     joint = state.log.model.robot.joint_names[effect.joint]
     return Nuisance(effect.name, joint, state.named(number), _errors(state, number))

@@ -175,7 +175,6 @@ def solve_with(
     effects: FittedEffects | None,
     *,
     shaping: bool = False,
-    longest: float = LONGEST,
 ) -> Solved:
     """Solve with nuisances, as far as they are significant and predict better, and effects.
 
@@ -189,8 +188,6 @@ def solve_with(
         Effects with their columns.
     shaping
         Whether the effects' shapes are refined; else they stay as they are.
-    longest
-        Longest delay of a torque channel that may be one of the nuisances, s.
     """
     for last in (False, True):
         if shaping and effects and data.samples is not None:
@@ -202,7 +199,7 @@ def solve_with(
             break
         spread = data.covariance(solution, nuisances, effects)
         late = bool(np.any(data.facts.moved))
-        kept = significant(solution, spread, nuisances, triangles.parameters, data.facts.dt, longest, late=late)
+        kept = significant(solution, spread, nuisances, triangles.parameters, data.facts.dt, late=late)
         kept = _borne_out(base, data, kept, effects)
         if not (shaping and effects) and len(kept) == len(nuisances):
             break

@@ -1,4 +1,4 @@
-"""The zero of a torque channel is an unknown of every diagnosis: corrected, told, and no reason for another effect."""
+"""The zero of a torque channel is an unknown of every diagnosis: corrected, named, and no reason for another effect."""
 
 from __future__ import annotations
 
@@ -27,6 +27,10 @@ def of(robot: Robot, recording: Recording) -> Diagnosis:
     return diagnose(robot, prepare(recording, robot, SignalOptions.for_diagnosis(recording.rate)))
 
 
+def named(found: Diagnosis) -> list[tuple[str, str | None]]:
+    return [(e.effect, e.joint) for e in found.effects]
+
+
 def offsets(found: Diagnosis) -> list[Nuisance]:
     return [n for n in found.nuisances if n.effect == "torque_offset"]
 
@@ -38,8 +42,9 @@ def found(log: Logs, robot: Robot) -> Diagnosis:
 
 def test_offsets_are_corrected_before_any_effect_is_judged(found: Diagnosis, diagnosed: Diagnosed) -> None:
     clean = diagnosed()
-    assert (found.effects, found.unexplained) == ((), ())
-    assert found.sufficient
+    assert named(found) == [("torque_offset", "joint1"), ("torque_offset", "joint2")]
+    assert not found.unexplained
+    assert not found.sufficient
     for joint, error in found.before.items():
         assert error.rms == pytest.approx(clean.before[joint].rms, rel=0.02)
     told = {n.joint: (n.parameters["offset"], n.std_error["offset"]) for n in offsets(found)}
@@ -48,10 +53,25 @@ def test_offsets_are_corrected_before_any_effect_is_judged(found: Diagnosis, dia
         assert abs(value - truth) < 3 * deviation + 0.02 * abs(truth)
 
 
+def test_an_offset_has_size_error_and_gain_as_an_effect_has(found: Diagnosis) -> None:
+    corrected = {n.joint: n for n in offsets(found)}
+    for effect, truth in zip(found.effects, OFFSETS, strict=True):
+        assert effect.joint is not None
+        assert effect.parameters == corrected[effect.joint].parameters
+        assert effect.std_error == corrected[effect.joint].std_error
+        assert abs(effect.parameters["offset"] - truth) < 4 * effect.std_error["offset"] + 0.01 * abs(truth)
+        assert effect.gain > 0.5
+        assert all(gain > 0.1 for gain in effect.quarters if np.isfinite(gain)), effect.quarters
+
+
+def test_a_clean_log_names_no_offset(diagnosed: Diagnosed) -> None:
+    assert diagnosed().effects == ()
+
+
 def test_what_the_constant_could_be_is_told(found: Diagnosis) -> None:
     for joint, truth in zip(("joint1", "joint2"), OFFSETS, strict=True):
         rivals = {r.effect: r for r in found.also_possible if r.joint == joint}
-        assert set(rivals) == {"torque_offset", "asymmetric_coulomb"}
+        assert set(rivals) == {"asymmetric_coulomb"}
         assert rivals["asymmetric_coulomb"].instead_of == "torque_offset"
         assert rivals["asymmetric_coulomb"].parameters["difference"] == pytest.approx(truth, rel=0.1)
         assert rivals["asymmetric_coulomb"].gain > 0.5
@@ -68,15 +88,18 @@ def test_the_same_offsets_as_identification_finds(found: Diagnosis, log: Logs, r
     assert [w for w in written if w[0] != "torque_delay"] == [("torque_offset", joint) for joint in robot.joint_names]
 
 
-def test_an_effect_beside_an_offset_is_named_alone(log: Logs, robot: Robot) -> None:
+def test_an_effect_beside_an_offset_is_named_once(log: Logs, robot: Robot) -> None:
     found = of(robot, offset(log("load_friction")))
-    assert [(e.effect, e.joint) for e in found.effects] == [("load_friction", "joint2")]
+    assert sorted(named(found)) == [
+        ("load_friction", "joint2"), ("torque_offset", "joint1"), ("torque_offset", "joint2"),
+    ]  # fmt: skip
     assert [n.joint for n in offsets(found)] == ["joint1", "joint2"]
 
 
 def test_a_declared_offset_stands_for_the_channels_own(log: Logs, robot: Robot) -> None:
     declared = dataclasses.replace(robot, effects=(EffectSpec("torque_offset", "joint1", {"offset": 2.0}),))
     found = of(declared, offset(log()))
+    assert named(found) == [("torque_offset", "joint2")]
     assert [n.joint for n in offsets(found)] == ["joint2"]
     assert found.state_after.named(0)["offset"] == pytest.approx(2.0, rel=0.05)
     assert effect_classes()["torque_offset"].nuisance == "offset"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis import DiagnoseOptions, diagnose
+from elid_cli.diagnosis.refit import contributions
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
 from tests.system.reproduce.inverse_logs import Laws, World, _late, laws_of, log_of, make, recorded
@@ -34,8 +35,11 @@ def test_a_shift_of_either_sign_is_named(arm: int, joint: int, by: float) -> Non
     (effect,) = found.effects
     assert (effect.effect, effect.joint) == ("torque_delay", f"j{joint + 1}")
     assert effect.parameters["delay"] == pytest.approx(-by, abs=1e-4)
-    before, after = found.before[f"j{joint + 1}"].rms, found.after[f"j{joint + 1}"].rms
-    assert after < 0.6 * before
+    (worth,) = contributions(found)
+    assert worth.with_it < 0.6 * worth.without
+    if by < 0:  # acts later than logged: corrected before anything is judged
+        assert found.before[effect.joint].rms < 1.05 * found.after[effect.joint].rms
+    assert {n.joint for n in found.nuisances if n.effect == "torque_delay"} >= {effect.joint}
 
 
 @pytest.mark.parametrize("arm", [41, 42, 43, 44])

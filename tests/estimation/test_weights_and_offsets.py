@@ -86,16 +86,16 @@ def test_delays_stay_where_they_agree_with_one_beyond_doubt_or_with_the_mean() -
     delay = np.array([True, True, True, True, True, False, False])
     values = np.array([5e-4, 5e-3, 1e-4, -5e-4, 5e-2, 4.0, 5.0])
     deviations = np.array([5e-5, 1.5e-4, 3e-4, 1.5e-4, 1e-4, 1.5, 1.0])
-    kept = beyond_doubt(values, deviations, delay, 1e-3, 2e-2)
+    kept = beyond_doubt(values, deviations, delay, 1e-3)
     # beyond doubt; stands far out; agrees; the other sign; longer than any delay; offsets stand alone
     assert kept.tolist() == [True, True, True, False, False, False, True]
-    assert not beyond_doubt(np.array([-5e-3]), np.array([1e-4]), np.ones(1, dtype=bool), 1e-3, 2e-2)[0]
+    assert not beyond_doubt(np.array([-5e-3]), np.array([1e-4]), np.ones(1, dtype=bool), 1e-3)[0]
     none = np.array([1e-4, -1e-4, 5e-5])
-    assert not beyond_doubt(none, np.full(3, 1e-4), np.ones(3, dtype=bool), 1e-3, 2e-2).any()
+    assert not beyond_doubt(none, np.full(3, 1e-4), np.ones(3, dtype=bool), 1e-3).any()
     # none by itself, all together; and all that torques have been moved for
-    assert beyond_doubt(np.full(4, 3e-4), np.full(4, 1e-4), np.ones(4, dtype=bool), 1e-3, 2e-2).all()
-    assert beyond_doubt(none, np.full(3, 1e-4), np.ones(3, dtype=bool), 1e-3, 2e-2, late=True).all()
-    assert not beyond_doubt(np.full(2, np.nan), np.full(2, np.nan), np.ones(2, dtype=bool), 1e-3, 2e-2).any()
+    assert beyond_doubt(np.full(4, 3e-4), np.full(4, 1e-4), np.ones(4, dtype=bool), 1e-3).all()
+    assert beyond_doubt(none, np.full(3, 1e-4), np.ones(3, dtype=bool), 1e-3, late=True).all()
+    assert not beyond_doubt(np.full(2, np.nan), np.full(2, np.nan), np.ones(2, dtype=bool), 1e-3).any()
 
 
 THREE = """

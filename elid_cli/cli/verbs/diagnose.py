@@ -128,11 +128,11 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
         chosen = DiagnoseOptions(
             search.lookup, search.only, search.accurate, search.jobs, "motion" if moving else "torque"
         )
-        found = find(machine, signals, chosen, advance)
+        usual = None if moving else load_signals(recording, replace(machine, effects=()), options, advance)
+        found = find(machine, signals, chosen, advance, usual)
         if not isinstance(found, Diagnosis):
             _tell_motion(found, signals, gates, files, source.robot, output)
             return
-        found = replace(found, usual=load_signals(recording, replace(machine, effects=()), options, advance))
         judged = []
         for other in others:
             seen = load_signals(other, machine, sharp(options, other), advance)

@@ -51,6 +51,8 @@ class Survival:
     """In which quarters it makes the prediction worse by more than the noise of the comparison allows."""
     kept: bool = False
     """Whether it fails but stays in the model as a nuisance."""
+    cutoff: float | None = None
+    """Identification's cut-off, Hz, where it fails at that one alone."""
 
     @property
     def survives(self) -> bool:

@@ -41,6 +41,10 @@ CURVE_HEIGHT = 0.01
 """Prior standard deviation of a smooth curve's heights, as a share of the torque."""
 _SETTLED = 0.002
 """Part of a sample within which shifts count as settled."""
+LATE = 0.05
+"""Phase, rad at the cut-off, up to which what is left of a torque's delay is left to its column."""
+Fault = tuple[Nuisance, int]
+"""A fault of a torque channel, and the joint."""
 _SHIFTING = 5
 _AGREED = 1e-4
 """Change of an effect's torque, as a part of it, below which columns from the model and the fit agree …"""
@@ -70,6 +74,8 @@ class Log:
     def shifted(self, shifts: Shifts) -> Log:
         """Return the log with other shifts of its channels."""
         signals = corrected(self.raw, shifts)
+        if np.any(shifts.torque):
+            signals = replace(signals, moved=shifts.torque)
         return replace(self, signals=signals, observation=observe(self.model, signals), shifts=shifts)
 
     def tilted(self, tilt: Array) -> Log:
@@ -114,6 +120,8 @@ class State:
     scene: Scene
     known: Array | None = None
     """Covariance of the solution's basis where another estimator found the values, (r, r)."""
+    but: frozenset[Fault] = frozenset()
+    """Faults of torque channels that the model is taken not to have."""
 
     @property
     def extras(self) -> tuple[ExtraColumns, ...]:
@@ -148,8 +156,11 @@ class State:
 
     @property
     def delays(self) -> dict[int, float]:
-        """Return the torque delay that is corrected, s, by joint."""
-        return self._of_channels("delay")
+        """Return the torque delay that is corrected, s, by joint: what is moved already, and what its column finds."""
+        moved, left = self.log.shifts.torque, self._of_channels("delay")
+        named = {effect.joint for effect in self.effects if effect.corrects == "torque"}
+        late = sorted({*np.flatnonzero(moved).tolist(), *left} - named)
+        return {joint: float(moved[joint]) + left.get(joint, 0.0) for joint in late}
 
     @property
     def offsets(self) -> dict[int, float]:
@@ -229,7 +240,7 @@ class State:
         return {row: self.rms(row) / max(self.floor.rms[row], least[row]) for row in self.triangles.rows}
 
 
-def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None, *, but: Collection[int] = ()) -> State:
+def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None, *, but: Collection[Fault] = ()) -> State:
     """Fit the model with some effects to the training stretches, by the one fit (`default_fit.solve_with`).
 
     Parameters
@@ -241,7 +252,7 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None, *, but:
     scene
         Scene from which the effects' columns are computed; None: made from a fit without effects.
     but
-        Joints whose torque channel is taken to have no offset.
+        Faults that torque channels are taken not to have.
     """
     data = log.data
     if scene is None:
@@ -250,24 +261,25 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None, *, but:
     columns = tuple(extra_of(effect, scene, log.signals) for effect in effects)
     held = _held(log, effects, columns)
     channels, own = _of_channels(data, effects, columns, but), FittedEffects(held, columns, scene)
-    found = solve_with(log.base, data, channels, own, longest=0.0)
+    found = solve_with(log.base, data, channels, own)
     if any(extra.nuisance == "offset" for extra in found.nuisances):
         firm = _firm(data, found)
         if len(firm) < len(found.nuisances):
-            found = solve_with(log.base, data, firm, own, longest=0.0)
-    return State(log, tuple(effects), found.nuisances, columns, found.triangles, found.solution, scene)
+            found = solve_with(log.base, data, firm, own)
+    state = State(log, tuple(effects), found.nuisances, columns, found.triangles, found.solution, scene)
+    return replace(state, but=frozenset(but))
 
 
 def _of_channels(
-    data: SampledData, effects: Sequence[Effect], columns: Sequence[ExtraColumns], but: Collection[int]
+    data: SampledData, effects: Sequence[Effect], columns: Sequence[ExtraColumns], but: Collection[Fault]
 ) -> list[ExtraColumns]:
     """Return delay and offset of every torque channel, as identification estimates them along.
 
     Not those that effects of the model are: a late channel, a constant torque in the rows of the channel.
     """
-    late = {e.joint for e in effects if e.corrects == "torque"}
+    late = {e.joint for e in effects if e.corrects == "torque"} | {joint for kind, joint in but if kind == "delay"}
     delays = [extra for extra in data.delays() if sum_row(extra).joint not in late]
-    offsets = [extra for extra in data.offsets() if sum_row(extra).joint not in but]
+    offsets = [extra for extra in data.offsets() if ("offset", sum_row(extra).joint) not in but]
     return delays + [extra for extra in offsets if not any(_constant(own, extra) for own in columns)]
 
 
@@ -328,7 +340,7 @@ def refreshed(state: State) -> State:
         if change <= _SETTLED * state.log.signals.dt:
             break
         log = state.log.shifted(shifts)
-        state = fit(log, state.effects, scene_of(log.model, log.signals, state.standard))
+        state = fit(log, state.effects, scene_of(log.model, log.signals, state.standard), but=state.but)
     return state
 
 
@@ -342,7 +354,8 @@ def _levelled(state: State) -> State:
         log = state.log.tilted(tilt)
         # what the tilt brings to light is not in the old parameters: columns come from a fit without them
         level = reweighted(log.data.triangles(state.nuisances), log.base.count).values
-        return fit(log, state.effects, scene_of(log.model, log.signals, level[: log.model.parameters]))
+        scene = scene_of(log.model, log.signals, level[: log.model.parameters])
+        return fit(log, state.effects, scene, but=state.but)
 
     return settled(state, state.log.tilt, lambda state: state.coefficients(place[0]), again)[0]
 
@@ -356,7 +369,8 @@ def agreed(state: State) -> State:
     model = [k for k, effect in enumerate(state.effects) if effect.from_model]
     for _ in range(_AGREEING if model else 1):
         old = state
-        state = fit(state.log, state.effects, scene_of(state.log.model, state.log.signals, state.standard))
+        scene = scene_of(state.log.model, state.log.signals, state.standard)
+        state = fit(state.log, state.effects, scene, but=state.but)
         if all(_unchanged(old, state, k) for k in model):
             break
     return state
@@ -372,14 +386,18 @@ def _unchanged(old: State, new: State, number: int) -> bool:
 
 
 def without(state: State, number: int) -> State:
-    """Return the model without effect `number`, fitted; a channel that it had moved goes back to where it was."""
+    """Return the model without effect `number`, fitted; a channel that it had moved goes back to where it was.
+
+    A fault of a torque channel that is named as an effect does not come back as one that every fit estimates along.
+    """
     effect = state.effects[number]
     log = state.log
     if effect.corrects is not None and log.shifts.of(effect.corrects, effect.joint):
         log = log.shifted(log.shifts.moved(effect.corrects, effect.joint, 0.0))
     if effect.turns_gravity and np.any(log.tilt):
         log = log.tilted(np.zeros(2))
-    return fit(log, [e for i, e in enumerate(state.effects) if i != number], state.scene)
+    but = state.but if effect.nuisance is None else state.but | {(effect.nuisance, effect.joint)}
+    return fit(log, [e for i, e in enumerate(state.effects) if i != number], state.scene, but=but)
 
 
 def _shifts(state: State) -> tuple[Shifts, float]:
@@ -394,4 +412,12 @@ def _shifts(state: State) -> tuple[Shifts, float]:
             value = present
         shifts = shifts.moved(effect.corrects, effect.joint, value)
         change = max(change, abs(value - present))
+    late = {joint: delay for joint, delay in state.delays.items() if abs(delay) <= LONGEST_SHIFT}
+    left = max((abs(delay - float(state.log.shifts.torque[joint])) for joint, delay in late.items()), default=0.0)
+    # less than a sample, or what is left of more, is a matter of first order
+    far = bool(np.any(state.log.shifts.torque)) or max(map(abs, late.values()), default=0.0) > state.log.signals.dt
+    if far and left * 2 * np.pi * state.log.signals.filter.cutoff > LATE:
+        for joint, delay in late.items():
+            shifts = shifts.moved("torque", joint, delay)
+        change = max(change, left)
     return shifts, change

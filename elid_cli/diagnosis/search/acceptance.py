@@ -49,6 +49,11 @@ def predicted_better(old: State, new: State, rows: Sequence[EstimationRow]) -> f
     return float(1.0 - after.sum() / before.sum())
 
 
+def left_out_error(state: State, unit: State, rows: Sequence[EstimationRow]) -> float:
+    """Return the squared error of left-out folds in some rows, each in units of its residual in another state."""
+    return sum(float(state.left_out[row].sum()) / max(unit.rms(row), 1e-300) ** 2 for row in rows)
+
+
 def worthwhile(old: State, new: State, candidate: Candidate) -> bool:
     """Whether the refitted model improves some row the effect acts on by a size that matters in practice."""
     last = len(new.effects) - 1

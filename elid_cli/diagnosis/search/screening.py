@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,6 +106,7 @@ def screen(
     progress: Progress | None = None,
     label: str = "screening",
     jobs: int = 1,
+    joints: Container[int] | None = None,
 ) -> list[Candidate]:
     """Return one candidate per effect and joint, best first.
 
@@ -121,10 +122,18 @@ def screen(
         What is being done, for the progress.
     jobs
         Processes that try effects side by side; the result is the same for any number.
+    joints
+        Joints at which effects are tried, besides those of the whole robot; None: all.
     """
-    groups = list(_groups(state, library))
+    groups = [
+        (kind, joint)
+        for kind, joint in _groups(state, library)
+        if joints is None or kind.whole_robot or joint in joints
+    ]
     known = state.log.columns
     parts = [groups[first : first + JUDGED] for first in range(0, len(groups), JUDGED)]
+    if not groups:
+        return []
     state.projected.prepared()  # what all parts share must be there before they part
 
     def tried(number: int) -> tuple[list[Candidate], Fresh]:

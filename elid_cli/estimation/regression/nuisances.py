@@ -91,7 +91,6 @@ def significant(
     nuisances: Sequence[ExtraColumns],
     parameters: int,
     dt: float,
-    longest: float = LONGEST,
     *,
     late: bool = False,
 ) -> list[ExtraColumns]:
@@ -105,8 +104,6 @@ def significant(
         Columns after the standard ones, in their order, and the number of those.
     dt
         Sample time, s.
-    longest
-        Longest delay, s, if it is more than a sample: the search for effects names longer ones.
     late
         Whether torques have been moved: what is left of their delays stays unknown.
     """
@@ -118,7 +115,7 @@ def significant(
             values[k] = solution.values[parameters + k]
             deviations[k] = np.sqrt(covariance[where[0], where[0]])
     delays = np.array([extra.nuisance == "delay" for extra in nuisances], dtype=bool)
-    firm = beyond_doubt(values, deviations, delays, dt, longest, late=late)
+    firm = beyond_doubt(values, deviations, delays, dt, late=late)
     return [e for e, kept in zip(nuisances, firm, strict=True) if kept]
 
 
@@ -129,7 +126,7 @@ def short_enough(delays: Array, deviations: Array, longest: float) -> NDArray[np
 
 
 def beyond_doubt(
-    values: Array, deviations: Array, delays: NDArray[np.bool_], dt: float, longest: float, *, late: bool = False
+    values: Array, deviations: Array, delays: NDArray[np.bool_], dt: float, *, late: bool = False
 ) -> NDArray[np.bool_]:
     """Return which nuisances stay in the model, (k,).
 
@@ -144,8 +141,6 @@ def beyond_doubt(
         Those that are delays, s, (k,).
     dt
         Sample time, s.
-    longest
-        Longest delay beyond a sample, s.
     late
         Whether there are delays for certain.
     """
@@ -155,9 +150,11 @@ def beyond_doubt(
     short = size <= 1.05 * dt + 2 * deviations
     needed = np.where(delays & ~short, FAR, SIGNIFICANT)
     kept: NDArray[np.bool_] = sound & (size > needed * deviations)
-    may = delays & sound & (short | ((values > 0) & (size <= longest) & (size > FAR * deviations)))
+    may = delays & sound & (short | ((values > 0) & (size <= LONGEST) & (size > FAR * deviations)))
     here = may & (deviations > 0)
-    if here.any() and not late:
+    if late:
+        may = delays & sound & (size <= LONGEST + LIKELY * deviations)
+    elif here.any():
         # the channels of a log are sampled alike: each agrees with one that is beyond doubt, or with the mean of all
         weight = 1.0 / np.square(deviations[here])
         mean, spread = float(weight @ values[here] / weight.sum()), float(1.0 / np.sqrt(weight.sum()))
@@ -166,7 +163,5 @@ def beyond_doubt(
             firm.append((mean, spread))
         agree = [np.abs(values - value) <= LIKELY * np.hypot(deviations, deviation) for value, deviation in firm]
         may &= np.any(agree, axis=0) if agree else False
-        if longest <= dt:  # a search holds effects against the model: what does not show by itself is none of it
-            may &= size > LIKELY * deviations
     kept[delays] = may[delays]
     return kept

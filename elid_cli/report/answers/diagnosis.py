@@ -109,11 +109,21 @@ def result_sections(told: DiagnosisInput) -> list[Section]:
             "error on the held-out stretches",
             changed=bool(told.contributions),
         ),
+        *_as_identified(found),
         *([residual_table(found)] if found.effects or any(row.high for row in found.rows_before) else []),
         *refuted_section(found),
         *unexplained_section(found),
         *triage_section(found),
     ]
+
+
+def _as_identified(found: Diagnosis) -> list[Section]:
+    """Return the same at identification's cut-off, where the search's is another."""
+    before, after = found.left_out
+    if not found.effects or not before or found.usual_cutoff == found.state_after.log.signals.filter.cutoff:
+        return []
+    title = f"error on stretches left out in turn, below {number_text(found.usual_cutoff)} Hz as elid identify fits"
+    return [before_after_table("as_identified", found.robot, before, after, title)]
 
 
 def _tried(found: Diagnosis) -> Items:

@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import Any
 
-from elid_cli.diagnosis import Diagnosis, FoundEffect
+from elid_cli.diagnosis import Diagnosis
 from elid_cli.diagnosis.refit import Contribution
 from elid_cli.diagnosis.residuals import RowState
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.result import Identification
-from elid_cli.model.effects import nuisance_of
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
 from elid_cli.report.answers.identification_json import error_payload as errors
 from elid_cli.report.answers.identification_json import identification_payload
@@ -22,13 +21,14 @@ from elid_cli.report.answers.missing import curve_words
 def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
     """Return the JSON object of a diagnosis (docs/reference/json.md)."""
     found = told.found
+    published = found.left_out
     return {
         **identification_payload(told.after, told.recording),
         "declared": nuisance_payload(told.after.effects),
-        "before": _side(found.before, found.rows_before, told.before),
-        "after": _side(found.after, found.rows_after, told.after),
+        "before": _side(found.before, found.rows_before, told.before, published[0]),
+        "after": _side(found.after, found.rows_after, told.after, published[1]),
         "effects": [_effect_payload(c, certain=found.certain(c.effect)) for c in told.contributions],
-        "nuisances": nuisance_payload([*found.nuisances, *_late(found)]),
+        "nuisances": nuisance_payload(found.nuisances),
         "also_possible": [
             {"effect": r.effect, "joint": r.joint, "gain": r.gain, "instead_of": r.instead_of,
              "parameters": dict(r.parameters), "std_error": dict(r.std_error), "behind": r.behind,
@@ -44,7 +44,8 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
             for u in found.unexplained
         ],
         "refuted": [
-            {"effect": s.effect, "joint": s.joint, "quarters": _quarters(s.gains), "gain": s.whole, "kept": s.kept}
+            {"effect": s.effect, "joint": s.joint, "quarters": _quarters(s.gains), "gain": s.whole, "kept": s.kept,
+             "cutoff": s.cutoff}
             for s in found.refuted
         ],
         "row_noise": _noise_payload(found),
@@ -71,11 +72,6 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _late(found: Diagnosis) -> list[FoundEffect]:
-    """Return the torque delays of more than a sample, which are effects and corrected in the channels as well."""
-    return [effect for effect in found.effects if nuisance_of(effect.effect) == "delay"]
-
-
 def _noise_payload(found: Diagnosis) -> dict[str, Any]:
     """Return the noise of the rows, as a plan of the next experiment needs it."""
     model = found.row_noise
@@ -91,11 +87,16 @@ def _noise_payload(found: Diagnosis) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _side(error: Mapping[str, JointError], rows: Sequence[RowState], model: Identification) -> dict[str, Any]:
+def _side(
+    error: Mapping[str, JointError],
+    rows: Sequence[RowState],
+    model: Identification,
+    published: Mapping[str, JointError],
+) -> dict[str, Any]:
     return {
         "error": errors(error),
         "rows": [{"joint": r.joint, "rows": r.rows, "rms": r.rms, "share": r.share, "ratio": r.ratio} for r in rows],
-        "published": errors(model.published),
+        "published": errors(published),
         "normalised_mean_error": model.normalised_mean_error() if referenced(model) else None,
     }
 

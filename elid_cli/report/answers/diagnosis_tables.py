@@ -16,7 +16,7 @@ from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.error_tables import LIGHTS, SIDE_NOTES, torque_unit
 from elid_cli.report.answers.inputs import effect_text
-from elid_cli.report.answers.missing import curve_words, rivals_of, spoken, summary_words, variable_words, whose
+from elid_cli.report.answers.missing import curve_words, spoken, summary_words, variable_words, whose
 from elid_cli.report.answers.summary import AT_FLOOR, light, share_text
 from elid_cli.report.tree import (
     Cell,
@@ -174,7 +174,7 @@ def _meaning_of(robot: Robot, terms: Sequence[FoundEffect]) -> str:
 
 
 def _also_possible(found: Diagnosis) -> list[Section]:
-    if not rivals_of(found):
+    if not found.also_possible:
         return [Text("also_possible", "No other effect does as well on this log.")] if found.effects else []
     items: tuple[tuple[str, Cell], ...] = tuple(
         (
@@ -182,7 +182,7 @@ def _also_possible(found: Diagnosis) -> list[Section]:
             f"in place of {spoken(r.instead_of)} it explains {share_text(r.gain)}; to tell them apart, record: "
             f"{r.separate}",
         )
-        for r in rivals_of(found)
+        for r in found.also_possible
     )
     return [KeyValues("also_possible", items, title=SAME)]
 
@@ -239,7 +239,8 @@ def refuted_section(found: Diagnosis) -> list[Section]:
     if not found.refuted:
         return []
     items: tuple[tuple[str, Cell], ...] = tuple(
-        (whose(s.effect, s.joint), f"takes from each quarter's error: {s.words}{_kept(s)}") for s in found.refuted
+        (whose(s.effect, s.joint), f"takes from each quarter's error{_where(s)}: {s.words}{_kept(s)}")
+        for s in found.refuted
     )
     title = "not named: it makes a quarter of the log worse, predicted from the other three"
     return [KeyValues("refuted", items, title=title)]
@@ -273,6 +274,10 @@ def triage_section(found: Diagnosis) -> list[Section]:
     """Return which side of a joint to look at for what stays; what the found effects explain is not looked for."""
     said = where_words(found.rows_after) if found.unexplained else ()
     return [Text("triage", "\n".join(said))] if said else []
+
+
+def _where(refuted: Survival) -> str:
+    return "" if refuted.cutoff is None else f", below {number_text(refuted.cutoff)} Hz as elid identify fits"
 
 
 def _kept(refuted: Survival) -> str:

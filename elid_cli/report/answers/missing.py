@@ -112,7 +112,7 @@ def missing_words(told: DiagnosisInput) -> str:
         nothing = f"Nothing{where}: only the sensors' noise is left, and no effect improves the model."
         if any(row.high for row in found.rows_after):  # what is left is told beside
             nothing = "Nothing that this log shows: no effect of the library improves the model."
-        return (rest.strip() or nothing) + _constant_words(found)
+        return rest.strip() or nothing
     order = [*found.robot.joint_names, found.robot.name].index
     named.sort(key=lambda c: order(c.effect.joint or found.robot.name))
     places: dict[str, list[str]] = {}
@@ -125,37 +125,11 @@ def missing_words(told: DiagnosisInput) -> str:
         f"{number_text(times, 2)} times at {joint}{' (motor side)' if rows == 'motor' else ''}"
         for joint, (times, rows) in gains.items() if times > BETTER
     ])  # fmt: skip
-    constant = _constants(found)
-    tied = [r for r in rivals_of(found) if r not in constant]
+    tied = found.also_possible
     them = "them" if len(places) > 1 else spoken(named[0].effect.effect) if tied else "it"
     worth = f" With {them} the error is smaller: {better}." if better else ""
     said = named_words(places, tied, summary_words([c.effect for c in named]) if len(places) == 1 else "")
-    return f"{said}{worth}{rest}{_constant_words(found)}"
-
-
-def rivals_of(found: Diagnosis) -> list[Rival]:
-    """Return what could be as well, without what the model has already: a constant torque that is corrected."""
-    corrected = _offsets(found)
-    return [r for r in found.also_possible if (r.effect, r.joint) not in corrected]
-
-
-def _constants(found: Diagnosis) -> list[Rival]:
-    """Return what constants that are corrected could be as well."""
-    corrected = _offsets(found)
-    return [r for r in rivals_of(found) if (r.instead_of, r.joint) in corrected]
-
-
-def _offsets(found: Diagnosis) -> set[tuple[str, str | None]]:
-    return {(n.effect, n.joint) for n in found.nuisances if nuisance_of(n.effect) == "offset"}
-
-
-def _constant_words(found: Diagnosis) -> str:
-    constant = _constants(found)
-    if not constant:
-        return ""
-    joints = listed(list(dict.fromkeys(r.joint or found.robot.name for r in constant)))
-    kinds = listed(list(dict.fromkeys(spoken(r.effect) for r in constant)))
-    return f" The constant torque at {joints} that is corrected as an offset could be {kinds} as well."
+    return f"{said}{worth}{rest}"
 
 
 BETTER = 1.05
@@ -165,6 +139,8 @@ BETTER = 1.05
 def _better(found: Diagnosis, contribution: Contribution) -> float:
     """Return how many times smaller the held-out error of the joint is after, in the row the effect explains best."""
     joint = contribution.joint
+    if nuisance_of(contribution.effect.effect):  # the model before has its channels corrected
+        return contribution.without / contribution.with_it if contribution.with_it else 0.0
     if contribution.rows in ("sum", "motor") and joint in found.before:
         field = "rms" if contribution.rows == "sum" else "spring_rms"
         before, after = (getattr(e[joint], field) for e in (found.before, found.after))
@@ -176,7 +152,8 @@ def _better(found: Diagnosis, contribution: Contribution) -> float:
 def further_items(told: DiagnosisInput) -> Items:
     """Return what another log should hold: to tell effects apart, and to know those better that were found."""
     items: list[tuple[str, Cell]] = [
-        (f"to tell {whose(r.effect, r.joint)} from {spoken(r.instead_of)}", r.separate) for r in rivals_of(told.found)
+        (f"to tell {whose(r.effect, r.joint)} from {spoken(r.instead_of)}", r.separate)
+        for r in told.found.also_possible
     ]
     if repeating(told.found):
         items.insert(0, ("to tell effects of the motion from disturbances in time", "a motion that does not repeat"))

@@ -1,0 +1,71 @@
+"""What effects are worth where identification fits: at its own cut-off.
+
+A search looks at faster changes than identification fits, for many effects show there. One that helps there alone, and
+makes what identification predicts worse, would spoil the parameters: the quarters judge it once more, all filtered as
+identification filters the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from elid_cli.diagnosis.evidence.quarters import Survival, left_out, survival
+from elid_cli.diagnosis.fit.state import Log, State, agreed, fit, refreshed, without
+from elid_cli.diagnosis.search.forward import Found
+from elid_cli.errors import DataError
+from elid_cli.estimation.cutoff import at_best_cutoff
+from elid_cli.estimation.regression.effect_columns import scene_of
+from elid_cli.estimation.result import EstimateOptions
+from elid_cli.estimation.stretches import search_folds
+from elid_cli.signals.signals import Signals
+
+
+def helpful_there(found: Found, declared: int, usual: Callable[[], Signals]) -> tuple[Found, tuple[Survival, ...]]:
+    """Return the outcome without effects that make what identification predicts worse, and what they were worth.
+
+    Parameters
+    ----------
+    found
+        What the search found.
+    declared
+        How many of the state's effects, the first ones, are not named.
+    usual
+        Returns the log as identification takes it.
+    """
+    if not found.steps:
+        return found, ()
+    raw = _as_identified(found.after.log, usual())
+    if raw is None:
+        return found, ()
+    gone: list[Survival] = []
+    while found.steps:
+        try:
+            state = _there(found.after, raw)
+        except DataError:  # too short for that cut-off
+            break
+        fits = left_out(state)
+        told = [survival(state, declared + k, fits) for k in range(len(found.steps))]
+        failing = [k for k, item in enumerate(told) if any(item.lost)]
+        if not failing:
+            break
+        worst = min(failing, key=lambda k: told[k].whole)
+        steps = (*found.steps[:worst], *found.steps[worst + 1 :])
+        found = replace(found, after=refreshed(without(found.after, declared + worst)), steps=steps)
+        gone.append(replace(told[worst], cutoff=raw.filter.cutoff))
+    return found, tuple(gone)
+
+
+def _as_identified(log: Log, usual: Signals) -> Signals | None:
+    """Return signals at the cut-off that identification chooses, or None where it is no lower than the search's."""
+    cutoff = at_best_cutoff(log.model, log.base, usual, EstimateOptions())[0].filter.cutoff
+    if cutoff >= log.signals.filter.cutoff or len(usual.motion.t) != len(log.signals.motion.t):
+        return None
+    return usual if cutoff == usual.filter.cutoff else usual.refiltered(cutoff)
+
+
+def _there(state: State, raw: Signals) -> State:
+    """Return a state fitted to the same log at another cut-off, with its effects in the shapes that they have."""
+    log = replace(state.log, raw=raw).shifted(state.log.shifts)
+    log = replace(log, fold=search_folds(log.observation.instants))
+    return agreed(fit(log, state.effects, scene_of(log.model, log.signals, state.standard), but=state.but))
