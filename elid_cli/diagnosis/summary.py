@@ -24,6 +24,8 @@ from elid_cli.model.effects.effect import Channel, Effect
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import EffectSpec, Robot
 
+CHANNEL = ("delay", "offset")
+"""Nuisances of a torque channel, which stand in the list of what is corrected even where they are named as effects."""
 _SIDES = {"load": "link", "drive": "motor"}
 """What lies in a row of a joint with a torque sensor."""
 
@@ -55,7 +57,7 @@ def result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence
         nuisances=(
             *_nuisances(after),
             *(_kept(after, k) for k in range(declared - found.kept, declared)),
-            *(_kept(after, k) for k in range(declared, len(after.effects)) if after.effects[k].nuisance),
+            *(_kept(after, k) for k in range(declared, len(after.effects)) if after.effects[k].nuisance in CHANNEL),
         ),
         unexplained=unexplained,
         rows_before=rows_before,

@@ -175,6 +175,7 @@ def solve_with(
     effects: FittedEffects | None,
     *,
     shaping: bool = False,
+    alone: bool = False,
 ) -> Solved:
     """Solve with nuisances, as far as they are significant and predict better, and effects.
 
@@ -188,6 +189,8 @@ def solve_with(
         Effects with their columns.
     shaping
         Whether the effects' shapes are refined; else they stay as they are.
+    alone
+        Whether each delay must show by itself.
     """
     for last in (False, True):
         if shaping and effects and data.samples is not None:
@@ -199,7 +202,7 @@ def solve_with(
             break
         spread = data.covariance(solution, nuisances, effects)
         late = bool(np.any(data.facts.moved))
-        kept = significant(solution, spread, nuisances, triangles.parameters, data.facts.dt, late=late)
+        kept = significant(solution, spread, nuisances, triangles.parameters, data.facts.dt, late=late, alone=alone)
         kept = _borne_out(base, data, kept, effects)
         if not (shaping and effects) and len(kept) == len(nuisances):
             break

@@ -135,6 +135,17 @@ def test_logs_that_disagree_say_so_and_widen_their_errors(two_logs: tuple[Path, 
         assert found.std_error[k] > 0.2 * 0.5 * truth  # of the difference: each log's own error is a thousandth of it
 
 
+def test_the_recording_that_stands_out_is_named(two_logs: tuple[Path, Path], tmp_path: Path) -> None:
+    joints = tuple(replace(j, parameters={**j.parameters, "fv": 1.5 * j.parameters["fv"]}) for j in PLANAR.joints)
+    worn = logged(replace(PLANAR, joints=joints), tmp_path / "worn.h5", 3)
+    found = identify_logs(LogRequest([str(two_logs[0]), str(worn), str(two_logs[1])], PLANAR)).found
+    (said,) = [note for note in found.notes if "disagree" in note]
+    assert "worn.h5 stands out" in said
+    truth = PLANAR.joints[0].parameters["fv"]
+    k = found.base.names.index("fv1")
+    assert abs(found.estimate[k] - truth) < 1.96 * found.std_error[k]  # of the machine that the two others are of
+
+
 def test_a_search_starts_from_the_same_fit(two_logs: tuple[Path, Path]) -> None:
     """On the stretches that it sees, at its cut-off, reversals left out and no offsets: its stated differences."""
     recording = read_recording(two_logs[:1], PLANAR)

@@ -261,11 +261,11 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None, *, but:
     columns = tuple(extra_of(effect, scene, log.signals) for effect in effects)
     held = _held(log, effects, columns)
     channels, own = _of_channels(data, effects, columns, but), FittedEffects(held, columns, scene)
-    found = solve_with(log.base, data, channels, own)
+    found = solve_with(log.base, data, channels, own, alone=True)
     if any(extra.nuisance == "offset" for extra in found.nuisances):
         firm = _firm(data, found)
         if len(firm) < len(found.nuisances):
-            found = solve_with(log.base, data, firm, own)
+            found = solve_with(log.base, data, firm, own, alone=True)
     state = State(log, tuple(effects), found.nuisances, columns, found.triangles, found.solution, scene)
     return replace(state, but=frozenset(but))
 

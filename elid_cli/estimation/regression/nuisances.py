@@ -93,6 +93,7 @@ def significant(
     dt: float,
     *,
     late: bool = False,
+    alone: bool = False,
 ) -> list[ExtraColumns]:
     """Return the nuisances whose coefficient is significant; of the delays all where any or their mean is.
 
@@ -106,6 +107,8 @@ def significant(
         Sample time, s.
     late
         Whether torques have been moved: what is left of their delays stays unknown.
+    alone
+        Whether each delay must show by itself, as far as it may: a search holds effects against the model.
     """
     values, deviations = np.full((2, len(nuisances)), np.nan)
     for k in range(len(nuisances)):
@@ -115,7 +118,7 @@ def significant(
             values[k] = solution.values[parameters + k]
             deviations[k] = np.sqrt(covariance[where[0], where[0]])
     delays = np.array([extra.nuisance == "delay" for extra in nuisances], dtype=bool)
-    firm = beyond_doubt(values, deviations, delays, dt, late=late)
+    firm = beyond_doubt(values, deviations, delays, dt, late=late, alone=alone)
     return [e for e, kept in zip(nuisances, firm, strict=True) if kept]
 
 
@@ -126,7 +129,13 @@ def short_enough(delays: Array, deviations: Array, longest: float) -> NDArray[np
 
 
 def beyond_doubt(
-    values: Array, deviations: Array, delays: NDArray[np.bool_], dt: float, *, late: bool = False
+    values: Array,
+    deviations: Array,
+    delays: NDArray[np.bool_],
+    dt: float,
+    *,
+    late: bool = False,
+    alone: bool = False,
 ) -> NDArray[np.bool_]:
     """Return which nuisances stay in the model, (k,).
 
@@ -143,6 +152,8 @@ def beyond_doubt(
         Sample time, s.
     late
         Whether there are delays for certain.
+    alone
+        Whether each delay must differ from 0 by itself as well.
     """
     sound = np.isfinite(values) & np.isfinite(deviations)
     size = np.abs(values)
@@ -163,5 +174,7 @@ def beyond_doubt(
             firm.append((mean, spread))
         agree = [np.abs(values - value) <= LIKELY * np.hypot(deviations, deviation) for value, deviation in firm]
         may &= np.any(agree, axis=0) if agree else False
+        if alone:
+            may &= size > LIKELY * deviations
     kept[delays] = may[delays]
     return kept

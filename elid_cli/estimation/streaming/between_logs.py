@@ -3,7 +3,7 @@
 Every log's scores (columns times residual) are those of its own fit, so their long-run covariances add. What its
 residual under the common fit sums to beyond that is exact from its triangles; where these sums scatter from log to log
 by more than noise makes them, the scatter counts as noise as well (clusters: Cameron and Miller 2015, J. Human
-Resources 50).
+Resources 50), by Student's distribution with as many degrees of freedom as there are logs but one.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.least_squares import Solution
+from elid_cli.estimation.regression.long_run import beyond_normal
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.streaming.merged import MergedTriangles
 from elid_cli.estimation.streaming.reduced_log import ReducedLog
@@ -35,7 +36,13 @@ class Together:
     """Of every log's own noise."""
     between: Array
     """Of what the logs' sums of scores differ by; of logs that agree about the same."""
-    logs: int
+    sums: Array
+    """Every log's sum of scores, (logs, r)."""
+
+    @property
+    def logs(self) -> int:
+        """How many logs there are."""
+        return len(self.sums)
 
     @property
     def disagree(self) -> bool:
@@ -50,9 +57,29 @@ class Together:
     @property
     def covariance(self) -> Array:
         """Covariance of the solution's basis, (r, r)."""
-        meat = self.within + self.between if self.disagree else self.within
+        return self._covariance(1.0)
+
+    @property
+    def of_few(self) -> Array:
+        """The same, wide enough for intervals of the normal distribution to hold with as few logs as there are, (r, r).
+
+        What the fit takes along is chosen without: to leave a delay out is no caution.
+        """
+        return self._covariance(beyond_normal(self.logs - 1) ** 2)
+
+    def _covariance(self, wide: float) -> Array:
+        meat = self.within + wide * self.between if self.disagree else self.within
         found: Array = self.solution.inverse @ meat @ self.solution.inverse.T
         return found
+
+    def pulls(self, transform: Array) -> Array:
+        """Return by how much each log moves the parameters transform @ solution from where the others have them.
+
+        Shape (logs, b), to first order in their share of all data.
+        """
+        own = transform[:, self.solution.basis] @ self.solution.inverse
+        pulls: Array = self.sums @ own.T
+        return pulls
 
     def ratios(self, transform: Array) -> Array:
         """Return the variance between logs over that within for the parameters transform @ solution, (b,)."""
@@ -90,7 +117,7 @@ def together(
     instants = np.array([log.facts.instants for log in logs])
     within *= widening(solution, int(instants.sum()), float(np.average(lags, weights=instants)))
     between = sums.T @ sums * (len(logs) / (len(logs) - 1)) if len(logs) > 1 else np.zeros_like(within)
-    return Together(solution, within, between, len(logs))
+    return Together(solution, within, between, sums)
 
 
 def _sum_of_scores(triangles: Triangles, solution: Solution) -> Array:

@@ -16,7 +16,7 @@ from elid_cli.estimation.facts import joined_facts
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.stiffness.link_equation import LinkStiffness
-from elid_cli.estimation.streaming.between_logs import together
+from elid_cli.estimation.streaming.between_logs import Together, together
 from elid_cli.estimation.streaming.links import merged_stiffness
 from elid_cli.estimation.streaming.merged import MergedTriangles, TriangleData
 from elid_cli.estimation.streaming.reduced_log import ReducedLog
@@ -31,6 +31,8 @@ from elid_cli.robot.robot import Robot
 from elid_cli.robot.text import fingerprint
 from elid_cli.signals.recording import Recording, Segment, notices_of, repeated
 
+STANDS_OUT = 2.0
+"""Distance of a log from the others' mean, in units of their range, from which it is named."""
 UNREAD = "the joint torque sensors (tau_link) are used where one log is identified by itself, and not in reduced logs"
 
 
@@ -54,6 +56,8 @@ def identify_reduced(
     base = find_base(model)
     data = merged_data(model, logs)
     fit = fit_data(base, data, options)
+    if len(logs) > 1:
+        fit = replace(fit, covariance=_together(data, logs, fit).of_few)
     fit, _, found = judged(fit, options)
     found = with_unseen(found, whole)
     if any("tau_link" in log.recording.sources and not log.facts.link_torque.all() for log in logs):
@@ -83,15 +87,31 @@ def _disagreement(data: TriangleData, logs: Sequence[ReducedLog], fit: DefaultFi
     """Return a sentence where the logs differ by more than their noise; none where they agree."""
     if len(logs) < 2:
         return ()
-    found = together(logs, data.merged, fit.solution, data.numbers(fit.nuisances), _counted(fit))
+    found = _together(data, logs, fit)
     if not found.disagree:
         return ()
     ratios = found.ratios(fit.transform)
     worst = int(np.argmax(ratios))
-    return (
+    said = (
         f"the logs disagree by more than their noise, most in {fit.base.names[worst]} (by {np.sqrt(ratios[worst]):.2g} "
-        "times its standard error): every standard error includes the difference between logs",
+        "times its standard error): every standard error includes the difference between logs"
     )
+    odd = _standing_out(found.pulls(fit.transform)[:, worst])
+    return (said if odd is None else f"{said}; {logs[odd].name} stands out from the others",)
+
+
+def _together(data: TriangleData, logs: Sequence[ReducedLog], fit: DefaultFit) -> Together:
+    return together(logs, data.merged, fit.solution, data.numbers(fit.nuisances), _counted(fit))
+
+
+def _standing_out(pulls: Array) -> int | None:
+    """Return the log whose pull on a parameter, (logs,), lies beyond all others' by more than they scatter."""
+    if len(pulls) < 3:
+        return None
+    odd = int(np.argmax(np.abs(pulls - np.median(pulls))))
+    others = np.delete(pulls, odd)
+    away = abs(float(pulls[odd] - others.mean()))
+    return odd if away > STANDS_OUT * max(float(np.ptp(others)), 1e-300) else None
 
 
 def check_alike(robot: Robot, logs: Sequence[ReducedLog]) -> None:
