@@ -45,7 +45,8 @@ LATER: dict[str, str] = {
     "gains of drives from a payload": "estimation/drive_gains report/answers/drive_gains",
     "does the model suffice": "estimation/validation/following estimation/validation/sufficiency "
     "estimation/validation/too_quiet estimation/regression/known_columns signals/repeating "
-    "diagnosis/evidence/channel_zeros diagnosis/evidence/leftover diagnosis/written report/answers/missing",
+    "diagnosis/search/channel_faults diagnosis/search/one_for_two diagnosis/evidence/usual_cutoff "
+    "diagnosis/evidence/leftover diagnosis/written report/answers/missing",
     "MJCF, patched files, trees": "robot/mjcf robot/patch robot/xml_edit robot/beside robot/frames robot/locking "
     "experiment/real_bodies",
     "init, incomplete robots": "cli/asking cli/verbs/init robot/completion robot/ideal report/answers/completion "
