@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import DataError, UsageError
+from elid_cli.estimation.regression.effect_columns import extra_of
 from elid_cli.experiment.reference import random_reference
 from elid_cli.experiment.resolve import Question, Resolution, ResolveOptions, question_of, read_question, resolve
 from elid_cli.experiment.resolve.decision import Distance
@@ -115,17 +116,15 @@ def test_an_effect_explains_its_own_log_and_its_rival_only_part_of_it(question: 
     assert other @ other < view.seen @ view.seen
 
 
-def test_friction_as_its_sign_is_rounded_counts_for_nothing(question: Question, made: Made) -> None:
-    """An offset differs from asymmetric friction at rest only, where reversals are left out: no motion shows it."""
-    offset, asymmetric = (
-        replace(question.groups[0].hypotheses[0], effect=effect, parameters={name: 0.3}, std_error={})
-        for effect, name in (("torque_offset", "offset"), ("asymmetric_coulomb", "difference"))
-    )
+@pytest.mark.parametrize(("effect", "name"), [("torque_offset", "offset"), ("asymmetric_coulomb", "difference")])
+def test_what_an_offset_imitates_counts_for_nothing(question: Question, made: Made, effect: str, name: str) -> None:
+    """Every diagnosis fits an offset of each torque channel; friction that differs by direction is one but at rest."""
+    truth = replace(question.groups[0].hypotheses[0], effect=effect, parameters={name: 0.3}, std_error={})
     separation = Separation(Bench(question))
-    view = separation.view(random_reference(made.truth, 8.0, 1).sampled(separation.bench.rate)[1:], offset)
-    distance = separation.distance(view, offset, asymmetric, separation.shapes(view, asymmetric))
-    assert distance.sigma < 0.5
-    assert np.sqrt(distance.seen.sum()) > 20
+    view = separation.view(random_reference(made.truth, 8.0, 1).sampled(separation.bench.rate)[1:], truth)
+    assert np.sqrt(separation.distance(view, truth, truth, [view.own]).seen.sum()) < 0.5
+    own = extra_of(view.own, view.played.scene, view.played.signals)
+    assert np.linalg.norm(view.wall.whitened(own.rows, own.width) @ np.full(own.width, 0.3)) > 20
 
 
 def test_a_motion_twice_as_long_separates_twice_as_far(question: Question) -> None:

@@ -2,7 +2,7 @@
 
 All is done to the rows that a diagnosis compares effects by: filtered, decimated, reversals left out, whitened by the
 noise that it found. What a rival can imitate is what its own columns, in the best of its shapes, span together with the
-base parameters, the torque channels' delays and the effects that act anyway.
+base parameters, the torque channels' delays and offsets, and the effects that act anyway.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.diagnosis.fit.whitening import JointWhitener, history, stack
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
+from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
 from elid_cli.experiment.information import States
@@ -120,7 +121,7 @@ class Separation:
         mine = self.bench.acting(truth, self._rest)
         played = self.bench.play(states, [*self.present, mine])
         extras = [extra_of(item.effect, played.scene, played.signals) for item in self.present]
-        rows = _dense(played.observation, extras)
+        rows = _dense(played.observation, [*extras, *_of_channels(played.observation, mine.effect)])
         if mine.effect.simulated != "log":
             played = replace(played, observation=self._exact(played, rows, mine))
         residual, fitted = self._fitted(played.observation, rows)
@@ -180,7 +181,9 @@ class Separation:
 
     def _exact(self, played: Played, rows: Mapping[EstimationRow, Array], mine: Acting) -> Observation:
         """Return equations that an effect fulfils to the last digit, however nearly the deflections have settled."""
-        values = np.concatenate([self.bench.standard, *(item.amplitudes for item in self.present)])
+        known = np.concatenate([self.bench.standard, *(item.amplitudes for item in self.present)])
+        values = np.zeros(_width(rows))  # no channel is late or has an offset
+        values[: len(known)] = known
         own = extra_of(mine.effect, played.scene, played.signals).rows
         groups = []
         for group in played.observation.groups:
@@ -249,6 +252,17 @@ class Separation:
                     here = float(np.mean(residual[row] ** 2)) / floor**2
                     effect, whole = effect + here, whole + here + (rms / floor) ** 2
         return effect / max(whole, 1e-300)
+
+
+def _of_channels(observation: Observation, truth: Effect) -> list[ExtraColumns]:
+    """Return the columns of every torque channel's delay and offset, which each diagnosis fits along.
+
+    Not the delay of a channel that the truth itself makes late.
+    """
+    delays = delay_columns(observation)
+    if truth.corrects == "torque":
+        delays = [extra for extra in delays if all(row.joint != truth.joint for row in extra.rows)]
+    return [*delays, *offset_columns(observation)]
 
 
 def _dense(observation: Observation, extras: Sequence[ExtraColumns]) -> dict[EstimationRow, Array]:
