@@ -186,8 +186,8 @@ def identify_logs(
         from elid_cli.estimation.streaming.merge import identify_reduced, joined_recording
 
         logs = reduced_logs(request)
+        found, apart = identify_reduced(request.robot, logs, options)  # refuses logs that do not belong together
         side = motor_side_of_logs(request, logs) if asks(options) else None
-        found, apart = identify_reduced(request.robot, logs, options)
         return Identified(with_motor_side(found, side), joined_recording(logs), apart, None)
     from elid_cli.estimation.refined_robot import identified_robot
     from elid_cli.estimation.streaming.merge import identify_reduced
