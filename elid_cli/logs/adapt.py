@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from elid_cli.logs.reading import converted, layers_of
 from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.source import open_source
 from elid_cli.logs.writing import recognise
-from elid_cli.robot.locking import locked
+from elid_cli.robot.locking import beyond_limits, locked
 from elid_cli.robot.robot import Joint, Robot
 
 SAME = "both logged positions are one, but for sensor noise"
@@ -38,10 +38,10 @@ def robot_as_logged(
 ) -> Robot:
     """Return the robot with its open questions answered by logs (none: by the description alone).
 
-    Joints of a robot from URDF or MJCF that no log holds are locked at 0, or where `hold` says. A transmission ``auto``
-    is elastic where every log holds both positions of its joint and one of them shows that they differ by more than
-    sensor noise, or where K is known and a log holds the motor's position; else it is rigid. What was decided is in
-    `Robot.notes`.
+    Joints of a robot from URDF or MJCF that no log holds are locked at 0, or where `hold` says; where a log with both
+    positions has a joint without any motion, it is locked there. A transmission ``auto`` is elastic where every log
+    holds both positions of its joint and one of them shows that they differ by more than sensor noise, or where K is
+    known and a log holds the motor's position; else it is rigid. What was decided is in `Robot.notes`.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def robot_as_logged(
         Values, rad or m, of joints that are locked whatever the logs hold.
     """
     hold = dict(hold or {})
-    told = _beyond(robot, hold)
+    told = beyond_limits(robot, hold)
     robot = locked(robot, hold)
     told += _elsewhere(robot, logs, mapping)
     auto = [joint.name for joint in robot.joints if joint.transmission == "auto"]
@@ -63,10 +63,9 @@ def robot_as_logged(
         return replace(robot, notes=(*robot.notes, *_ungeared(robot)))
     parts = [found for log in logs for found in _held(robot, log, mapping, auto)]
     notes = [*robot.notes, *told]
-    absent = [name for name in robot.joint_names if not any(name in part.link | part.motor for part in parts)]
-    if parts and robot.source and 0 < len(absent) < robot.n:
-        robot = locked(robot, dict.fromkeys(absent, 0.0))
-        notes.append(f"{_count(absent)} locked at 0, as the log does not hold {_them(absent)}: {_listed(absent)}")
+    if parts and robot.source:
+        robot, locks = _without_absent(robot, parts)
+        notes += locks
     notes = [note for note in notes if not any(note.startswith(f"{name} mimics ") for name in robot.held)]
     joints = list(robot.joints)
     decided: dict[str, list[str]] = {}
@@ -85,21 +84,29 @@ def robot_as_logged(
     return replace(robot, joints=tuple(joints), notes=(*notes, *_ungeared(robot)))
 
 
+def _without_absent(robot: Robot, parts: Sequence[_Held]) -> tuple[Robot, list[str]]:
+    """Return the robot with those joints locked that no part holds or moves, where others are left, and what to say."""
+    places = {n: {part.still.get(n) for part in parts if n in part.link | part.motor} for n in robot.joint_names}
+    absent = [name for name, found in places.items() if not found]
+    still = {name: at for name, found in places.items() if len(found) == 1 for at in found if at is not None}
+    if len(absent) + len(still) == robot.n:
+        still = {}
+    said = []
+    if 0 < len(absent) < robot.n:
+        said.append(f"{_count(absent)} locked at 0, as the log does not hold {_them(absent)}: {_listed(absent)}")
+        robot = locked(robot, dict.fromkeys(absent, 0.0))
+    if still:
+        where = _listed([f"{name} at {at:g}" for name, at in still.items()])
+        said.append(f"{_count(list(still))} locked where the log has {_them(list(still))} without any motion: {where}")
+    said += beyond_limits(robot, still)
+    return locked(robot, still), said
+
+
 def _ungeared(robot: Robot) -> list[str]:
     """Return a sentence on the joints whose gear ratio is not known."""
     unknown = [joint.name for joint in robot.joints if joint.gear_ratio is None]
     whose = "no gear ratio is known" if len(unknown) == robot.n else f"gear ratio not known: {_listed(unknown)}"
     return [f"{whose}; a rotor is then its inertia at the joint, Ja, coupled to no other joint"] if unknown else []
-
-
-def _beyond(robot: Robot, hold: Mapping[str, float]) -> list[str]:
-    """Return a sentence per joint that is locked where it cannot be."""
-    ranges = {joint.name: joint.limits.position for joint in robot.joints if joint.limits.position is not None}
-    return [
-        f"{name} is locked at {hold[name]:g}, outside its limits, {low:g} to {high:g}"
-        for name, (low, high) in ranges.items()
-        if name in hold and hold[name] != 0 and not low <= hold[name] <= high
-    ]
 
 
 @dataclass(frozen=True)
@@ -110,6 +117,8 @@ class _Held:
     motor: frozenset[str]
     twice: frozenset[str] = frozenset()
     """Of those with both: where they show no deflection (`same_position`)."""
+    still: Mapping[str, float] = field(default_factory=dict)
+    """Of those that do not move at all: where they stand, rad or m."""
 
 
 def _held(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None, auto: Sequence[str]) -> Iterable[_Held]:
@@ -165,14 +174,20 @@ def _looked_at(raw: RawLog, plan: ReadPlan, robot: Robot, auto: frozenset[str]) 
     torque = next((signal for signal in ("tau", "tau_link") if signal in plan.placements), None)
     chosen = {s: plan.placements[s] for s in ("q", "theta", torque) if s is not None}
     sensed: dict[str, dict[str, Sensed]] = {signal: {} for signal in ("q", "theta", "tau")}
+    stands: dict[str, dict[str, float]] = {"theta": {}, "q": {}, "tau": {}}
     for signal, joint, known in _sensed(raw, plan, robot, chosen):
+        side = "tau" if signal == torque else signal
         if np.ptp(known.values) > 0:
-            sensed["tau" if signal == torque else signal][joint] = known
-    link, motor = frozenset(sensed["q"]), frozenset(sensed["theta"])
-    apart = any(placement.spec.add for placement in chosen.values())  # a deflection sensor, which says itself
-    asked = frozenset() if apart else auto & link & motor
+            sensed[side][joint] = known
+        else:
+            stands[side][joint] = float(known.values[0])
     q, theta, tau = sensed["q"], sensed["theta"], sensed["tau"]
-    return _Held(link, motor, frozenset(n for n in asked if same_position(q[n], theta[n], tau.get(n))))
+    still = {name: at for name, at in (stands["theta"] | stands["q"]).items() if name not in q.keys() | theta.keys()}
+    link, motor = (frozenset(sensed[s]) | (still.keys() & stands[s].keys()) for s in ("q", "theta"))
+    apart = any(placement.spec.add for placement in chosen.values())  # a deflection sensor, which says itself
+    asked = frozenset() if apart else auto & q.keys() & theta.keys()
+    twice = {name for name in asked if same_position(q[name], theta[name], tau.get(name))}
+    return _Held(link, motor, frozenset(twice | still.keys()), still)
 
 
 def _sensed(

@@ -79,7 +79,7 @@ def completed(robot: Robot, text: str, file: str) -> Robot:
 
 def _held(robot: Robot, top: Mapping[str, Value], file: str) -> Robot:
     """Return the robot with the joints locked that ``tip`` and ``lock`` name, and a note that says so."""
-    from elid_cli.robot.locking import beside_chain, locked
+    from elid_cli.robot.locking import beside_chain, beyond_limits, locked
 
     held: dict[str, float] = {}
     if "tip" in top:
@@ -95,5 +95,5 @@ def _held(robot: Robot, top: Mapping[str, Value], file: str) -> Robot:
     if not held:
         return robot
     told = ", ".join(f"{name} at {value:g}" for name, value in held.items())
-    robot = locked(robot, held)
-    return replace(robot, notes=(*robot.notes, f"locked as {Path(file).name} says: {told}"))
+    notes = (*robot.notes, f"locked as {Path(file).name} says: {told}", *beyond_limits(robot, held))
+    return replace(locked(robot, held), notes=notes)

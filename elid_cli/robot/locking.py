@@ -98,6 +98,16 @@ def beside_chain(robot: Robot, tip: str) -> tuple[str, ...]:
     return tuple(name for k, name in enumerate(robot.joint_names) if k not in chain)
 
 
+def beyond_limits(robot: Robot, values: Mapping[str, float]) -> list[str]:
+    """Return a sentence per joint that is locked where it cannot be."""
+    ranges = {joint.name: joint.limits.position for joint in robot.joints if joint.limits.position is not None}
+    return [
+        f"{name} is locked at {values[name]:g}, outside its limits, {low:g} to {high:g}"
+        for name, (low, high) in ranges.items()
+        if name in values and values[name] != 0 and not low <= values[name] <= high
+    ]
+
+
 def _body(joint: Joint) -> Array | None:
     if "m" not in joint.parameters:
         return None

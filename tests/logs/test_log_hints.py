@@ -42,6 +42,17 @@ def each(pattern: str, values: np.ndarray, first: int = 1) -> dict[str, np.ndarr
     return {pattern.format(k + first, j=JOINTS[k]): column for k, column in enumerate(values.T)}
 
 
+def clocked(folder: Path, start: float) -> Path:
+    """Return the log with times of day, ``HH:MM:SS,sss``, from `start` s after midnight."""
+    path = text(folder, {"Uhrzeit": BASE.t, **each("q{}", Q), **each("tau{}", TAU)}, ";", comma=True)
+    head, *rows = path.read_text().splitlines()
+    for k, (row, t) in enumerate(zip(rows, (start + BASE.t) % 86400, strict=True)):
+        clock = f"{t // 3600:02.0f}:{t // 60 % 60:02.0f}:{t % 60:06.3f}".replace(".", ",")
+        rows[k] = f"{clock};{row.partition(';')[2]}"
+    path.write_text("\n".join([head, *rows, ""]))
+    return path
+
+
 Q, TAU, T = BASE.q, BASE.tau, {"time": BASE.t}
 FORMS: dict[str, Callable[[Path], Path]] = {
     "headerless": lambda f: text(f, {"t": BASE.t, **each("q{}", Q), **each("u{}", TAU)}, head=False),
@@ -84,6 +95,7 @@ FORMS: dict[str, Callable[[Path], Path]] = {
             f"{JOINTS[2]}_pos": Q[:, 2], f"{JOINTS[0]}_torque[mNm]": 1e3 * TAU[:, 0],
             **{f"{j}_torque[Nm]": TAU[:, k] for k, j in enumerate(JOINTS) if k}}
     ),
+    "German, times of day over midnight": lambda f: clocked(f, 86399.0),
     "other time": lambda f: text(f, {"Zeit": BASE.t, **each("q{}", Q), **each("tau{}", TAU)}),
 }  # fmt: skip
 
@@ -112,6 +124,14 @@ def test_info_writes_a_mapping_and_names_the_command_that_uses_it(
     np.testing.assert_allclose(read(path, robot=RIGID, mapping=read_map_options([str(file)])).tau, TAU, atol=1e-8)
     assert main(["info", str(path), "--robot", str(robot), "--map", str(file)]) == 0
     assert "Next: elid identify" in capsys.readouterr().out
+
+
+def test_times_of_day_go_on_over_midnight_and_this_is_noted(tmp_path: Path) -> None:
+    mapping = {"t": {"from": "Uhrzeit"}}
+    for start, passes in ((86399.0, True), (43200.0, False)):
+        log = read(clocked(tmp_path, start), robot=RIGID, mapping=mapping)
+        assert log.duration == pytest.approx(BASE.duration, abs=1e-9)
+        assert ("Uhrzeit: times of day that pass midnight" in log.notes) is passes
 
 
 def test_next_names_no_file_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -97,6 +97,16 @@ def test_german_columns_with_units(tmp_path: Path) -> None:
     assert_read(path, lines)
 
 
+def test_times_of_day_go_on_over_midnight(tmp_path: Path) -> None:
+    rows = []
+    for t, *rest in by_time("q.{j}", "tau.{j}"):
+        at = (86398.0 + float(str(t))) % 86400
+        rows.append((f"{at // 3600:02.0f}:{at // 60 % 60:02.0f}:{at % 60:06.3f}", *rest))
+    path = table(tmp_path / "a.csv", "time,name,value", rows)
+    assert_read(path)
+    assert "time: times of day that pass midnight" in read_recording([path], ROBOT).notes
+
+
 def test_units_of_rows_are_said(tmp_path: Path) -> None:
     rows = [(*row, "deg" if "position" in str(row[1]) else "N.m") for row in by_time("{j}/position", "{j}/torque")]
     path = table(tmp_path / "a.csv", "time,name,value,unit", rows)

@@ -225,6 +225,14 @@ def test_a_joint_locked_outside_its_limits_is_told(arm: Path) -> None:
     assert "axis_1 is locked at 100, outside its limits, -1 to 2" in notes
 
 
+def test_a_joint_that_the_yaml_beside_locks_outside_its_limits_is_told(arm: Path) -> None:
+    limits = "joints: {axis_1: {limits: {position: [-1, 2]}}}\n"
+    arm.with_suffix(".elid.yaml").write_text(limits + "lock: {axis_1: 100}\n")
+    assert "axis_1 is locked at 100, outside its limits, -1 to 2" in robot_as_logged(read_robot(arm), []).notes
+    arm.with_suffix(".elid.yaml").write_text(limits + "lock: {axis_1: 1.5}\n")
+    assert not any("limits" in note for note in robot_as_logged(read_robot(arm), []).notes)
+
+
 NUMBERED = [f"{s}{i}" for s in ("q", "tau") for i in range(1, 6)]
 
 
@@ -266,3 +274,23 @@ def test_a_joint_that_the_yaml_beside_locks_elsewhere_is_told(arm: Path, tmp_pat
     notes = robot_as_logged(read_robot(arm), [log]).notes
     told = [note for note in notes if "but the log has it from" in note]
     assert [note.split()[0] for note in told] == ([f"axis_{k}" for k in range(2, 6)] if "tip" in key else ["axis_4"])
+
+
+def test_a_joint_that_does_not_move_in_a_log_of_both_positions_is_locked_where_it_stands(
+    arm: Path, tmp_path: Path
+) -> None:
+    columns = waves([f"{s}.axis_{i}" for s in ("q", "theta", "tau") for i in range(1, 6)])
+    columns |= {"q.axis_3": np.full(400, 1.2), "theta.axis_3": np.full(400, 1.21)}
+    log = csv(tmp_path / "log.csv", columns)
+    robot = robot_as_logged(described := read_robot(arm), [log])
+    assert robot.joint_names == ("axis_1", "axis_2", "axis_4", "axis_5")
+    assert robot.held == {"axis_3": 1.2}
+    assert "1 joint locked where the log has it without any motion: axis_3 at 1.2" in robot.notes
+    by_option = robot_as_logged(described, [log], hold={"axis_3": 1.2})
+    assert robot.joints == by_option.joints
+    assert robot.joints != robot_as_logged(described, [log], hold={"axis_3": 0.0}).joints
+    other = csv(tmp_path / "other.csv", waves(list(columns)))  # here it moves
+    both = robot_as_logged(described, [log, other])
+    assert both.elastic.tolist() == [True] * 5
+    elsewhere = csv(tmp_path / "elsewhere.csv", columns | {"q.axis_3": np.full(400, 0.7)})
+    assert robot_as_logged(described, [log, elsewhere]).elastic.tolist() == [True, True, False, True, True]

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import RobotError
-from elid_cli.experiment.simulation.run import SimulationOptions, run
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.regressor import Regressor
@@ -25,50 +24,17 @@ from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.patch import patched
 from elid_cli.robot.robot import Robot
 from tests.model.test_pinocchio import pinocchio_model
+from tests.system.public_robots import MOST, NO_ROBOT, PACKAGES, files, known, movable, moved, torque_error
 
 pin = pytest.importorskip("pinocchio", reason="needs the wheel pin (extra: test)")
 
-PACKAGES = {"example-robot-data": ".urdf", "rtb-data": ".urdf", "robosuite": "robot.xml"}
-NO_ROBOT = {"quadrotor_base.urdf": "no joint moves", "iris_simple.urdf": "no joint moves", "ur3.urdf": "no links",
-            "test.urdf": "not well-formed XML"}  # fmt: skip
-"""Files without a moving joint, or that are no URDF: one clear error."""
 ROUNDED = {"anymal-kinova.urdf", "kinova.urdf", "hextilt_flying_arm_5.urdf", "so100.urdf", "so101.urdf", "xarm7.urdf",
            "al5d_robot.urdf", "puma560_robot.urdf"}  # fmt: skip
 """Files whose right angles are rounded, so that Pinocchio sees up to three parameters more."""
-MOST = 60
 SIMULATED = 7
 """Joints up to which a robot is simulated here; larger ones take up to half a minute each."""
-
-
-def files() -> list[Path]:
-    """Return the robots of the packages that are installed."""
-    found = []
-    for package, ending in PACKAGES.items():
-        try:
-            listed = importlib.metadata.files(package) or []
-        except importlib.metadata.PackageNotFoundError:
-            continue
-        places = sorted(Path(str(file.locate())) for file in listed if str(file).endswith(ending))
-        inside = (place for place in places if ending != "robot.xml" or place.parents[1].name == "robots")
-        found += [place for place in inside if place.is_file()]
-    return found
-
-
 FILES = files()
 pytestmark = pytest.mark.skipif(not FILES, reason="needs the public robots: pip install 'elid[robots]'")
-
-
-def known(robot: Robot) -> Robot:
-    """Return the robot with rigid joints, nothing left open: massless where the file says nothing, no friction."""
-    kept = (*LINK_PARAMETERS, "Ja")
-    joints = (
-        replace(
-            j, transmission="rigid", gear_ratio=None,
-            parameters={"fs": 0.0, "fv": 0.0} | {kind: j.parameters.get(kind, 0.0) for kind in kept},
-        )
-        for j in robot.joints
-    )  # fmt: skip
-    return replace(robot, joints=tuple(joints), effects=())
 
 
 def reference(path: Path, robot: Robot) -> object:
@@ -133,15 +99,8 @@ def test_a_public_urdf_written_back_has_the_same_mass_matrix_in_pinocchio(path: 
 def test_a_public_robot_moves_for_a_second_as_its_torques_make_it(path: Path) -> None:
     if path.name in NO_ROBOT or (described := read_robot(path)).n > SIMULATED:
         pytest.skip("no robot, or one of many joints")
-    robot = known(described)
-    joints = (replace(j, parameters={**j.parameters, "Ja": max(j.parameters["Ja"], 0.01)}) for j in robot.joints)
-    robot = replace(robot, joints=tuple(joints))  # some files give their bodies no mass
-    found = run(robot, SimulationOptions(duration=1.0, rate=100))
-    motion, dynamics = found.motion, Dynamics(robot)
-    for k in range(0, len(found.tau), 9):
-        moved = (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)
-        needed = dynamics.inverse(*(values[k] for values in moved))[1]
-        np.testing.assert_allclose(needed, found.tau[k], atol=1e-8 * np.abs(found.tau).max())
+    robot = movable(described)
+    assert torque_error(robot, moved(robot)) < 1e-8
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.name}")

@@ -17,6 +17,7 @@ from elid_cli.errors import LogError, did_you_mean
 from elid_cli.logs.contract import Channel, LogFormat, Pick, RawLog, Stream
 from elid_cli.logs.formats.csv_dialect import HEAD, Dialect, first_rows, sniff
 from elid_cli.logs.formats.csv_text import parse_blocks, parse_columns, parted
+from elid_cli.logs.formats.csv_times import PASSED, is_time_of_day, over_midnight
 from elid_cli.logs.formats.long_form import LongLog, recognised
 from elid_cli.logs.mapping.language import SIGNALS
 from elid_cli.logs.mapping.long_table import LongTable
@@ -126,12 +127,24 @@ class CsvLog:
         parsed, said = self._parsed([list(places) for places in groups.values()])
         self.losses.extend(text for text in said if text not in self.losses)
         tables = dict(zip(groups, parsed, strict=True))
-        times = {name: column_of(tables[f"time {name}"], 0) for name in {pick.time for pick in picks} if name}
+        times = {
+            name: self._clock(name, column_of(tables[f"time {name}"], 0)) for name in {p.time for p in picks if p.time}
+        }
         return [
             Stream(tables[own][:, groups[own][pick.source], None], {"t": times[pick.time]} if pick.time else {})
             for pick in picks
             for own in (f"of {pick.signal}",)
         ]
+
+    def _clock(self, name: str, stamps: Array) -> Array:
+        """Return the stamps of a column; times of day go on over midnight, which is noted."""
+        rows = first_rows(self._head, self._dialect)
+        if not rows or not is_time_of_day(rows[0][self._dialect.names.index(name)]):
+            return stamps
+        stamps, passed = over_midnight(stamps)
+        if passed and PASSED.format(name) not in self.notes:
+            self.notes.append(PASSED.format(name))
+        return stamps
 
     def _parsed(self, wanted: Sequence[Sequence[str]]) -> tuple[list[Array], list[str]]:
         """Return a table per group of wanted columns and what had to be said.

@@ -8,9 +8,9 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 
 from elid_cli.errors import LogError
+from elid_cli.logs.formats.csv_times import moment
 
 COMMENTS = ("#", "%", "//")
 HEAD = 1 << 16
@@ -105,24 +105,13 @@ def to_number(cell: str, decimal_comma: bool) -> float | None:
 
 
 def number_of(cell: str) -> float | None:
-    """Return a cell's number, or its date and time in s since 1970; NaN where it is empty, None of other text."""
+    """Return a cell's number, or its date or time of day in s; NaN where it is empty, None of other text."""
     if not cell or cell.lower() in ("nan", "na", "n/a", "null", "none", "-"):
         return math.nan
     try:
         return float(cell)
     except ValueError:
-        return _moment(cell)
-
-
-def _moment(cell: str) -> float | None:
-    """Return a date and time as ISO 8601 in s since 1970 (UTC where it names no zone), None where it is none."""
-    if not re.match(r"\d{4}-\d\d-\d\d[T ]\d\d:", cell):
-        return None
-    try:
-        moment = datetime.fromisoformat(cell)
-    except ValueError:
-        return None
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+        return moment(cell)
 
 
 def _lines(text: str, name: str) -> Iterator[tuple[int, int, str]]:

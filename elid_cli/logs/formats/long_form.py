@@ -23,6 +23,7 @@ from elid_cli._types import Array
 from elid_cli.errors import LogError, did_you_mean
 from elid_cli.logs.contract import Channel, Pick, RawLog, Stream
 from elid_cli.logs.formats.csv_dialect import COMMENTS, Dialect, split, to_number
+from elid_cli.logs.formats.csv_times import PASSED, is_time_of_day, over_midnight
 from elid_cli.logs.mapping.long_table import LongTable
 from elid_cli.logs.mapping.suggest import WORDS, words_of
 
@@ -92,6 +93,7 @@ class _Rows:
     units: Mapping[str, str]
     """Unit by name, from a column of units."""
     left_out: int
+    notes: Sequence[str] = ()
 
 
 class LongLog:
@@ -129,7 +131,10 @@ class LongLog:
         self.long = table
         self.losses = [f"{rows.left_out} rows of other lengths left out"] if rows.left_out else []
         named, read = (" and ".join(columns) for columns in (table.names, table.values))
-        self.notes = [f"long form: each row holds {read} of the channel in {named}, {len(rows.names)} in all"]
+        self.notes = [
+            f"long form: each row holds {read} of the channel in {named}, {len(rows.names)} in all",
+            *rows.notes,
+        ]
         self.timeless = True  # without a column for it there is none
 
     def in_long_form(self, table: LongTable) -> RawLog:
@@ -165,10 +170,13 @@ def _read(text: str, dialect: Dialect, table: LongTable, name: str) -> _Rows:
     codes: dict[tuple[str, ...], int] = {}
     units: dict[int, str] = {}
     which, left_out = array("q"), 0
+    times: list[int] = []
     for row in _cells(text, dialect):
         if len(row) != len(dialect.names):
             left_out += 1
             continue
+        if not which:
+            times = [k for k in counted if is_time_of_day(row[k])]
         code = codes.setdefault(tuple([row[k] for k in naming]), len(codes))
         which.append(code)
         if unit is not None:
@@ -182,10 +190,15 @@ def _read(text: str, dialect: Dialect, table: LongTable, name: str) -> _Rows:
     _flush(cells, numbers, dialect.decimal_comma)
     if not which:
         raise LogError(f"{name}: no readable row")
+    columns = {dialect.names[k]: np.array(numbers[k]) for k in counted}
+    notes = []
+    for title in (dialect.names[k] for k in times):
+        columns[title], passed = over_midnight(columns[title])
+        notes += [PASSED.format(title)] if passed else []
     called = ["/".join(_called(c, part) for c, part in zip(table.names, code, strict=True)) for code in codes]
     return _Rows(
-        tuple(called), np.array(which), {dialect.names[k]: np.array(numbers[k]) for k in counted},
-        {called[code]: written for code, written in units.items() if written}, left_out,
+        tuple(called), np.array(which), columns,
+        {called[code]: written for code, written in units.items() if written}, left_out, notes,
     )  # fmt: skip
 
 

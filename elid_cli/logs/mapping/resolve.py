@@ -2,35 +2,20 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from elid_cli.errors import UsageError, nearest
 from elid_cli.logs.contract import Channel, Pick
-from elid_cli.logs.mapping.language import (
-    GAINS,
-    POSITIONS,
-    SIGNALS,
-    TORQUES,
-    VELOCITIES,
-    SignalMap,
-    TimeMap,
-    parse_mapping,
-)
+from elid_cli.logs.mapping.find import ABSENT, LISTED, find
+from elid_cli.logs.mapping.language import SIGNALS, SignalMap, TimeMap, parse_mapping
 from elid_cli.logs.mapping.plan import Layer, Placement, ReadPlan
 from elid_cli.robot.robot import Robot
 
 PATTERNS = ("{joint}", "{i}", "{i0}")
 """What stands for a joint's name, its number from 1 and its number from 0."""
-LISTED = 12
-"""Fields and names that a reason lists."""
-ABSENT = "the log has no "
-"""How the reason begins where a place is not in the log at all."""
 COMPUTED = "command"
 """What ``--map tau=command`` names: the torque is to be computed although the log holds one."""
-DEFAULT_FIELDS = dict.fromkeys(POSITIONS, "position") | dict.fromkeys(VELOCITIES, "velocity")
-DEFAULT_FIELDS |= dict.fromkeys(TORQUES, "effort") | {s: s for s in ("temperature", *GAINS)}
 
 
 def resolve(channels: Sequence[Channel], layers: Sequence[Layer], robot: Robot) -> ReadPlan:
@@ -164,7 +149,7 @@ def place(
         return Placement(spec, (), (), COMPUTED)
     if isinstance(spec.source, tuple) or any(mark in spec.source + spec.field for mark in PATTERNS):
         return _place_each(spec, by_source, robot, time, near=near)
-    channel = _find(spec, spec.source, by_source, near=near)
+    channel = find(spec, spec.source, by_source, near=near)
     if isinstance(channel, str):
         return channel
     chosen = _columns(spec, channel, robot)
@@ -188,7 +173,7 @@ def _place_each(
         if source is None:
             continue
         own = replace(spec, field=_filled(spec, spec.field, numbers[j], joint)) if spec.field else spec
-        channel = _find(own, source, by_source, near=near and not reason)
+        channel = find(own, source, by_source, near=near and not reason)
         if isinstance(channel, str):
             reason = reason or channel
             continue
@@ -224,7 +209,7 @@ def _numbers(spec: SignalMap, by_source: Mapping[str, Sequence[Channel]], robot:
     def held(numbers: Sequence[int]) -> int:
         names = zip(robot.joint_names, sources_of(spec, robot, numbers), numbers, strict=True)
         places = ((source, replace(spec, field=_filled(spec, spec.field, k, name))) for name, source, k in names)
-        return sum(isinstance(_find(own, source or "", by_source, near=False), Channel) for source, own in places)
+        return sum(isinstance(find(own, source or "", by_source, near=False), Channel) for source, own in places)
 
     return (whole, False) if held(whole) >= held(left) else (left, True)
 
@@ -253,48 +238,6 @@ def _filled(spec: SignalMap, pattern: str, number: int, joint: str) -> str:
 
 def _log_name(spec: SignalMap, joint: str) -> str | int:
     return spec.joints.get(joint, joint) if spec.joints else joint
-
-
-def _find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel]], *, near: bool) -> Channel | str:
-    """Return the channel that `source` and the mapping's field name, or why there is none."""
-    field = spec.field
-    found = by_source.get(source) or by_source.get(re.sub(r"\s*[\[(][^\[\]()]*[A-Za-zµ°%][^\[\]()]*[\])]$", "", source))
-    if found is None and not field:  # the short form /topic.field
-        for cut in (i for i, letter in enumerate(source) if letter == "."):
-            if source[:cut] in by_source:
-                found, field = by_source[source[:cut]], source[cut + 1 :]
-                break
-    if found is None:
-        like = nearest(source, by_source) if near else None
-        return f"{ABSENT}{source!r}" + (f" (nearest: {like!r})" if like else "")
-    if len(found) == 1 and not found[0].width:
-        return f"{found[0].source} cannot be read: {found[0].kind}"
-    fields = {channel.field: channel for channel in found}
-    held = _field_like(field, fields) if field else _usual_field(spec.signal, [channel.field for channel in found])
-    if held is not None:
-        return fields[held]
-    wanted = field or DEFAULT_FIELDS[spec.signal]
-    named = [name for name in fields if name and not name.endswith("sec")]
-    only = f"only {', '.join(named[:LISTED])}" if named else f"it cannot be decoded: {found[0].kind}"
-    like = nearest(wanted, named) if near else None
-    return f"{found[0].source} has no field {wanted!r}, {only}" + (f" (nearest: {like!r})" if like else "")
-
-
-def _usual_field(signal: str, fields: Sequence[str]) -> str | None:
-    """Return the field of a channel that holds a signal where the mapping names none."""
-    # data, values: arrays of std_msgs, and those whose names are a topic of their own
-    usual = next((name for name in (DEFAULT_FIELDS[signal], "data", "values") if name in fields), None)
-    return fields[0] if len(fields) == 1 else usual
-
-
-def _field_like(field: str, fields: Iterable[str]) -> str | None:
-    """Return the field that a path names: itself, an interface by its full path, or the only path that contains it."""
-    interface = field.removeprefix("interface_values.")
-    for exact in (field, interface):
-        if exact in fields:
-            return exact
-    holding = [path for path in fields if path.startswith(f"{field}.") or path.endswith(f".{field}")]
-    return holding[0] if len(holding) == 1 else None
 
 
 def _columns(spec: SignalMap, channel: Channel, robot: Robot) -> tuple[tuple[int | str, ...], tuple[int, ...]] | str:

@@ -1,0 +1,56 @@
+"""Every public robot of up to 60 joints moves for a second, as its torques make it.
+
+    python -m tests.system.reproduce.public_robots [--joints N] [WORD]
+
+Prints name, joints, processor time in s, the largest difference between the torques of the simulation and those of
+inverse dynamics, over the largest torque, and what went wrong. Needs the extra ``robots``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from elid_cli.errors import ElidError
+from elid_cli.robot.files import read_robot
+from tests.system.public_robots import MOST, NO_ROBOT, files, movable, moved, torque_error
+
+LIMIT = 1e-8
+
+
+def result_of(path: Path) -> tuple[float, str]:
+    """Return the processor time of a second's motion and what came of it."""
+    robot = movable(read_robot(path))
+    start = time.process_time()
+    try:
+        error = torque_error(robot, moved(robot))
+    except ElidError as fault:
+        return time.process_time() - start, f"failed: {fault.message}"
+    said = f"{error:.1e}" if error < LIMIT else f"{error:.1e}, more than {LIMIT:g}"
+    return time.process_time() - start, said
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print a line per robot, those of few joints first; return how many went wrong."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--joints", type=int, default=MOST, help="joints up to which a robot is simulated")
+    parser.add_argument("word", nargs="?", default="", help="only files whose path has it")
+    options = parser.parse_args(arguments)
+    robots = [(read_robot(path).n, path) for path in files() if path.name not in NO_ROBOT and options.word in str(path)]
+    wrong = tried = 0
+    for joints, path in sorted(robots):
+        if joints > options.joints:
+            print(f"{path.parent.name}/{path.name:32} {joints:3}  not simulated", flush=True)
+            continue
+        seconds, said = result_of(path)
+        tried += 1
+        wrong += "failed" in said or "more" in said
+        print(f"{path.parent.name}/{path.name:32} {joints:3} {seconds:6.1f}  {said}", flush=True)
+    print(f"{tried - wrong} of {tried} robots as their torques make them")
+    return wrong
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
