@@ -64,6 +64,7 @@ WORDS = {
     "damping": "the transmission's damping is too strong",
     "load": "load friction has no possible value",
     "mass": "the links' inertia is not positive",
+    "negative": "a joint's compliance comes out negative beyond its error, so the fit as a whole is wrong",
 }
 """Why a gate was not passed, the weightiest first."""
 
@@ -115,7 +116,7 @@ def _stable(asked: Moves, i: int) -> list[str]:
 
 
 def _possible(told: Figures, i: int) -> list[str]:
-    """Return failed gates about whether the other unknowns have possible values."""
+    """Return failed gates about whether the other unknowns have possible values, those of other joints included."""
     pull = np.abs(told.rotor_pull)
     load, load_error = told.load_friction[i], told.load_friction_error[i]
     checks = {
@@ -125,5 +126,6 @@ def _possible(told: Figures, i: int) -> list[str]:
         "damping": abs(told.damping[i]) * 2 * np.pi * told.antiresonance[i] <= DAMPING,
         "load": -LOAD[0] - 3 * load_error < load < LOAD[1],
         "mass": told.least_mass > 0,
+        "negative": not np.any(told.compliance < -SURE * told.error),
     }
     return [name for name, passed in checks.items() if not passed]

@@ -9,7 +9,9 @@ import pytest
 
 from elid_cli.estimation.motor_side.estimate import motor_side
 from elid_cli.estimation.motor_side.link_side import LinkSide, reflected
+from elid_cli.estimation.motor_side.refits import Figures
 from elid_cli.estimation.motor_side.result import MotorSideJoint
+from elid_cli.estimation.motor_side.verdict import failed_gates
 from tests.system.motor_arms import Case, inertias, mass, motor_log, random_motor_arm, told_robot
 from tests.system.plain_arms import Arm, motion, random_arm
 
@@ -103,6 +105,21 @@ def test_a_flat_valley_is_no_stiffness() -> None:
     arm = arm_of(3)  # standard error 2.7 %, and 16 % off
     (joint,) = found_of(arm, 3, Case(kind="smooth", signal_to_noise=60.0))
     assert (joint.verdict, joint.failed) == ("refused", ("band", "valley"))
+
+
+def test_a_fit_with_a_negative_compliance_is_believed_at_no_joint() -> None:
+    one, none = np.ones(2), np.zeros(2)
+    told = Figures(
+        compliance=np.array([1e-3, 2e-3]), error=1e-6 * one, chi=1.0, delay=0.0, damping=none, rotor=one,
+        rotor_pull=none, rotor_sensitivity=none, load_friction=none, load_friction_error=0.01 * one, band=20 * one,
+        antiresonance=10 * one, least_mass=1.0, gain=50 * one, fall=0.0, moved=none,
+    )  # fmt: skip
+    assert failed_gates(told, 0) == []
+    hardly = replace(told, compliance=np.array([1e-3, -4e-6]))
+    assert failed_gates(hardly, 0) == []
+    wrong = replace(told, compliance=np.array([1e-3, -5e-4]))
+    assert failed_gates(wrong, 0) == ["negative"]
+    assert "sign" in failed_gates(wrong, 1)
 
 
 def test_smooth_motion_under_noise_is_refused_and_told_what_would_show_it() -> None:
