@@ -20,6 +20,8 @@ CREEPS, STILL = 0.03, 0.1
 settle last. Such a fit's valley is looked at, too."""
 SURE, CLOSE = 5.0, 0.03
 """Compliance over its standard error, at least, and standard error over the compliance, at most."""
+NEGATIVE = 3.0
+"""Standard errors beyond which a compliance below zero is impossible, as for all parameters (`validation.verdicts`)."""
 LOWEST = 0.98
 """Least cost of any rigid joint over the cost; of the joint itself: `GAIN`."""
 MOVE, HALVES = 0.03, 0.05
@@ -126,6 +128,6 @@ def _possible(told: Figures, i: int) -> list[str]:
         "damping": abs(told.damping[i]) * 2 * np.pi * told.antiresonance[i] <= DAMPING,
         "load": -LOAD[0] - 3 * load_error < load < LOAD[1],
         "mass": told.least_mass > 0,
-        "negative": not np.any(told.compliance < -SURE * told.error),
+        "negative": not np.any(told.compliance < -NEGATIVE * told.error),
     }
     return [name for name, passed in checks.items() if not passed]

@@ -115,9 +115,9 @@ def test_a_fit_with_a_negative_compliance_is_believed_at_no_joint() -> None:
         antiresonance=10 * one, least_mass=1.0, gain=50 * one, fall=0.0, moved=none,
     )  # fmt: skip
     assert failed_gates(told, 0) == []
-    hardly = replace(told, compliance=np.array([1e-3, -4e-6]))
+    hardly = replace(told, compliance=np.array([1e-3, -2.5e-6]))
     assert failed_gates(hardly, 0) == []
-    wrong = replace(told, compliance=np.array([1e-3, -5e-4]))
+    wrong = replace(told, compliance=np.array([1e-3, -3.5e-6]))
     assert failed_gates(wrong, 0) == ["negative"]
     assert "sign" in failed_gates(wrong, 1)
 
