@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.regression.normal_equations import step_of
+from elid_cli.estimation.regression.normal_equations import step_of, steps_without
 from elid_cli.estimation.trajectory.normal_equations import Equations, Tracked, passed
 from elid_cli.estimation.trajectory.unknowns import LATEST, Unknowns
 from elid_cli.model.rollout import Linearised
@@ -20,12 +20,14 @@ FAR = 0.8
 """Part of itself by which an inertia or friction falls in one step at most …"""
 HIGH = 4.0
 """… and times the usual value of all joints by which it rises."""
-SETTLED = 1e-3
-"""Relative change of the error below which the fit ends: the standard errors are far larger than what is left."""
+SETTLED = 0.1
+"""Part of the standard errors that the next step must be below for the fit to end."""
 FIRST, LAST = 1e-3, 10.0
 """Damping, in parts of the diagonal, after a step that did not lower the error; ten times more after the next."""
 SLIGHT = 1e-4
 """Relative change of the error that does not count as a rise."""
+SLOWEST = 0.8
+"""Largest part of the step before that a step is taken to be, for where they lead."""
 DAMPING = 1e-6
 """Of the normal equations' diagonal: directions that the motion does not show stay where they are."""
 
@@ -48,24 +50,47 @@ def descended(
     found, columns = known
     parameters, cost = unknowns.robot.reference(), costs(found, unknowns)
     waiting, damping = np.ones(len(cost), dtype=bool), np.zeros(len(cost))
+    last: Array | None = None
     for _ in range(STEPS):
-        open_ = np.append(waiting, not prompt)[unknowns.chain_of]
-        trial = unknowns.possible(z + np.where(open_, _step(unknowns, z, found, damping, prompt=prompt), 0.0))
+        step = plain = _step(unknowns, z, found, damping, prompt=prompt)
+        if not damping.any() and _is_small(step, found):
+            return z
+        if last is not None and not damping.any():
+            step = _farther(plain, last, found)
+        last = plain
+        trial = unknowns.possible(z + np.where(np.append(waiting, not prompt)[unknowns.chain_of], step, 0.0))
         tried, _ = passed(equations, tracked, unknowns, trial, parameters, 1.0 / np.maximum(found.size, 1e-7), columns)
         now = costs(tried, unknowns)
         fell = now <= cost + SLIGHT if prompt else np.full(len(cost), now.sum() <= cost.sum() + SLIGHT)
         z = np.where(np.append(fell, fell.all())[unknowns.chain_of], trial, z)
         if not fell.all():
-            waiting = ~fell
+            waiting, last = ~fell, None
             damping = np.where(fell, damping, np.maximum(10 * damping, FIRST))
             if damping.max() > LAST:
                 return z
             continue
-        gained, cost, found = float((cost - now).sum()), now, tried
+        cost, found = now, tried
         waiting, damping = np.ones(len(cost), dtype=bool), np.where(damping > FIRST, 0.1 * damping, 0.0)
-        if gained < SETTLED:
-            return z
     return z
+
+
+def _farther(step: Array, last: Array, found: Equations) -> Array:
+    """Return where steps that become shorter by one part each, as those by slopes that are not exact, lead (Aitken)."""
+    matrix = found.matrix.sum(axis=0)
+    ratio = float(last @ matrix @ step) / max(float(last @ matrix @ last), 1e-300)
+    farther: Array = step / (1.0 - min(max(ratio, 0.0), SLOWEST))
+    return farther
+
+
+def is_settled(unknowns: Unknowns, z: Array, found: Equations, *, prompt: bool) -> bool:
+    """Whether the next step from z is far smaller than the standard errors, by equations at z."""
+    return _is_small(_step(unknowns, z, found, np.zeros(len(unknowns.chains)), prompt=prompt), found)
+
+
+def _is_small(step: Array, found: Equations) -> bool:
+    moved = steps_without(found.matrix, found.load, DAMPING)
+    deviation = np.sqrt(len(moved) - 1) * np.std(moved, axis=0)
+    return bool((np.abs(step) <= SETTLED * deviation).all())
 
 
 def _step(unknowns: Unknowns, z: Array, found: Equations, damping: Array, *, prompt: bool) -> Array:

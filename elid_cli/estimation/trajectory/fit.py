@@ -16,7 +16,7 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.long_run import at_least, beyond_normal
 from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without, white_covariance
-from elid_cli.estimation.trajectory.descent import DAMPING, SETTLED, costs, descended
+from elid_cli.estimation.trajectory.descent import DAMPING, descended, is_settled
 from elid_cli.estimation.trajectory.normal_equations import Equations, Tracked, passed, refine
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, started
 from elid_cli.model.effects.effect import Effect
@@ -27,14 +27,14 @@ from elid_cli.robot.robot import Robot
 CYCLES = 7
 """Most motions whose slopes are computed."""
 REFINED = 2
-"""Cycle, from 1, before which the motion is near enough to look at what shorter steps change."""
-WORTH = 0.01
-"""Part of the squared error that delays must take away: in slow motion viscous friction and a delay are one, and a
-delay that the log does not show would only take the friction's precision."""
+"""Cycle, from 1, from which the motion is near enough to look at what shorter steps change."""
+SHOWN = 3.0
+"""Standard errors from which a delay is an unknown: in slow motion viscous friction and a delay are one, and a delay
+that the log does not show would only take the friction's precision."""
 COARSE = 0.005
-"""Part of itself by which steps of 1 ms and what happens within a sample move a value …"""
+"""Part of itself by which what happens within a sample moves a value …"""
 PROMPT = 1.5e-4
-"""… and time by which they move a delay, s."""
+"""… and time by which it moves a delay, s."""
 WEAKLY = 1e-3
 """Part of all blocks' normal equations that is added to those of one."""
 
@@ -67,8 +67,6 @@ class TrajectoryFit:
     """Normal equations at the end."""
     tracked: tuple[Tracked, ...]
     """The stretches about their simulated motions."""
-    late: float = 0.0
-    """Part of the squared error that delays would take away, where they were held at 0."""
 
     @property
     def values(self) -> Array:
@@ -143,11 +141,24 @@ def fit_trajectory(
     unknowns = Unknowns(robot, tuple(effects), 1 + max(run.source for run in runs))
     z = started(unknowns, start, amplitudes)
     tracked = [Tracked.of(run) for run in runs]
-    first = None if tell is None else lambda part: tell(0.5 * part)
-    prompt = fitted(unknowns, tracked, z, prompt=True, tell=first)
-    if not late or prompt.late <= WORTH:
-        return prompt
-    return fitted(unknowns, tracked, prompt.z, tell=None if tell is None else lambda part: tell(0.5 + 0.5 * part))
+    free, slow = None, z
+    if late:
+        try:
+            free = fitted(unknowns, tracked, z, tell=tell)
+        except DataError:  # with delays the motion ran away: without them it may not
+            tracked = [Tracked.of(run) for run in runs]
+        else:
+            if _shows_delays(free):
+                return free
+            slow = free.z.copy()
+            slow[unknowns.delays] = 0.0
+    return fitted(unknowns, tracked, slow, prompt=True, tell=None if free is not None else tell)
+
+
+def _shows_delays(fit: TrajectoryFit) -> bool:
+    """Whether the delay of a recording is clear of 0."""
+    own = fit.unknowns.delays
+    return bool((np.abs(fit.delays) > SHOWN * fit.deviation[own]).any())
 
 
 def fitted(
@@ -160,39 +171,50 @@ def fitted(
     z = unknowns.possible(z)
     weights = np.ones(robot.n)
     before: Array | None = None
-    last = np.inf
     for number in range(1, CYCLES + 1):
         if tell is not None:
             tell((number - 1) / CYCLES)
-        if number == REFINED:
+        if number >= REFINED:
             for item in tracked:
                 refine(equations, item, unknowns, z, parameters)
+        held = prompt or number < REFINED
         every, columns = passed(equations, tracked, unknowns, z, parameters, weights)
         if not np.isfinite(every.rms).all():
             raise DataError("the simulated motion runs away from the measured one", hint="are the gains right?")
         before = every.rms if before is None else before
-        weights, cost = 1.0 / np.maximum(every.size, 1e-7), float(np.sum(costs(every, unknowns)))
-        if number == CYCLES or (number > REFINED and last - cost < SETTLED * robot.n):
+        weights = 1.0 / np.maximum(every.size, 1e-7)
+        if number == CYCLES or (number > REFINED and is_settled(unknowns, z, every, prompt=prompt)):
             break
-        last = cost
-        z = descended(equations, tracked, unknowns, z, (every, columns), prompt=prompt)
+        # with delays all chains of joints move together: at first each goes its way
+        z = descended(equations, tracked, unknowns, z, (every, columns), prompt=held)
     assert before is not None
     final = every.holding(unknowns.delays) if prompt else every
-    late = _to_go(every, weights) if prompt else 0.0
     covariance, between, alone, left = _spread(final, z, unknowns)
+    if prompt:
+        covariance += _unseen_delays(every, unknowns, tracked[0].run.dt)
     sources = np.array([source for source, _, _ in final.spans])
     sizes = np.array([
         final.sizes[sources == r].sum(axis=0) / final.counts[sources == r].sum() for r in np.unique(sources)
     ])  # fmt: skip
     return TrajectoryFit(unknowns, z, covariance, between, alone, final.rms, before, sizes, number, left, final.spans,
-                         final, tuple(tracked), late)  # fmt: skip
+                         final, tuple(tracked))  # fmt: skip
 
 
-def _to_go(found: Equations, weights: Array) -> float:
-    """Return by which part the next step would lower the squared error."""
-    squares = float(found.lighter.sum(axis=0) @ weights**2)
-    load = found.load.sum(axis=0)
-    return float(-load @ step_of(found.matrix.sum(axis=0), load, DAMPING)) / max(squares, 1e-300)
+def _unseen_delays(every: Equations, unknowns: Unknowns, dt: float) -> Array:
+    """Return what delays that were held at 0 add to the covariance, (U, U), by equations that know of them.
+
+    A log tells little of what happens within a sample: the delay is one that it could not show, and less than that.
+    """
+    count = len(every.counts)
+    moved = steps_without(every.matrix, every.load, DAMPING)[:, unknowns.delays]
+    variance = 1.0 / (1.0 / np.maximum((count - 1) * np.var(moved, axis=0), 1e-18) + 12.0 / dt**2)
+    held = np.zeros(unknowns.count, dtype=bool)
+    held[unknowns.delays] = True
+    matrix = every.matrix.sum(axis=0)
+    slopes = np.array([step_of(matrix, column, DAMPING, held) for column in matrix[:, unknowns.delays].T])
+    slopes[:, unknowns.delays] = np.eye(unknowns.recordings)
+    added: Array = (slopes.T * variance) @ slopes
+    return added
 
 
 def _spread(found: Equations, z: Array, unknowns: Unknowns) -> tuple[Array, Array, Array, Array]:

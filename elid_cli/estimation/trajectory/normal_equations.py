@@ -28,7 +28,7 @@ FINER = 4
 """Times that steps are shorter where what they change is looked at."""
 COARSEST = 5e-3
 """rad (m); a change by shorter steps that is larger is no small correction: the motion runs away."""
-NEAR = 5e-4
+NEAR = 1e-4
 """rad (m); the equations are linearised again where the motion is farther, rms, from where they were."""
 
 

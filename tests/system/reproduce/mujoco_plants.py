@@ -175,8 +175,10 @@ def wanted(plant: Plant, rng: np.random.Generator, t: np.ndarray) -> np.ndarray:
     return q
 
 
-def logged(plant: Plant, number: int, extra: Extra | None = None) -> tuple[Recording, Drives]:
-    """Return log `number` of a plant and the truth; `extra` is added to its drives."""
+def logged(
+    plant: Plant, number: int, extra: Callable[[Drives], Extra] | None = None
+) -> tuple[Recording, Drives, float]:
+    """Return log `number` of a plant, its drives and the delay of its commands, s; `extra` is added to the drives."""
     rng = np.random.default_rng([number, plant.robot.n, len(plant.robot.name)])
     drives = drawn(plant, rng)
     rate, late, bits = (of[int(rng.integers(len(of)))] for of in (RATES, DELAYS, BITS))
@@ -184,7 +186,8 @@ def logged(plant: Plant, number: int, extra: Extra | None = None) -> tuple[Recor
     t = dt * np.arange(round(SECONDS * rate) + 1)
     q_des = wanted(plant, rng, t)
     dq_des = np.gradient(q_des, dt, axis=0)
-    q = _stepped(plant, drives, (q_des, dq_des), round(dt / STEP), late, extra)
+    q = _stepped(plant, drives, (q_des, dq_des), round(dt / STEP), late,
+                 None if extra is None else extra(drives))  # fmt: skip
     lsb = 2 * np.pi / 2**bits
     q = lsb * np.round((q + 0.5 * lsb * rng.standard_normal(q.shape)) / lsb)
     gains = {"kp": np.tile(drives.kp, (len(t), 1)), "kd": np.tile(drives.kd, (len(t), 1))}
@@ -192,7 +195,7 @@ def logged(plant: Plant, number: int, extra: Extra | None = None) -> tuple[Recor
         joints=plant.robot.joint_names, dt=dt, t=t, q=q, theta=q, tau=np.full_like(q, np.nan),
         commands={"q_des": q_des, "dq_des": dq_des, **gains}, segments=(Segment(0, len(t)),), files=("made.h5",),
     )  # fmt: skip
-    return recording, drives
+    return recording, drives, late
 
 
 def _stepped(

@@ -1,0 +1,134 @@
+"""Command logs of public robots simulated by MuJoCo: recovery, coverage, and which missing effect is named.
+
+    python -m tests.system.reproduce.mujoco_logs [--logs N] [--first SEED] [--effects N] [--only ROBOT …]
+
+The first table is of N clean logs per robot: how many armatures, frictions and offsets are within 3 % of the truth, and
+how many 95 % intervals hold it. The second, of N logs per effect, says how often the one effect of the plant, at a
+joint drawn at random, is named alone, among others that the log cannot tell apart, or not, and what else was named.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.estimation.trajectory.fit import TrajectoryFit, fit_trajectory
+from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
+from elid_cli.logs.reading import read_recording
+from elid_cli.signals.recording import Recording
+from elid_cli.signals.signals import Signals, prepare
+from tests.system.reproduce.mujoco_plants import KINDS, Drives, Extra, Plant, State, logged, plant_of, written
+
+NAMES = ("armature", "Coulomb", "viscous", "offset")
+EFFECTS = ("link_spring", "position_friction", "stribeck", "load_friction", "quadratic_viscous", "torque_ripple")
+WITHIN = 0.03
+
+
+def read(plant: Plant, recording: Recording) -> Signals:
+    """Return a log as elid reads it from a file."""
+    with tempfile.TemporaryDirectory() as folder:
+        return prepare(read_recording([written(Path(folder), recording)], plant.robot), plant.robot)
+
+
+def fitted(plant: Plant, signals: Signals) -> TrajectoryFit:
+    assert signals.recording is not None
+    runs = commanded_runs(signals.recording, plant.robot)
+    return fit_trajectory(plant.robot, runs, started_from(plant.robot, signals))
+
+
+def clean(names: list[str], first: int, logs: int) -> None:
+    """Print recovery and coverage, robot by robot."""
+    head = "".join(f"{name:>18}" for name in NAMES)
+    print(f"{'':10}{'logs':>5}{head}   delay off by\n{'':15}" + "   within 3 %  95 %" * 4 + "   ms, at most")
+    every: list[np.ndarray] = []
+    for name in names:
+        plant, errors = plant_of(name), list[np.ndarray]()
+        late = []
+        for seed in range(first, first + logs):
+            recording, drives, delay = logged(plant, seed)
+            fit = fitted(plant, read(plant, recording))
+            deviation = fit.unknowns.joint_values(fit.deviation)
+            errors.append(np.stack([fit.values / drives.truth - 1, (fit.values - drives.truth) / deviation]))
+            late.append(1e3 * abs(float(fit.delays[0]) - delay))
+        every.append(np.array(errors))
+        line(name, logs, every[-1], f"{max(late):14.3f}")
+    whole = np.concatenate([item.transpose(0, 2, 1, 3).reshape(-1, 2, 4) for item in every])
+    z = whole[:, 1, :3]
+    print(f"armature and friction: {100 * np.mean(np.abs(whole[:, 0, :3]) < WITHIN):.1f} % within 3 %, "
+          f"{100 * np.mean(np.abs(z) < 1.96):.1f} % of {z.size} intervals hold the truth, rms z "
+          f"{np.sqrt(np.mean(z**2)):.2f}, largest {np.abs(z).max():.1f}")  # fmt: skip
+
+
+def line(name: str, logs: int, found: np.ndarray, more: str) -> None:
+    part, z = np.moveaxis(found, 1, 0)
+    shares = [(np.mean(np.abs(part[..., k]) < WITHIN), np.mean(np.abs(z[..., k]) < 1.96)) for k in range(len(NAMES))]
+    print(f"{name:10}{logs:5}" + "".join(f"{100 * a:12.0f}{100 * b:6.0f}" for a, b in shares) + more, flush=True)
+
+
+def extra_of(effect: str, joint: int, drives: Drives, reach: float) -> Extra:
+    """Return an effect whose torque is of the size of the joint's Coulomb friction."""
+    size = float(drives.coulomb[joint])
+
+    def push(s: State) -> float:
+        return {
+            "link_spring": 2.0 * size * s.x / reach,
+            "quadratic_viscous": 0.5 * size * s.v * abs(s.v) / (2 * reach) ** 2,
+            "torque_ripple": 0.5 * size * np.sin(12 * s.x),
+        }.get(effect, 0.0)
+
+    def grip(s: State) -> float:
+        return {
+            "position_friction": 0.6 * size * np.sin(4 * s.x + 1),
+            "stribeck": 1.2 * size * np.exp(-abs(s.v) / (0.2 * reach)),
+            "load_friction": 0.2 * abs(s.load),
+        }.get(effect, 0.0)
+
+    return Extra(joint, push, grip)
+
+
+def diagnosed(names: list[str], first: int, logs: int) -> None:
+    """Print which effects were named."""
+    words = ("named", "in set", "wrong", "none")
+    print(f"\n{'effect':20}" + "".join(f"{word:>8}" for word in words) + "   others named", flush=True)
+    total = dict.fromkeys(words, 0)
+    for effect in ("clean", *EFFECTS):
+        counts, others = dict.fromkeys(words, 0), list[str]()
+        for number in range(logs):
+            name, seed = names[number % len(names)], first + number
+            plant = plant_of(name)
+            joint = int(np.random.default_rng([seed, len(effect)]).integers(plant.robot.n))
+            extra = None if effect == "clean" else lambda d, j=joint, p=plant, e=effect: extra_of(e, j, d, p.kind.reach)
+            recording, _, _ = logged(plant, seed, extra)
+            found = diagnose_motion(plant.robot, read(plant, recording))
+            at = plant.robot.joint_names[joint]
+            here = {e.effect for e in found.effects if e.joint == at}
+            beside = {r.effect for r in found.also_possible if r.joint == at}
+            counts["named" if effect in here else "in set" if effect in beside else "wrong" if here else "none"] += 1
+            others += [f"{e.effect} of {name} {e.joint}" for e in found.effects if (e.effect, e.joint) != (effect, at)]
+        told = "".join(f"{counts[word]:8}" for word in words)
+        print(f"{effect:20}{told}   {', '.join(others)}", flush=True)
+        if effect != "clean":
+            total = {word: total[word] + counts[word] for word in words}
+    print(f"{'all with an effect':20}" + "".join(f"{total[word]:8}" for word in words))
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--logs", type=int, default=6)
+    parser.add_argument("--effects", type=int, default=4)
+    parser.add_argument("--first", type=int, default=100)
+    parser.add_argument("--only", nargs="+", choices=KINDS, default=list(KINDS), metavar="ROBOT")
+    options = parser.parse_args()
+    if options.logs:
+        clean(options.only, options.first, options.logs)
+    if options.effects:
+        diagnosed(options.only, options.first, options.effects)
+
+
+if __name__ == "__main__":
+    main()
