@@ -168,7 +168,11 @@ def _identified_again(
         rank_margin=found.rank_margin, noise=found.noise, insufficient=found.insufficient, model=found.model,
         settings={**at_search.settings, "published": dict(found.settings)}, published=found.error,
     )  # fmt: skip
-    written = identified_robot(found)
+    # near the values of the file, not those of the search: what the log does not show stays as identify leaves it
+    joints = tuple(
+        replace(joint, parameters=own.parameters) for joint, own in zip(found.robot.joints, robot.joints, strict=True)
+    )
+    written = identified_robot(replace(found, robot=replace(found.robot, joints=joints), parameters=told.parameters))
     return _Again(told, replace(written, effects=(*written.effects, *late)), fitted)
 
 
