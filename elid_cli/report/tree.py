@@ -266,7 +266,9 @@ def _cut(value: Any) -> Any:
         return text if len(text) <= DRAWN else f"{text[: DRAWN - 14]}…{text[-12:]}"
     if type(value) in (tuple, list):
         return type(value)(_cut(item) for item in value)
-    return {key: _cut(item) for key, item in value.items()} if isinstance(value, Mapping) else value
+    if isinstance(value, Mapping):  # a key may be a joint's name, which must stay unlike the others
+        return {visible(key) if isinstance(key, str) else key: _cut(item) for key, item in value.items()}
+    return value
 
 
 def file_name(key: str) -> str:

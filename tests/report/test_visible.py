@@ -39,6 +39,7 @@ def evil_report() -> Report:
             KeyValues("k", ((EVIL, EVIL), ("x", (EVIL))), EVIL),
             Table("table", columns, rows, EVIL, note=EVIL),
             Figure(f"torque_{EVIL}", EVIL, "torque", data, EVIL),
+            Figure("errors", EVIL, "errors", {"cases": ((EVIL, {EVIL: 0.1}),), "sides": (), "unit": ""}, EVIL),
         ),
         EVIL,
     )

@@ -25,6 +25,10 @@ FREE_STEPS, STEPS_PER_BYTE = 20_000_000, 50
 """Such instructions of a file of any size, and per byte of it."""
 AT_ONCE, TOGETHER = 5000, 32 << 20
 """Messages, and bytes of them, from which on they are decoded together: a bag may hold images."""
+IN_ORDER = """SELECT topic_id, timestamp, CASE WHEN length(data) <= ? THEN data END
+FROM (SELECT rowid AS row FROM messages ORDER BY timestamp, id LIMIT -1) CROSS JOIN messages ON messages.rowid = row"""
+"""Messages in order of time: row numbers are sorted, and not the messages, of which each would be held three times. The
+limit keeps the order of the inner query; a message that is too long is none."""
 MOST_TOPICS = 1 << 16
 """Numbers that topics may have."""
 LATEST = 1 << 63
@@ -118,16 +122,16 @@ def _messages(base: sqlite3.Connection, container: Container) -> Iterator[Messag
         container.channels[key] = SimpleNamespace(topic=topic, message_encoding=encoding, schema_id=key)
     waiting: list[tuple[int, int, bytes]] = []
     size = 0
-    for key, stamp, data in base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"):
+    for key, stamp, data in base.execute(IN_ORDER, (LONGEST,)):
         if not (key in container.channels and _whole(stamp, LATEST) and isinstance(data, bytes)):
             lost += 1
             continue
         part = _unzstd(data, container.budget) if data.startswith(ZSTD_MAGIC) else data
-        waiting.append((key, stamp, part))
-        size += len(part)
-        if len(waiting) >= AT_ONCE or size >= TOGETHER:
+        if waiting and (len(waiting) >= AT_ONCE or size + len(part) > TOGETHER):
             yield _together(waiting, container)
             waiting, size = [], 0
+        waiting.append((key, stamp, part))
+        size += len(part)
     if waiting:
         yield _together(waiting, container)
     if lost:

@@ -65,6 +65,11 @@ def _single(source: Source) -> Sequence[RawLog]:
         version = np.lib.format.read_magic(data)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, dtype = read(data)
+        if dtype.names:
+            raise LogError(
+                f"{source.name}: the array is structured: its fields are {', '.join(dtype.names)[:120]}",
+                hint="save each field as an array of its own: numpy.savez",
+            )
         if dtype.kind not in "fiub" or math.prod(shape) * dtype.itemsize > source.size:
             raise ValueError(f"{dtype} of shape {shape} in {source.size} bytes")
         data.seek(0)

@@ -15,6 +15,10 @@ from elid_cli.logs.formats.npz import ZIP, is_npz
 from elid_cli.logs.source import Source
 
 GZIP = b"\x1f\x8b"
+ENCRYPTED = 1
+"""Bit of a member's flags in a zip archive."""
+FAULTS = (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError)
+"""What unpacking a damaged archive raises."""
 
 
 def _open(source: Source) -> Sequence[RawLog]:
@@ -37,9 +41,13 @@ def _unzipped(source: Source) -> bytes:
                     f"{source.name}: a zip archive of {len(held)} files, not of one log", detail=names,
                     hint="unpack it, and name the log",
                 )  # fmt: skip
+            if held[0].flag_bits & ENCRYPTED:
+                raise LogError(
+                    f"{source.name}: the zip archive is encrypted", detail=held[0].filename, hint="unpack it first"
+                )
             Budget(source.name, source.size).take(held[0].file_size)
             return archive.read(held[0])
-    except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError) as error:
+    except FAULTS as error:
         raise LogError(f"{source.name}: damaged zip archive", detail=str(error).lower()[:120]) from error
 
 

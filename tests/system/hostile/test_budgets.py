@@ -210,6 +210,34 @@ def test_sqlite(tmp_path: Path, name: str) -> None:
     clean(path, 2, 3)
 
 
+@pytest.mark.parametrize(("megabytes", "said"), [(120, False), (257, True)])
+def test_sqlite_with_a_large_message_of_another_topic(tmp_path: Path, megabytes: int, said: bool) -> None:
+    """It is held twice at most, and one that is too long is left out without the others."""
+    from dataclasses import replace
+
+    from tests.system.field_logs import rosbag_sqlite
+    from tests.system.hostile.hostile import base as good
+
+    log = replace(good(), dq=np.gradient(good().q, good().dt, axis=0))
+    path = rosbag_sqlite(tmp_path, log) / "run_0.db3"
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        base.execute("INSERT INTO topics VALUES(2, '/image', 'sensor_msgs/msg/Image', 'cdr')")
+        stamp = 1_700_000_001 * 10**9
+        base.execute(
+            "INSERT INTO messages(topic_id, timestamp, data) VALUES(2, ?, zeroblob(?))", (stamp, megabytes << 20)
+        )
+        base.commit()
+    line = ["identify", path, "--robot", "planar2"]
+    peak = (
+        "import resource, sys; from elid_cli.cli import main; code = main(sys.argv[1:]);"
+        " print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10, file=sys.stderr); sys.exit(code)"
+    )
+    done = subprocess.run([sys.executable, "-c", peak, *map(str, line)], capture_output=True, check=False, text=True)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stderr.split()[-1]) < 200 + (0 if said else 3 * megabytes)  # 100 are elid's own
+    assert ("1 rows are no messages" in done.stdout + done.stderr) == said, done.stderr
+
+
 def test_parquet_of_one_number(tmp_path: Path) -> None:
     arrow = pytest.importorskip("pyarrow")
     parquet = pytest.importorskip("pyarrow.parquet")
