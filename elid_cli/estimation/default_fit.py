@@ -38,6 +38,13 @@ READING_ROUNDS = 2
 """Rounds of fitting a stiffness and the gain of its torque sensor in turn."""
 
 
+class Scored(NamedTuple):
+    """A solution whose scores count, and its nuisances."""
+
+    nuisances: tuple[ExtraColumns, ...]
+    solution: Solution
+
+
 @dataclass(frozen=True)
 class DefaultFit:
     """The default estimator's fit, before it is judged."""
@@ -50,6 +57,8 @@ class DefaultFit:
     solution: Solution
     covariance: Array
     """Covariance of the basis of `solution`, shapes of effects accounted for, (r, r)."""
+    scored: tuple[Scored, ...] = ()
+    """The solutions whose covariance the fit asked for, the first with all nuisances there may be, the last its own."""
 
     @property
     def model(self) -> Regressor:
@@ -156,16 +165,18 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
         effects, covariance = check_shape_ambiguity(
             observation, signals, solved.nuisances, effects, solved.solution, covariance
         )
-    return DefaultFit(base, data, solved.nuisances, effects, solved.triangles, solved.solution, covariance)
+    scored = (*solved.scored, Scored(solved.nuisances, solved.solution))
+    return DefaultFit(base, data, solved.nuisances, effects, solved.triangles, solved.solution, covariance, scored)
 
 
 class Solved(NamedTuple):
-    """The nuisances that stand, the effects at their shapes, and what was solved with both."""
+    """The nuisances that stand, the effects at their shapes, what was solved with both, and what led there."""
 
     nuisances: tuple[ExtraColumns, ...]
     effects: FittedEffects | None
     triangles: Triangles
     solution: Solution
+    scored: tuple[Scored, ...] = ()
 
 
 def solve_with(
@@ -192,6 +203,7 @@ def solve_with(
     alone
         Whether each delay must show by itself.
     """
+    scored: tuple[Scored, ...] = ()
     for last in (False, True):
         if shaping and effects and data.samples is not None:
             steps = (Step.REFINE, Step.REFINE) if last else (Step.SCAN, Step.RESCAN, Step.REFINE)
@@ -201,13 +213,14 @@ def solve_with(
         if last or not nuisances:
             break
         spread = data.covariance(solution, nuisances, effects)
+        scored = (Scored(tuple(nuisances), solution),)
         late = bool(np.any(data.facts.moved))
         kept = significant(solution, spread, nuisances, triangles.parameters, data.facts.dt, late=late, alone=alone)
         kept = _borne_out(base, data, kept, effects)
         if not (shaping and effects) and len(kept) == len(nuisances):
             break
         nuisances = kept
-    return Solved(tuple(nuisances), effects, triangles, solution)
+    return Solved(tuple(nuisances), effects, triangles, solution, scored)
 
 
 def _with_gliding(base: BaseParameters, data: FitData, nuisances: Sequence[ExtraColumns]) -> FitData:

@@ -104,6 +104,11 @@ LinkWay = Callable[[int], LinkStiffness | None]
 """Joint -> its stiffness from its link's equation."""
 
 
+def numbers_of(nuisances: Sequence[ExtraColumns], n: int) -> list[int]:
+    """Return the numbers of nuisances among a robot's: k < n the delay of channel k, from n on the offsets."""
+    return [sum_row(extra).joint + (n if extra.nuisance == "offset" else 0) for extra in nuisances]
+
+
 @dataclass(frozen=True)
 class TriangleData:
     """Equations of which only triangles are at hand (`FitData`)."""
@@ -152,8 +157,8 @@ class TriangleData:
         return [ExtraColumns(name, {EstimationRow("sum", k): np.zeros((1, 0))}, (unit,)) for k in present]
 
     def numbers(self, nuisances: Sequence[ExtraColumns]) -> list[int]:
-        """Return the numbers of nuisances among a robot's: k < n the delay of channel k, from n on the offsets."""
-        return [sum_row(extra).joint + (self.merged.joints if extra.nuisance == "offset" else 0) for extra in nuisances]
+        """See `numbers_of`."""
+        return numbers_of(nuisances, self.merged.joints)
 
     def triangles(self, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None) -> Triangles:
         """See `FitData`."""

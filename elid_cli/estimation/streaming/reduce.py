@@ -8,19 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Progress
 from elid_cli.estimation.cutoff import at_best_cutoff
-from elid_cli.estimation.default_fit import fit_data
+from elid_cli.estimation.default_fit import DefaultFit, Scored, fit_data
 from elid_cli.estimation.facts import facts_of
 from elid_cli.estimation.regression.filtered_rows import observed_blocks
+from elid_cli.estimation.regression.least_squares import Solution
+from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.estimation.streaming.accumulate import ReductionBlock, TriangleAccumulator, kept
 from elid_cli.estimation.streaming.links import LinkSums
-from elid_cli.estimation.streaming.merged import MergedTriangles, TriangleData
+from elid_cli.estimation.streaming.merged import MergedTriangles, TriangleData, numbers_of
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, hollow
 from elid_cli.estimation.streaming.scores import LogScores
 from elid_cli.estimation.stretches import STRETCHES
@@ -87,7 +90,10 @@ def reduce_log(
     base = find_base(model)
     signals, shown = at_best_cutoff(model, base, signals, EstimateOptions())
     judgement = None if shown is None else judge_model(shown)
-    del shown  # it holds its columns
+    whole = shown if shown is not None and _fits_all(shown, signals) else None
+    asked = [] if whole is None else [_Asked.of(one, whole.observation) for one in whole.scored]
+    facts = None if whole is None else whole.data.facts
+    del shown, whole  # they hold their columns
     plan = model.estimation
     layout = _layout(model, plan)
     pile = TriangleAccumulator(layout, len(signals.outputs), STRETCHES)
@@ -96,17 +102,20 @@ def reduce_log(
     single = plan.program.outputs * len(signals.outputs) * 8 > SINGLE
     links = LinkSums(model, base, reference, plan, single=single)
     for block in observed_blocks(model, signals, plan):
-        whole = kept(block, plan, signals)
-        pile.add(whole)
+        rows = kept(block, plan, signals)
+        pile.add(rows)
         links.add(block)
-        blocks.append(whole.single() if single else whole)
+        blocks.append(rows.single() if single else rows)
         if progress is not None:
             progress(block.last / len(signals.outputs))
-    facts = facts_of(signals, np.sum([block.known.sum(axis=1) for block in blocks], axis=0))
+    facts = facts or facts_of(signals, np.sum([block.known.sum(axis=1) for block in blocks], axis=0))
     merged = MergedTriangles(model.parameters, model.robot.n, STRETCHES, *pile.triangles())
     scores = LogScores(layout, merged, blocks)
     # the fit asks for the scores of every solution that a fit to the stored triangles will come to
-    fit_data(base, TriangleData(model, facts, merged, scores.covariance, lambda joint: None), EstimateOptions())
+    for one in asked:
+        scores.covariance(*one)
+    if not asked:
+        fit_data(base, TriangleData(model, facts, merged, scores.covariance, lambda joint: None), EstimateOptions())
     return ReducedLog(
         fingerprint(robot),
         dict(options),
@@ -120,6 +129,23 @@ def reduce_log(
         reference,
         judgement,
     )
+
+
+class _Asked(NamedTuple):
+    """A solution whose scores are kept: with the numbers of its nuisances, and the joints whose reversals count."""
+
+    solution: Solution
+    nuisances: list[int]
+    gliding: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, one: Scored, observation: Observation) -> _Asked:
+        return cls(one.solution, numbers_of(one.nuisances, observation.robot.n), observation.gliding)
+
+
+def _fits_all(fit: DefaultFit, signals: Signals) -> bool:
+    """Return whether a fit is to the equations that the triangles hold: the whole log, its motor torques alone."""
+    return fit.effects is None and fit.signals.segments == signals.segments and not fit.samples.rows_of_sensors()
 
 
 def _layout(model: Regressor, plan: RegressorPlan) -> tuple[tuple[EstimationRow, NDArray[np.intp]], ...]:
