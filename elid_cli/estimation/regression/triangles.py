@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -162,10 +163,12 @@ def to_triangles(
                 return _with_fewer(grown.triangles, grown.extras, extras)
     count = int(fold.max()) + 1 if len(fold) else 1
     items = []
+    of_folds: dict[int, list[NDArray[np.intp]]] = {}  # row groups of one joint share their marks
     for group in observation.groups:
         index, parts = _parts(group, extras, observation.parameters)
-        for number in range(count):
-            use = np.flatnonzero(group.use & (fold == number))
+        if id(group.use) not in of_folds:
+            of_folds[id(group.use)] = _by_fold(group.use, fold, count)
+        for number, use in enumerate(of_folds[id(group.use)]):
             if len(use):
                 factor, power = _factor(None, parts, use), _power(observation, group, use)
                 items.append(Triangle(group.row, number, index, factor, len(use), power))
@@ -191,12 +194,15 @@ def _grown(before: _Reduction, observation: Observation) -> _Reduction | None:
     known = {(item.row, item.fold): item for item in before.triangles.items}
     items = []
     for old, group in zip(before.groups, observation.groups, strict=True):
-        added = group.use & ~old.use
-        if old.use is not group.use and (old.use & ~group.use).any():
+        if np.array_equal(old.use, group.use):
+            own = (known.get((group.row, number)) for number in range(before.triangles.folds))
+            items += [item for item in own if item is not None]
+            continue
+        if (old.use & ~group.use).any():
             return None
         index, parts = _parts(group, before.extras, observation.parameters)
-        for number in range(before.triangles.folds):
-            item, use = known.get((group.row, number)), np.flatnonzero(added & (before.fold == number))
+        for number, use in enumerate(_by_fold(group.use & ~old.use, before.fold, before.triangles.folds)):
+            item = known.get((group.row, number))
             if len(use):
                 factor, power = _factor(item.factor if item else None, parts, use), _power(observation, group, use)
                 count = len(use) + (item.count if item else 0)
@@ -207,6 +213,15 @@ def _grown(before: _Reduction, observation: Observation) -> _Reduction | None:
     rows = tuple(group.row for group in observation.groups if group.count)
     triangles = replace(before.triangles, items=tuple(items), rows=rows)
     return replace(before, triangles=triangles, groups=observation.groups)
+
+
+def _by_fold(use: NDArray[np.bool_], fold: NDArray[np.intp], count: int) -> list[NDArray[np.intp]]:
+    """Return the marked instants of every fold."""
+    marked = np.flatnonzero(use)
+    own = fold[marked]
+    order = np.argsort(own, kind="stable")
+    bounds = np.searchsorted(own[order], np.arange(count + 1)).tolist()
+    return [marked[order[start:stop]] for start, stop in pairwise(bounds)]
 
 
 def _power(observation: Observation, group: RowGroup, use: NDArray[np.intp]) -> float:
@@ -226,12 +241,16 @@ def _with_fewer(triangles: Triangles, given: Sequence[ExtraColumns], extras: Seq
         number[first : first + extra.width] = np.arange(start, start + extra.width)
         start += extra.width
     items = []
+    columns: dict[int, tuple[NDArray[np.intp], NDArray[np.intp] | None]] = {}  # the folds of a row group share theirs
     for triangle in triangles.items:
-        kept = np.flatnonzero(number[triangle.index] >= 0)
-        order = kept[np.argsort(number[triangle.index[kept]])]
-        whole = np.array_equal(order, np.arange(len(triangle.index)))
-        factor = triangle.factor if whole else factor_of(triangle.factor[:, np.append(order, len(triangle.index))])
-        index = number[triangle.index[order]]
+        if id(triangle.index) not in columns:
+            kept = np.flatnonzero(number[triangle.index] >= 0)
+            order = kept[np.argsort(number[triangle.index[kept]])]
+            whole = np.array_equal(order, np.arange(len(triangle.index)))
+            chosen = None if whole else np.append(order, len(triangle.index))
+            columns[id(triangle.index)] = number[triangle.index[order]], chosen
+        index, chosen = columns[id(triangle.index)]
+        factor = triangle.factor if chosen is None else factor_of(triangle.factor[:, chosen])
         items.append(Triangle(triangle.row, triangle.fold, index, factor, triangle.count, triangle.power))
     return replace(triangles, items=tuple(items), extras=start - triangles.parameters)
 

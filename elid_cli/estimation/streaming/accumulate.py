@@ -96,7 +96,7 @@ class GrowingTriangle:
     def factor(self) -> Array:
         """Return the triangle of all that was added; of few equations, these."""
         if not self._reduced:
-            return factor_of(np.concatenate(self._parts, axis=1).T)
+            return np.ascontiguousarray(factor_of(np.concatenate(self._parts, axis=1).T))
         if self._waiting:
             self._reduce()
         return np.ascontiguousarray(self._factor)

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.long_run import beyond_normal
-from elid_cli.estimation.regression.triangles import Triangles
-from elid_cli.estimation.streaming.merged import MergedTriangles
+from elid_cli.estimation.streaming.merged import MergedTriangles, counted
 from elid_cli.estimation.streaming.reduced_log import ReducedLog
 from elid_cli.estimation.streaming.scores import lifted, widening
-from elid_cli.estimation.stretches import STRETCHES
+from elid_cli.model.regressor import EstimationRow
 
 DOUBT = 1e-3
 """Probability with which logs that agree are said to disagree."""
@@ -107,26 +106,25 @@ def together(
     size = len(solution.basis)
     within, sums, lags = np.zeros((size, size)), np.zeros((len(logs), size)), []
     for k, log in enumerate(logs):
-        _, lift = lifted(solution, log.layout, merged, nuisances)
+        values, lift = lifted(solution, log.layout, merged, nuisances)
         scores = next((s for s in log.scores if s.nuisances == tuple(nuisances)), log.scores[0])
         within += lift.T @ scores.gram @ lift
         lags.append(scores.bandwidth)
-        own = MergedTriangles(merged.parameters, merged.joints, STRETCHES, log.steady, log.reversing)
         if len(logs) > 1:
-            sums[k] = _sum_of_scores(own.chosen(gliding, nuisances), solution)
+            sums[k] = _sum_of_scores(log, gliding, values, lift)
     instants = np.array([log.facts.instants for log in logs])
     within *= widening(solution, int(instants.sum()), float(np.average(lags, weights=instants)))
     between = sums.T @ sums * (len(logs) / (len(logs) - 1)) if len(logs) > 1 else np.zeros_like(within)
     return Together(solution, within, between, sums)
 
 
-def _sum_of_scores(triangles: Triangles, solution: Solution) -> Array:
-    """Return the whitened sum of a log's scores under a solution, (r,)."""
-    inverse = np.zeros((triangles.width, len(solution.basis)))
-    inverse[solution.basis] = solution.inverse
-    total = np.zeros(len(solution.basis))
-    for triangle in triangles.items:
-        residual = triangle.factor[:, -1] - triangle.factor[:, :-1] @ solution.values[triangle.index]
-        weight = solution.weights.get(triangle.row, 0.0) ** 2
-        total += weight * (triangle.factor[:, :-1] @ inverse[triangle.index]).T @ residual
+def _sum_of_scores(log: ReducedLog, gliding: NDArray[np.bool_], values: Array, lift: Array) -> Array:
+    """Return the whitened sum of a log's scores, (r,), under what `lifted` made of a solution: `values`, `lift`."""
+    own: dict[EstimationRow, Array] = {}
+    for triangle in counted(log, gliding):
+        factor = triangle.factor
+        scores = (factor[:, -1] - factor[:, :-1] @ values[triangle.index]) @ factor[:, :-1]
+        own[triangle.row] = own[triangle.row] + scores if triangle.row in own else scores
+    raw = [own.get(row, np.zeros(len(index))) for row, index in log.layout]
+    total: Array = np.concatenate(raw) @ lift
     return total

@@ -14,19 +14,21 @@ from elid_cli.estimation.assembly import judged, with_unseen
 from elid_cli.estimation.default_fit import DefaultFit, fit_data
 from elid_cli.estimation.facts import joined_facts
 from elid_cli.estimation.regression.least_squares import Solution
+from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.stiffness.link_equation import LinkStiffness
 from elid_cli.estimation.streaming.between_logs import Together, together
 from elid_cli.estimation.streaming.links import merged_stiffness
-from elid_cli.estimation.streaming.merged import MergedTriangles, TriangleData
+from elid_cli.estimation.streaming.merged import MergedTriangles, TriangleData, counted, numbers_of
 from elid_cli.estimation.streaming.reduced_log import ReducedLog
+from elid_cli.estimation.streaming.scores import lifted
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.cross_validation import joint_errors
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.estimation.validation.sufficiency import judged_model
 from elid_cli.logs.checks.required import refuse_mixed
 from elid_cli.model.base_parameters import find_base
-from elid_cli.model.regressor import Regressor
+from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.text import fingerprint
 from elid_cli.signals.recording import Recording, Segment, notices_of, repeated
@@ -201,12 +203,14 @@ def _by_log(model: Regressor, logs: Sequence[ReducedLog], fit: DefaultFit) -> tu
     """Return the merged result's error on each of several logs."""
     if len(logs) < 2:
         return ()
-    values = fit.solution.values
+    merged, numbers, n = _merged(model, logs[:1]), numbers_of(fit.nuisances, model.robot.n), model.robot.n
+    values, _ = lifted(fit.solution, logs[0].layout, merged, numbers)
     apart = []
     for log in logs:
-        data = merged_data(model, [log]).counting(_counted(fit))
-        triangles = data.triangles(fit.nuisances)
-        squares = {row: sum(t.squares(values) for t in triangles.of(row)) for row in triangles.rows}
+        triangles = Triangles(tuple(counted(log, _counted(fit))), model.parameters, 2 * n, STRETCHES)
+        squares: dict[EstimationRow, float] = {}
+        for triangle in triangles.items:
+            squares[triangle.row] = squares.get(triangle.row, 0.0) + triangle.squares(values)
         apart.append(ByLog(", ".join(log.recording.files), joint_errors(model.robot, triangles, squares)))
     return tuple(apart)
 

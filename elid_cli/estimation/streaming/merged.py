@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ class MergedTriangles:
 
     def counted(self, gliding: NDArray[np.bool_]) -> list[Triangle]:
         """Return the triangles that count with the reversals of the `gliding` joints (n,)."""
-        return [*self.steady, *(t for t in self.reversing if gliding[t.row.joint])]
+        return counted(self, gliding)
 
     def chosen(self, gliding: NDArray[np.bool_], nuisances: Sequence[int]) -> Triangles:
         """Return the triangles to fit: reversals of the `gliding` joints (n,) and some nuisances only.
@@ -80,6 +81,23 @@ class MergedTriangles:
         """Delay and offset of every channel that has equations."""
         present = sorted({t.row.joint for t in self.steady})
         return [*present, *(self.joints + k for k in present)]
+
+
+class Parts(Protocol):
+    """Triangles of instants away from reversals, and around them."""
+
+    @property
+    def steady(self) -> tuple[Triangle, ...]:
+        """Away from reversals."""
+
+    @property
+    def reversing(self) -> tuple[Triangle, ...]:
+        """Around them."""
+
+
+def counted(parts: Parts, gliding: NDArray[np.bool_]) -> list[Triangle]:
+    """Return the triangles that count with the reversals of the `gliding` joints (n,)."""
+    return [*parts.steady, *(t for t in parts.reversing if gliding[t.row.joint])]
 
 
 def combined(items: Iterable[Triangle]) -> list[Triangle]:
