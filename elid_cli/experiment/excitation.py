@@ -95,7 +95,7 @@ class Excitation(Shown):
     def relative(self) -> Array:
         """Predicted standard deviations relative to reference values, (b,); NaN where there is none."""
         reference = np.abs(self.base.values(self.robot.reference()))
-        known = np.isfinite(reference) & (reference > 1e-12 * np.nanmax(reference))
+        known = np.isfinite(reference) & (reference > 1e-12 * np.nan_to_num(reference).max(initial=0.0))
         relative = np.full(len(reference), np.nan)
         relative[known] = self.std_error[known] / reference[known]
         return relative

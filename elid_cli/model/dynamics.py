@@ -286,17 +286,20 @@ class Dynamics:
 
 def _known(model: Regressor, parameters: Array) -> Array:
     """Return the parameters with 0 for unknown ones that move nothing; raise where one matters."""
-    values = np.array(parameters, dtype=float)
-    unknown = np.flatnonzero(np.isnan(values))
+    if missing := unknown_parameters(model, parameters):
+        raise _unknown(model.robot, missing)
+    known: Array = np.nan_to_num(np.array(parameters, dtype=float))
+    return known
+
+
+def unknown_parameters(model: Regressor, parameters: Array) -> list[StandardParameter]:
+    """Return the parameters that are NaN among the values (p,) and that the robot's motion depends on."""
+    unknown = np.flatnonzero(np.isnan(parameters))
     if not unknown.size:
-        return values
+        return []
     motion = random_motion(model.robot.n, model.robot.elastic, 40)
     sizes = np.abs(model.dense(motion, model.equations)).max(axis=(0, 1))
-    missing = [model.names[k] for k in unknown if sizes[k] > _NEGLIGIBLE * sizes.max()]
-    if missing:
-        raise _unknown(model.robot, missing)
-    values[unknown] = 0.0
-    return values
+    return [model.names[k] for k in unknown if sizes[k] > _NEGLIGIBLE * sizes.max()]
 
 
 def _unknown(robot: Robot, missing: list[StandardParameter]) -> RobotError:

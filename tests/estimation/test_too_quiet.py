@@ -22,7 +22,7 @@ def test_a_residual_below_its_noise_is_a_fault_and_a_usual_one_is_not() -> None:
     low = [dataclasses.replace(item, ratio=0.4 if item.rows == "sum" else item.ratio) for item in found.noise]
     said = too_quiet(found, low)
     assert [sentence.split(":")[0] for sentence in said] == ["joint1", "joint2"]
-    assert all("sum row is 0.4" in sentence for sentence in said)
+    assert all("whole joint is 0.4" in sentence for sentence in said)
 
 
 def test_a_few_instants_say_nothing() -> None:
