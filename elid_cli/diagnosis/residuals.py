@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.fit.state import State
-from elid_cli.estimation.regression.triangles import full_columns
+from elid_cli.estimation.regression.covariance import residuals
+from elid_cli.estimation.regression.least_squares import reweighted
+from elid_cli.estimation.regression.triangles import full_columns, to_triangles
 from elid_cli.estimation.validation.following import followed, in_bursts, motion_curves
 from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Kind
 
@@ -36,7 +38,8 @@ class RowState:
     ratio: float
     """rms over the noise floor."""
     away: float = np.inf
-    """The same away from the motor's reversals: what is left there only is the motor's sticking, in no model exact."""
+    """The same away from the motor's reversals, in a fit without them: what is left there only is the motor's sticking,
+    in no model exact."""
 
     @property
     def high(self) -> bool:
@@ -161,14 +164,40 @@ def organise(state: State, row: EstimationRow) -> list[Organised]:
 
 
 def _away(state: State, row: EstimationRow) -> float:
-    """Return residual over floor at the training instants at which the motor is not near standstill."""
-    group = state.log.training.group(row)
-    fast = group.use & ~standing(state, row.joint, group.use)
+    """Return residual over floor at the training instants at which the motor is not near standstill.
+
+    Friction near standstill is no law of the speed: it bends the fit, and with it the residual everywhere else. Where
+    that is above noise, it is taken from a fit without these instants, of every joint.
+    """
+    fast = state.log.training.group(row).use & ~_near_standstill(state, row.joint)
     if not fast.any():
         return np.inf
-    rms = float(np.sqrt(np.mean(_residual(state, row)[fast] ** 2)))
     floor = float(np.sqrt(np.mean(state.floor.series[row][:, fast] ** 2)))
-    return rms / max(floor, 2e-4 * state.triangles.torque_rms(row))
+    least = max(floor, 2e-4 * state.triangles.torque_rms(row))
+
+    def ratio(values: Array) -> float:
+        residual = residuals(state.log.observation, values, state.extras)[(row.kind, row.joint)]
+        return float(np.sqrt(np.mean(residual[fast] ** 2))) / least
+
+    whole = ratio(state.solution.values)
+    return whole if whole <= HIGH else min(whole, ratio(_fitted_in_motion(state)))
+
+
+def _fitted_in_motion(state: State) -> Array:
+    """Return coefficients fitted without the instants at which a row's own motor is near standstill, (p + d,)."""
+    training = state.log.training
+    away = [~_near_standstill(state, joint) for joint in range(training.robot.n)]
+    moving = replace(training, groups=tuple(replace(g, use=g.use & away[g.row.joint]) for g in training.groups))
+    triangles = to_triangles(moving, state.extras, state.log.fold)
+    return reweighted(triangles, len(state.solution.basis)).values
+
+
+def _near_standstill(state: State, joint: int) -> NDArray[np.bool_]:
+    """Return the instants whose period of the filter's cut-off touches a standstill of a joint's motor, (M,)."""
+    known = state.log.observation.known[joint]
+    reach = int(np.ceil(0.5 * state.log.signals.rate / state.log.signals.filter.cutoff))
+    near: NDArray[np.bool_] = np.convolve(standing(state, joint, known), np.ones(2 * reach + 1), mode="same") > 0.5
+    return near
 
 
 def standing(state: State, joint: int, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -216,8 +245,6 @@ def follows_motion(state: State, row: EstimationRow) -> bool:
 
 
 def _residual(state: State, row: EstimationRow) -> Array:
-    from elid_cli.estimation.regression.covariance import residuals
-
     return residuals(state.log.observation, state.solution.values, state.extras)[(row.kind, row.joint)]
 
 

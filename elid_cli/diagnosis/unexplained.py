@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli.diagnosis.fit.state import State
-from elid_cli.diagnosis.residuals import MATTERS, RowState
+from elid_cli.diagnosis.residuals import HIGH, MATTERS, RowState
 from elid_cli.diagnosis.result import Unexplained
 from elid_cli.diagnosis.search.event_times import INSTANT
 from elid_cli.estimation.identify import JointError
@@ -55,14 +55,20 @@ def unseen(
 ) -> tuple[Unexplained, ...]:
     """Return rows that obey the model where the search looks, and not on the held-out stretches.
 
-    Something that happens within a held-out stretch alone is for nobody to find, but it must not be called noise.
+    Something that happens within a held-out stretch alone is for nobody to find, but it must not be called noise. Where
+    a motor's sticking is left in a row everywhere, it is more than that.
     """
+    sticking = {(r.joint, r.rows): r.rms for r in rows if not r.high and r.ratio > HIGH}
     known = {(item.joint, item.rows) for item in told} | {(r.joint, r.rows) for r in rows if r.high}
     found = []
     for name, error in errors.items():
-        sides = (("sum", error.rms, error.floor), ("motor", error.spring_rms, error.spring_floor))
+        sides: tuple[tuple[Kind, float | None, float | None], ...] = (
+            ("sum", error.rms, error.floor),
+            ("motor", error.spring_rms, error.spring_floor),
+        )
         for kind, rms, floor in sides:
-            if rms is None or not floor or rms <= UNSEEN * floor or rms <= MATTERS * error.torque_rms:
+            elsewhere = max(floor or 0.0, sticking.get((name, kind), 0.0))
+            if rms is None or not floor or rms <= UNSEEN * elsewhere or rms <= MATTERS * error.torque_rms:
                 continue
             if not known & {(name, kind), (name, "link"), (name, "sum")}:
                 found.append(Unexplained(name, kind, HELD_OUT, 0.0, rms, rms / floor, ()))

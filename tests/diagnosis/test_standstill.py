@@ -9,7 +9,9 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
+from elid_cli.robot.robot import Joint, Robot
 from elid_cli.signals.options import SignalOptions
+from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
 from tests.system.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
 
@@ -87,3 +89,47 @@ def test_a_push_is_still_found_where_it_is_no_friction(arm: int, rigid: bool, si
     found = diagnosed(made, replace(sticking(made), link=pushed(made, 1, size, instant).link), arm)
     assert [(e.effect, e.joint) for e in found.effects] == [("contact", "j2")]
     assert found.effects[0].parameters["time"] == pytest.approx(instant, abs=0.05)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("stuck", [0.01, 0.02])
+def test_friction_that_is_no_law_near_standstill_alone_is_not_unexplained(seed: int, stuck: float) -> None:
+    found = _creeping_drive(seed, stuck, quadratic=0.0)
+    assert {row.joint for row in found.rows_after if row.ratio > 3.0} == {"joint1"}
+    assert (found.effects, found.unexplained) == ((), ())
+    assert found.sufficient
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_what_is_missing_in_motion_as_well_is_still_unexplained(seed: int) -> None:
+    found = _creeping_drive(seed, 0.01, quadratic=0.8)
+    assert [item.joint for item in found.unexplained] == ["joint1"]
+
+
+def _creeping_drive(seed: int, stuck: float, quadratic: float) -> Diagnosis:
+    """Return what is said of a drive that starts and ends creeping, its friction below Coulomb's up to `stuck` rad/s.
+
+    `quadratic` is friction that grows with the square of the speed, N·m·s²/rad²; the search does not try it.
+    """
+    generator = np.random.default_rng(seed)
+    t = np.arange(0.0, 20.0, 1.0 / 250.0)
+    ramp = np.clip(np.minimum(t, 20.0 - t) / 2.5, 0.0, 1.0)
+    tones = [(f, generator.uniform(0.15, 0.3), generator.uniform(0.0, 2.0 * np.pi)) for f in (0.17, 0.31, 0.53)]
+    speed = ramp**4 * (0.02 + sum(a * np.sin(2 * np.pi * f * t + p) for f, a, p in tones)) + 0.004 * (1.0 - ramp)
+    path = make_interp_spline(t, speed, k=5)
+    position, bend = path.antiderivative()(t), path.derivative()(t)
+    friction = 2.0 * np.tanh(2.0 * speed / stuck) + 1.0 * speed + quadratic * speed * np.abs(speed)
+    torque = 0.25 * bend + friction
+    position = position + generator.normal(0.0, 1e-5, len(t))
+    torque = torque + generator.normal(0.0, 0.02, len(t))
+    robot = Robot("turntable", (Joint("joint1", transmission="rigid"),))
+    log = Recording(
+        joints=robot.joint_names,
+        dt=1.0 / 250.0,
+        t=t,
+        q=position[:, None],
+        theta=position[:, None],
+        tau=torque[:, None],
+        segments=(Segment(0, len(t)),),
+    )
+    return diagnose(robot, prepare(log, robot, SignalOptions.for_diagnosis(250.0)), DiagnoseOptions(only=("contact",)))
