@@ -26,14 +26,13 @@ from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.gears import OWN_PARAMETERS
 from elid_cli.robot.urdf.read import link_inertia
-from elid_cli.robot.urdf.write import in_joint_frames
+from elid_cli.robot.urdf.write import in_joint_frames, unreal_bodies
 from elid_cli.robot.urdf.xml import Element
 from elid_cli.robot.xml_edit import XmlEdit
 
 SAME = 1e-12
 """Relative change below which a number is left as the file has it."""
 _PHYSICAL = "full physical parameters first: elid identify … --physical"
-_UNREAL = "the principal moments of inertia of {} are those of no real body, which some simulators refuse"
 
 
 def patched(robot: Robot, remarks: Sequence[str] = ()) -> str:
@@ -121,7 +120,7 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
             else:
                 edit.add_first(edit.root, "<elid " + " ".join(f'{key}="{value}"' for key, value in said.items()) + "/>")
     if unreal:  # kinematics libraries load them, MuJoCo and others refuse
-        edit.comment(f"{_UNREAL.format(', '.join(unreal))}: {_PHYSICAL}")
+        edit.comment(unreal_bodies(unreal))
 
 
 def _set(edit: XmlEdit, holder: Element, tag: str, values: dict[str, str]) -> None:

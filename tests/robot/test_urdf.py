@@ -198,6 +198,20 @@ def test_identified_parameters_are_written_in_place_of_the_reference(tmp_path):
     np.testing.assert_allclose(read_robot(tmp_path / "arm.urdf").reference(), values, rtol=1e-9, atol=1e-12)
 
 
+def test_a_body_that_is_none_is_told_in_a_comment():
+    robot = read_robot("planar2")
+    slender = {"m": 10.0, "cx": -2.5, "cy": 0.0, "cz": 0.0, "Ixx": 0.1, "Iyy": 0.725, "Izz": 0.8}
+    bodies = [replace(joint, parameters={**joint.parameters, **slender}) for joint in robot.joints]
+    assert "no real body" not in urdf_text(replace(robot, joints=tuple(bodies)))
+    bodies[1] = replace(
+        bodies[1], parameters={**bodies[1].parameters, "Izz": 0.83}
+    )  # about the centre 0.205 > 0.1 + 0.1
+    text = urdf_text(replace(robot, joints=tuple(bodies)))
+    remark = "moments of inertia of joint2_link are those of no real body, which some simulators refuse"
+    assert remark in text.splitlines()[1]
+    assert read_urdf(text, "x.urdf").joints[1].parameters["Izz"] == pytest.approx(0.83)
+
+
 SEVEN = [  # a seven-joint arm, proximal DH: a, alpha, d
     (0, 0, 0.333), (0, -np.pi / 2, 0), (0, np.pi / 2, 0.316), (0.0825, np.pi / 2, 0),
     (-0.0825, -np.pi / 2, 0.384), (0, np.pi / 2, 0), (0.088, np.pi / 2, 0),

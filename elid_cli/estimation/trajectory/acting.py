@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from elid_cli.model.coordinates import coordinates_of
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
-from elid_cli.model.rollout import Local
+from elid_cli.model.rollout import SLIGHT, Local
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
 
@@ -34,6 +34,34 @@ class Acting:
     def total(self, amplitudes: Array) -> tuple[Array, Array]:
         """Return push and grip of amplitudes (..., D), each (N, ..., m)."""
         return _weighted(amplitudes, self.push), _weighted(amplitudes, self.grip)
+
+
+def resisting(push: Callable[[Array, Array], Array], x: Array, v: Array) -> tuple[Array, Array]:
+    """Return stiffness and damping of effects at every coordinate, (m,) each, where they push back; else 0.
+
+    What is stiff beside the masses must act on the motion that comes out, not on the one before.
+
+    Parameters
+    ----------
+    push
+        Torque of the effects on the model's side, N·m (N), of positions and velocities, (..., m).
+    x, v
+        The motion.
+    """
+    here = push(x, v)
+    by_place, by_speed = ((push(*moved) - here) / SLIGHT for moved in ((x + SLIGHT, v), (x, v + SLIGHT)))
+    return _usual(by_place, np.ones_like(v)), _usual(by_speed, v**2)
+
+
+def _usual(slope: Array, weight: Array) -> Array:
+    """Return the weighted mean of a slope (..., m) over all but the coordinates; 0 of one that is not positive.
+
+    Weighted by v², that of a friction which jumps at reversals is its slope in motion.
+    """
+    others = tuple(range(slope.ndim - 1))
+    whole = np.maximum(weight.sum(axis=others), 1e-300)
+    found: Array = np.maximum((slope * weight).sum(axis=others) / whole, 0.0)
+    return np.where(np.isfinite(found), found, 0.0)
 
 
 def _weighted(amplitudes: Array, columns: Array) -> Array:

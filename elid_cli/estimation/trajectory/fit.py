@@ -96,6 +96,16 @@ class TrajectoryFit:
         return found
 
     @property
+    def another(self) -> Array:
+        """Standard deviation by which the estimates of another recording would differ, of a fit of one, (U,).
+
+        Both have their standard errors, and what differs between parts of a recording differs between recordings.
+        """
+        wide = beyond_normal(len(self.spans) - 1) * self.within
+        found: Array = np.sqrt(2.0 * self.deviation**2 + wide**2)
+        return found
+
+    @property
     def deviation(self) -> Array:
         """Standard errors of the unknowns, (U,)."""
         found: Array = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))

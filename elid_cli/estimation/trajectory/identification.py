@@ -158,6 +158,12 @@ def identification_of(found: Identification, fit: TrajectoryFit, signals: Signal
     estimate = base.transform @ standard
     spread = base.transform @ covariance @ base.transform.T
     apart = [difference_words(item) for item in differing(fit)]
+    if fit.unknowns.recordings == 1:
+        wider = float(np.median(fit.another[: fit.unknowns.drives] / fit.deviation[: fit.unknowns.drives]))
+        apart.append(
+            f"what another recording would give differs from these values by {wider:.2g} standard errors "
+            "(the median over parameters; each is another_recording in --json)"
+        )
     note = (
         f"--fit trajectory: {fit.steps} steps; simulated positions are off by {1e3 * fit.rms.mean():.3g} mrad (rms) on "
         f"average, {1e3 * fit.rms_before.mean():.3g} with the values of least squares; the motion is "
@@ -207,6 +213,7 @@ def _settings(robot: Robot, fit: TrajectoryFit) -> dict[str, object]:
     """Return what JSON says of the fit: errors of the positions, rad (m), and every unknown with its errors."""
     names, errors = (*PARAMETERS, "offset"), fit.unknowns.joint_values(fit.deviation)
     between, within = fit.unknowns.joint_values(fit.between), fit.unknowns.joint_values(fit.within)
+    another = fit.unknowns.joint_values(fit.another) if fit.unknowns.recordings == 1 else None
     return {
         "steps": fit.steps,
         "delays": fit.delays.tolist(),
@@ -215,7 +222,8 @@ def _settings(robot: Robot, fit: TrajectoryFit) -> dict[str, object]:
         "joint_parameters": {
             joint: {
                 name: {"estimate": float(fit.values[k, c]), "std_error": float(errors[k, c]),
-                       "between_recordings": float(between[k, c]), "within_recording": float(within[k, c])}
+                       "between_recordings": float(between[k, c]), "within_recording": float(within[k, c]),
+                       "another_recording": None if another is None else float(another[k, c])}
                 for c, name in enumerate(names)
             }
             for k, joint in enumerate(robot.joint_names)

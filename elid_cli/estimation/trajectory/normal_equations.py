@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.trajectory.acting import Acting, acting, scene_along
+from elid_cli.estimation.trajectory.acting import Acting, acting, resisting, scene_along
 from elid_cli.estimation.trajectory.unknowns import Unknowns, steps_of
 from elid_cli.model.rollout import Drives, Joints, Linearised, Local, variants_of
 from elid_cli.model.runs import Run
@@ -162,6 +162,7 @@ def _stepped(
     """
     local = item.equations(equations)
     done = _acting(unknowns, item, local, parameters)
+    stiffness, damping = _resisting(unknowns, item, local, z, parameters)
     strength, still = np.zeros(0), np.zeros(0, dtype=np.intp)
     if done is not None:
         strength = np.sqrt(np.mean((done.push + done.grip) ** 2, axis=1).sum(axis=-1))
@@ -169,6 +170,11 @@ def _stepped(
         still = np.flatnonzero((spread <= CONSTANT * np.abs(done.push).max(axis=(1, 2))) & ~done.grip.any(axis=(1, 2)))
     steps = steps_of(unknowns, z, strength)
     joints = _variants(unknowns, z, steps, groups, done)
+    if joints.push is not None:
+        x, v = (0.5 * (part[1:] + part[:-1]) for part in (item.x - local.place[:, 0], item.v))
+        known = stiffness * x + damping * v  # of the motion before; the rest of it acts on the one that comes out
+        joints = replace(joints, push=joints.push - known[:, None, None], damping=damping)
+        local = replace(local, slope=local.slope + np.diag(stiffness))
     alone = Drives(run.drives.told[:, None], run.drives.kp[None], run.drives.kd[None], run.drives.limit)
     x, v = variants_of(equations, local, (run.start[0][None], run.start[1][None]), alone, joints, run.dt)
     x, v = x[:, :, 0], v[:, :, 0]
@@ -191,6 +197,22 @@ def _acting(unknowns: Unknowns, item: Tracked, local: Local, parameters: Array) 
     found = acting(unknowns.effects, scene)
     middle = Acting(0.5 * (found.push[:, 1:] + found.push[:, :-1]), 0.5 * (found.grip[:, 1:] + found.grip[:, :-1]))
     return middle
+
+
+def _resisting(unknowns: Unknowns, item: Tracked, local: Local, z: Array, parameters: Array) -> tuple[Array, Array]:
+    """Return stiffness and damping of the effects that push, (m,) each."""
+    none = np.zeros(item.x.shape[1])
+    places = [k for k, effect in enumerate(unknowns.effects) if not effect.holds()]
+    if not places:
+        return none, none
+    effects = [unknowns.effects[k] for k in places]
+    amplitudes = np.concatenate([z[unknowns.amplitudes_of(k)] for k in places])
+
+    def push(x: Array, v: Array) -> Array:
+        scene = scene_along(unknowns.robot, x, v, local, item.run.dt, parameters, len(x))
+        return acting(effects, scene).total(amplitudes)[0]
+
+    return resisting(push, item.x, item.v)
 
 
 def _variants(

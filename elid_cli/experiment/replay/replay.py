@@ -10,11 +10,11 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, RobotError, UsageError
-from elid_cli.estimation.trajectory.acting import acting, can_act, declared, scene_along
+from elid_cli.estimation.trajectory.acting import acting, can_act, declared, resisting, scene_along
 from elid_cli.experiment.replay.errors import FARTHEST, PositionError, overall, position_errors
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.shifts import declared_shifts
-from elid_cli.model.rollout import SLIGHT, Added, Along, Joints, Linearised, Local, motion_of
+from elid_cli.model.rollout import Added, Along, Joints, Linearised, Local, motion_of
 from elid_cli.model.runs import Run, runs_of
 from elid_cli.robot.mjcf.read import SPRING
 from elid_cli.robot.robot import Robot
@@ -198,23 +198,10 @@ def _along(robot: Robot, dt: float, samples: int) -> Along | None:
 
     def added(local: Local, x: Array, v: Array) -> Added:
         here = total(local, x, v)
-        by_place, by_speed = (
-            (total(local, *moved)[0] - here[0]) / SLIGHT for moved in ((x + SLIGHT, v), (x, v + SLIGHT))
-        )
         push, grip = (0.5 * (part[1:] + part[:-1])[:, None] for part in here)
-        return Added(push, grip, _usual(by_place, np.ones_like(v)), _usual(by_speed, v**2))
+        return Added(push, grip, *resisting(lambda *moved: total(local, *moved)[0], x, v))
 
     return added
-
-
-def _usual(slope: Array, weight: Array) -> Array:
-    """Return the weighted mean over instants and stretches of a slope (N, S, m); 0 of one that is not positive.
-
-    Weighted by v², that of a friction which jumps at reversals is its slope in motion.
-    """
-    whole = np.maximum(weight.sum(axis=(0, 1)), 1e-300)
-    found: Array = np.maximum((slope * weight).sum(axis=(0, 1)) / whole, 0.0)
-    return np.where(np.isfinite(found), found, 0.0)
 
 
 def _of_channels(robot: Robot) -> tuple[Array, Array, tuple[str, ...]]:

@@ -8,7 +8,7 @@ which other readers skip; effects and the log mapping stay in elid's YAML.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.robot.frames import rpy_of
-from elid_cli.robot.inertia import about_centre, about_origin, inertial_parameters, moved, pseudo_inertia
+from elid_cli.robot.inertia import about_centre, about_origin, inertial_parameters, moved, pseudo_inertia, real_tensor
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.gears import OWN_PARAMETERS
@@ -26,6 +26,12 @@ UNLIMITED = 1e9
 """What stands for no limit: URDF asks for the numbers."""
 FAITHFUL = 1e-9
 """How far, relative to the largest, a body's parameters may change through mass and centre of mass."""
+
+
+def unreal_bodies(links: Sequence[str]) -> str:
+    """Return the comment of a URDF on links whose inertia no real body has; kinematics libraries load them."""
+    return (f"the principal moments of inertia of {', '.join(links)} are those of no real body, which some simulators "
+            "refuse: full physical parameters first: elid identify … --physical")  # fmt: skip
 
 
 def urdf_text(robot: Robot, parameters: Array | None = None) -> str:
@@ -56,6 +62,9 @@ def urdf_text(robot: Robot, parameters: Array | None = None) -> str:
         lines += _link(joint, links[i + 1])
         lines += _joint(joint, origin, links[robot.parents[i] + 1], links[i + 1])
         lines += _transmission(joint, robot.dh != "urdf")
+    unreal = [link for joint, link in zip(robot.joints, links[1:], strict=True) if _unreal(joint)]
+    if unreal:
+        lines.insert(1, f"<!-- {unreal_bodies(unreal).replace('--', '- -')} -->")
     return "\n".join([*lines, "</robot>"]) + "\n"
 
 
@@ -142,6 +151,13 @@ def _link(joint: Joint, name: str) -> list[str]:
         "    </inertial>",
         "  </link>",
     ]
+
+
+def _unreal(joint: Joint) -> bool:
+    if "m" not in joint.parameters:
+        return False
+    mass, _, tensor = about_centre(np.array([joint.parameters[key] for key in LINK_PARAMETERS]))
+    return mass > 0 and not real_tensor(tensor)
 
 
 def _joint(joint: Joint, origin: Array, parent: str, child: str) -> Iterator[str]:

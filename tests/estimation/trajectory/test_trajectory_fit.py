@@ -9,15 +9,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from scipy.stats import t as student_t
 
 from elid_cli.cli import main
 from elid_cli.errors import UsageError
 from elid_cli.estimation.identify import EstimateOptions, Identification, identify
 from elid_cli.estimation.refined_robot import identified_robot
+from elid_cli.estimation.trajectory.normal_equations import BLOCKS
 from elid_cli.experiment.replay import replay
 from elid_cli.logs.reading import read_recording
 from elid_cli.robot.files import read_robot
-from elid_cli.robot.robot import Robot
+from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
 from tests.experiment.replay.test_replay import ARM, adapted, commanded
@@ -91,6 +93,28 @@ def test_intervals_hold_the_truth(arm: Robot, clean: Recording) -> None:
         scores += [(known[key][0] - value) / known[key][1] for key, value in truth.items()]
     assert np.mean(np.abs(scores) < 1.96) >= 0.85
     assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.5
+
+
+@pytest.mark.parametrize(("place", "stiffness"), [(0, 400.0), (1, 450.0)])
+def test_a_declared_spring_as_stiff_as_the_drive_is_fitted(arm: Robot, place: int, stiffness: float) -> None:
+    springs = stiffness * np.eye(2)[place]
+    spec = EffectSpec("link_spring", arm.joint_names[place], {"stiffness": 0.8 * stiffness, "preload": 0.0})
+    found = fitted(replace(bare(arm), effects=(spec,)), logged(commanded(arm, 8.0, OFFSET, springs), 1))
+    assert found.effects[0].parameters["stiffness"] == pytest.approx(stiffness, rel=2e-3)
+    known = unknowns(found)
+    for kind, values in TRUTH.items():
+        for joint, value in zip(arm.joint_names, values, strict=True):
+            estimate, error = known[joint, kind]
+            assert abs(estimate - value) < 3 * error, (joint, kind)
+            assert error < 0.15 * value, (joint, kind)
+
+
+def test_another_recording_is_further_off_than_the_mean_of_this_one(arm: Robot, clean: Recording) -> None:
+    told = fitted(bare(arm), logged(clean, 1)).settings["trajectory"]["joint_parameters"]
+    for own in (item for joint in told.values() for item in joint.values()):
+        t = student_t.ppf(0.975, BLOCKS - 1) / 1.96
+        wide = np.sqrt(2 * own["std_error"] ** 2 + (t * own["within_recording"]) ** 2)
+        assert own["another_recording"] == pytest.approx(wide, rel=1e-6)
 
 
 def test_what_wanders_within_a_recording_is_told(arm: Robot, clean: Recording) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace as changed
 from pathlib import Path
 
@@ -41,7 +41,7 @@ def rigid(robot: Robot, friction: float = 1.0) -> Robot:
     return changed(robot, joints=tuple(joints))
 
 
-def commanded(robot: Robot, duration: float = 3.0, offset: float = 0.0) -> Recording:
+def commanded(robot: Robot, duration: float = 3.0, offset: float = 0.0, springs: Sequence[float] = (0, 0)) -> Recording:
     """Return a log of the arm under held commands, integrated with an adaptive method of high order."""
     dynamics = Dynamics(robot, friction_width=1e-3)
     t = np.arange(round(duration / DT) + 1) * DT
@@ -52,7 +52,7 @@ def commanded(robot: Robot, duration: float = 3.0, offset: float = 0.0) -> Recor
 
         def slope(_: float, s: np.ndarray, k: int = k) -> np.ndarray:
             q, v = s[:2], s[2:]
-            tau = KP * (wanted[k] - q) + KD * (speed[k] - v) - offset
+            tau = KP * (wanted[k] - q) + KD * (speed[k] - v) - offset - np.array(springs) * q
             a, _ = dynamics.acceleration(q.tolist(), v.tolist(), q.tolist(), v.tolist(), tau.tolist())
             return np.concatenate([v, a])
 

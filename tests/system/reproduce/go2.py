@@ -62,14 +62,15 @@ def judged(row: str, data: Path, folder: Path) -> tuple[list[tuple[int, float, f
 def pairs(data: Path) -> None:
     """Print how often 95 % intervals from one run hold what another run gives, by kind of parameter."""
     kinds = ("Ja", "fs", "fv", "offset")
+    keys = ("estimate", "std_error", "within_recording", "another_recording")
     values = []
     for k in range(5):
         told, _ = elid("identify", str(data / f"go2_{k}.h5"), "--robot", str(data / "go2.xml"), "--fit", "trajectory",
                        "--json")  # fmt: skip
         joints = json.loads(told)["settings"]["trajectory"]["joint_parameters"].values()
-        values.append([[[own[kind][key] for key in ("estimate", "std_error", "within_recording")] for kind in kinds]
+        values.append([[[own[kind][key] for key in keys] for kind in kinds]
                        for own in joints])  # fmt: skip
-    z, deviation, within = np.moveaxis(np.array(values), -1, 0)
+    z, deviation, within, another = np.moveaxis(np.array(values), -1, 0)
     print("95 % intervals from one run that hold the estimate of another, of 960 pairs")
     print(f"{'':38}" + "".join(f"{kind:>8}" for kind in kinds) + f"{'all':>8}")
     gap = np.abs(z[:, None] - z[None])
@@ -77,6 +78,7 @@ def pairs(data: Path) -> None:
     for words, wide in (
         ("standard error", deviation),
         ("with the scatter within the recording", np.hypot(deviation, within)),
+        ("another_recording", another),
     ):
         held = (gap < 1.96 * wide[:, None])[apart].mean(axis=(0, 1))
         print(f"{words:38}" + "".join(f"{100 * share:7.0f}%" for share in (*held, held.mean())))
