@@ -135,8 +135,7 @@ def perturbed(signals: Signals, generator: np.random.Generator, aside: int = 0) 
             rates = _rates(signals, k, part, generator, smooth=stride != own)
             sides = [motor] if rigid and not rates else [motor if rigid else link, motor]
             fit = fit_spline(np.array(sides), stride, signals.dt, rates)
-            for derivative in range(3):
-                change = fit.spline.evaluate(derivative)
+            for derivative, change in enumerate(fit.spline.between(0, len(segment))):
                 for place, values in ((derivative, change[0]), (3 + derivative, change[-1])):
                     kept = 0.0 if stride != own else arrays[place][part, k]
                     arrays[place][part, k] = values + kept
