@@ -15,13 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from elid_cli.errors import UsageError
+from elid_cli.estimation.saved_numbers import AGAIN, LARGEST_NUMBER, check_numbers
 from elid_cli.files import read_text
 from elid_cli.model.effects import effect_classes
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.tables import Shown
 
-LARGEST_NUMBER = 1e300
-"""A larger number in a saved result is broken."""
 LARGEST = 50_000_000
 """Bytes of the largest result that is read."""
 
@@ -193,16 +192,17 @@ def saved_object(path: str | Path) -> Mapping[str, Any]:
     Raises
     ------
     UsageError
-        No such file, not JSON, or not of elid.
+        No such file, not JSON, not of elid, or with a number that cannot be used.
     """
     text = read_text(Path(path), UsageError, suffixes=(".json",), most=LARGEST)
     try:
         data = json.loads(text)
     except (ValueError, RecursionError) as problem:
         where = f"{path}:{problem.lineno}" if isinstance(problem, json.JSONDecodeError) else str(path)
-        raise UsageError(f"{where}: not JSON", hint="elid identify LOG --robot ROBOT --json > RESULT.json") from None
+        raise UsageError(f"{where}: not JSON", hint=AGAIN) from None
     if not isinstance(data, dict) or data.get("schema") != "elid/1":
-        raise UsageError(f"{path}: not a result of elid", hint="elid identify LOG --robot ROBOT --json > RESULT.json")
+        raise UsageError(f"{path}: not a result of elid", hint=AGAIN)
+    check_numbers(data, str(path))
     return data
 
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.estimation.comparison import saved_object
+from elid_cli.estimation.saved_numbers import AGAIN
 from elid_cli.tables import Shown
 
 INDEFINITE = 1e-6
 """Share of the largest eigenvalue of the correlations by which the smallest may be negative: rounding."""
-AGAIN = "elid identify LOG --robot ROBOT --json > RESULT.json"
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from elid_cli.cli import main
 from elid_cli.logs import write_recording
 from elid_cli.signals.recording import Recording
 from tests.system.field_logs import json_lines, old_matlab
+from tests.system.fuzz import hostile_files as files
 from tests.system.fuzz.fuzz_logs import mutated
 from tests.system.hostile.bags import joint_states
 from tests.system.hostile.hostile import ROBOT, SIZES, base, clean
@@ -41,7 +42,10 @@ def plain_arrays(folder: Path, log: Recording) -> Path:
     return path
 
 
-OTHERS = {"jsonl": json_lines, "mat": old_matlab, "npz": plain_arrays}
+OTHERS = {
+    "jsonl": json_lines, "mat": old_matlab, "npz": plain_arrays, "db3": files.sqlite_bag,
+    "parquet": files.parquet_table, "zip": files.archive, "npy": files.one_array,
+}  # fmt: skip
 SLOWEST, MOST = 10.0, 2 << 30
 """s and bytes that one case may take."""
 
@@ -149,6 +153,25 @@ CLASSES: dict[str, Callable[[], Made]] = {
     "MATLAB 5, bytes changed": lambda: damaged("mat"),
     "NumPy, bytes changed": lambda: damaged("npz"),
     "gzip, bytes changed": lambda: damaged("csv.gz"),
+    "SQLite bag, bytes changed": lambda: damaged("db3"),
+    "SQLite bag, cut": lambda: cut("db3"),
+    "SQLite bag, sizes": lambda: files.lying("db3", good("db3")),
+    "Parquet, bytes changed": lambda: damaged("parquet"),
+    "Parquet, cut": lambda: cut("parquet"),
+    "Parquet, sizes": lambda: files.lying("parquet", good("parquet")),
+    "zip, bytes changed": lambda: damaged("zip"),
+    "zip, cut": lambda: cut("zip"),
+    "zip, sizes": lambda: files.lying("zip", good("zip")),
+    "npy, bytes changed": lambda: damaged("npy"),
+    "npz, cut": lambda: cut("npz"),
+    "npz, sizes": lambda: files.lying("npz", good("npz")),
+    "MATLAB 5, cut": lambda: cut("mat"),
+    "MATLAB 5, sizes": lambda: files.lying("mat", good("mat")),
+    "JSON lines, cut": lambda: cut("jsonl"),
+    "many columns, long names": lambda: files.crowded,
+    "saved results, bytes changed": lambda: files.result_bytes,
+    "saved results, cut": lambda: files.result_cut,
+    "saved results, numbers": lambda: files.result_numbers,
     "dropouts within the range": lambda: lambda rng: columns(rng, dropouts),
     "positions that jump": lambda: lambda rng: columns(rng, jump),
     "broken samples": lambda: lambda rng: columns(rng, spikes),
@@ -160,6 +183,8 @@ CLASSES: dict[str, Callable[[], Made]] = {
 
 def outcome(path: Path) -> str:
     """Run one case as a command does, and say how it ended."""
+    if path.suffix == ".json":
+        return files.result_outcome(path)
     out, err = io.StringIO(), io.StringIO()
     robot = str(path) if path.suffix == ".yaml" else ROBOT
     line = ["classify"] if path.suffix == ".yaml" else ["identify", str(path)]

@@ -397,16 +397,33 @@ def test_tiny_efforts_are_none(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("value", ["1" + "0" * 400, "1e999", "NaN", '"x"', "[1]", "true"])
-def test_saved_results_with_numbers_that_are_none(tmp_path: Path, value: str) -> None:
-    good = (
-        '{"schema": "elid/1", "command": "identify", "base_parameters": [{"name": "m1", "estimate": 1.0, "unit": "kg",'
+@pytest.mark.parametrize("key", ["estimate", "std_error"])
+def test_saved_results_with_numbers_that_are_none(tmp_path: Path, value: str, key: str) -> None:
+    """Never treated as a parameter that was refused: file and key are named."""
+    from tests.system.hostile.hostile import elid, one_message
+
+    entry = '{"name": "%s", "terms": {"%s": 1}, "unit": "kg", "estimate": %s, "std_error": %s}'
+    text = '{"schema": "elid/1", "command": "identify", "base_parameters": [%s, %s], "covariance": [[1, 0], [0, 1]]}'
+    first = entry % ("m1", "m1", 1.0, 0.1)
+    good, bad = tmp_path / "good.json", tmp_path / "bad.json"
+    good.write_text(text % (first, entry % ("m2", "m2", 1, 1)))
+    numbers = {"estimate": "1", "std_error": "1"} | {key: value}
+    bad.write_text(text % (first, entry % ("m2", "m2", numbers["estimate"], numbers["std_error"])))
+    for line in (("compare", good, bad), ("compare", bad, good), ("trend", good, good, good, bad), ("sample", bad)):
+        done = elid(*line)
+        assert done.code == 2, (line, done)
+        assert done.out == ""
+        one_message(done, f"{bad}: base_parameters[1].{key} cannot be used: ")
+    done = elid("excite", "--robot", "planar2", "--after", bad, "-o", tmp_path / "x.csv")
+    assert done.code == 2, done
+
+
+def test_saved_results_with_a_negative_standard_error(tmp_path: Path) -> None:
+    from tests.system.hostile.hostile import elid, one_message
+
+    (path := tmp_path / "a.json").write_text(
+        '{"schema": "elid/1", "base_parameters": [{"name": "m1", "estimate": 1, "std_error": -0.1, "unit": "kg"}]}'
     )
-    good += ' "std_error": 0.1}, {"name": "m2", "estimate": %s, "unit": "kg", "std_error": %s}]}'
-    paths = [tmp_path / name for name in ("a.json", "b.json")]
-    paths[0].write_text(good % ("1", "1"))
-    paths[1].write_text(good % (value, value))
-    for line in (("compare", *paths), ("compare", *paths[::-1]), ("excite", "--robot", "planar2", "--after", paths[1],
-                 "-o", tmp_path / "x.csv")):  # fmt: skip
-        done = bounded(*line)
-        assert done.returncode in (0, 2), done
-        assert "Traceback" not in done.stderr
+    done = elid("compare", path, path)
+    assert done.code == 2, done
+    one_message(done, f"{path}: base_parameters[0].std_error cannot be used: -0.1")
