@@ -17,7 +17,7 @@ from elid_cli.logs.source import Source
 GZIP = b"\x1f\x8b"
 ENCRYPTED = 1
 """Bit of a member's flags in a zip archive."""
-FAULTS = (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError)
+FAULTS = (zipfile.BadZipFile, ValueError, zlib.error, RuntimeError, NotImplementedError, EOFError)
 """What unpacking a damaged archive raises."""
 
 

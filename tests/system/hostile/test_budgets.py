@@ -427,3 +427,20 @@ def test_saved_results_with_a_negative_standard_error(tmp_path: Path) -> None:
     done = elid("compare", path, path)
     assert done.code == 2, done
     one_message(done, f"{path}: base_parameters[0].std_error cannot be used: -0.1")
+
+
+def test_a_zip_archive_whose_directory_is_before_its_beginning(tmp_path: Path) -> None:
+    import io
+    import zipfile
+
+    from tests.system.hostile.hostile import refused
+
+    with zipfile.ZipFile(held := io.BytesIO(), "w") as archive:
+        archive.writestr("log.csv", "t,q.joint1\n0,0\n")
+    data = bytearray(held.getvalue())
+    end = data.rindex(b"PK\x05\x06")
+    entry = data.index(b"PK\x01\x02")
+    data[end + 16 : end + 20] = (entry + 2).to_bytes(4, "little")  # so the archive would begin 2 bytes before the file
+    data[entry + 42 : entry + 46] = bytes(4)
+    (path := tmp_path / "a.zip").write_bytes(bytes(data))
+    refused(path, str(path))
