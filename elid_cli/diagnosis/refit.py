@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from elid_cli.diagnosis.evidence.held_out import held_out_triangles
+import numpy as np
+
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect
 from elid_cli.diagnosis.stiffness_by_load import with_load
@@ -21,8 +22,10 @@ from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.regression.standard_errors import covariance_of
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification
 from elid_cli.estimation.stretches import STRETCHES
-from elid_cli.model.effects import effect_classes
+from elid_cli.estimation.validation.prediction import Validation, validate
+from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.model.effects.shifts import corrected, declared_shifts
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
@@ -199,7 +202,7 @@ def contributions(found: Diagnosis) -> tuple[Contribution, ...]:
     return (
         *seen,
         *(
-            _contribution(state, first + k, effect, [first + n for n, p in enumerate(places) if p == places[k]])
+            _contribution(found, first + k, effect, [first + n for n, p in enumerate(places) if p == places[k]])
             for k, effect in enumerate(fitted)
         ),
     )
@@ -218,17 +221,30 @@ def without_terms(state: State, numbers: Sequence[int]) -> State:
     return state
 
 
-def _contribution(state: State, number: int, effect: FoundEffect, terms: Sequence[int]) -> Contribution:
-    lacking = without(state, number)
-    outside, inside = held_out_triangles(lacking), held_out_triangles(state)
-    present = [row for row in state.columns[number].rows if row in inside.rows]
+def _contribution(found: Diagnosis, number: int, effect: FoundEffect, terms: Sequence[int]) -> Contribution:
+    state = found.state_after
+    outside, inside = _held_out(found, without(state, number)), _rms_by_row(found, found.validation_after)
+    alone = len(terms) == len(state.effects) - len(found.state_before.effects) and not nuisance_of(effect.effect)
+    if alone:  # nothing else was found: the model without it is the model before
+        bare = _rms_by_row(found, found.validation_before)
+    else:
+        bare = outside if len(terms) == 1 else _held_out(found, without_terms(state, terms))
+    outside = bare if len(terms) == 1 else outside
     errors = {
-        row: (outside.rms(lacking.solution.values, row), inside.rms(state.solution.values, row)) for row in present
+        row: (outside[row], inside[row]) for row in state.columns[number].rows if row in outside and row in inside
     }
     row = min(errors, key=lambda r: errors[r][1] / max(errors[r][0], 1e-300))
     joint = state.log.model.robot.joint_names[row.joint]
-    whole = errors[row][0]
-    if len(terms) > 1:
-        bare = without_terms(state, terms)
-        whole = held_out_triangles(bare).rms(bare.solution.values, row)
-    return Contribution(effect, joint, row.kind, *errors[row], whole)
+    return Contribution(effect, joint, row.kind, *errors[row], bare[row])
+
+
+def _held_out(found: Diagnosis, state: State) -> Mapping[EstimationRow, float]:
+    """Return the held-out error of every row of a state, as that of the models before and after is told, N·m (N)."""
+    return _rms_by_row(found, validate(described(found.robot, state), state.log.raw, found.chosen))
+
+
+def _rms_by_row(found: Diagnosis, judged_: Validation) -> Mapping[EstimationRow, float]:
+    uses = {
+        group.row: group.use & found.chosen for group in judged_.observation.groups if group.row in judged_.residual
+    }
+    return {row: float(np.sqrt(np.mean(judged_.residual[row][use] ** 2))) for row, use in uses.items() if use.any()}

@@ -13,8 +13,8 @@ TERMS = {
     "link side": "The link's equation: the joint torque sensor against what the motion of the bodies needs.",
     "equation": "Every elastic joint has two equations: the motor's, and the link's. Their sum is free of the spring.",
     "model": "How far the prediction can be trusted: good, fair or poor.",
-    "explains": "Share of the squared error that the effect takes away on stretches that the search never saw, over "
-    "all equations that it acts in, each in units of its noise. The errors beside it are those of one equation.",
+    "explains": "Share of the squared held-out error that the effect takes away in the equation beside it: 1 less the "
+    "square of the error with it over that without it.",
     "worst quarter": "Share of the squared error that the effect takes away in the quarter of the log in which "
     "it takes least, with the model fitted to the other three quarters. An effect that is real helps in every quarter.",
     "condition": "Condition number of the weighted regressor, columns of unit norm: how much an error of the torque "
@@ -24,8 +24,8 @@ TERMS = {
     "± sd": "Standard error of the estimate; the true value lies within twice that in 95 % of all logs.",
     "verdict": "known roughly: to worse than 30 % (of the value or, where that is larger, of what makes 1 % of the "
     "torque); not shown: by this log; may be biased: what the model lacks can move it by more than ± sd; empty: known.",
-    "ref": "What the robot file says.",
-    "off": "How far the estimate is from what the robot file says.",
+    "file": "What the robot file says.",
+    "differs": "How far the estimate is from what the robot file says.",
     "follows": "The variable that the residual goes with, and the share of its square that it explains.",
     "residual": "Measured less predicted torque.",
     "deflection": "Motor angle (at the joint) less joint angle: how far the transmission is wound up.",

@@ -26,6 +26,8 @@ DOUBT = 3.0
 """Standard errors below zero from which a value that no robot has negative is impossible, and no scatter."""
 IMPOSSIBLE = "negative, which no robot's is"
 """What the reason of such a parameter begins with."""
+TOO_LITTLE = "the motion excites it too little"
+"""Why a parameter is weak where nothing more particular is known."""
 HELD = "held at the robot file's value"
 """What the reason of a parameter begins with that was not looked for."""
 TORQUE_SHARE = 0.01
@@ -106,8 +108,9 @@ def judge(
             reasons[name] = f"{IMPOSSIBLE}: a sign or a unit is wrong, or an effect is missing"
         elif deviation[k] > WEAK * size:
             verdicts.append("weak")
-            of = " of what would show in the torque" if size > abs(estimate[k]) else ""
-            reasons[name] = f"known to {100 * deviation[k] / size:.0f} %{of} only: {why(members, robot, facts)}"
+            of = "what would make 1 % of the torque" if size > abs(estimate[k]) else "the value"
+            share = f"standard error {100 * deviation[k] / size:.0f} % of {of}"
+            reasons[name] = f"{share}: {why(members, robot, facts)}"
         elif freedom < LEAST_FREEDOM:
             verdicts.append("weak")
             reasons[name] = (
@@ -138,7 +141,7 @@ def why(members: Sequence[StandardParameter], robot: Robot, facts: SignalFacts) 
     if still:
         return f"{', '.join(still)} {'does' if len(still) == 1 else 'do'} not move"
     missing = missing_gravity(joint, robot, facts) if kind in ("m", "cx", "cy", "cz") else ""
-    return missing or "the motion excites it too little"
+    return missing or TOO_LITTLE
 
 
 def missing_gravity(joint: int, robot: Robot, facts: SignalFacts) -> str:

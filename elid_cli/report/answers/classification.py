@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from elid_cli.estimation.result import Identification
+from elid_cli.estimation.validation.verdicts import TOO_LITTLE
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.report.answers.inputs import (
     Items,
@@ -116,12 +117,19 @@ def _word(kind: str | None) -> Cell:
     return Mark(word, tone)
 
 
-def reasons_table(found: Identification, shown: int = 12) -> list[Section]:
-    """Return why parameters that the robot could identify are weak or missing; nothing where none is."""
+def reasons_table(found: Identification, shown: int = 12, hiding: Collection[int] = ()) -> list[Section]:
+    """Return why parameters that the robot could identify are weak or missing; nothing where none is.
+
+    `hiding` are joints at which so much stays unexplained that it hides what the motion shows.
+    """
     groups: dict[tuple[str, str], list[str]] = {}
+    names, places = found.robot.joint_names, {str(name): name.joint for name in found.base.parameters}
     for name, kind in found.this_log.items():
         if kind in ("weak", "not excited"):
-            groups.setdefault((kind, found.reasons.get(name, "")), []).append(name)
+            reason = found.reasons.get(name, "")
+            if places[name] in hiding:
+                reason = reason.replace(TOO_LITTLE, f"what is left at {names[places[name]]} hides it")
+            groups.setdefault((kind, reason), []).append(name)
     if not groups:
         return []
     columns = (Column("parameter", "parameter"), Column("this_log", "this log"), Column("reason", "why"))

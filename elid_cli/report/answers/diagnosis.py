@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from elid_cli.diagnosis import Diagnosis
 from elid_cli.report.answers.classification import reasons_table
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
@@ -15,7 +17,7 @@ from elid_cli.report.answers.diagnosis_tables import (
     unexplained_section,
 )
 from elid_cli.report.answers.error_tables import torque_unit
-from elid_cli.report.answers.identification import base_tables
+from elid_cli.report.answers.identification import base_tables, verdict_note
 from elid_cli.report.answers.inputs import (
     Items,
     command,
@@ -26,13 +28,13 @@ from elid_cli.report.answers.inputs import (
     span_words,
     used_items,
 )
-from elid_cli.report.answers.missing import further_items, missing_words, repeating
+from elid_cli.report.answers.known import parameter_words
+from elid_cli.report.answers.missing import further_items, held_out_size, loud_rows, missing_words, repeating
 from elid_cli.report.answers.summary import (
     POOR,
     answers,
     light,
     listed,
-    parameter_words,
     plan_command,
     record_sections,
     share_text,
@@ -49,6 +51,10 @@ PARTIAL = (
     "stopped by Ctrl-C: this is what the search had found so far; more effects may be missing, and no robot file is"
     " written"
 )
+HIDES = 3.0
+"""Times the sensors' noise from which on what is left hides parameters."""
+NEARER = 0.7
+"""Part of the difference from the robot file's parameters below which what is left of it is worth a word."""
 NAMED = 5
 """How many moved base parameters are named."""
 
@@ -67,9 +73,9 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
         told.after,
         sharper,
         (recording.files[0], told.robot_argument),
-        writes=True,
+        writes=not _another_log(told),
         written=told.written is not None,
-        plan=_hopeless(told),
+        plan=_another_log(told),
     )
     sections: list[Section] = [
         heading(found.robot, recording),
@@ -88,7 +94,7 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
             for k, check in enumerate(told.checks)
         ),
         *base_tables(told.after, _moved_words(told)),
-        *reasons_table(told.after),
+        *reasons_table(told.after, hiding=_hiding(told.found)),
         *planned,
         KeyValues("inputs", facts, "how it was computed"),
         Text("next", _next(told), "next"),
@@ -106,7 +112,7 @@ def result_sections(told: DiagnosisInput) -> list[Section]:
             found.robot,
             found.before,
             found.after,
-            "error on the held-out stretches",
+            "error on the held-out stretches, which the fit never saw",
             changed=bool(told.contributions),
         ),
         *_as_identified(found),
@@ -120,10 +126,12 @@ def result_sections(told: DiagnosisInput) -> list[Section]:
 def _as_identified(found: Diagnosis) -> list[Section]:
     """Return the same at identification's cut-off, where the search's is another."""
     before, after = found.left_out
-    if not found.effects or not before or found.usual_cutoff == found.state_after.log.signals.filter.cutoff:
+    other = found.predicted_worse or found.usual_cutoff != found.state_after.log.signals.filter.cutoff
+    if not found.effects or not before or not other:
         return []
     title = f"error on stretches left out in turn, below {number_text(found.usual_cutoff)} Hz as elid identify fits"
-    return [before_after_table("as_identified", found.robot, before, after, title)]
+    table = before_after_table("as_identified", found.robot, before, after, title)
+    return [replace(table, note="as in the table above, at another filter: other figures of the same errors")]
 
 
 def _tried(found: Diagnosis) -> Items:
@@ -133,15 +141,17 @@ def _tried(found: Diagnosis) -> Items:
 
 def _loud_words(told: DiagnosisInput) -> str:
     """Return in words which row holds more than white noise that has nothing to do with the motion."""
-    rows = [row for row in told.found.rows_after if row.high]
-    if not rows or told.found.unexplained:
+    rows = loud_rows(told.found)
+    if not rows:
         return ""
-    worst = max(rows, key=lambda row: row.ratio)
+    worst = rows[0]
     memory = [n.correlation for n in told.after.noise if n.joint == worst.joint]
     lasts = f" with a correlation time of {max(memory) * 1e3:.0f} ms" if memory else ""
+    size = held_out_size(told.found, worst)[1]
     return (
-        f" What is left at {worst.joint}, {number_text(worst.ratio, 2)} times the sensors' white noise, follows no "
-        f"variable of the motion: it is torque noise{lasts}, or depends on several joints at once."
+        f" Yet {number_text(size, 2)} times the sensors' noise is left at {worst.joint}, and follows no single "
+        f"variable of the motion. It may be torque noise{lasts}, or depend on several joints at once; this log cannot "
+        "tell which."
     )
 
 
@@ -156,16 +166,22 @@ def _trust_words(told: DiagnosisInput) -> str:
 
 def _moved_words(told: DiagnosisInput) -> str:
     """Return what the missing effects had moved, and what is known of the parameters' errors."""
-    words = ["with what is missing added to the model" if told.contributions else ""]
+    words = [verdict_note(told.after), "with what is missing added to the model" if told.contributions else ""]
     moved = [m.name for m in told.found.moved if abs(m.deviations) > MOVED]
     if moved and not told.found.unexplained:
         more = f" and {len(moved) - NAMED} more" * (len(moved) > NAMED)
         words.append(f"biased without it, by more than {MOVED:g} standard errors: {', '.join(moved[:NAMED])}{more}")
     if referenced(told.before):
-        first, last = (share_text(m.normalised_mean_error()) for m in (told.before, told.after))
-        change = f"{first} before, {last} after" if told.contributions else last
-        words.append(f"mean difference from the robot file's parameters: {change}")
+        first, last = (m.normalised_mean_error() for m in (told.before, told.after))
+        change = f"{share_text(first)} before, {share_text(last)} after" if told.contributions else share_text(last)
+        if not told.contributions or last < NEARER * first:  # the file need not be true: a small change says nothing
+            words.append(f"mean difference from the robot file's parameters: {change}")
     return "\n".join(word for word in words if word)
+
+
+def _hiding(found: Diagnosis) -> set[int]:
+    """Return the joints at which many times the sensors' noise is left."""
+    return {found.robot.joint_names.index(r.joint) for r in found.rows_after if r.high and r.ratio > HIDES}
 
 
 def _hopeless(told: DiagnosisInput) -> bool:
@@ -174,10 +190,21 @@ def _hopeless(told: DiagnosisInput) -> bool:
     return poor and not any(p.verdict == "supported" and not p.bias_possible for p in told.after.parameters)
 
 
+def _another_log(told: DiagnosisInput) -> bool:
+    """Whether another log is what comes next, not a robot file.
+
+    That is where a written file would not hold what was found, or where the model is poor and nothing was found.
+    """
+    poor = any(light(error).text == POOR for error in told.found.after.values())
+    return _hopeless(told) or bool(told.found.predicted_worse) or (poor and not told.contributions)
+
+
 def _next(told: DiagnosisInput) -> str:
     found, recording = told.found, told.recording
     if found.partial:
         return command("diagnose", recording, told.robot_argument)
+    if _another_log(told) and (found.sufficient or found.predicted_worse) and told.written is None:
+        return plan_command(recording.files[0], told.robot_argument)
     if found.sufficient:
         keep = keeping(found.robot, "identified", [spec.effect for spec in found.robot.effects])
         return command("identify", recording, told.robot_argument, *keep)
@@ -225,10 +252,17 @@ def _worse(found: Diagnosis) -> list[str]:
     """Return what is said where parameters estimated with what was found predict left-out torque worse."""
     if not found.predicted_worse:
         return []
+    before, after = found.left_out
+    sizes = [
+        f"{joint} {first} → {last} {torque_unit(found.robot, joint)}"
+        for joint in found.predicted_worse
+        if (first := number_text(before[joint].rms, 3)) != (last := number_text(after[joint].rms, 3))
+    ]
+    errors = f" (error: {listed(sizes)})" if sizes else ""
     return [
-        f"{listed(found.predicted_worse)}: at the filter of elid identify, held-out stretches are predicted worse with "
-        "what was found. A written robot file has the parameters of before, and only stiffnesses and encoder faults of "
-        "what was found"
+        f"as elid identify fits (changes below {number_text(found.usual_cutoff)} Hz only), what was found predicts "
+        f"stretches that were left out in turn worse on the whole{errors}. A written robot file therefore keeps the "
+        "parameters from before; of what was found it has only stiffnesses and faults of encoders."
     ]
 
 

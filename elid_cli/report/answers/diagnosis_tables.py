@@ -16,7 +16,15 @@ from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.error_tables import LIGHTS, SIDE_NOTES, torque_unit
 from elid_cli.report.answers.inputs import effect_text
-from elid_cli.report.answers.missing import curve_words, spoken, summary_words, variable_words, whose
+from elid_cli.report.answers.missing import (
+    curve_words,
+    held_out_size,
+    poorly_fitted,
+    spoken,
+    summary_words,
+    variable_words,
+    whose,
+)
 from elid_cli.report.answers.summary import AT_FLOOR, light, share_text
 from elid_cli.report.tree import (
     Cell,
@@ -45,6 +53,8 @@ NOTES = {
     "drive": "drive: motor torque less the sensor's against rotor and friction",
     "spring": "transmission: torque sensor against the deflection",
 }
+SIZE_ONLY = ": the residual is "
+"""What a line of the triage has that says nothing but how large a residual is, as the list of what is left does."""
 SAME = "does as well: this log cannot tell it apart"
 
 
@@ -73,7 +83,8 @@ def residual_table(found: Diagnosis) -> Table:
         )
     before = "before: " if found.effects else ""
     title = f"{before}residual where the model was fitted, and what it follows"
-    return Table("residual", columns, tuple(rows), title=title)
+    note = "on the stretches that were fitted, so other figures than those of held-out stretches"
+    return Table("residual", columns, tuple(rows), title=title, note=note)
 
 
 def _follows(organised: Sequence[Organised]) -> str:
@@ -91,7 +102,7 @@ def effect_sections(told: DiagnosisInput) -> list[Section]:
     if named:
         sections += _found(found, "effects", "missing from the model", named)
     elif not found.sufficient:
-        sections.append(Text("effects", "No effect of the library explains it."))
+        sections.append(Text("effects", "No effect that elid knows explains it."))
     sections += _also_possible(found)
     if curves:
         sections += _found(found, "curves", "curves over what is left, asked for by --lookup", curves)
@@ -108,7 +119,7 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         Column("gain", "explains", align="right"),
         Column("worst_quarter", "worst quarter", align="right"),
     ]
-    robot = found.robot
+    robot, poor = found.robot, poorly_fitted(found)
     rows: list[tuple[Cell, ...]] = []
     meanings: list[tuple[str, Cell]] = []
     curves: dict[tuple[str, str | None], list[Contribution]] = {}
@@ -122,35 +133,28 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         worst = percent(min(told), 2) if told else "–"
         where = c.joint if joint else f"robot ({c.joint})"
         side = EQUATIONS.get(c.rows, c.rows)
-        rows.append((Mark(name, "warn"), where, side, error, percent(_gain(found, c), 2), worst))
-        meanings.append((whose(name, joint), _meaning_of(robot, [term.effect for term in terms])))
+        rows.append((Mark(name, "warn"), where, side, error, percent(_explained(c), 2), worst))
+        fit = "a poor fit: " if joint in poor else ""
+        meanings.append((whose(name, joint), fit + _meaning_of(robot, [term.effect for term in terms])))
     note = (
-        "held-out error: without the effect, everything else fitted again → with it; explains: share of the squared "
-        "held-out error that it takes away, over all equations that it acts in, each in units of its noise"
+        "held-out error: without the effect, everything else fitted again → with it, on stretches that no fit saw; "
+        "explains: share of the squared held-out error that it takes away in this equation"
     )
     if all(row[-1] == "–" for row in rows):
-        columns.pop()
+        columns.pop()  # several terms of one curve are not judged by quarters, nor is what acts for a moment
         rows = [row[:-1] for row in rows]
     else:
         note += (
-            "; worst quarter: the same share in the quarter of the log where it helps least, with the model fitted to "
-            "the other three quarters"
+            "; worst quarter: share of the squared error that it takes away in the quarter of the log where it helps "
+            "least, with the model fitted to the other three quarters"
         )
     table = Table(key, tuple(columns), tuple(rows), title=title, note=note)
     return [table, KeyValues(f"{key}_meaning", tuple(meanings))]
 
 
-def _gain(found: Diagnosis, c: Contribution) -> float:
-    """Return the share of the squared error beyond noise that an effect takes away.
-
-    The gain of a term that the collocation told is that of all such terms of the robot together: the terms of one
-    joint are worth what the row loses that they explain best.
-    """
-    error = found.after.get(c.joint)
-    floor = None if error is None else {"sum": error.floor, "motor": error.spring_floor}.get(c.rows)
-    if not c.effect.collocated or floor is None or c.whole_without <= floor:
-        return c.effect.gain
-    return min((c.whole_without**2 - c.with_it**2) / (c.whole_without**2 - floor**2), 1.0)
+def _explained(c: Contribution) -> float:
+    """Return the share of the squared held-out error of its equation that an effect takes away."""
+    return max(1.0 - (c.with_it / c.whole_without) ** 2, 0.0) if c.whole_without > 0 else 0.0
 
 
 def _unit(robot: Robot, contribution: Contribution) -> str:
@@ -229,7 +233,7 @@ def before_after_table(
                 row.append(Quantity(last / floor, digits=2, tone=tone) if floor else None)
             rows.append(tuple(row))
     seen = [kind for kind, words in EQUATIONS.items() if any(words == row[1] for row in rows)]
-    whose_error = ["of torque, × noise: of the error after"] if changed else []
+    whose_error = ["model: before → after where it changes; of torque, × noise: of the error after"] if changed else []
     notes = [LIGHTS, *whose_error, *(NOTES[kind] for kind in seen if kind in NOTES)]
     return Table(key, tuple(columns), tuple(rows), title=title, note="\n".join(notes))
 
@@ -252,27 +256,30 @@ def unexplained_section(found: Diagnosis) -> list[Section]:
         return []
     after = "after: " if found.effects else ""
     ordered = sorted(found.unexplained, key=lambda u: found.robot.joint_names.index(u.joint))
-    items = tuple((f"{u.joint} {EQUATIONS.get(u.rows, u.rows)}", _left(found.robot, u)) for u in ordered)
-    return [KeyValues("unexplained", items, title=f"{after}what no effect explains, where the model was fitted")]
+    items = tuple((f"{u.joint} {EQUATIONS.get(u.rows, u.rows)}", _left(found, u)) for u in ordered)
+    return [KeyValues("unexplained", items, title=f"{after}what no effect explains")]
 
 
-def _left(robot: Robot, item: Unexplained) -> str:
-    times = f"{number_text(item.ratio, 2)} times the sensors' noise"
-    size = f"{number_text(item.rms, 3)} {torque_unit(robot, item.joint)}, {times}"
+def _left(found: Diagnosis, item: Unexplained) -> str:
+    rms, ratio = held_out_size(found, item)
+    times = f"{number_text(ratio, 2)} times the sensors' noise"
+    size = f"{number_text(rms, 3)} {torque_unit(found.robot, item.joint)}, {times}"
     if item.variable == HELD_OUT:
         return f"{size} on the held-out stretches, where the search does not look, and noise elsewhere"
     follows = f"; {share_text(item.share)} of its mean square follows {variable_words(item.variable)}"
     follows = follows if item.share > FOLLOWS else ""
     sticks = "; leave slow motion out: --min-velocity 0.03" if follows and item.variable == STICKING else ""
     near = ", ".join(f"{whose(n.effect, n.joint)} {share_text(n.gain)}" for n in item.nearest if n.gain > NEAR)
-    none = f"no effect of the library takes away even {share_text(NEAR)}"
-    said = f"effects that come nearest, and the share they take of parts left out: {near}" if near else none
+    none = f"no effect that elid knows takes away even {share_text(NEAR)}"
+    said = f"effects that would take most of it from stretches that they were not fitted to: {near}" if near else none
     return f"{size}{follows}{sticks}; {said}"
 
 
 def triage_section(found: Diagnosis) -> list[Section]:
     """Return which side of a joint to look at for what stays; what the found effects explain is not looked for."""
-    said = where_words(found.rows_after) if found.unexplained else ()
+    told = {u.joint for u in found.unexplained}
+    said = [line for line in where_words(found.rows_after) if SIZE_ONLY not in line or line.split(":")[0] not in told]
+    said = said if told else []
     return [Text("triage", "\n".join(said))] if said else []
 
 

@@ -24,10 +24,12 @@ from elid_cli.report.answers.inputs import (
     recorded_items,
     used_items,
 )
+from elid_cli.report.answers.known import parameter_words
 from elid_cli.report.answers.motor_side import motor_side_sections
 from elid_cli.report.answers.summary import (
     BIASED,
     JOINT_KINDS,
+    KNOWN,
     NEAR_ZERO,
     NOT_SHOWN,
     ROUGH,
@@ -35,7 +37,6 @@ from elid_cli.report.answers.summary import (
     by_kind,
     missing_words,
     near_zero,
-    parameter_words,
     record_sections,
     spread_text,
     symbol_words,
@@ -138,7 +139,7 @@ def base_tables(found: Identification, note: str = "") -> list[Table]:
         ("base_parameters", "parameters of the bodies, with standard errors", bodies),
     ]
     tables = [_base_table(found, key, title, members) for key, title, members in parts if members]
-    note = note or _verdict_note(found)
+    note = note or verdict_note(found)
     notes = [symbol_words(found.base.names[k] for k in members) for _, _, members in parts if members]
     notes[-1:] = [f"{words}\n{note}" for words in notes[-1:]]
     return [replace(table, note=note) for table, note in zip(tables, notes, strict=True)]
@@ -154,7 +155,7 @@ def _base_table(found: Identification, key: str, title: str, members: Sequence[i
         Column("std_error", "± sd", align="right"),
         Column("relative", "± sd", "%", align="right"),
         Column("unit", "unit"),
-        *((Column("reference", "ref", align="right"), Column("off", "off", "%", align="right")) if known else ()),
+        *((Column("reference", "file", align="right"), Column("off", "differs", "%", align="right")) if known else ()),
         *((Column("verdict", "verdict"),) if doubtful else ()),
     ]
     rows: list[tuple[Cell, ...]] = []
@@ -184,15 +185,17 @@ def _mark(item: BaseEstimate) -> Cell:
     return Mark(BIASED, "warn") if item.bias_possible else ""
 
 
-def _verdict_note(found: Identification) -> str:
+def verdict_note(found: Identification) -> str:
+    """Return what the verdicts mean that stand in the tables."""
     if any(item.bias_possible for item in found.parameters):
-        return f"{BIASED}: what the model lacks can move it by more than ± sd says"
+        rough = f"; {ROUGH}: larger" if "weak" in found.verdict else ""
+        return f"{KNOWN}{rough}; {BIASED}: what the model lacks can move it by more than ± sd says"
     if all(verdict == "supported" for verdict in found.verdict):
-        return "this log shows all of them"
+        return f"this log shows all of them; {KNOWN}"
     held = "held: at the robot file's value, not looked for; " * any(
         p.reason.startswith(HELD) for p in found.parameters
     )
-    return f"{ROUGH}: to worse than 30 %; {NOT_SHOWN}: by this log; {held}the others are known"
+    return f"{KNOWN}; {ROUGH}: larger; {NOT_SHOWN}: by this log; {held}the others are known"
 
 
 def _next(found: Identification, recording: Recording, robot_argument: str, written: Sequence[str]) -> str:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from elid_cli.diagnosis import Diagnosis, FoundEffect, Rival
+from elid_cli.diagnosis import Diagnosis, FoundEffect, Rival, Unexplained
 from elid_cli.diagnosis.refit import Contribution
+from elid_cli.diagnosis.residuals import RowState
+from elid_cli.diagnosis.unexplained import HELD_OUT
 from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
@@ -89,10 +91,41 @@ def named_words(places: Mapping[str, Sequence[str]], rivals: Sequence[Rival], su
             names += [f"{spoken(r.effect)} at {r.joint or 'the robot'}" for r in equals]
             groups.append(f"one of: {', '.join(dict.fromkeys(names))}; this log cannot tell which")
     alone = len(groups) == 1 and not rivals
-    said = "; ".join(groups) + (f" ({summary})" if summary and alone else "")
+    said = "; ".join(groups) + (in_brackets(summary) if alone else "")
     return f"{said[:1].upper()}{said[1:]}."
 
 
+def in_brackets(summary: str) -> str:
+    """Return what an effect is, in brackets and without any inside; nothing of nothing."""
+    flat = summary.replace(" (", ", ").replace(")", "")
+    return f" ({flat})" if summary else ""
+
+
+def poorly_fitted(found: Diagnosis) -> Mapping[str, Unexplained]:
+    """Return what stays of what an effect was named for: joints whose residual follows the same variable as before."""
+    named = {effect.joint for effect in found.effects}
+    return {
+        item.joint: item
+        for item in found.unexplained
+        if item.joint in named
+        for rows, first in ((rows, organised[0]) for (joint, rows), organised in found.organised.items()
+                            if joint == item.joint and organised)
+        if rows == {"link": "sum"}.get(item.rows, item.rows) and first.variable == item.variable != HELD_OUT
+    }  # fmt: skip
+
+
+def held_out_size(found: Diagnosis, item: Unexplained | RowState) -> tuple[float, float]:
+    """Return the error of a row after on the held-out stretches, N·m (N), and over its noise: as all tables have it."""
+    error = found.after.get(item.joint)
+    rms, floor = (None, None) if error is None else {
+        "sum": (error.rms, error.floor), "link": (error.rms, error.floor),
+        "motor": (error.spring_rms, error.spring_floor),
+    }.get(item.rows, (None, None))  # fmt: skip
+    return (rms, rms / floor) if rms is not None and floor else (item.rms, item.ratio)
+
+
+CUTOFF = "the filter's cut-off"
+"""What an effect's advice on what to record says; a report says how many Hz that is."""
 VAGUE_ERROR = 0.1
 """Relative standard error from which on another log should sharpen an effect's amplitude."""
 
@@ -101,8 +134,9 @@ def missing_words(told: DiagnosisInput) -> str:
     """Return what the model lacks, and what it is worth, in a sentence."""
     found = told.found
     named = [c for c in told.contributions if c.effect not in found.curves]
-    left = [u.joint for u in found.unexplained]
-    nothing = "nothing found so far" if found.partial else "no effect of the library"
+    poor = poorly_fitted(found)
+    left = [u.joint for u in found.unexplained if u.joint not in poor]
+    nothing = "nothing found so far" if found.partial else "no effect that elid knows"
     rest = f" More than noise is left at {listed(list(dict.fromkeys(left)))}, which {nothing} explains." if left else ""
     if found.partial and not named:
         return f"Not known yet: the search was stopped before it found anything.{rest}"
@@ -111,7 +145,7 @@ def missing_words(told: DiagnosisInput) -> str:
         where = " away from reversals" if sticking else ""
         nothing = f"Nothing{where}: only the sensors' noise is left, and no effect improves the model."
         if any(row.high for row in found.rows_after):  # what is left is told beside
-            nothing = "Nothing that this log shows: no effect of the library improves the model."
+            nothing = "Nothing that elid can name: no effect that it knows improves the model."
         return rest.strip() or nothing
     order = [*found.robot.joint_names, found.robot.name].index
     named.sort(key=lambda c: order(c.effect.joint or found.robot.name))
@@ -129,7 +163,19 @@ def missing_words(told: DiagnosisInput) -> str:
     them = "them" if len(places) > 1 else spoken(named[0].effect.effect) if tied else "it"
     worth = f" With {them} the error is smaller: {better}." if better else ""
     said = named_words(places, tied, summary_words([c.effect for c in named]) if len(places) == 1 else "")
-    return f"{said}{worth}{rest}"
+    if all(joint in poor for joints in places.values() for joint in joints):
+        said = f"Something that no effect fits well. The nearest that elid knows: {said[:1].lower()}{said[1:]}"
+    return f"{said}{worth}{_poor_words(found, poor)}{rest}"
+
+
+def _poor_words(found: Diagnosis, poor: Mapping[str, Unexplained]) -> str:
+    """Return at which joints what was named is the nearest that elid knows, and no good fit."""
+    said = [
+        f" It is a poor fit: what is left at {joint} still follows the {variable_words(item.variable)}, "
+        f"{number_text(held_out_size(found, item)[1], 2)} times the sensors' noise."
+        for joint, item in poor.items()
+    ]
+    return "".join(said)
 
 
 BETTER = 1.05
@@ -155,14 +201,30 @@ def further_items(told: DiagnosisInput) -> Items:
         (f"to tell {whose(r.effect, r.joint)} from {spoken(r.instead_of)}", r.separate)
         for r in told.found.also_possible
     ]
+    if loud := list(dict.fromkeys(row.joint for row in loud_rows(told.found))):
+        items.append(
+            ("to tell torque noise from what depends on several joints",
+             f"the same motion twice (what comes again is no noise), and {listed(loud)} moved alone")
+        )  # fmt: skip
     if repeating(told.found):
         items.insert(0, ("to tell effects of the motion from disturbances in time", "a motion that does not repeat"))
     for c in told.contributions:
         effect = c.effect
         vague = any(e > VAGUE_ERROR * abs(effect.parameters.get(name, 0.0)) for name, e in effect.std_error.items())
         if vague and (kind := effect_classes().get(effect.effect)) is not None and kind.record:
-            items.append((f"for {whose(effect.effect, effect.joint)}", kind.record))
+            record = kind.record.replace(CUTOFF, f"{CUTOFF} ({number_text(_cutoff(told.found))} Hz here)")
+            items.append((f"for {whose(effect.effect, effect.joint)}", record))
     return tuple(dict(items).items())
+
+
+def loud_rows(found: Diagnosis) -> list[RowState]:
+    """Return the rows that hold more than white noise and follow no variable of the motion, the worst first."""
+    rows = [] if found.unexplained else [row for row in found.rows_after if row.high]
+    return sorted(rows, key=lambda row: -row.ratio)
+
+
+def _cutoff(found: Diagnosis) -> float:
+    return found.state_after.log.signals.filter.cutoff
 
 
 def repeating(found: Diagnosis) -> bool:

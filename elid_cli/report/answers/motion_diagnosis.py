@@ -23,8 +23,9 @@ from elid_cli.report.answers.inputs import (
     nuisance_payload,
     recorded_items,
 )
+from elid_cli.report.answers.known import parameter_words
 from elid_cli.report.answers.missing import named_words, spoken, variable_words, whose
-from elid_cli.report.answers.summary import answers, listed, parameter_words, record_sections, share_text
+from elid_cli.report.answers.summary import answers, listed, record_sections, share_text
 from elid_cli.report.tree import (
     Cell,
     Column,
@@ -145,7 +146,7 @@ def _missing(found: MotionDiagnosis) -> str:
     if found.partial and not found.effects:
         return f"Not known yet: the search was stopped before anything was judged.{left}"
     if not found.effects:
-        return f"No effect of the library brings the motion nearer.{left}"
+        return f"No effect that elid knows brings the motion nearer.{left}"
     places: dict[str, list[str]] = {}
     for effect in found.effects:
         joint = effect.joint or found.robot.name

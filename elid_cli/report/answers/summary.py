@@ -30,7 +30,7 @@ JOINT_KINDS = {
     "K": "stiffness", "Jm": "motor inertia", "Ja": "motor inertia", "fs": "Coulomb friction", "fv": "viscous friction",
 }  # fmt: skip
 """Parameters of drive and transmission in words, in the order in which they are told."""
-AFTER = " and the joints after"
+AFTER = " and the joints further out"
 INTERVAL = 1.96
 """Standard errors on either side of a 95 % interval."""
 LOUD = 1.4
@@ -40,6 +40,10 @@ TRUST, MISSING, PARAMETERS, RECORD = (
 )  # fmt: skip
 POOR, BIASED, ROUGH, NOT_SHOWN = "poor", "may be biased", "known roughly", "not shown"
 """A prediction, and parameters, that are not to be relied on: the same words in sentences, tables and figures."""
+KNOWN = (
+    "known: the standard error is at most 30 % of the value or, where that is larger, of what would make 1 % of the "
+    "torque"
+)
 NEAR_ZERO = "near 0"
 """What is said of a value that is known to be small: its interval holds 0, and no other value can be told from it."""
 SYMBOLS = {
@@ -111,18 +115,22 @@ def _predicted_words(robot: Robot, error: Mapping[str, JointError], lacking: Col
     but = f" Nothing is known of {listed(silent)}, without torque in this log." if silent else ""
     if all(mark == "good" for mark in marks.values()):
         down = "down to the sensors' noise" if noise else "closely"
-        return f"Yes: the torque of every joint is predicted {down}, {shares[worst]} off at worst.{but}"
+        return (
+            f"Yes: the torque of every joint is predicted {down}; the largest error is {shares[worst]} of the torque "
+            f"(rms, at {worst}).{but}"
+        )
     poor = [joint for joint, mark in marks.items() if mark == POOR]
     if poor:
-        sizes = listed([f"{shares[joint]} at {joint}" for joint in poor])
-        return f"Not at {listed(poor)}: the predicted torque is off by {sizes}.{but}"
+        sizes = listed([shares[joint] if len(poor) == 1 else f"{shares[joint]} at {joint}" for joint in poor])
+        return f"Not at {listed(poor)}: the torque is predicted with an error of {sizes} (rms, of the torque).{but}"
     fair = [joint for joint, mark in marks.items() if mark == "fair"]
     times = max(((times, j) for j in fair if (times := above_noise(error[j])) is not None), default=None)
     left = ""
     if times:
         where = f"{times[1]}, motor side" if _motor_side(error[times[1]]) else times[1]
         left = f"; the error is up to {number_text(times[0], 2)} times the sensors' noise (at {where})"
-    return f"Mostly: every joint's torque is predicted within {shares[worst].removeprefix('< ')}{left}.{but}"
+    most = shares[worst].removeprefix("< ")
+    return f"Mostly: no joint's torque is predicted with an error above {most} (rms, of the torque){left}.{but}"
 
 
 def missing_words(
@@ -169,35 +177,6 @@ def rows_words(rows: Sequence[Insufficient]) -> str:
 def follows_words(variable: str) -> str:
     """Return that a residual follows a variable; what only time explains changes in the course of the log."""
     return "changes in the course of the log" if variable == "time" else f"follows the {variable}"
-
-
-def parameter_words(found: Identification) -> str:
-    """Return how many parameters are known, and how well those of drives and transmissions."""
-    supported = [item for item in found.parameters if item.verdict == "supported"]
-    moved = sum(item.bias_possible for item in supported)
-    held = sum(item.reason.startswith(HELD) for item in found.parameters)
-    counts = {f"{BIASED} by what is missing": moved, ROUGH: found.verdict.count("weak"),
-              "held at the file's values": held,
-              f"{NOT_SHOWN} by this log": found.verdict.count("refused") - held}  # fmt: skip
-    rest = [f"{count} {words}" for words, count in counts.items() if count]
-    sure, total = len(supported) - moved, len(found.verdict)
-    known = f"{sure} of {total} base parameters are known" if sure else f"None of the {total} base parameters is known"
-    whole = f"All {total} base parameters are known" if not rest else f"{known}, {', '.join(rest)}"
-    near = [str(item.leader) for item in supported if near_zero(item.estimate, item.std_error, item.verdict)]
-    whole += f" ({listed(near)} {NEAR_ZERO})" if near else ""
-    sizes: list[str] = []
-    for word in dict.fromkeys(JOINT_KINDS.values()):
-        spreads = [
-            item.std_error / abs(item.estimate)
-            for item in found.parameters
-            if JOINT_KINDS.get(item.leader.kind) == word
-            and item.verdict != "refused"
-            and not item.bias_possible
-            and item.estimate
-        ]
-        if spreads and max(spreads) < 1:
-            sizes.append(f"{word} {share_text(max(spreads))}")
-    return f"{whole}. Largest standard errors: {', '.join(sizes)}." if sizes else f"{whole}."
 
 
 def near_zero(estimate: float, deviation: float, verdict: str) -> bool:

@@ -124,7 +124,9 @@ def _plain(said: Sequence[Section]) -> list[str]:
 
 
 def _over_time(timed: Sequence[Section]) -> str:
-    inner = "".join(_folded(s, k >= OPEN) for k, s in enumerate(timed))
+    chosen = [s for s in timed if isinstance(s, Figure) and s.data.get("first")]
+    first: Sequence[Section] = chosen or timed
+    inner = "".join(_folded(s, s not in first[:OPEN]) for s in timed)
     return f"<section><h2>{PARTS[-1][0]}</h2>{TOOLS}{inner}</section>" if timed else ""
 
 
@@ -138,10 +140,15 @@ def _is(section: Section, key: str) -> bool:
 
 def _answers(answers: KeyValues) -> str:
     cards = "".join(
-        f"<div><h2>{escape(_upper(question))}</h2><p>{_prose(cell_text(answer))}</p></div>"
+        f"<div><h2>{escape(_upper(question))}</h2><p>{_linked(_prose(cell_text(answer)))}</p></div>"
         for question, answer in answers.items
     )
     return f'<section class=answers aria-label="answers">{cards}</section>'
+
+
+def _linked(text: str) -> str:
+    """Return an answer whose "next command" leads to it."""
+    return text.replace("(next command)", '(<a href="#next">next command</a>)')
 
 
 def _lights(said: Sequence[Section]) -> str:
@@ -220,7 +227,7 @@ def _bare(section: KeyValues | Table) -> str:
 
 def _text(section: Text) -> str:
     if section.role == "next":
-        return f"<p class=next>Next command</p><pre>{escape(section.text)}</pre>"
+        return f"<p class=next id=next>Next command</p><pre>{escape(section.text)}</pre>"
     if section.role == "code":
         return f"<pre>{escape(section.text)}</pre>"
     kind = "warning" if section.role == "warning" else "meaning"
@@ -237,7 +244,7 @@ def _table(section: Table) -> str:
     rows = "".join(_row(section.columns, row) for row in section.rows)
     name = escape(section.title or section.key.replace("_", " "))
     table = f'<table aria-label="{name}"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
-    note = f"<p class=note>{escape(section.note)}</p>" if section.note else ""
+    note = f"<p class=note>{_prose(section.note)}</p>" if section.note else ""
     return f'<div class=scroll tabindex=0 role=region aria-label="{name}">{table}</div>{note}'
 
 
@@ -284,7 +291,7 @@ def _anchor(key: str) -> str:
 
 def _prose(text: str) -> str:
     """Return a text with numbers tied to their units: no line ends between them."""
-    return escape(UNITS.sub(TIE, text))
+    return escape(UNITS.sub(TIE, text)).replace("× ", "×\N{NO-BREAK SPACE}")
 
 
 def _upper(text: str) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elid_cli.report.answers.summary import share_text
-from elid_cli.report.figures.drawing import CYCLE, Bars, Color, Drawing, Mark, Panel, Words
+from elid_cli.report.figures.drawing import CYCLE, Bars, Color, Drawing, Mark, Panel, Words, alike
 from elid_cli.report.tree import Figure, number_text
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def draw(figure: Figure) -> Drawing:
     """Draw ``cases`` and ``sides``: pairs of a label and the error of each joint, by name, in ``unit`` or as shares."""
     cases, sides = figure.data["cases"], figure.data.get("sides") or ()
     panels = [_panel(cases, "whole joint" if sides else "", figure.data.get("unit", ""))]
-    return Drawing([*panels, _panel(sides, "motor side")]) if sides else Drawing(panels, wide=True)
+    return Drawing(list(alike([*panels, _panel(sides, "motor side")], "x"))) if sides else Drawing(panels, wide=True)
 
 
 def _panel(cases: Sequence[tuple[str, Mapping[str, float]]], title: str, unit: str = "") -> Panel:

@@ -35,7 +35,7 @@ def figures(told: FigureInput) -> Iterator[Figure]:
                                                           for p in found.parameters]}  # fmt: skip
         caption = (
             "Each on the scale of its own value, with its standard error at the right; near 0: the interval holds 0 "
-            "and is small. The tables below have the numbers."
+            "and is small. The tables below have the numbers (long ones are folded)."
         )
         yield Figure("parameters", "Base parameters", "parameters", data, caption)
 
@@ -80,7 +80,7 @@ def _panel(data: Mapping[str, Any], title: str, index: Sequence[int]) -> Panel:
     return Panel(
         marks,
         title,
-        "value / its own size",
+        "value, scaled to its own size",
         "",
         *limits,
         44.0 + 17.0 * len(index),
@@ -104,4 +104,5 @@ def _spread(verdict: str, estimate: float, deviation: float) -> str:
         return NOT_SHOWN
     if near_zero(estimate, deviation, verdict) or not estimate:
         return NEAR_ZERO
-    return f"± {spread_text(deviation, estimate)} %"
+    text = f"{spread_text(deviation, estimate)} %"
+    return text if text[0] in "<>" else f"± {text}"

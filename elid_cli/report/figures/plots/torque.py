@@ -16,6 +16,7 @@ from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:
     from elid_cli.report.figures.input import FigureInput
+    from elid_cli.report.figures.joint_views import JointView
 
 ORDER = 2
 MOTOR_SIDE = "motor side"
@@ -24,6 +25,7 @@ MOTOR_SIDE = "motor side"
 def figures(told: FigureInput) -> Iterator[Figure]:
     """Yield a figure of every joint whose torque is known."""
     held_out = () if told.diagnosis is None else told.diagnosis.held_out
+    worst = max(told.views, key=lambda view: _loudness(view, told.views_before.get(view.joint)), default=None)
     for view in told.views:
         caption = "Filtered motor torque, measured and predicted from the motion, and their difference."
         if view.spring_residual is not None:
@@ -36,8 +38,17 @@ def figures(told: FigureInput) -> Iterator[Figure]:
             before = None if old is None else old.spring_residual
             residuals.append(_part(MOTOR_SIDE, view.spring_residual, before, view.spring_floor))
         data = {"joint": view.joint, "unit": view.unit, "t": view.t, "measured": view.measured, "used": view.used,
-                "held_out": held_out, "residuals": residuals}  # fmt: skip
+                "held_out": held_out, "residuals": residuals, "first": view is worst}  # fmt: skip
         yield Figure(f"torque_{view.joint}", f"{view.joint}: torque and residual", "torque", data, caption)
+
+
+def _loudness(view: JointView, before: JointView | None) -> float:
+    """Return how many times the noise of the sensors the larger residual is, before or after; 0 where not known."""
+    sides = [(view.residual, view.floor), (view.spring_residual, view.spring_floor)]
+    if before is not None:
+        sides += [(before.residual, view.floor), (before.spring_residual, view.spring_floor)]
+    known = [(residual[view.used], floor) for residual, floor in sides if residual is not None and floor]
+    return max((float(np.sqrt(np.nanmean(residual**2))) / floor for residual, floor in known), default=0.0)
 
 
 def _part(name: str, residual: Array, before: Array | None, floor: float | None) -> dict[str, Any]:
