@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from elid_cli.diagnosis.evidence.held_out import held_out_triangles
 from elid_cli.diagnosis.fit.state import State, without
 from elid_cli.diagnosis.result import Diagnosis, FoundEffect
 from elid_cli.diagnosis.stiffness_by_load import with_load
@@ -233,6 +234,9 @@ def _contribution(found: Diagnosis, number: int, effect: FoundEffect, terms: Seq
     errors = {
         row: (outside[row], inside[row]) for row in state.columns[number].rows if row in outside and row in inside
     }
+    if not errors:  # rows that a prediction does not judge, as a spring's whose stiffness is unknown
+        outside, inside, bare = (_by_search(s) for s in (without(state, number), state, without_terms(state, terms)))
+        errors = {row: (outside[row], inside[row]) for row in state.columns[number].rows if row in inside}
     row = min(errors, key=lambda r: errors[r][1] / max(errors[r][0], 1e-300))
     joint = state.log.model.robot.joint_names[row.joint]
     return Contribution(effect, joint, row.kind, *errors[row], bare[row])
@@ -241,6 +245,12 @@ def _contribution(found: Diagnosis, number: int, effect: FoundEffect, terms: Seq
 def _held_out(found: Diagnosis, state: State) -> Mapping[EstimationRow, float]:
     """Return the held-out error of every row of a state, as that of the models before and after is told, N·m (N)."""
     return _rms_by_row(found, validate(described(found.robot, state), state.log.raw, found.chosen))
+
+
+def _by_search(state: State) -> Mapping[EstimationRow, float]:
+    """Return the held-out error of every row of a state with its own values, N·m (N)."""
+    held = held_out_triangles(state)
+    return {row: held.rms(state.solution.values, row) for row in held.rows}
 
 
 def _rms_by_row(found: Diagnosis, judged_: Validation) -> Mapping[EstimationRow, float]:

@@ -45,7 +45,12 @@ def taken(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_page_of_a_diagnosis_opens_with_what_it_found(taken: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = (taken / "page.html").read_text("utf-8")
     answers = text[text.index("class=answers") : text.index("</section>")]
-    for word in ("Stribeck friction at joint1", "Can I trust it?", "What to record next?", "base parameters are known"):
+    for word in (
+        "Stribeck friction at joint1",
+        "Can I trust it?",
+        "What to record next?",
+        "base parameters (what motion can show)",
+    ):
         assert word in answers
     assert "→ good" in text[text.index("class=lights") : text.index("<figure")]
     assert text.count('id="f-effect1"') == 1
