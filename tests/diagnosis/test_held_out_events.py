@@ -57,7 +57,7 @@ def test_a_contact_that_the_search_cannot_see_is_not_called_noise(made: Made, jo
     assert (item.joint, item.variable) == (f"j{joint + 1}", HELD_OUT)
     assert item.ratio > UNSEEN
     assert not found.sufficient
-    assert "on the held-out stretches, where the search does not look" in _left(found.robot, item)
+    assert "on the held-out stretches, where the search does not look" in _left(found, item)
 
 
 def test_nothing_there_is_sufficient_there_too(made: Made) -> None:
