@@ -127,7 +127,7 @@ def reasons_table(found: Identification, shown: int = 12, hiding: Collection[int
     for name, kind in found.this_log.items():
         if kind in ("weak", "not excited"):
             reason = found.reasons.get(name, "")
-            if places[name] in hiding:
+            if places.get(name) in hiding:  # a stiffness looked for from the motor side is none of the model's
                 reason = reason.replace(TOO_LITTLE, f"what is left at {names[places[name]]} hides it")
             groups.setdefault((kind, reason), []).append(name)
     if not groups:
