@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.memory import let_go
-from elid_cli.quantiles import quantiles
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts, in_parts
 from elid_cli.signals.motion import Motion, SplineMotion
@@ -76,7 +75,7 @@ def held(link: Array, motor: Array, robot: Robot, segments: Sequence[Segment]) -
         let_go(side)
         there = np.isfinite(values)
         if there.all():
-            low, inner, outer, high = quantiles(values, 0.0, 0.02, 0.98, 1.0)
+            low, inner, outer, high = np.percentile(values, [0, 2, 98, 100], axis=0)
         else:
             filled = np.where(there, values, np.where(there.any(axis=0), np.nan, 0.0))
             low, inner, outer, high = np.nanpercentile(filled, [0, 2, 98, 100], axis=0)
@@ -105,4 +104,5 @@ def top_speed(motion: Motion, segments: Sequence[Segment], dt: float) -> Array:
         speeds = np.concatenate([motion.speeds(part) for part in parts], axis=1)
     else:
         speeds = np.concatenate([motion[part].dtheta for part in parts]).T
-    return quantiles(np.abs(speeds, out=speeds).T, 0.95)[0]
+    top: Array = np.quantile(np.abs(speeds, out=speeds), 0.95, axis=1)
+    return top

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.quantiles import quantiles
 from elid_cli.robot.robot import Robot
 
 BEYOND = 1.5
@@ -43,7 +42,7 @@ def beyond_limits(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[str
             if not limit:
                 continue
             known = np.abs(values[np.isfinite(values)])
-            largest = float(quantiles(known, MOST / 100)[0]) if known.size else 0.0
+            largest = float(np.percentile(known, MOST)) if known.size else 0.0
             if largest > BEYOND * limit:
                 yield (
                     f"{joint.name}: {signal} reaches {largest:.4g} {units[signal]}, {largest / limit:.3g} times the "
@@ -54,7 +53,7 @@ def beyond_limits(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[str
             continue
         low, high = limits.position
         slack = OUTSIDE * (high - low)
-        least, most = (float(x) for x in quantiles(known, (100 - MOST) / 100, MOST / 100))
+        least, most = np.percentile(known, (100 - MOST, MOST)).tolist()
         if least < low - slack or most > high + slack:
             unit = "rad" if turns else "m"
             yield (

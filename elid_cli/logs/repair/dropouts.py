@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.memory import let_go
-from elid_cli.quantiles import quantiles
 
 Rows = NDArray[np.intp]
 
@@ -114,11 +113,10 @@ class _Usual:
             return _Usual(np.inf, np.inf, 0.0)
         moved = steps[steps > FINEST * float(np.nanmax(np.abs(seen)))]
         if moved.size == steps.size:  # of as good as every log: one partition gives both
-            fine, coarse = quantiles(steps, 0.02, 0.999)
+            fine, coarse = np.quantile(steps, (0.02, 0.999))
         else:
-            fine = quantiles(moved, 0.02)[0] if moved.size else np.zeros(())
-            coarse = quantiles(steps, 0.999)[0]
-        return _Usual(float(quantiles(bends, 0.7)[0]), float(coarse), 2 * float(fine))
+            fine, coarse = np.quantile(moved, 0.02) if moved.size else 0.0, np.quantile(steps, 0.999)
+        return _Usual(float(np.quantile(bends, 0.7)), float(coarse), 2 * float(fine))
 
 
 def _glance(values: Array) -> Array:

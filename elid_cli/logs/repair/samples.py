@@ -11,7 +11,6 @@ from elid_cli._types import Array
 from elid_cli.logs.repair.grid import Grid, interpolate
 from elid_cli.logs.repair.timeline import fill_limit
 from elid_cli.memory import extremes, let_go, writable
-from elid_cli.quantiles import quantiles
 
 
 def fill(
@@ -86,7 +85,8 @@ def without_glitches(signal: str, joints: Sequence[str], values: Array, repairs:
     held = np.isfinite(glance)
     if not held.any(axis=0).all():
         return values
-    low, high = quantiles(glance, 0.01, 0.99) if held.all() else np.nanpercentile(glance, [1, 99], axis=0)
+    usual: Array = np.percentile(glance, [1, 99], axis=0) if held.all() else np.nanpercentile(glance, [1, 99], axis=0)
+    low, high = usual[0], usual[1]
     reach = BEYOND * (high - low) + AT_LEAST
     least, most = extremes(values)
     suspects = np.flatnonzero((least < low - reach) | (most > high + reach))
