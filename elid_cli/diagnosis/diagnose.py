@@ -12,14 +12,16 @@ from elid_cli.diagnosis.evidence.leftover import only_helps, silences
 from elid_cli.diagnosis.evidence.moments import friction_at_rest, one_of_many
 from elid_cli.diagnosis.evidence.quarters import Survival, judged
 from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
-from elid_cli.diagnosis.fit.state import Log, fit, refreshed, without
+from elid_cli.diagnosis.fit.divided_log import Log
+from elid_cli.diagnosis.fit.state import fit, refreshed, without
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.diagnosis.search.channel_faults import with_channel_faults
 from elid_cli.diagnosis.search.event_times import retimed
-from elid_cli.diagnosis.search.forward import Found, beside, search
+from elid_cli.diagnosis.search.forward import beside, search
 from elid_cli.diagnosis.search.friction_curves import with_whole_curves
 from elid_cli.diagnosis.search.one_for_two import with_one_for_two
 from elid_cli.diagnosis.search.screening import sensible
+from elid_cli.diagnosis.search.steps import Found
 from elid_cli.diagnosis.search.ties import by_known_values
 from elid_cli.diagnosis.summary import result
 from elid_cli.errors import UsageError

@@ -16,7 +16,8 @@ from scipy.stats import t as student
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.diagnose import divided
-from elid_cli.diagnosis.fit.state import Log, State, fit
+from elid_cli.diagnosis.fit.divided_log import Log
+from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.diagnosis.summary import channel_specs
 from elid_cli.errors import DataError, UsageError
 from elid_cli.estimation.judgement import JointError

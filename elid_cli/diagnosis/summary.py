@@ -6,13 +6,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from elid_cli.diagnosis.effect_errors import standard_errors
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
-from elid_cli.diagnosis.fit.state import Log, State, fit, refreshed, without
+from elid_cli.diagnosis.fit.divided_log import Log
+from elid_cli.diagnosis.fit.state import State
 from elid_cli.diagnosis.residuals import Organised, RowState, follows_motion, judged_rows, organise, rows_of, words
-from elid_cli.diagnosis.result import Diagnosis, FoundEffect, Moved, Nearest, Rival, Unexplained
+from elid_cli.diagnosis.result import Diagnosis, FoundEffect, Moved, Nearest, Unexplained
+from elid_cli.diagnosis.rivals import rivals_of, rivals_of_skews
 from elid_cli.diagnosis.search.encoder_skew import Skew
-from elid_cli.diagnosis.search.forward import Found, Step, Term
-from elid_cli.diagnosis.search.screening import Candidate, sensible
+from elid_cli.diagnosis.search.screening import Candidate
+from elid_cli.diagnosis.search.steps import Found, Step, Term
 from elid_cli.diagnosis.unexplained import away_from_changes, unseen
 from elid_cli.estimation.identify import Nuisance
 from elid_cli.estimation.refined_robot import refined_robot, representative
@@ -53,7 +56,7 @@ def result(robot: Robot, log: Log, found: Found, declared: int, curves: Sequence
         before=floored(validations[0].error, robot.joint_names, before.floor.rms),
         after=last_error,
         effects=(*seen, *effects, *terms),
-        also_possible=(*_rivals(after, declared, found.steps, effects), *_rivals_of_skews(robot, found.skews)),
+        also_possible=(*rivals_of(after, declared, found.steps, effects), *rivals_of_skews(robot, found.skews)),
         nuisances=(
             *_nuisances(after),
             *(_kept(after, k) for k in range(declared - found.kept, declared)),
@@ -122,7 +125,7 @@ def _found(state: State, number: int, step: Step, terms: Mapping[int, Term]) -> 
         effect=effect.name,
         joint=None if effect.whole_robot else state.log.model.robot.joint_names[effect.joint],
         parameters=state.named(number),
-        std_error=_errors(state, number),
+        std_error=standard_errors(state, number),
         gain=terms[number].gain if number in terms else held_out_gain(state, number),
         net=step.net,
         folds=tuple(bool(g > 0) for g in step.candidate.gain.folds),
@@ -140,7 +143,7 @@ def _term(state: State, number: int, term: Term) -> FoundEffect:
         effect=effect.name,
         joint=state.log.model.robot.joint_names[effect.joint],
         parameters=state.named(number),
-        std_error=_errors(state, number),
+        std_error=standard_errors(state, number),
         gain=term.gain,
         net=term.net,
         folds=(),
@@ -175,111 +178,6 @@ def _curve(state: State, number: int) -> FoundEffect:
     return FoundEffect(effect.name, joint, state.named(number), {}, gain, 0.0, (), False, effect.summary)
 
 
-def _errors(state: State, number: int) -> dict[str, float]:
-    """Return standard errors of an effect's named parameters by first-order propagation of amplitudes and shapes.
-
-    Both are unknowns together: an amplitude at a shape that is taken for known would seem several times too sure.
-    """
-    effect, centre, names = state.effects[number], state.coefficients(number), state.named(number)
-    covariance, shapes = state.covariance_with_shapes
-    slopes, index = list[list[float]](), list[int]()
-
-    def add(moved_: Mapping[str, float], step: float, place: int) -> None:
-        slopes.append([(moved_[name] - names[name]) / step for name in names])
-        index.append(place)
-
-    for k, column in enumerate(range(*state.place(number).indices(len(state.solution.values)))):
-        where = np.flatnonzero(state.solution.basis == column)
-        if len(where):  # the others are held at what the rest makes of them: 0
-            step = 1e-4 * max(abs(float(centre[k])), 1e-9)
-            add(state.renamed(number, centre + step * np.eye(len(centre))[k]), step, int(where[0]))
-    for k, value in enumerate(effect.shape):
-        if (number, k) in shapes:
-            shape = [v * (1.0 + 1e-4) if n == k else v for n, v in enumerate(effect.shape)]
-            step = 1e-4 if value else 1.0
-            add(type(effect)(effect.joint, shape).named(state.scene, centre), step, shapes[number, k])
-    jacobian, inner = np.array(slopes).T, covariance[np.ix_(index, index)]
-    spread = np.sqrt(np.maximum(np.einsum("ak,kl,al->a", jacobian, inner, jacobian), 0.0)) if index else np.zeros(0)
-    return {name: float(s) for name, s in zip(names, spread, strict=bool(index)) if s > 0}
-
-
-def _rivals_of_skews(robot: Robot, skews: Sequence[Skew]) -> tuple[Rival, ...]:
-    """Return what the torques like as well as a skew that the positions show."""
-    named = effect_that(corrects="link").name
-    return tuple(
-        Rival(name, robot.joint_names[skew.joint], named, skew.share, values, effect_classes()[name].record)
-        for skew in skews
-        for name, values in skew.rivals
-    )
-
-
-def _rivals(state: State, declared: int, steps: Sequence[Step], effects: Sequence[FoundEffect]) -> tuple[Rival, ...]:
-    robot = state.log.model.robot
-    named = {(e.effect, e.joint) for e in effects}
-    rivals: dict[tuple[str, str | None], Rival] = {}
-    for number, (step, effect) in enumerate(zip(steps, effects, strict=True), start=declared):
-        own = state.effects[number]
-        for twin in type(own).same_here(state.scene, own.joint, effect.parameters):
-            place = (twin.effect, robot.joint_names[twin.joint])
-            if place not in named:
-                record = effect_classes()[twin.effect].record
-                rivals[place] = Rival(*place, effect.effect, effect.gain, dict(twin.values), record)
-        for candidate in step.rivals:
-            joint = None if candidate.effect.whole_robot else robot.joint_names[candidate.effect.joint]
-            key = (candidate.effect.name, joint)
-            if key in named or key in rivals:
-                continue
-            ratio = candidate.gain.likelihood / max(step.candidate.gain.likelihood, 1e-9)
-            values, errors = _in_its_place(state, number, candidate)
-            rivals[key] = Rival(
-                candidate.effect.name,
-                joint,
-                effect.effect,
-                effect.gain * min(ratio, 1.0),
-                values,
-                candidate.effect.record,
-                errors,
-                _behind(step.candidate, candidate),
-            )
-    for rival in _together(robot, effects):
-        rivals.setdefault((rival.effect, rival.joint), rival)
-    return tuple(rivals.values())
-
-
-def _behind(named: Candidate, rival: Candidate) -> float:
-    """Return by how much log-likelihood a rival explains the log worse, independent instants alone counted.
-
-    Both are counted as by the better of them, which leaves noise where the other leaves what it does not explain.
-    """
-    best = max(named, rival, key=lambda c: c.gain.whole)
-    return (named.gain.whole - rival.gain.whole) * best.gain.share
-
-
-def _in_its_place(state: State, number: int, rival: Candidate) -> tuple[Mapping[str, float], Mapping[str, float]]:
-    """Return a rival's parameters and their standard errors from a fit with it in the place of effect `number`."""
-    lacking = without(state, number)
-    other = refreshed(fit(lacking.log, (*lacking.effects, rival.effect), lacking.scene, but=lacking.but))
-    last = len(other.effects) - 1
-    values = other.named(last)
-    if not sensible(other.effects[last], other.scene, values):
-        return rival.values, {}
-    return values, _errors(other, last)
-
-
-def _together(robot: Robot, effects: Sequence[FoundEffect]) -> list[Rival]:
-    """Return what effects of one kind at several joints are together the same as."""
-    rivals = []
-    for name in dict.fromkeys(effect.effect for effect in effects):
-        kind = effect_classes()[name]
-        alike = [e for e in effects if e.effect == name and e.joint is not None]
-        places = {robot.joint_names.index(e.joint or ""): e.parameters for e in alike}
-        rivals += [
-            Rival(twin.effect, robot.joint_names[twin.joint], name, alike[0].gain, dict(twin.values), kind.record)
-            for twin in kind.same_together(robot, places)
-        ]
-    return rivals
-
-
 def _nuisances(state: State) -> tuple[Nuisance, ...]:
     names = state.log.model.robot.joint_names
     found = []
@@ -300,7 +198,7 @@ def _kept(state: State, number: int) -> Nuisance:
     """Return an effect that stays in the model without being named, or is a fault of a channel that is corrected."""
     effect = state.effects[number]
     joint = state.log.model.robot.joint_names[effect.joint]
-    return Nuisance(effect.name, joint, state.named(number), _errors(state, number))
+    return Nuisance(effect.name, joint, state.named(number), standard_errors(state, number))
 
 
 def _unexplained(state: State, rows: Sequence[RowState], remaining: Sequence[Candidate]) -> tuple[Unexplained, ...]:

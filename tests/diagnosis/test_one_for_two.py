@@ -7,9 +7,9 @@ import pytest
 from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.fit.state import fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import left_out_error
-from elid_cli.diagnosis.search.forward import Found, Step
 from elid_cli.diagnosis.search.one_for_two import AS_WELL, with_one_for_two
 from elid_cli.diagnosis.search.screening import score
+from elid_cli.diagnosis.search.steps import Found, Step
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.robot.robot import Robot

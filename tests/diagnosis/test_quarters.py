@@ -11,8 +11,8 @@ from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.evidence import quarters
 from elid_cli.diagnosis.evidence.quarters import judged, left_out, survival
 from elid_cli.diagnosis.fit.state import State, fit, refreshed
-from elid_cli.diagnosis.search.forward import Found, Step
 from elid_cli.diagnosis.search.screening import score
+from elid_cli.diagnosis.search.steps import Found, Step
 from elid_cli.diagnosis.stiffness_by_load import stiffness_by_load
 from elid_cli.estimation.stretches import QUARTERS
 from elid_cli.model.effects import effect_classes

@@ -8,8 +8,8 @@ import pytest
 from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
 from elid_cli.diagnosis.fit.state import fit, refreshed
-from elid_cli.diagnosis.search.forward import Found, Step
 from elid_cli.diagnosis.search.screening import score
+from elid_cli.diagnosis.search.steps import Found, Step
 from elid_cli.model.effects import effect_classes
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import Signals, prepare

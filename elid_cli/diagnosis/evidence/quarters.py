@@ -21,7 +21,7 @@ from elid_cli.diagnosis.evidence.moments import acting
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import touched
 from elid_cli.diagnosis.search.encoder_skew import link_load
-from elid_cli.diagnosis.search.forward import Found
+from elid_cli.diagnosis.search.steps import Found
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.covariance import long_run, residuals
 from elid_cli.estimation.regression.least_squares import Solution, solve

@@ -11,8 +11,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from elid_cli.diagnosis.evidence.quarters import Survival, left_out, survival
-from elid_cli.diagnosis.fit.state import Log, State, agreed, fit, refreshed, without
-from elid_cli.diagnosis.search.forward import Found
+from elid_cli.diagnosis.fit.divided_log import Log
+from elid_cli.diagnosis.fit.state import State, agreed, fit, refreshed, without
+from elid_cli.diagnosis.search.steps import Found
 from elid_cli.errors import DataError
 from elid_cli.estimation.cutoff import at_best_cutoff
 from elid_cli.estimation.regression.effect_columns import scene_of

@@ -7,33 +7,29 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.diagnosis.fit.channels import Fault, unknowns_of_channels, without_idle_offsets
+from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.projection import Projected, project
 from elid_cli.diagnosis.fit.whitening import whiteners
-from elid_cli.estimation.data import SampledData, sum_row
-from elid_cli.estimation.default_fit import Solved, solve_with
+from elid_cli.estimation.data import sum_row
+from elid_cli.estimation.default_fit import solve_with
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of
-from elid_cli.estimation.regression.known_columns import KnownColumns
 from elid_cli.estimation.regression.least_squares import Solution, reweighted, solve
-from elid_cli.estimation.regression.nuisances import SIGNIFICANT
-from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.standard_errors import covariance_with_shapes
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stretches import STRETCHES
-from elid_cli.estimation.validation.noise_floor import Floor, PropagatedNoise, propagated
-from elid_cli.model.base_parameters import BaseParameters, find_base
+from elid_cli.estimation.validation.noise_floor import Floor
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect, Nuisance
 from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.model.effects.scene import Scene
-from elid_cli.model.effects.shifts import Shifts, corrected
-from elid_cli.model.effects.tilt import settled, tilted, untilted
-from elid_cli.model.regressor import EstimationRow, Regressor
+from elid_cli.model.effects.shifts import Shifts
+from elid_cli.model.effects.tilt import settled, untilted
+from elid_cli.model.regressor import EstimationRow
 from elid_cli.robot.parameter import POSITIVE
-from elid_cli.robot.robot import EffectSpec, Robot
-from elid_cli.signals.signals import Signals
+from elid_cli.robot.robot import EffectSpec
 
 LONGEST_SHIFT = 0.05
 """s; a channel that seems later than this is not moved."""
@@ -43,67 +39,11 @@ _SETTLED = 0.002
 """Part of a sample within which shifts count as settled."""
 LATE = 0.05
 """Phase, rad at the cut-off, up to which what is left of a torque's delay is left to its column."""
-Fault = tuple[Nuisance, int]
-"""A fault of a torque channel, and the joint."""
 _SHIFTING = 5
 _AGREED = 1e-4
 """Change of an effect's torque, as a part of it, below which columns from the model and the fit agree …"""
 _AGREEING = 30
 """… and most fits until they do."""
-
-
-@dataclass(frozen=True)
-class Log:
-    """A log and its division; everything that stays the same during a search."""
-
-    model: Regressor
-    base: BaseParameters
-    signals: Signals
-    observation: Observation
-    fold: NDArray[np.intp]
-    """Fold of every instant, -1 where held out, (M,)."""
-    raw: Signals
-    """The signals as logged; `signals` has late channels moved to where they belong."""
-    shifts: Shifts
-    """By how much channels were moved."""
-    level: Robot
-    """The robot as described; the model's has its gravity turned by `tilt`."""
-    tilt: Array
-    """Roll and pitch by which gravity is turned, rad, (2,)."""
-
-    def shifted(self, shifts: Shifts) -> Log:
-        """Return the log with other shifts of its channels."""
-        signals = corrected(self.raw, shifts)
-        if np.any(shifts.torque):
-            signals = replace(signals, moved=shifts.torque)
-        return replace(self, signals=signals, observation=observe(self.model, signals), shifts=shifts)
-
-    def tilted(self, tilt: Array) -> Log:
-        """Return the log with the model in gravity turned by other angles."""
-        model = Regressor(tilted(self.level, tilt))
-        return replace(
-            self, model=model, base=find_base(model), observation=observe(model, self.signals), tilt=np.array(tilt)
-        )
-
-    @cached_property
-    def training(self) -> Observation:
-        """The observation with the held-out stretches masked."""
-        return self.observation.only(self.fold >= 0)
-
-    @cached_property
-    def data(self) -> SampledData:
-        """The training stretches as the one fit takes them."""
-        return SampledData(self.model, self.signals, self.training, self.fold)
-
-    @cached_property
-    def columns(self) -> KnownColumns:
-        """Columns of effects in this log, as far as they are known."""
-        return KnownColumns(self.signals)
-
-    @cached_property
-    def noise(self) -> PropagatedNoise:
-        """What sensor noise changes in the equations, whatever the parameters."""
-        return propagated(self.model, self.signals, self.observation)
 
 
 @dataclass(frozen=True)
@@ -260,55 +200,14 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None, *, but:
         scene = scene_of(log.model, log.signals, plain[: log.model.parameters])
     columns = tuple(extra_of(effect, scene, log.signals) for effect in effects)
     held = _held(log, effects, columns)
-    channels, own = _of_channels(data, effects, columns, but), FittedEffects(held, columns, scene)
+    channels, own = unknowns_of_channels(data, effects, columns, but), FittedEffects(held, columns, scene)
     found = solve_with(log.base, data, channels, own, alone=True)
     if any(extra.nuisance == "offset" for extra in found.nuisances):
-        firm = _firm(data, found)
+        firm = without_idle_offsets(data, found)
         if len(firm) < len(found.nuisances):
             found = solve_with(log.base, data, firm, own, alone=True)
     state = State(log, tuple(effects), found.nuisances, columns, found.triangles, found.solution, scene)
     return replace(state, but=frozenset(but))
-
-
-def _of_channels(
-    data: SampledData, effects: Sequence[Effect], columns: Sequence[ExtraColumns], but: Collection[Fault]
-) -> list[ExtraColumns]:
-    """Return delay and offset of every torque channel, as identification estimates them along.
-
-    Not those that effects of the model are: a late channel, a constant torque in the rows of the channel.
-    """
-    late = {e.joint for e in effects if e.corrects == "torque"} | {joint for kind, joint in but if kind == "delay"}
-    delays = [extra for extra in data.delays() if sum_row(extra).joint not in late]
-    offsets = [extra for extra in data.offsets() if ("offset", sum_row(extra).joint) not in but]
-    return delays + [extra for extra in offsets if not any(_constant(own, extra) for own in columns)]
-
-
-def _firm(data: SampledData, found: Solved) -> list[ExtraColumns]:
-    """Return the nuisances without offsets that are none.
-
-    Some stood out only as long as others were beside them. One larger than the torque itself is made up for by gravity
-    or friction, and stands for what another row lacks, such as the zero of an encoder.
-    """
-    covariance = data.covariance(found.solution, found.nuisances, found.effects)
-    deviation = dict(zip(found.solution.basis.tolist(), np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
-    first = found.triangles.parameters
-
-    def stands(column: int, extra: ExtraColumns) -> bool:
-        size = abs(float(found.solution.values[column]))
-        sure = size > SIGNIFICANT * deviation.get(column, np.inf)
-        return sure and size < found.triangles.torque_rms(sum_row(extra))
-
-    return [e for k, e in enumerate(found.nuisances) if e.nuisance != "offset" or stands(first + k, e)]
-
-
-def _constant(own: ExtraColumns, offset: ExtraColumns) -> bool:
-    """Whether an effect holds the offset of a torque channel: one of its columns is a constant in the same rows."""
-    if own.rows.keys() != offset.rows.keys():
-        return False
-    return any(
-        all(np.ptp(values[k]) <= 1e-9 * np.abs(values[k]).max() for values in own.rows.values())
-        for k in range(own.width)
-    )
 
 
 def _held(log: Log, effects: Sequence[Effect], columns: Sequence[ExtraColumns]) -> tuple[Declared, ...]:

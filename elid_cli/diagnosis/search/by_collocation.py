@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.fit.state import Log, State
+from elid_cli.diagnosis.fit.divided_log import Log
+from elid_cli.diagnosis.fit.state import State
 from elid_cli.errors import DataError
 from elid_cli.estimation.collocation.estimator import LOWEST_SIGNAL
 from elid_cli.estimation.collocation.gauss_newton import Outcome, iterate

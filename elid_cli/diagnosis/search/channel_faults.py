@@ -17,14 +17,14 @@ from elid_cli.diagnosis.evidence.leftover import only_helps, silences
 from elid_cli.diagnosis.evidence.quarters import left_out, survival
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import left_out_error, predicted_better, touched
-from elid_cli.diagnosis.search.forward import Found, Step
 from elid_cli.diagnosis.search.screening import Candidate, score, sensible
+from elid_cli.diagnosis.search.steps import Found, Step
 from elid_cli.estimation.data import sum_row
 from elid_cli.model.effects import effect_classes, twins_of
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.regressor import EstimationRow
 
-AS_WELL = 0.98
+TWIN_TAKES = 0.98
 """Part of what a fault takes from left-out folds that a twin must take in its place, to be as possible."""
 SHORT = 1.05
 """Samples up to which a delay is one of the sampling, which every log has, and no effect."""
@@ -90,6 +90,6 @@ def _as_possible(state: State, lacking: State, effect: Effect, rows: Sequence[Es
         other = refreshed(fit(lacking.log, (*lacking.effects, candidate.effect), lacking.scene, but=lacking.but))
         values = other.named(len(other.effects) - 1)
         nothing, by_fault, by_twin = (left_out_error(s, state, rows) for s in (lacking, state, other))
-        if sensible(candidate.effect, other.scene, values) and nothing - by_twin >= AS_WELL * (nothing - by_fault):
+        if sensible(candidate.effect, other.scene, values) and nothing - by_twin >= TWIN_TAKES * (nothing - by_fault):
             found.append(replace(candidate, values=values))
     return tuple(found)

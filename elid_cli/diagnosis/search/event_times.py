@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli.diagnosis.fit.state import State, fit, refreshed
-from elid_cli.diagnosis.search.forward import Found
+from elid_cli.diagnosis.search.steps import Found
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.stretches import spans
 from elid_cli.model.effects.effect import Effect

@@ -17,7 +17,7 @@ import numpy as np
 from elid_cli._types import Progress
 from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.diagnosis.search.by_collocation import Collocated, amplitudes, collocated, known, possible
-from elid_cli.diagnosis.search.forward import Found, Term
+from elid_cli.diagnosis.search.steps import Found, Term
 from elid_cli.estimation.collocation.starts import values_of
 from elid_cli.model.effects.effect import Effect, Shapes
 from elid_cli.robot.robot import EffectSpec

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli.diagnosis.fit.state import State, fit, refreshed
-from elid_cli.diagnosis.search.forward import Found
+from elid_cli.diagnosis.search.steps import Found
 
 SURE = 5.0
 """Standard errors that a base parameter must be away from 0 to be compared."""

@@ -19,7 +19,8 @@ import numpy as np
 
 from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.diagnosis.evidence.held_out import held_out_triangles
-from elid_cli.diagnosis.fit.state import Log, State, fit, refreshed, without
+from elid_cli.diagnosis.fit.divided_log import Log
+from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import touched
 from elid_cli.diagnosis.search.screening import score, sensible
 from elid_cli.estimation.stretches import QUARTERS, STRETCHES, quarter_of

@@ -1,0 +1,37 @@
+"""Standard errors of the parameters of an effect, its shapes and amplitudes together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from elid_cli.diagnosis.fit.state import State
+
+
+def standard_errors(state: State, number: int) -> dict[str, float]:
+    """Return standard errors of an effect's named parameters by first-order propagation of amplitudes and shapes.
+
+    Both are unknowns together: an amplitude at a shape that is taken for known would seem several times too sure.
+    """
+    effect, centre, names = state.effects[number], state.coefficients(number), state.named(number)
+    covariance, shapes = state.covariance_with_shapes
+    slopes, index = list[list[float]](), list[int]()
+
+    def add(moved_: Mapping[str, float], step: float, place: int) -> None:
+        slopes.append([(moved_[name] - names[name]) / step for name in names])
+        index.append(place)
+
+    for k, column in enumerate(range(*state.place(number).indices(len(state.solution.values)))):
+        where = np.flatnonzero(state.solution.basis == column)
+        if len(where):  # the others are held at what the rest makes of them: 0
+            step = 1e-4 * max(abs(float(centre[k])), 1e-9)
+            add(state.renamed(number, centre + step * np.eye(len(centre))[k]), step, int(where[0]))
+    for k, value in enumerate(effect.shape):
+        if (number, k) in shapes:
+            shape = [v * (1.0 + 1e-4) if n == k else v for n, v in enumerate(effect.shape)]
+            step = 1e-4 if value else 1.0
+            add(type(effect)(effect.joint, shape).named(state.scene, centre), step, shapes[number, k])
+    jacobian, inner = np.array(slopes).T, covariance[np.ix_(index, index)]
+    spread = np.sqrt(np.maximum(np.einsum("ak,kl,al->a", jacobian, inner, jacobian), 0.0)) if index else np.zeros(0)
+    return {name: float(s) for name, s in zip(names, spread, strict=bool(index)) if s > 0}

@@ -1,0 +1,75 @@
+"""A log and its division into stretches that are fitted and stretches held out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.data import SampledData
+from elid_cli.estimation.regression.known_columns import KnownColumns
+from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.estimation.validation.noise_floor import PropagatedNoise, propagated
+from elid_cli.model.base_parameters import BaseParameters, find_base
+from elid_cli.model.effects.shifts import Shifts, corrected
+from elid_cli.model.effects.tilt import tilted
+from elid_cli.model.regressor import Regressor
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
+
+
+@dataclass(frozen=True)
+class Log:
+    """A log and its division; everything that stays the same during a search."""
+
+    model: Regressor
+    base: BaseParameters
+    signals: Signals
+    observation: Observation
+    fold: NDArray[np.intp]
+    """Fold of every instant, -1 where held out, (M,)."""
+    raw: Signals
+    """The signals as logged; `signals` has late channels moved to where they belong."""
+    shifts: Shifts
+    """By how much channels were moved."""
+    level: Robot
+    """The robot as described; the model's has its gravity turned by `tilt`."""
+    tilt: Array
+    """Roll and pitch by which gravity is turned, rad, (2,)."""
+
+    def shifted(self, shifts: Shifts) -> Log:
+        """Return the log with other shifts of its channels."""
+        signals = corrected(self.raw, shifts)
+        if np.any(shifts.torque):
+            signals = replace(signals, moved=shifts.torque)
+        return replace(self, signals=signals, observation=observe(self.model, signals), shifts=shifts)
+
+    def tilted(self, tilt: Array) -> Log:
+        """Return the log with the model in gravity turned by other angles."""
+        model = Regressor(tilted(self.level, tilt))
+        return replace(
+            self, model=model, base=find_base(model), observation=observe(model, self.signals), tilt=np.array(tilt)
+        )
+
+    @cached_property
+    def training(self) -> Observation:
+        """The observation with the held-out stretches masked."""
+        return self.observation.only(self.fold >= 0)
+
+    @cached_property
+    def data(self) -> SampledData:
+        """The training stretches as the one fit takes them."""
+        return SampledData(self.model, self.signals, self.training, self.fold)
+
+    @cached_property
+    def columns(self) -> KnownColumns:
+        """Columns of effects in this log, as far as they are known."""
+        return KnownColumns(self.signals)
+
+    @cached_property
+    def noise(self) -> PropagatedNoise:
+        """What sensor noise changes in the equations, whatever the parameters."""
+        return propagated(self.model, self.signals, self.observation)
