@@ -8,8 +8,9 @@ import pytest
 
 from elid_cli.cli import main
 from elid_cli.diagnosis import FoundEffect, Rival
+from elid_cli.estimation.judgement import JointError
 from elid_cli.report.answers.missing import named_words, summary_words
-from elid_cli.report.answers.summary import near_zero, symbol_words
+from elid_cli.report.answers.summary import light, near_zero, symbol_words
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "quanser_2dsfl.csv"
 
@@ -74,3 +75,19 @@ def test_a_poor_model_without_a_known_parameter_leads_to_another_log(capsys: pyt
     assert text.splitlines()[-1].startswith("Next: elid excite --robot quanser_2dsfl --after ")
     assert "A disturbance that repeats in time would look like an effect of the motion" in said
     assert "To tell effects of the motion from disturbances in time: a motion that does not repeat" in said
+
+
+@pytest.mark.parametrize(
+    ("motor_side", "lacking", "word"),
+    [
+        (1.3e-3, False, "good"),  # 1.3 times the noise
+        (1.9e-3, False, "good"),  # more, but by 1.6e-5 of the torque: splines and rounding
+        (3.0e-3, False, "fair"),  # by 2.8e-5 of it
+        (1.9e-3, True, "fair"),
+    ],
+)
+def test_what_is_left_beyond_noise_counts_from_where_it_is_more_than_rounding(
+    motor_side: float, lacking: bool, word: str
+) -> None:
+    error = JointError(9e-3, 9e-5, motor_side, motor_side / 100, 100.0, floor=1e-2, spring_floor=1e-3)
+    assert light(error, lacking=lacking).text == word

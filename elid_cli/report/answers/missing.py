@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 
 from elid_cli.diagnosis import Diagnosis, FoundEffect, Rival, Unexplained
 from elid_cli.diagnosis.refit import Contribution
-from elid_cli.diagnosis.residuals import RowState
+from elid_cli.diagnosis.residuals import HIGH, RowState
 from elid_cli.diagnosis.unexplained import HELD_OUT
 from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.inputs import Items
-from elid_cli.report.answers.summary import AT_FLOOR, listed
+from elid_cli.report.answers.summary import listed
 from elid_cli.report.tree import Cell, number_text
 
 _VARIABLES = {
@@ -141,7 +141,7 @@ def missing_words(told: DiagnosisInput) -> str:
     if found.partial and not named:
         return f"Not known yet: the search was stopped before it found anything.{rest}"
     if not named:
-        sticking = any(r.ratio > AT_FLOOR >= r.away for r in found.rows_after)
+        sticking = any(r.ratio > HIGH >= r.away for r in found.rows_after)
         where = " away from reversals" if sticking else ""
         nothing = f"Nothing{where}: only the sensors' noise is left, and no effect improves the model."
         if any(row.high for row in found.rows_after):  # what is left is told beside

@@ -12,6 +12,7 @@ from math import isfinite
 
 from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
 from elid_cli.estimation.result import BaseEstimate, Identification
+from elid_cli.estimation.validation.sufficiency import ABOVE, MATTERS
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.units_and_signs import AS_IT_IS, NOT_TORQUE
@@ -20,8 +21,8 @@ from elid_cli.report.tree import KeyValues, Mark, Section, number_text
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 
-AT_FLOOR = 1.3
-"""A held-out error within this factor of the sensors' noise holds no structure worth a search."""
+AT_FLOOR = ABOVE
+"""A held-out error within this factor of the sensors' noise is noise: the test of the model looks at larger ones."""
 USABLE = 0.05
 """Share of the torque up to which a prediction is of use although it holds more than noise."""
 CLOSE = 0.01
@@ -33,7 +34,7 @@ JOINT_KINDS = {
 AFTER = " and the joints further out"
 INTERVAL = 1.96
 """Standard errors on either side of a 95 % interval."""
-LOUD = 1.4
+LOUD = ABOVE
 """A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 TRUST, MISSING, PARAMETERS, RECORD = (
     "can I trust it?", "what is missing?", "what is known?", "what to record next?",
@@ -70,7 +71,7 @@ def light(error: JointError | None, *, lacking: bool = False) -> Mark:
         return Mark("no torque", "dim")
     share, times = error.relative, above_noise(error)
     if times is not None:
-        if times <= AT_FLOOR and not lacking:
+        if (times <= AT_FLOOR or _beyond_noise(error) <= MATTERS) and not lacking:
             return Mark("good", "good")
     elif share <= CLOSE and not lacking:
         return Mark("good", "good")
@@ -79,9 +80,19 @@ def light(error: JointError | None, *, lacking: bool = False) -> Mark:
 
 def above_noise(error: JointError) -> float | None:
     """Return how many times the sensors' noise is left, in the worse of a joint's equations; None: not known."""
+    return max((rms / floor for rms, floor in _beside_noise(error)), default=None)
+
+
+def _beyond_noise(error: JointError) -> float:
+    """Return what is left beyond the sensors' noise, as a part of the torque, in the worse of a joint's equations."""
+    beyond = max((rms**2 - floor**2 for rms, floor in _beside_noise(error)), default=0.0)
+    return float(max(beyond, 0.0) ** 0.5) / error.torque_rms if error.torque_rms > 0 else 0.0
+
+
+def _beside_noise(error: JointError) -> list[tuple[float, float]]:
+    """Return the errors of a joint's equations beside their noise, as far as it is known."""
     pairs = ((error.rms, error.floor), (error.spring_rms, error.spring_floor))
-    known = [rms / floor for rms, floor in pairs if rms is not None and floor]
-    return max(known, default=None)
+    return [(rms, floor) for rms, floor in pairs if rms is not None and floor]
 
 
 def _motor_side(error: JointError) -> bool:
