@@ -24,6 +24,10 @@ _VARIABLES = {
     "t": "time",
     "deflection_rate": "deflection rate",
 }
+CUTOFF = "the filter's cut-off"
+"""What an effect's advice on what to record says; a report says how many Hz that is."""
+VAGUE_ERROR = 0.1
+"""Relative standard error from which on another log should sharpen an effect's amplitude."""
 
 
 def variable_words(variable: str) -> str:
@@ -122,12 +126,6 @@ def held_out_size(found: Diagnosis, item: Unexplained | RowState) -> tuple[float
         "motor": (error.spring_rms, error.spring_floor),
     }.get(item.rows, (None, None))  # fmt: skip
     return (rms, rms / floor) if rms is not None and floor else (item.rms, item.ratio)
-
-
-CUTOFF = "the filter's cut-off"
-"""What an effect's advice on what to record says; a report says how many Hz that is."""
-VAGUE_ERROR = 0.1
-"""Relative standard error from which on another log should sharpen an effect's amplitude."""
 
 
 def missing_words(told: DiagnosisInput) -> str:
