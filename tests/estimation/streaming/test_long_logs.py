@@ -28,6 +28,7 @@ from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import prepare
 from elid_cli.signals.spline_fit import _RIDGE, fit_spline
 from elid_cli.signals.splines import DEGREE, basis
+from tests import peaks
 from tests.system.benchmarks import made
 
 ROOT = Path(__file__).parents[3]
@@ -201,14 +202,8 @@ def test_a_file_shorter_than_its_dataset_is_not_mapped(tmp_path: Path, monkeypat
 def test_memory_of_a_long_log_is_far_from_its_regressor(tmp_path: Path) -> None:
     minutes = 4
     made.write_hdf5(made.puma(), tmp_path / "long.h5", 60 * minutes)
-    code = (
-        "import resource, subprocess, sys\n"
-        "done = subprocess.run([sys.executable, '-m', 'elid_cli', *sys.argv[1:]], stdout=subprocess.PIPE)\n"
-        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024, done.returncode)"
-    )
-    arguments = ["reduce", str(tmp_path / "long.h5"), "--robot", "puma560", "-o", str(tmp_path / "long.npz"), "--json"]
-    out = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True).stdout
-    peak, status = map(int, out.split())
+    arguments = ["reduce", tmp_path / "long.h5", "--robot", "puma560", "-o", tmp_path / "long.npz", "--json"]
+    status, *_, peak = peaks.of_command(*arguments)
     regressor = 60_000 * minutes * 248 * 8 / 1e6
     assert status == 0
     assert peak < 260 < regressor

@@ -19,6 +19,7 @@ import h5py
 import numpy as np
 import pytest
 
+from tests import peaks
 from tests.logs.mcap_made import HEADER, RULE, STAMP, Bag
 from tests.system.hostile.bags import joint_states
 
@@ -227,15 +228,10 @@ def test_sqlite_with_a_large_message_of_another_topic(tmp_path: Path, megabytes:
             "INSERT INTO messages(topic_id, timestamp, data) VALUES(2, ?, zeroblob(?))", (stamp, megabytes << 20)
         )
         base.commit()
-    line = ["identify", path, "--robot", "planar2"]
-    peak = (
-        "import resource, sys; from elid_cli.cli import main; code = main(sys.argv[1:]);"
-        " print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10, file=sys.stderr); sys.exit(code)"
-    )
-    done = subprocess.run([sys.executable, "-c", peak, *map(str, line)], capture_output=True, check=False, text=True)
-    assert done.returncode == 0, done.stderr
-    assert int(done.stderr.split()[-1]) < 200 + (0 if said else 3 * megabytes)  # 100 are elid's own
-    assert ("1 rows are no messages" in done.stdout + done.stderr) == said, done.stderr
+    status, printed, complaint, peak = peaks.of_command("identify", path, "--robot", "planar2")
+    assert status == 0, complaint
+    assert peak < 200 + (0 if said else 3 * megabytes)  # 100 are elid's own
+    assert ("1 rows are no messages" in printed + complaint) == said, complaint
 
 
 def test_parquet_of_one_number(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
+from tests import peaks
 from tests.system.hostile.hostile import JOINTS, SIGNALS, base, refused, used
 
 Fill = Callable[[h5py.File], None]
@@ -196,11 +196,11 @@ def wide(file: h5py.File) -> None:
 )  # fmt: skip
 def test_what_is_no_array_of_the_log_is_refused_by_name(tmp_path: Path, fill: Fill, word: str) -> None:
     path = made(tmp_path, fill, "q")
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = peaks.begin()
     done = refused(path, "/q")
     assert any(one in done.err for one in word.split("|")), done.err
     assert not os.path.exists("pwned")  # noqa: PTH110
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000  # KB
+    assert peaks.since() - before < 300
 
 
 @pytest.mark.parametrize("name", ["t", "theta", "tau"])
