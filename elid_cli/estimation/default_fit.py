@@ -154,7 +154,7 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
     effects = start_effects(base, data, options.hold)
     if options.offsets and data.samples is not None and data.samples.rows_of_sensors():
         nuisances += _reading_columns(base, data.samples, nuisances, effects)
-    solved = solve_with(base, data, nuisances, effects, shaping=not options.hold)
+    solved = solve_with(base, data, nuisances, effects, shaping=not options.hold, valleys=options.valleys)
     for _ in range(RESCENED if effects and options.hold else 0):  # columns from what the fit made of the parameters
         values = solved.solution.values[: data.model.parameters]
         solved = solve_with(base, data, solved.nuisances, rescened(data, effects, values), shaping=False)
@@ -186,6 +186,7 @@ def solve_with(
     effects: FittedEffects | None,
     *,
     shaping: bool = False,
+    valleys: bool = True,
     alone: bool = False,
 ) -> Solved:
     """Solve with nuisances, as far as they are significant and predict better, and effects.
@@ -200,13 +201,15 @@ def solve_with(
         Effects with their columns.
     shaping
         Whether the effects' shapes are refined; else they stay as they are.
+    valleys
+        Whether the refinement looks for other valleys than the one that they are in.
     alone
         Whether each delay must show by itself.
     """
     scored: tuple[Scored, ...] = ()
     for last in (False, True):
         if shaping and effects and data.samples is not None:
-            steps = (Step.REFINE, Step.REFINE) if last else (Step.SCAN, Step.RESCAN, Step.REFINE)
+            steps = (Step.SCAN, Step.RESCAN, Step.REFINE) if valleys and not last else (Step.REFINE, Step.REFINE)
             effects = shaped(base, data.samples, nuisances, effects, steps)
         triangles = data.triangles(nuisances, effects)
         solution = reweighted(triangles, base.count + triangles.extras)

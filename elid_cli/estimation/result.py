@@ -45,6 +45,8 @@ class EstimateOptions:
     """Leave out reversals of the motors; None: of those motors that do not follow Coulomb friction there."""
     hold: float = 0.0
     """Declared effects keep their shapes, and amplitudes within this part of what is declared; 0: all is fitted."""
+    valleys: bool = True
+    """Look for other valleys of the declared effects' shapes than the one that they start in."""
     guards: bool = True
     """Test signs, units and swapped channels by flipping them."""
 

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli._types import Array
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State
 from elid_cli.errors import DataError
 from elid_cli.estimation.collocation.estimator import LOWEST_SIGNAL
-from elid_cli.estimation.collocation.gauss_newton import Outcome, iterate
+from elid_cli.estimation.collocation.gauss_newton import Outcome, follow
 from elid_cli.estimation.collocation.knots import widening
 from elid_cli.estimation.collocation.problem import Iterate
 from elid_cli.estimation.collocation.setup import Setup, signal_to_noise
@@ -27,8 +26,6 @@ from elid_cli.robot.robot import EffectSpec
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
 
-PINNED = 1e-3
-"""Standard deviation of parameters that are held, in standard errors."""
 FITTING, STEPS = 16, 12
 ROUNDS = 2
 """Times that other valleys of the shapes are looked for."""
@@ -87,7 +84,9 @@ def _collocated(
     log = state.log
     model = Regressor(replace(log.model.robot, effects=tuple(specs)))
     signals = _stretch(log, log.fold >= 0)
-    fitted = fit_log(model, log.base, signals, EstimateOptions(offsets=bool(state.offsets), guards=False))
+    # what the search found is in its valley; those of whole curves are looked for about the trajectory
+    options = EstimateOptions(offsets=bool(state.offsets), valleys=False, guards=False)
+    fitted = fit_log(model, log.base, signals, options)
     if fitted.effects is None or len(fitted.effects.effects) != len(effects):
         return None
     setup = Setup(fitted)
@@ -139,17 +138,8 @@ def _stretch(log: Log, chosen: NDArray[np.bool_]) -> Signals:
 
 def _predicted(judge: Setup, outcome: Outcome) -> float:
     """Return the cost of stretches on which only the trajectory is free, parameters and shapes as they were found."""
-    held = np.concatenate([outcome.p, outcome.z])
-    deviation = PINNED * np.sqrt(np.maximum(np.diag(outcome.covariance), 0.0))
-    weight = 1.0 / np.maximum(deviation, 1e-9 * np.maximum(np.abs(held), 1e-9)) ** 2
-
-    def pinned(now: Iterate) -> tuple[float, Array, Array]:
-        away = np.concatenate([now.p, now.z]) - held
-        return float(np.sum(weight * away**2)), np.diag(weight), weight * away
-
-    start = Iterate(judge.start.coefficients, outcome.p.copy(), outcome.z.copy())
-    end = iterate(judge.problem, start, pinned, STEPS).end
-    return judge.common_cost(Iterate(end.coefficients, outcome.p, outcome.z))
+    start = Iterate(judge.start.coefficients, outcome.p, outcome.z)
+    return judge.common_cost(follow(judge.problem, start, STEPS))
 
 
 def amplitudes(whole: Collocated) -> list[slice]:

@@ -94,6 +94,11 @@ class EliminatedTrajectory:
         What holds the shapes back is a damping of them alone (Levenberg, Marquardt): the rest follows them.
         """
         first, size = len(now.p), len(self.gradient)
+        if not size:  # p and z are held
+            still = np.zeros_like(now.p), np.zeros_like(now.z)
+            return Iterate(
+                [-s[:, 0].reshape(c.shape) for s, c in zip(self.solved, now.coefficients, strict=True)], *still
+            )
         x: Array = -_inverse(self.matrix) @ self.gradient
         if size > first and np.max(np.abs(x[first:])) > longest:
             shapes = np.diag((np.arange(size) >= first) * float(np.median(np.diag(self.matrix)[first:])))
@@ -120,7 +125,8 @@ def eliminate_trajectory(
     problem, now
         The problem and where it is linearised.
     prior
-        (matrix, gradient) of what is known of (p, z) beforehand, with zeros for further columns.
+        (matrix, gradient) of what is known of (p, z) beforehand, with zeros for further columns; empty where p and z
+        are held.
     further
         Columns of terms that are not in the model.
     """
@@ -199,14 +205,14 @@ def _normal(
     border = np.zeros((knots * channels, size))
     corner, edge = np.zeros((size, size)), np.zeros(size)
     for part in problem.parts(piece):
-        G, P, r = problem.linearised(number, now, part, further)
+        G, P, r = problem.linearised(number, now, part, further, held=not size)
         blocks[:, :, part] = np.einsum("jab->abj", np.matmul(G.transpose(0, 2, 1), G))
         loads[:, part] = np.einsum("jra,jr->aj", G, r, optimize=True)
-        cross = np.matmul(G.transpose(0, 2, 1), P).reshape(-1, ORDER, channels, size)
+        cross = np.matmul(G.transpose(0, 2, 1), P).reshape(len(G), ORDER, channels, size)
         for k in range(ORDER):
             place = (part.start + k) * channels
-            border[place : place + cross.shape[0] * channels] += cross[:, k].reshape(-1, size)
-        flat = P.reshape(-1, size)
+            border[place : place + cross.shape[0] * channels] += cross[:, k].reshape(len(G) * channels, size)
+        flat = P.reshape(r.size, size)
         corner += flat.T @ flat
         edge += flat.T @ r.reshape(-1)
     misfit = problem.misfit(piece, coefficients) * piece.weight

@@ -64,6 +64,21 @@ def iterate(problem: Problem, start: Iterate, prior: Prior, steps: int) -> Outco
     steps
         Most steps with rho as assumed.
     """
+    now, costs = _descend(problem, start, prior, steps)
+    _, matrix, gradient = prior(now)
+    covariance, influence = covariance_at(problem, now, (matrix, gradient))
+    end = now.p, now.z, now.coefficients, covariance
+    return Outcome(*end, tuple(costs), problem.rho, problem.spread(now), influence)
+
+
+def follow(problem: Problem, start: Iterate, steps: int) -> Iterate:
+    """Return the trajectory that obeys the equations best with p and z as they are; the rest as `iterate`."""
+    nothing = 0.0, np.zeros((0, 0)), np.zeros(0)
+    return _descend(problem, start, lambda now: nothing, steps)[0]
+
+
+def _descend(problem: Problem, start: Iterate, prior: Prior, steps: int) -> tuple[Iterate, list[float]]:
+    """Return the end of the iteration and the costs with rho as assumed."""
     now, first = start, problem.rho
     shown = problem.spread(start)
     eased = int(np.ceil(np.log(max(1.0, float(np.max(shown / first)))) / -np.log(_EASE)))
@@ -88,10 +103,7 @@ def iterate(problem: Problem, start: Iterate, prior: Prior, steps: int) -> Outco
         costs.append(cost)
         if number > eased + _GROW and before - cost < max(1e-6 * cost, _SETTLED):
             break
-    _, matrix, gradient = prior(now)
-    covariance, influence = covariance_at(problem, now, (matrix, gradient))
-    end = now.p, now.z, now.coefficients, covariance
-    return Outcome(*end, tuple(costs), problem.rho, problem.spread(now), influence)
+    return now, costs
 
 
 def _step(problem: Problem, now: Iterate, prior: Prior, before: float) -> tuple[Iterate, float]:

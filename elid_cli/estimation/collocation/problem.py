@@ -213,12 +213,12 @@ class Problem:
         return [slice(a, min(a + size, piece.intervals)) for a in range(0, piece.intervals, size)]
 
     def linearised(
-        self, number: int, now: Iterate, part: slice, further: Further | None = None
+        self, number: int, now: Iterate, part: slice, further: Further | None = None, *, held: bool = False
     ) -> tuple[Array, Array, Array]:
         """Return (d residual / d coefficients, d residual / d (p, z), residual), all weighted, interval by interval.
 
         Shapes (J, rows * points, 6 * channels), (J, rows * points, p + z), (J, rows * points). Columns of `further`
-        terms follow those of p and z.
+        terms follow those of p and z; no columns where these are `held`.
         """
         setting, piece, rows = self.setting, self.pieces[number], len(self.rho)
         coefficients = now.coefficients[number][part.start : part.stop + DEGREE]
@@ -236,15 +236,15 @@ class Problem:
         slopes = self.equations.slopes(here, now.p, now.z, steps)
         shaped = (slopes * weight[None, :, None]).reshape(3, rows, channels, count, setting.points)
         G = np.einsum("drcjp,dpl->jrplc", shaped, self._weights, optimize=True)
-        columns = self.equations.columns(here, now.z)
-        if len(now.z):
+        columns = np.zeros((rows, 0, error.shape[1])) if held else self.equations.columns(here, now.z)
+        if len(now.z) and not held:
             columns = np.concatenate([columns, self.equations.shape_slopes(here, now.p, now.z)], axis=1)
         if further is not None:
             columns = np.concatenate([columns, further(here)], axis=1)
-        P = (columns * weight[:, None]).reshape(rows, -1, count, setting.points).transpose(2, 0, 3, 1)
+        P = (columns * weight[:, None]).reshape(rows, columns.shape[1], count, setting.points).transpose(2, 0, 3, 1)
         r = (error * weight).reshape(rows, count, setting.points).transpose(1, 0, 2)
         return (
             G.reshape(count, rows * setting.points, ORDER * channels),
-            P.reshape(count, rows * setting.points, -1),
+            P.reshape(count, rows * setting.points, columns.shape[1]),
             r.reshape(count, -1),
         )
