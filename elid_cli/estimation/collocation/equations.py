@@ -25,6 +25,9 @@ _SLOW_WEIGHT = 0.05
 _SHAPE_STEP = 1e-4
 """Step of differences in a shape's logarithm."""
 
+Placed = tuple[Effect, list[int]]
+"""An effect, and where its amplitudes stand in p; -1 where they do not."""
+
 
 class RobotEquations:
     """Link and motor rows of the robot at given states."""
@@ -95,15 +98,27 @@ class RobotEquations:
             program.run(present, after)
             for c, d, touched in group:
                 found[d, touched, c] = (after[touched] - before[touched]) / steps[d, c]
-        if self._fit.effects is None:
-            return found
-        self._effects(motion, states, p, z, before)
-        for c in range(len(self._layout.channels)):
+        by_speed, others = self._by_speed(self._placed(z))
+        for c, (side, joint) in enumerate(self._layout.channels):
+            motor = side == "theta" or not self._model.robot.joints[joint].elastic
             for d in range(3):
+                placed = [*others, *(by_speed.get(joint, []) if motor and d == 1 else [])]
+                if not placed:
+                    continue
+                self._effects(motion, states, p, placed, before)
                 with self._moved(motion, c, d, steps[d, c]):
-                    self._effects(motion, states, p, z, after)
+                    self._effects(motion, states, p, placed, after)
                 found[d, :, c] += (after - before) / steps[d, c]
         return found
+
+    @staticmethod
+    def _by_speed(placed: Sequence[Placed]) -> tuple[dict[int, list[Placed]], list[Placed]]:
+        """Return the effects that follow from a motor's speed alone, by joint, and the others."""
+        by_speed: dict[int, list[Placed]] = {}
+        for item in placed:
+            if item[0].of_motor_speed:
+                by_speed.setdefault(item[0].joint, []).append(item)
+        return by_speed, [item for item in placed if not item[0].of_motor_speed]
 
     @contextmanager
     def _moved(self, motion: Motion, channel: int, derivative: int, step: float) -> Iterator[int]:
@@ -118,11 +133,11 @@ class RobotEquations:
         for column, values in zip(columns, held, strict=True):
             column[:] = values
 
-    def _effects(self, motion: Motion, states: States, p: Array, z: Array, out: Array) -> None:
-        """Write the torques of the effects alone, (rows, instants)."""
+    def _effects(self, motion: Motion, states: States, p: Array, placed: Sequence[Placed], out: Array) -> None:
+        """Write the torques of effects alone, (rows, instants)."""
         out[:] = 0.0
         scene = self._scene(motion, states)
-        for effect, places in self._placed(z):
+        for effect, places in placed:
             self._add(out, effect, places, scene, p)
 
     def shape_slopes(self, states: States, p: Array, z: Array) -> Array:
@@ -151,7 +166,7 @@ class RobotEquations:
             fill(rows, motion, k, range(INPUTS * k, INPUTS * (k + 1)), width)
         return rows
 
-    def _placed(self, z: Array) -> list[tuple[Effect, list[int]]]:
+    def _placed(self, z: Array) -> list[Placed]:
         """Return the effects at shapes whose logarithms are z, with the places of their amplitudes in p, or -1."""
         if self._fit.effects is None:
             return []

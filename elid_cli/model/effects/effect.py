@@ -135,6 +135,8 @@ class Effect(ABC):
     """Whether the columns come from the present model's torques, so that a fit has to be repeated until both agree."""
     from_torque: ClassVar[bool] = False
     """Whether `Scene.predicted` has to hold the torque of the effects, too, its own among them."""
+    of_motor_speed: ClassVar[bool] = False
+    """Whether the columns follow from the speed of the joint's motor alone."""
     memory: ClassVar[bool] = False
     """Whether the effect has an internal state (see `MemoryEffect`)."""
     searched: ClassVar[bool] = True

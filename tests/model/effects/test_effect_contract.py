@@ -173,6 +173,25 @@ def test_one_instant_gives_what_the_log_gives(name: str, which: str, request: py
                 )
 
 
+@pytest.mark.parametrize("which", BOTH)
+@pytest.mark.parametrize("name", [name for name, kind in LIBRARY.items() if kind.of_motor_speed])
+def test_what_follows_from_a_motors_speed_follows_from_nothing_else(
+    name: str, which: str, request: pytest.FixtureRequest
+) -> None:
+    scene = request.getfixturevalue(which)
+    for joint in joints_of(LIBRARY[name], scene):
+        effect, _ = build(name, scene, joint)
+        speed = np.roll(scene.motion.dtheta, 100, axis=0)
+        speed[:, joint] = scene.motion.dtheta[:, joint]
+        rolled = {field: np.roll(getattr(scene.motion, field), 200, axis=0) for field in FIELDS if field != "dtheta"}
+        other = replace(
+            scene, motion=replace(scene.motion, dtheta=speed, **rolled), tau=2 * scene.tau, load=3 * scene.load,
+            predicted=4 * scene.predicted, stiffness=5 * scene.stiffness, cache={},
+        )  # fmt: skip
+        for row, values in effect.columns(scene).items():
+            np.testing.assert_array_equal(effect.columns(other)[row], values)
+
+
 @pytest.mark.parametrize(("name", "which"), CASES)
 def test_grids_hold_shapes_that_can_be_built(name: str, which: str, request: pytest.FixtureRequest) -> None:
     scene = request.getfixturevalue(which)

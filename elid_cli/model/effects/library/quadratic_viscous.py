@@ -28,6 +28,7 @@ class QuadraticViscous(Effect):
     fingerprint = "motor side and whole joint, odd in velocity and curved, largest at top speed"
     record = "speeds over a range of three or more, the highest held for a while; the power stays vague otherwise"
     place = "motor"
+    of_motor_speed = True
     acts_as = "torque"
     amplitudes = (Parameter("amplitude", "N·m·(s/rad)^power", "friction at 1 rad/s"),)
     shapes = (Parameter("power", "1", "power of speed", low=0.3, high=4.0),)
