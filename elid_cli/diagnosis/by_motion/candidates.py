@@ -2,13 +2,15 @@
 
 Near its commands a driven joint is a linear system: a torque c moves it by c filtered through
 ``1 / (M s² + (fv + kd) s + kp + slope)``. That filter turns the column of an effect into a column of positions, which
-is fitted to the error that the simulation leaves, beside the columns of what is unknown anyway.
+is fitted to the error that the simulation leaves, beside the columns of what is unknown anyway. While friction holds
+the joint, nothing moves it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,8 @@ FINEST = 160
 """Shapes of one effect that are tried at a joint."""
 REFINED = (0.2, 0.1, 0.05, 0.02)
 """Parts of itself by which a shape is moved, one after the other, while that helps."""
+STILL = 1e-9
+"""Speed, rad/s (m/s), below which a simulated joint sticks."""
 WORTH = 0.03
 """Least gain of a shape that is refined."""
 
@@ -145,12 +149,34 @@ def _shapes(kind: type[Effect], scene: Scene, joint: int, present: Sequence[Effe
 
 def responses(effect: Effect, view: View, joint: int) -> Array:
     """Return what amplitudes of 1 do to a joint's position, weighted, (N, d)."""
+    done = acting((effect,), view.scene)
+    speed = view.scene.motion.dtheta[:, joint]
+    torque = done.push[:, :, joint] + done.grip[:, :, joint] * np.sign(speed)
+    moved: Array = moved_by(torque, view.response[joint], np.abs(speed) < STILL).T * view.weight[:, [joint]]
+    return moved
+
+
+def moved_by(torque: Array, response: tuple[Array, Array], sticks: NDArray[np.bool_]) -> Array:
+    """Return how positions change by small torques, (d, N), of a joint that sticks at times (N,).
+
+    A joint that its friction holds stays where it was, whatever little torque is added, and starts from rest.
+    """
     from scipy.signal import lfilter
 
-    done = acting((effect,), view.scene)
-    direction = np.sign(view.scene.motion.dtheta[:, joint])
-    torque = done.push[:, :, joint] + done.grip[:, :, joint] * direction
-    moved: Array = lfilter(*view.response[joint], torque, axis=-1).T * view.weight[:, [joint]]
+    top, bottom = response
+    compliance = top.sum() / bottom.sum()
+    moved, here = np.empty_like(torque), np.zeros(len(torque))
+    edges = np.flatnonzero(np.diff(sticks)) + 1
+    for a, b in pairwise([0, *edges.tolist(), len(sticks)]):
+        if sticks[a]:
+            moved[:, a:b] = here[:, None]
+            continue
+        # at rest at `here` before, as the torque would hold it that friction held
+        held = here / compliance
+        last = held * (top[1] + top[2]) - here * (bottom[1] + bottom[2])
+        before = np.stack([last, held * top[2] - here * bottom[2]], axis=1)
+        moved[:, a:b], _ = lfilter(top, bottom, torque[:, a:b], axis=-1, zi=before)
+        here = moved[:, b - 1]
     return moved
 
 

@@ -8,7 +8,8 @@ from elid_cli._types import Array
 from elid_cli.diagnosis.by_motion.candidates import View, response_of
 from elid_cli.estimation.trajectory.acting import scene_along
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.normal_equations import Tracked, light_of, simulated
+from elid_cli.estimation.trajectory.loss import weighed
+from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.model.rollout import Linearised
 
@@ -21,7 +22,7 @@ def views_of(fit: TrajectoryFit) -> list[View]:
     found = []
     for item in fit.tracked:
         moved = simulated(equations, item, fit.unknowns, fit.z, parameters)
-        weight = light_of(moved.error, item.run) / size
+        weight = weighed(moved.error, item.usual, item.counts).light / size
         scene = scene_along(robot, item.x, item.v, item.equations(equations), item.run.dt, parameters, len(item.x))
         found.append(View(
             scene, moved.error * weight, weight, moved.columns * weight[:, :, None], _responses(fit, item, equations),

@@ -53,7 +53,7 @@ def descended(
     last: Array | None = None
     for _ in range(STEPS):
         step = plain = _step(unknowns, z, found, damping, prompt=prompt)
-        if not damping.any() and _is_small(step, found):
+        if not damping.any() and is_small(step, found):
             return z
         if last is not None and not damping.any():
             step = _farther(plain, last, found)
@@ -84,10 +84,11 @@ def _farther(step: Array, last: Array, found: Equations) -> Array:
 
 def is_settled(unknowns: Unknowns, z: Array, found: Equations, *, prompt: bool) -> bool:
     """Whether the next step from z is far smaller than the standard errors, by equations at z."""
-    return _is_small(_step(unknowns, z, found, np.zeros(len(unknowns.chains)), prompt=prompt), found)
+    return is_small(_step(unknowns, z, found, np.zeros(len(unknowns.chains)), prompt=prompt), found)
 
 
-def _is_small(step: Array, found: Equations) -> bool:
+def is_small(step: Array, found: Equations) -> bool:
+    """Whether a step is far smaller than the standard errors."""
     moved = steps_without(found.matrix, found.load, DAMPING)
     deviation = np.sqrt(len(moved) - 1) * np.std(moved, axis=0)
     return bool((np.abs(step) <= SETTLED * deviation).all())

@@ -90,7 +90,7 @@ def as_last(fit: TrajectoryFit, changed: tuple[Differing, ...]) -> TrajectoryFit
             continue
         joint = robot.joint_names.index(item.joint)
         after = sources >= item.changed_at
-        step = step_of(fit.equations.matrix[after].sum(axis=0), fit.equations.load[after].sum(axis=0), DAMPING)
+        step = step_of(fit.equations.straight[after].sum(axis=0), fit.equations.load[after].sum(axis=0), DAMPING)
         places = of_joint(fit, joint)
         z[places] = fit.z[places] + step[places]
     return replace(fit, z=own.possible(z))

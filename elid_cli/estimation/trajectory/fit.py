@@ -16,7 +16,7 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.long_run import at_least, beyond_normal
 from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without, white_covariance
-from elid_cli.estimation.trajectory.descent import DAMPING, descended, is_settled
+from elid_cli.estimation.trajectory.descent import DAMPING, descended, is_settled, is_small
 from elid_cli.estimation.trajectory.normal_equations import Equations, Tracked, passed, refine
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, started
 from elid_cli.model.effects.effect import Effect
@@ -24,17 +24,17 @@ from elid_cli.model.rollout import Linearised
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 
-CYCLES = 7
-"""Most motions whose slopes are computed."""
+CYCLES = 20
+"""Most motions whose slopes are computed; two to five are usual."""
 REFINED = 2
 """Cycle, from 1, from which the motion is near enough to look at what shorter steps change."""
 SHOWN = 3.0
 """Standard errors from which a delay is an unknown: in slow motion viscous friction and a delay are one, and a delay
 that the log does not show would only take the friction's precision."""
-COARSE = 0.005
-"""Part of itself by which what happens within a sample moves a value …"""
-PROMPT = 1.5e-4
-"""… and time by which it moves a delay, s."""
+COARSE = 1e-4
+"""Part of itself to which the steps of the simulation give a value …"""
+PROMPT = 1e-6
+"""… and time to which they give a delay, s."""
 WEAKLY = 1e-3
 """Part of all blocks' normal equations that is added to those of one."""
 
@@ -86,7 +86,7 @@ class TrajectoryFit:
         that lacks something takes for other values in other poses: another recording may be as far off.
         """
         sources = np.array([source for source, _, _ in self.spans])
-        matrix, load = self.equations.matrix, self.equations.load
+        matrix, load = self.equations.straight, self.equations.load
         # a block that hardly shows an unknown leaves it where all blocks have it
         alone = np.array(
             [step_of(m + WEAKLY * matrix.sum(axis=0), g, DAMPING) for m, g in zip(matrix, load, strict=True)]
@@ -181,6 +181,7 @@ def fitted(
     z = unknowns.possible(z)
     weights = np.ones(robot.n)
     before: Array | None = None
+    still = False
     for number in range(1, CYCLES + 1):
         if tell is not None:
             tell((number - 1) / CYCLES)
@@ -193,10 +194,12 @@ def fitted(
             raise DataError("the simulated motion runs away from the measured one", hint="are the gains right?")
         before = every.rms if before is None else before
         weights = 1.0 / np.maximum(every.size, 1e-7)
-        if number == CYCLES or (number > REFINED and is_settled(unknowns, z, every, prompt=prompt)):
+        if number == CYCLES or (number > REFINED and (still or is_settled(unknowns, z, every, prompt=prompt))):
             break
+        last = z
         # with delays all chains of joints move together: at first each goes its way
         z = descended(equations, tracked, unknowns, z, (every, columns), prompt=held)
+        still = is_small(z - last, every)
     assert before is not None
     final = every.holding(unknowns.delays) if prompt else every
     covariance, between, alone, left = _spread(final, z, unknowns)
@@ -240,7 +243,7 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns) -> tuple[Array, Arra
     covariance = at_least(jackknife(steps), _white(found))
     between, alone = np.zeros(len(z)), np.repeat(z[None], len(recordings), axis=0)
     if len(recordings) > 1:
-        parts = [(found.matrix[source == r].sum(axis=0), found.load[source == r].sum(axis=0)) for r in recordings]
+        parts = [(found.straight[source == r].sum(axis=0), found.load[source == r].sum(axis=0)) for r in recordings]
         own = np.array([step_of(matrix, load, DAMPING) for matrix, load in parts])
         alone = alone + own
         scatter = np.var(own, axis=0, ddof=1)
@@ -256,8 +259,7 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns) -> tuple[Array, Arra
 
 def _white(found: Equations) -> Array:
     """Return the variances that a residual without memory would leave; weights make each joint's error 1."""
-    whole, samples = found.matrix.sum(axis=0), found.counts.sum()
-    share = found.lighter.sum(axis=0) / samples / np.maximum(found.size, 1e-12) ** 2
-    inverse: Array = float(np.mean(share)) * np.diag(white_covariance(whole, DAMPING))
+    whole = found.matrix.sum(axis=0)
+    inverse: Array = found.spread * np.diag(white_covariance(whole, DAMPING))
     inverse[np.diag(whole) <= 0] = 0.0
     return inverse

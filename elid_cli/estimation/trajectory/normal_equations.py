@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.trajectory.acting import Acting, acting, resisting, scene_along
+from elid_cli.estimation.trajectory.loss import Weighed, bent, usual_size, weighed
 from elid_cli.estimation.trajectory.unknowns import Unknowns, steps_of
 from elid_cli.model.rollout import Drives, Joints, Linearised, Local, variants_of
 from elid_cli.model.runs import Run
@@ -42,11 +43,19 @@ class Tracked:
     local: Local | None = None
     finer: Array | float = 0.0
     """What shorter steps change of the simulated positions, rad (m), (N, n)."""
+    usual: Array | float = 1.0
+    """Usual size of the error, rad (m), (n,): larger ones count less."""
 
     @classmethod
     def of(cls, run: Run) -> Tracked:
         """Return a stretch about its measured motion."""
         return cls(run, run.near, np.gradient(run.near, run.dt, axis=0))
+
+    @property
+    def counts(self) -> NDArray[np.bool_]:
+        """Return the samples that count, (N,): the first pose's noise is no fault of the drives."""
+        after: NDArray[np.bool_] = self.run.t - self.run.t[0] >= SETTLING
+        return after
 
     @property
     def is_near(self) -> bool:
@@ -65,13 +74,19 @@ class Equations:
     """What one pass over the recordings says: sums over blocks of J'J and J'e, and squares of e."""
 
     matrix: Array
-    """(B, U, U), weighted."""
+    """(B, U, U), weighted; bent as the loss is: what noise moves follows it."""
+    straight: Array
+    """The same as the weights alone have it: a difference that is no noise follows that; 0 where columns were given."""
     load: Array
     """(B, U)."""
     squares: Array
     """Sum of squares of the error of every joint in every block, rad² (m²), (B, n)."""
     lighter: Array
-    """The same with large errors counted less, as the fit does."""
+    """The same with large errors counted less: what the fit makes small."""
+    scores: Array
+    """Sum of squares of its slope by the error, rad² (m²), (B, n) …"""
+    curvature: Array
+    """… and of its second derivative, (B, n)."""
     sizes: Array
     """Sum of the error's size, rad (m), (B, n)."""
     counts: Array
@@ -91,11 +106,19 @@ class Equations:
         found: Array = np.sqrt(self.lighter.sum(axis=0) / self.counts.sum())
         return found
 
+    @property
+    def spread(self) -> float:
+        """Variance of an error without memory, in units of the normal equations (Huber's of an M-estimator)."""
+        size, bend = np.maximum(self.size, 1e-12), np.maximum(self.curvature.sum(axis=0), 1e-12)
+        return float(np.mean(self.scores.sum(axis=0) / (size**2 * bend)))
+
     def holding(self, part: slice) -> Equations:
         """Return the equations of unknowns of which some stay where they are."""
-        matrix, load = self.matrix.copy(), self.load.copy()
-        matrix[:, part], matrix[:, :, part], load[:, part] = 0.0, 0.0, 0.0
-        return replace(self, matrix=matrix, load=load)
+        load, matrices = self.load.copy(), (self.matrix.copy(), self.straight.copy())
+        load[:, part] = 0.0
+        for matrix in matrices:
+            matrix[:, part], matrix[:, :, part] = 0.0, 0.0
+        return replace(self, matrix=matrices[0], straight=matrices[1], load=load)
 
 
 @dataclass(frozen=True)
@@ -239,31 +262,41 @@ def passed(
     `weights` are of every joint's error, 1/rad, (n,). The columns of the stretches are returned, too.
     """
     moved = [simulated(equations, item, unknowns, z, parameters, plain=columns is not None) for item in tracked]
-    columns = [own.columns for own in moved] if columns is None else columns
-    matrices, loads, squares, lighter, sizes, counts = [], [], [], [], [], []
-    spans = list[tuple[int, float, float]]()
-    for item, own, slopes in zip(tracked, moved, columns, strict=True):
-        run = item.run
-        light = light_of(own.error, run)
-        weighted, scale = own.error * light, light * weights
-        edges = np.linspace(0, len(weighted), BLOCKS + 1).astype(int)
-        for a, b in pairwise(edges):
-            flat = (slopes[a:b] * scale[a:b, :, None]).reshape(-1, unknowns.count)
-            matrices.append(flat.T @ flat)
-            loads.append(flat.T @ (weighted[a:b] * weights).ravel())
-            squares.append(np.sum(own.error[a:b] ** 2, axis=0))
-            lighter.append(np.sum(weighted[a:b] ** 2, axis=0))
-            sizes.append(np.sum(np.abs(own.error[a:b]), axis=0))
-            spans.append((run.source, float(run.t[a]), float(run.t[b - 1])))
-            counts.append(b - a)
-    found = Equations(np.array(matrices), np.array(loads), np.array(squares), np.array(lighter), np.array(sizes),
-                      np.array(counts), tuple(spans))  # fmt: skip
-    return found, columns
+    whole = columns is None
+    if columns is None:
+        columns = [own.columns for own in moved]
+        for item, own in zip(tracked, moved, strict=True):
+            item.usual = usual_size(own.error, item.counts)
+    seen = [weighed(own.error, item.usual, item.counts) for item, own in zip(tracked, moved, strict=True)]
+    bend = np.sqrt(bent(seen))
+    found = [
+        _summed(item.run, own, slopes, weights, bend, whole=whole)
+        for item, own, slopes in zip(tracked, seen, columns, strict=True)
+    ]
+    sums = {field.name: np.concatenate([getattr(item, field.name) for item in found])
+            for field in fields(Equations) if field.name != "spans"}  # fmt: skip
+    return Equations(**sums, spans=tuple(span for item in found for span in item.spans)), columns
 
 
-def light_of(error: Array, run: Run) -> Array:
-    """Return how much each error counts: large ones, where a joint sticks, little more than usual ones (Cauchy)."""
-    size = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9)
-    light: Array = (1.0 + (error / size) ** 2) ** -0.5
-    light[run.t - run.t[0] < SETTLING] = 0.0  # the first pose's noise is no fault of the drives
-    return light
+def _summed(run: Run, seen: Weighed, columns: Array, weights: Array, bend: Array, *, whole: bool) -> Equations:
+    """Return the sums over every block of one stretch."""
+    edges = np.linspace(0, len(seen.error), BLOCKS + 1).astype(int)
+    scale, count = seen.light * weights, columns.shape[2]
+    straight, matrices, loads = np.zeros((BLOCKS, count, count)), [], []
+    for k, (a, b) in enumerate(pairwise(edges)):
+        light = columns[a:b] * scale[a:b, :, None]
+        flat, bending = (part.reshape(-1, count) for part in (light, light * bend[:, None]))
+        loads.append(flat.T @ (seen.error[a:b] * scale[a:b]).ravel())
+        matrices.append(bending.T @ bending)
+        if whole:
+            straight[k] = flat.T @ flat
+
+    def by_block(values: Array) -> Array:
+        found: Array = np.add.reduceat(values, edges[:-1], axis=0)
+        return found
+
+    return Equations(
+        np.array(matrices), straight, np.array(loads), by_block(seen.error**2), by_block(seen.loss),
+        by_block((seen.error * seen.light**2) ** 2), by_block(seen.bend), by_block(np.abs(seen.error)), np.diff(edges),
+        tuple((run.source, float(run.t[a]), float(run.t[b - 1])) for a, b in pairwise(edges)),
+    )  # fmt: skip

@@ -58,15 +58,24 @@ def moved(
     speeds = np.empty_like(states)
     states[0], speeds[0] = x, v
     late, bodies = round(delay / STEP), np.zeros(3)
+    weight, legs = MASS * GRAVITY * REACH, INERTIA + MASS * REACH**2
+
+    def moved_by(told: int, over: float, where: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """Return the velocity after a time under what acts at a state."""
+        torque = KP * (q_des[told] - where) + KD * (dq_des[told] - speed) - OFFSET - VISCOUS * speed
+        torque -= weight * np.sin(where) + (push(where, speed, bodies) if push is not None else 0.0)
+        free = v + over * torque / inertia
+        hold = over * (COULOMB + (grip(where, speed, bodies) if grip is not None else 0.0)) / inertia
+        after: np.ndarray = np.sign(free) * np.maximum(np.abs(free) - hold, 0.0)
+        return after
+
     for k in range(len(states) - 1):
         told = max(k - late, 0) // fine
-        torque = KP * (q_des[told] - x) + KD * (dq_des[told] - v) - OFFSET - VISCOUS * v
-        torque -= MASS * GRAVITY * REACH * np.sin(x) + (push(x, v, bodies) if push is not None else 0.0)
-        free = v + STEP * torque / inertia
-        hold = STEP * (COULOMB + (grip(x, v, bodies) if grip is not None else 0.0)) / inertia
-        before, v = v, np.sign(free) * np.maximum(np.abs(free) - hold, 0.0)
-        bodies = (INERTIA + MASS * REACH**2) * (v - before) / STEP + MASS * GRAVITY * REACH * np.sin(x)
-        x = x + STEP * v
+        # by the middle of each step: steps that act on their start only are half a step late, which is inertia
+        half = moved_by(told, 0.5 * STEP, x, v)
+        after = moved_by(told, STEP, x + 0.25 * STEP * (v + half), half)
+        bodies = legs * (after - v) / STEP + weight * np.sin(x)
+        x, v = x + 0.5 * STEP * (v + after), after
         states[k + 1], speeds[k + 1] = x, v
     at = t + np.clip(jitter * rng.standard_normal(count), -0.9 * DT, 0.9 * DT)
     grid = STEP * np.arange(len(states))
