@@ -37,6 +37,20 @@ def test_short_dropouts_within_the_range_are_found(every: int, length: int, valu
     assert not found[1].jumps
 
 
+@pytest.mark.parametrize("length", [2, 4, 6, 30, 90])
+@pytest.mark.parametrize("noise", [0.0, 1e-5, 1e-4])
+def test_readings_that_lie_about_are_found(length: int, noise: float) -> None:
+    rng, sound = np.random.default_rng(length), motion(noise=noise)
+    for start in rng.integers(100, 3800, 20):
+        values, run = sound.copy(), np.arange(start, start + length)
+        values[run, 1] = rng.uniform(0.8, 2.2, length)
+        found = impossible(values, 1e-3)
+        far = run[np.abs(values[run, 1] - sound[run, 1]) > 0.05]
+        assert set(found) == {1}
+        assert set(far) <= set(found[1].rows) <= set(range(start - 2, start + length + 2))
+        assert not found[1].jumps
+
+
 @pytest.mark.parametrize("path", [p for p in LOGS if p.suffix in (".h5", ".mcap", ".csv", ".gz")], ids=lambda p: p.name)
 def test_nothing_is_found_in_logs_without_dropouts(path: Path) -> None:
     from elid_cli.logs.contract import Pick

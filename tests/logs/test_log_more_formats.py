@@ -173,6 +173,23 @@ def test_moments_numbers_and_gaps_of_parquet(tmp_path: Path) -> None:
     assert any("2 of 800 values are not numbers" in said for said in read(path).repairs)
 
 
+def test_a_changed_byte_of_parquet_is_seen_where_pages_have_checksums(tmp_path: Path) -> None:
+    arrow = pytest.importorskip("pyarrow")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    columns = {"t": BASE.t}
+    for name in ("q", "theta", "tau"):
+        columns |= {f"{name}.{joint}": getattr(BASE, name)[:, j] for j, joint in enumerate(JOINTS)}
+    options = {"compression": "none", "use_dictionary": False, "write_page_checksum": True}
+    parquet.write_table(arrow.table(columns), path := tmp_path / "log.parquet", **options)
+    same(read(path), BASE)
+    data = bytearray(path.read_bytes())
+    at = data.index(np.float64(BASE.q[400, 1]).tobytes())
+    data[at + 3] ^= 1  # a digit that no motion contradicts
+    path.write_bytes(data)
+    with pytest.raises(LogError, match="cut or damaged"):
+        read(path)
+
+
 def test_parquet_in_long_form(tmp_path: Path) -> None:
     arrow = pytest.importorskip("pyarrow")
     parquet = pytest.importorskip("pyarrow.parquet")

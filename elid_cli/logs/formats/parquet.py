@@ -125,7 +125,10 @@ class ParquetLog(CsvLog):
 
 
 def _opened(source: Source) -> Any:
-    """Return the file, its texts as numbers of what they are: the same long text may stand in every row."""
+    """Return the file, its texts as numbers of what they are: the same long text may stand in every row.
+
+    Checksums of pages are compared where the file has them; most writers leave them out.
+    """
     try:
         import pyarrow as arrow
         from pyarrow import parquet
@@ -136,7 +139,7 @@ def _opened(source: Source) -> Any:
     try:
         data = source.path if source.data is None else io.BytesIO(source.data)
         texts = [field.name for field in parquet.read_schema(data) if arrow.types.is_string(field.type)]
-        return parquet.ParquetFile(data, read_dictionary=texts)
+        return parquet.ParquetFile(data, read_dictionary=texts, page_checksum_verification=True)
     except (arrow.ArrowException, OSError, ValueError) as error:
         raise _damaged(source.name, error) from error
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.logs.repair.scattered import bridged, scattered
 from elid_cli.memory import let_go
 
 Rows = NDArray[np.intp]
@@ -90,7 +91,7 @@ def impossible(values: Array, dt: float, *, jumpy: bool = False) -> dict[int, Im
         if zeros is not None:
             found[k] = zeros
         elif parts:
-            found[k] = _judged(values[:, k], np.concatenate(parts), usual[k], longest, jumpy)
+            found[k] = _all_of(values[:, k], np.concatenate(parts), usual[k], longest, jumpy)
     let_go(values)
     return {k: what for k, what in found.items() if what.rows.size or what.jumps}
 
@@ -149,6 +150,17 @@ def _zeros(column: Array, longest: int) -> Impossible | None:
     if sum(part.size for part in rows) < DENSE * column.size:
         return None
     return Impossible(np.concatenate(rows), float(np.abs(before[far]).max()))
+
+
+def _all_of(column: Array, bends: Rows, usual: _Usual, longest: int, jumpy: bool) -> Impossible:
+    """Return what is impossible where suspicious bends are; runs that lie about first, so that they hide nothing."""
+    rows = bends[:0] if jumpy else scattered(column, longest, RATIO * usual.finest, TURNS)
+    if not rows.size:
+        return _judged(column, bends, usual, longest, jumpy)
+    sound = bridged(column, rows)
+    rest = _judged(sound, bends, usual, longest, jumpy)
+    largest = max(rest.largest, float(np.abs(column - sound).max()))
+    return Impossible(np.union1d(rest.rows, rows), largest, rest.jumps)
 
 
 def _judged(column: Array, bends: Rows, usual: _Usual, longest: int, jumpy: bool) -> Impossible:

@@ -201,11 +201,10 @@ def outcome(path: Path) -> str:
     told = json.loads(out.getvalue())
     if told["log"]["repairs"] or told["log"]["warnings"]:
         return "flagged"
-    return "right" if _agrees(told) else "silent"
+    return "right" if _agrees(told, clean(int(path.stem) if path.stem.isdigit() else None)) else "silent"
 
 
-def _agrees(told: dict[str, Any]) -> bool:
-    wanted = clean()
+def _agrees(told: dict[str, Any], wanted: dict[str, tuple[float | None, str]]) -> bool:
     for entry in told["base_parameters"]:
         value, right = entry["estimate"], wanted.get(entry["name"], (None, ""))[0]
         if value is not None and right is not None and entry["verdict"] == "supported":

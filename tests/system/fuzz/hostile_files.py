@@ -90,7 +90,7 @@ def lying(suffix: str, data: bytes) -> Callable[[np.random.Generator], Case]:
 
 
 def crowded(rng: np.random.Generator) -> Case:
-    """Return the good log among many columns, or columns of long names."""
+    """Return the start of the good log among many columns, or columns of long names; its name is its samples."""
     import pandas as pd
 
     many = bool(rng.random() < 0.5)
@@ -108,7 +108,7 @@ def crowded(rng: np.random.Generator) -> Case:
         pd.DataFrame(held).to_csv(out, index=False)
     else:
         pd.DataFrame(held).iloc[:60].to_json(out, orient="records", lines=True)
-    return f"a.{suffix}", out.getvalue()
+    return f"{60 if suffix == 'jsonl' else rows}.{suffix}", out.getvalue()
 
 
 @cache
