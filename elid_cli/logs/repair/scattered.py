@@ -1,4 +1,4 @@
-"""Readings that lie about for a few samples, after which the motion goes on: a damaged page, a frame of another message.
+"""Readings that lie about for a few samples, after which the motion goes on: a damaged page, frames of another message.
 
 `dropouts` judges a step by the steps around it, so it sees at most three odd ones together. Here a step is judged by
 the pace of the whole log, which holds for runs of any readings.
@@ -69,9 +69,9 @@ def _between(column: Array, first: int, last: int, fastest: float, finest: float
     """
     for before, after in sorted(product(range(MORE + 1), repeat=2), key=sum):
         start, stop = first - before, last + 1 + after
-        if start >= 0 and stop < column.size:
-            if abs(column[stop] - column[start]) <= fastest * (stop - start) + finest:
-                return np.arange(start + 1, stop)
+        reach = fastest * (stop - start) + finest
+        if start >= 0 and stop < column.size and abs(column[stop] - column[start]) <= reach:
+            return np.arange(start + 1, stop)
     return np.arange(0)
 
 
