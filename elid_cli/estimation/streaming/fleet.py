@@ -41,6 +41,10 @@ PATIENCE, POLL = 60.0, 1.0
 """s without any worker after which a cluster is given up, and s between looks at it."""
 SCHEMES = ("tcp", "tls", "ws", "wss")
 """Of a scheduler's address; tcp where it names none."""
+ENCRYPTED = ("tls", "wss")
+CERTIFICATES = "set " + ", ".join(
+    f"DASK_DISTRIBUTED__COMM__TLS__{name}" for name in ("CA_FILE", "CLIENT__CERT", "CLIENT__KEY")
+)
 
 
 @dataclass(frozen=True)
@@ -248,6 +252,8 @@ def _on_cluster(jobs: Sequence[Job], scheduler: str) -> Generator[Answer | None,
             "--scheduler needs dask.distributed, which is not installed", hint="pip install 'elid[dask]'"
         ) from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    if scheme in ENCRYPTED:
+        _check_certificates(scheduler)
     try:
         client: Any = Client(scheduler, timeout=CONNECT, set_as_default=False)  # type: ignore[no-untyped-call,unused-ignore]
     except (OSError, TimeoutError, ValueError) as error:
@@ -261,6 +267,20 @@ def _on_cluster(jobs: Sequence[Job], scheduler: str) -> Generator[Answer | None,
         yield from _awaited(client, client.map(answer_job, placed, pure=False), scheduler)
     finally:
         client.close(timeout=CONNECT)
+
+
+def _check_certificates(scheduler: str) -> None:
+    """Refuse an encrypted connection without certificates, or with such as cannot be read (UsageError)."""
+    from distributed.security import Security
+
+    try:
+        context = Security().get_connection_args("client").get("ssl_context")  # type: ignore[no-untyped-call,unused-ignore]
+    except OSError as error:
+        raise UsageError(
+            f"--scheduler: the certificates for {scheduler} cannot be used", detail=str(error)[:160], hint=CERTIFICATES
+        ) from error
+    if context is None:
+        raise UsageError(f"--scheduler: {scheduler} needs certificates, and none are given", hint=CERTIFICATES)
 
 
 def _awaited(client: Any, futures: Sequence[Any], scheduler: str) -> Generator[Answer | None, None, None]:
