@@ -1,9 +1,10 @@
-"""Hostile and unlucky files, and where each fault that was found has its tests (`test_list.py` looks; paths in `tests`).
+"""Hostile and unlucky files, and where each fault found has its tests (`test_list.py` looks; paths in `tests`).
 
 Quietly wrong
  1. dropouts within the range: logs/test_log_dropouts.py::test_short_dropouts_within_the_range_are_found,
     logs/test_log_dropouts.py::test_readings_that_lie_about_are_found,
-    test_signals.py::test_dropouts_within_the_range_are_left_out_and_counted, test_signals.py::test_dropouts_name_no_effect
+    test_signals.py::test_dropouts_within_the_range_are_left_out_and_counted,
+    test_signals.py::test_dropouts_name_no_effect
  2. inputs written over: test_overwriting.py::test_an_input_is_never_written_over
  3. an empty name for a log: test_overwriting.py::test_an_empty_name_is_no_log
  4. one writer for all: test_overwriting.py::test_one_writer_keeps_links_modes_and_devices,
@@ -15,7 +16,8 @@ Time and memory from a few bytes
  7. npz of zeros: test_budgets.py::test_npz
  8. sparse HDF5: test_budgets.py::test_hdf5_of_sparse_width_and_many_datasets
  9. empty records, attachments, joint names of 100 kB: test_budgets.py::test_mcap;
-    a line of commas: test_budgets.py::test_csv_of_one_line; endless input: test_budgets.py::test_standard_input_without_end;
+    a line of commas: test_budgets.py::test_csv_of_one_line; endless input:
+    test_budgets.py::test_standard_input_without_end;
     15,000 datasets: test_budgets.py::test_hdf5_of_sparse_width_and_many_datasets
 10. joints without number: test_budgets.py::test_urdf, test_budgets.py::test_mjcf
 11. numbers that no robot has, effects without number: test_budgets.py::test_robots_without_quantities;
