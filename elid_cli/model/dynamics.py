@@ -74,7 +74,7 @@ class Dynamics:
         self._reduced = reduced
         self._core: _Function = reduced.program.scalar()
         self._couplings = reduced.couplings
-        self._solve = ldl_solver(robot.n)
+        self._solve = ldl_solver(robot.ancestors)
 
     def acceleration(
         self,
@@ -162,7 +162,7 @@ class Dynamics:
         lines += [f"d{k} = tanh(w{k} / {width!r})" for k, width in enumerate(self._width_list)]
         inputs = [f"{name}{k}" for name in "scqvwdg" for k in joints]
         core, out = self._reduced.program.statements([*inputs, *("0.0" for _ in joints), *(f"f{k}" for k in joints)])
-        solved, ddq = ldl_statements(self.robot.n, out)
+        solved, ddq = ldl_statements(self.robot.ancestors, out)
         place = self.robot.n + self.robot.n * (self.robot.n + 1) // 2
         motors = []
         for number, couplings in enumerate(self._couplings):

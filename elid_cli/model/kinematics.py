@@ -8,8 +8,9 @@ eq. (8), expressed in frame i: the velocity of the origin and of the body for un
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,6 +46,15 @@ class Body:
     """(joint, (linear, angular) velocity per its unit velocity) of the joints that move this body."""
 
 
+class Passage(NamedTuple):
+    """A joint as it is passed: its motion, and constant 4x4 placements before and after it."""
+
+    revolute: bool
+    state: JointState
+    before: Array
+    after: Array
+
+
 def add(a: Vector, b: Vector) -> Vector:
     """Return a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
@@ -76,7 +86,14 @@ def acceleration_field(omega: Vector, alpha: Vector) -> tuple[Vector, Vector, Ve
     )
 
 
-def chain(robot: Robot, states: Sequence[JointState], *, gravity: bool = True) -> list[Body]:
+def passages(robot: Robot, states: Sequence[JointState]) -> Iterator[Passage]:
+    """Yield every joint, base to tip, as bodies' motion and what acts on them pass it."""
+    for joint, state, (before, after) in zip(robot.joints, states, robot.placements(), strict=True):
+        placed = _with_offset(state, before, after) if joint.revolute else (state, before, after)
+        yield Passage(joint.revolute, *placed)
+
+
+def chain(robot: Robot, states: Sequence[JointState], *, gravity: bool = True, twists: bool = True) -> list[Body]:
     """Return the motion of bodies 0 (the base) to n.
 
     Parameters
@@ -87,15 +104,17 @@ def chain(robot: Robot, states: Sequence[JointState], *, gravity: bool = True) -
         One `JointState` per joint, rad (m) and s.
     gravity
         False leaves gravity out (for inertia matrices).
+    twists
+        False leaves the bodies' `twists` out, which cost as much as the depth of a body in the tree.
 
     """
     g = robot.gravity if gravity else (0.0, 0.0, 0.0)
     bodies = [Body(ZERO, ZERO, (-g[0], -g[1], -g[2]), ())]
-    for k, (joint, state, (before, after)) in enumerate(zip(robot.joints, states, robot.placements(), strict=True)):
-        if joint.revolute:
-            state, before, after = _with_offset(state, before, after)
+    for k, (revolute, state, before, after) in enumerate(passages(robot, states)):
         body = _fixed(bodies[robot.parents[k] + 1], before)
-        body = _turn(body, state, k) if joint.revolute else _slide(body, state, k)
+        body = _turn(body, state, k) if revolute else _slide(body, state, k)
+        if not twists:
+            body = replace(body, twists=())
         bodies.append(_fixed(body, after, arriving=True))
     return bodies
 

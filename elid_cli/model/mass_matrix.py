@@ -11,14 +11,16 @@ than the arithmetic.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 
-from elid_cli.model.kinematics import JointState, chain
+from elid_cli.model.kinematics import Body, JointState, chain
 from elid_cli.model.program import Program, compile_program
-from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, MotorState
+from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, Entry, MotorState
+from elid_cli.model.towards_base import Inertia, Wrench, component_of, joint_torques, mass_rows, unit_twists
 from elid_cli.model.tracing import Graph, Scalar
+from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
 
 BLOCKS = 9
@@ -107,31 +109,81 @@ class NumericEquations:
     def _mass_blocks(self, blocks: list[list[Scalar]]) -> tuple[list[list[Scalar]], list[list[Scalar]]]:
         """Return (B, C): torques of the link rows at one unit acceleration at a time, from rest without gravity."""
         n = self.robot.n
+        resting = [JointState(sin, cos, q, 0.0, 0.0) for sin, cos, q in zip(*blocks[:3], strict=True)]
+        B: list[list[Scalar]] = [[0.0] * n for _ in range(n)]
+        for i, j, entry in mass_rows(self.robot, resting, [self._inertia(k) for k in range(n)]):
+            B[i][j] = entry
+        C: list[list[Scalar]] = [[] for _ in range(n)]
+        for k, column in enumerate(self._of_rotors(resting)):
+            for i in range(n):
+                if k in self.elastic:
+                    C[i].append(column[i])
+                else:  # a rigid joint's rotor goes with its link
+                    B[i][k] = B[i][k] + column[i]
+        for i in range(n):
+            for j in range(i):
+                B[i][j] = B[j][i]
+        return B, C
 
-        def column(link: int, motor: int) -> list[Scalar]:
-            states, motors = [], []
-            for k, (sin, cos, q) in enumerate(zip(*blocks[:3], strict=True)):
-                carried = k == link and k not in self.elastic  # a rigid joint's rotor goes with its link
-                states.append(JointState(sin, cos, q, 0.0, 1.0 if k == link else 0.0))
-                motors.append(MotorState(0.0, 1.0 if k == motor or carried else 0.0, 0.0, 0.0))
-            return self._rows(states, motors, gravity=False)[0]
+    def _of_rotors(self, resting: Sequence[JointState]) -> list[list[Scalar]]:
+        """Return the link rows' torques at one unit acceleration of a motor at a time, everything else at rest.
 
-        links = [column(k, -1) for k in range(n)]
-        motors = [column(-1, k) for k in self.elastic]
-        return [[c[j] for c in links] for j in range(n)], [[c[j] for c in motors] for j in range(n)]
+        Bodies at rest need none: every term's entries are of the motor whose parameters they multiply.
+        """
+        n = self.robot.n
+        motion = ChainMotion(self._bodies(resting, gravity=False), [MotorState(0.0, 1.0, 0.0, 0.0)] * n)
+        rows, elastic = [_Rows(n) for _ in range(n)], self.elastic
+        for entry in (entry for term in self.terms for entry in term.entries(self.robot, motion)):
+            rows[entry.parameter.joint].take(entry, self.values, elastic)
+        return [own.torques(self.robot, resting)[0] for own in rows]
 
-    def _rows(
-        self, states: Sequence[JointState], motors: Sequence[MotorState], *, gravity: bool = True
-    ) -> tuple[list[Scalar], list[Scalar]]:
+    def _bodies(self, states: Sequence[JointState], *, gravity: bool) -> list[Body]:
+        """Return the bodies' motion with their own six unit motions as twists."""
+        base, *bodies = chain(self.robot, states, gravity=gravity, twists=False)
+        return [base, *(replace(body, twists=unit_twists(k)) for k, body in enumerate(bodies, 1))]
+
+    def _inertia(self, k: int) -> Inertia:
+        """Return the inertia of the body that joint k moves."""
+        m, *rest = (self.values[StandardParameter(kind, k)] for kind in LINK_PARAMETERS)
+        return Inertia(m, (rest[0], rest[1], rest[2]), (rest[3], rest[4], rest[5], rest[6], rest[7], rest[8]))
+
+    def _rows(self, states: Sequence[JointState], motors: Sequence[MotorState]) -> tuple[list[Scalar], list[Scalar]]:
         """Return (link rows, motor rows); the motor row of a rigid joint is merged into its link row."""
-        link: list[Scalar] = [0.0] * self.robot.n
-        motor: list[Scalar] = [0.0] * self.robot.n
-        motion = ChainMotion(chain(self.robot, states, gravity=gravity), motors)
-        for term in self.terms:
-            for side, number, name, value in term.entries(self.robot, motion):
-                rows = motor if side == "motor" and number in self.elastic else link
-                rows[number] = rows[number] + value * self.values[name]
-        return link, motor
+        motion, rows = ChainMotion(self._bodies(states, gravity=True), motors), _Rows(self.robot.n)
+        elastic = self.elastic
+        for entry in (entry for term in self.terms for entry in term.entries(self.robot, motion)):
+            rows.take(entry, self.values, elastic)
+        return rows.torques(self.robot, states)
+
+
+class _Rows:
+    """Torques of all joints while the terms' entries come in."""
+
+    def __init__(self, n: int) -> None:
+        self._link: list[Scalar] = [0.0] * n
+        self._motor: list[Scalar] = [0.0] * n
+        self._parts: dict[int, list[Scalar]] = {}
+
+    def take(self, entry: Entry, values: Mapping[str, float], elastic: Collection[int]) -> None:
+        """Add an entry, its parameter's value put in."""
+        side, number, name, value = entry
+        own = value * values[name]
+        if (at := component_of(number)) is not None:
+            parts = self._parts.setdefault(at[0], [0.0] * 6)
+            parts[at[1]] = parts[at[1]] + own
+            return
+        rows = self._motor if side == "motor" and number in elastic else self._link
+        rows[number] = rows[number] + own
+
+    def torques(self, robot: Robot, states: Sequence[JointState]) -> tuple[list[Scalar], list[Scalar]]:
+        """Return (link rows, motor rows), what acts on bodies carried to the joints below."""
+        if not self._parts:
+            return self._link, self._motor
+        wrenches = [Wrench()] * (robot.n + 1)
+        for body, (x, y, z, a, b, c) in self._parts.items():
+            wrenches[body] = Wrench((x, y, z), (a, b, c))
+        held = joint_torques(robot, states, wrenches)
+        return [own + of_bodies for own, of_bodies in zip(self._link, held, strict=True)], self._motor
 
 
 class NotPositiveError(ValueError):
@@ -143,10 +195,11 @@ class NotPositiveError(ValueError):
 
 
 @cache
-def ldl_solver(n: int) -> Callable[[list[float]], list[float]]:
-    """Return a function that solves A x = b for symmetric A of size n.
+def ldl_solver(ancestors: tuple[tuple[int, ...], ...]) -> Callable[[list[float]], list[float]]:
+    """Return a function that solves A x = b for symmetric A, shape (n, n), whose zeros are those of a tree.
 
-    Its argument is one list: b, then A's upper triangle by rows; what follows is not looked at.
+    `ancestors` are, for each unknown j, those i up to j itself where A[i, j] may be other than 0 (`Robot.ancestors`).
+    The function's argument is one list: b, then A's upper triangle by rows; what follows is not looked at.
 
     Raises
     ------
@@ -154,7 +207,8 @@ def ldl_solver(n: int) -> Callable[[list[float]], list[float]]:
         (from the returned function) A is not positive definite.
 
     """
-    statements, solution = ldl_statements(n, [f"x[{k}]" for k in range(n + n * (n + 1) // 2)])
+    n = len(ancestors)
+    statements, solution = ldl_statements(ancestors, [f"x[{k}]" for k in range(n + n * (n + 1) // 2)])
     lines = ["def solve(x):", *(f" {line}" for line in statements)]
     lines = [line.replace("return", "raise NotPositiveError(") + ")" if "return" in line else line for line in lines]
     lines.append(f" return [{', '.join(solution)}]")
@@ -163,27 +217,30 @@ def ldl_solver(n: int) -> Callable[[list[float]], list[float]]:
     return scope["solve"]  # type: ignore[return-value]
 
 
-def ldl_statements(n: int, given: Sequence[str]) -> tuple[list[str], list[str]]:
+def ldl_statements(ancestors: Sequence[Sequence[int]], given: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return the same as scalar statements, and what the unknowns are called after them.
 
-    `given` are b, then A's upper triangle by rows. A pivot k that is not positive makes them return k.
+    `given` are b, then A's upper triangle by rows. A pivot k that is not positive makes them return k. The last unknown
+    goes first, so that what is 0 stays 0 (Featherstone, Int. J. Robotics Research 24, 2005).
     """
-    place = {}
-    position = n
-    for i in range(n):
-        for j in range(i, n):
-            place[i, j] = position
-            position += 1
+    n = len(ancestors)
+    before = [own[:-1] for own in ancestors]
+    after: list[list[int]] = [[k for k in range(n) if j in before[k]] for j in range(n)]
     lines = []
-    # A = L D L'; u_kj = d_k l_jk, rows of the upper triangle
-    for k in range(n):
-        for j in range(k, n):
-            products = "".join(f" - l{k}_{i} * u{i}_{j}" for i in range(k))
-            lines.append(f"u{k}_{j} = {given[place[k, j]]}{products}")
-        lines.append(f"if not u{k}_{k} > 0.0: return {k}")
-        lines += [f"l{j}_{k} = u{k}_{j} / u{k}_{k}" for j in range(k + 1, n)]
-    for k in range(n):
-        lines.append(f"y{k} = {given[k]}" + "".join(f" - l{k}_{i} * y{i}" for i in range(k)))
+
+    def less(start: str, products: Iterable[str]) -> str:
+        return start + "".join(f" - {product}" for product in products)
+
+    # A = L' D L with L unit lower; u_kj = d_k l_kj
     for k in reversed(range(n)):
-        lines.append(f"y{k} = y{k} / u{k}_{k}" + "".join(f" - l{i}_{k} * y{i}" for i in range(k + 1, n)))
+        for j in reversed(ancestors[k]):
+            place = n + j * n - j * (j - 1) // 2 + k - j
+            both = (f"l{i}_{k} * u{i}_{j}" for i in reversed(after[k]))
+            lines.append(f"u{k}_{j} = {less(given[place], both)}")
+        lines.append(f"if not u{k}_{k} > 0.0: return {k}")
+        lines += [f"l{k}_{j} = u{k}_{j} / u{k}_{k}" for j in before[k]]
+    for k in reversed(range(n)):
+        lines.append(f"y{k} = {less(given[k], (f'l{i}_{k} * y{i}' for i in reversed(after[k])))}")
+    for k in range(n):
+        lines.append(f"y{k} = {less(f'y{k} / u{k}_{k}', (f'l{k}_{j} * y{j}' for j in before[k]))}")
     return lines, [f"y{k}" for k in range(n)]

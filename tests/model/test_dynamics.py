@@ -141,6 +141,21 @@ def test_straight_line_solver_solves(n: int) -> None:
     half = generator.normal(size=(n, n))
     A, b = half @ half.T + np.eye(n), generator.normal(size=n)
     upper = [A[i, j] for i in range(n) for j in range(i, n)]
-    np.testing.assert_allclose(A @ ldl_solver(n)([*b, *upper]), b, atol=1e-12)
+    full = tuple(tuple(range(j + 1)) for j in range(n))
+    np.testing.assert_allclose(A @ ldl_solver(full)([*b, *upper]), b, atol=1e-12)
     with pytest.raises(NotPositiveError):
-        ldl_solver(n)([*b, *(-value for value in upper)])
+        ldl_solver(full)([*b, *(-value for value in upper)])
+
+
+def test_straight_line_solver_solves_a_tree() -> None:
+    parents = (-1, 0, 1, 1, 0, 4, -1)
+    ancestors: list[tuple[int, ...]] = []
+    for k, parent in enumerate(parents):
+        ancestors.append((*(ancestors[parent] if parent >= 0 else ()), k))
+    generator = np.random.default_rng(0)
+    L = np.eye(7)
+    for k, own in enumerate(ancestors):
+        L[k, own[:-1]] = generator.normal(size=len(own) - 1)
+    A, b = L.T @ np.diag(generator.uniform(1, 2, 7)) @ L, generator.normal(size=7)
+    upper = [A[i, j] for i in range(7) for j in range(i, 7)]
+    np.testing.assert_allclose(A @ ldl_solver(tuple(ancestors))([*b, *upper]), b, atol=1e-12)

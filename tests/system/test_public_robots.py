@@ -31,8 +31,9 @@ pin = pytest.importorskip("pinocchio", reason="needs the wheel pin (extra: test)
 ROUNDED = {"anymal-kinova.urdf", "kinova.urdf", "hextilt_flying_arm_5.urdf", "so100.urdf", "so101.urdf", "xarm7.urdf",
            "al5d_robot.urdf", "puma560_robot.urdf"}  # fmt: skip
 """Files whose right angles are rounded, so that Pinocchio sees up to three parameters more."""
-SIMULATED = 18
-"""Joints up to which a robot is simulated here; larger ones take up to half a minute each."""
+SIMULATED = 10
+"""Joints up to which a robot is simulated here, in a second at most; `python -m tests.system.reproduce.public_robots`
+does the same with every robot of up to 60 joints."""
 FILES = files()
 pytestmark = pytest.mark.skipif(not FILES, reason="needs the public robots: pip install 'elid[robots]'")
 

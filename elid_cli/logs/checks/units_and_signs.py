@@ -14,6 +14,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.logs.checks.encoder_pairs import CLOSE, UNLIKE, Pair, as_yaml, plain, proposed, swap
+from elid_cli.logs.checks.known_masses import wrong_scales
 from elid_cli.logs.checks.limits import beyond_limits
 from elid_cli.logs.checks.required import Checked
 from elid_cli.logs.checks.torque_scale import FOLLOWS, WRONG_SCALE, correlation_of, off, scale_of, spring_slope
@@ -57,6 +58,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     whole = slice(start, min(stop, start + SAMPLES))
     sides = np.where(np.isnan(checked.q[whole]), checked.theta[whole], checked.q[whole])
     found.extend(beyond_limits(sides, checked.tau[whole], aligned.dt, robot))
+    found.extend(wrong_scales(sides, checked.tau[whole], aligned.dt, robot, plan, computed=bool(checked.computed)))
     q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
     pairs = [Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
     tau: Array | None = None

@@ -1,6 +1,6 @@
 """Every public robot of up to 60 joints moves for a second, as its torques make it.
 
-    python -m tests.system.reproduce.public_robots [--joints FROM TO] [--limit SECONDS] [WORD]
+    python -m tests.system.reproduce.public_robots [--joints FROM TO] [--limit SECONDS] [WORD ...]
 
 Prints name, joints, processor time in s, the largest difference between the torques of the simulation and those of
 inverse dynamics, over the largest torque, and what went wrong. Needs the extra ``robots``.
@@ -49,9 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--joints", type=int, nargs=2, default=(1, MOST), help="fewest and most joints of a robot")
     parser.add_argument("--limit", type=float, default=0, help="processor time in s after which one is stopped")
-    parser.add_argument("word", nargs="?", default="", help="only files whose path has it")
+    parser.add_argument("words", nargs="*", help="only files whose path has one of them, such as tiago.urdf")
     options = parser.parse_args(arguments)
-    robots = [(read_robot(path).n, path) for path in files() if path.name not in NO_ROBOT and options.word in str(path)]
+    chosen = [path for path in files() if any(word in str(path) for word in options.words or [""])]
+    robots = [(read_robot(path).n, path) for path in chosen if path.name not in NO_ROBOT]
     signal.signal(signal.SIGVTALRM, stop)
     wrong = tried = 0
     for joints, path in sorted(robots):

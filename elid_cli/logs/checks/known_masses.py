@@ -1,0 +1,219 @@
+"""The scale of a torque, told by the weight of the bodies that the robot's file describes.
+
+A torque at the motor's shaft is smaller than the one at the joint by the gear ratio, and a model of it fits as well:
+only something of known size shows it, as the masses of a URDF do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.logs.checks.encoder_pairs import proposed
+from elid_cli.logs.checks.limits import WRONG
+from elid_cli.logs.checks.torque_scale import LAG, WRONG_SCALE
+from elid_cli.logs.mapping.plan import ReadPlan
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.robot.robot import Robot
+
+INSTANTS = 400
+"""Instants of a log that are looked at."""
+FEWEST = 60
+BLOCKS = 8
+"""Parts of a log that are left out in turn for the scale's standard error."""
+SURE = 4.0
+"""Standard errors by which a scale must be beyond `WRONG_SCALE`."""
+FAINT = 0.3
+"""The same below which a torque does not hold the weight at all."""
+OWN = 0.2
+"""Least part of a weight's spread that the joint's speed and the chain's accelerations must leave."""
+NOTHING = 1e-2
+"""Part of the largest weight below which a joint's own says nothing."""
+FOLLOWS = 0.8
+"""Correlation of torque and weight from which a torque is too large for it; else it may be anything, inertia too."""
+ALIKE = 0.05
+"""Relative difference of joints' scales that counts as none."""
+UNITS = {1000.0: "unit: mN.m"}
+"""Scales that a unit explains."""
+WEIGHTLESS = "carries no weight"
+"""What is said of a torque that does not follow the weight of the described bodies at all."""
+
+
+class Scale(NamedTuple):
+    """A torque over the weight that it carries, and the standard error of that."""
+
+    joint: int
+    ratio: float
+    deviation: float
+    correlation: float
+    """Of both, beside what the joint's speed and its chain's accelerations explain."""
+
+
+def wrong_scales(
+    q: Array, tau: Array, dt: float, robot: Robot, plan: ReadPlan, *, signal: str = "tau", computed: bool = False
+) -> Iterator[str]:
+    """Yield a sentence where the torques are not of the size that the described bodies' weight makes them.
+
+    Parameters
+    ----------
+    q, tau
+        Positions and torques at the joint, contiguous, (N, n).
+    dt
+        Sample time, s.
+    robot
+        The description; joints whose load is unknown are not looked at.
+    plan
+        Where the torque was read from.
+    signal
+        ``tau``, or ``tau_link`` where that is the only torque.
+    computed
+        Whether the torque is computed from commands and gains.
+    """
+    scales = [scale for scale in weight_scales(q, tau, dt, robot) if math.isfinite(scale.ratio)]
+    names = robot.joint_names
+    idle = [s for s in scales if s.correlation < FAINT and abs(s.ratio) + SURE * s.deviation < 1 / WRONG_SCALE]
+    if idle:
+        yield (
+            f"{signal} of {_listed([names[s.joint] for s in idle])} {WEIGHTLESS} of the described bodies: gravity was "
+            f"taken out of it, something else carries them, or {WRONG}, or the masses or the gravity of {robot.name}"
+        )
+    off = [s for s in scales if s.correlation > FAINT and _is_off(s)]
+    if not off:
+        return
+    sizes = _listed([f"{s.ratio:.2g}" for s in off])
+    said = (
+        f"{signal} of {_listed([names[s.joint] for s in off])} is {sizes} times what carries the weight of the "
+        f"described bodies: {WRONG}, or the masses of {robot.name}"
+    )
+    if computed:
+        yield f"{said}; the torque is computed, so the gains kp and kd may be of the motor's side"
+        return
+    if all(s.ratio < 1 for s in off):
+        ratios = _listed([_about(1 / s.ratio) for s in off])
+        said += f"; a torque at the motor's shaft would mean gear ratios of about {ratios}"
+    yield f"{said}; {proposed(plan, signal, _key(off, robot, plan, signal))}"
+
+
+def _is_off(scale: Scale) -> bool:
+    """Whether a scale is surely further from 1 than wrong masses explain."""
+    low, high = scale.ratio - SURE * scale.deviation, scale.ratio + SURE * scale.deviation
+    return (low > WRONG_SCALE and scale.correlation > FOLLOWS) or high < 1 / WRONG_SCALE
+
+
+def _about(size: float) -> str:
+    """Return a size with two digits, without an exponent where it needs none."""
+    return f"{float(f'{size:.2g}'):g}"
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _key(off: Sequence[Scale], robot: Robot, plan: ReadPlan, signal: str) -> str:
+    """Return the keys of a mapping that makes up for the scales; joints that the log does not judge stay open."""
+    ratio = float(np.median([s.ratio for s in off]))
+    alike = all(abs(s.ratio / ratio - 1) < ALIKE + s.deviation / ratio for s in off)
+    placement = plan.placements.get(signal)
+    before = np.broadcast_to(placement.spec.scale, robot.n).tolist() if placement is not None else [1.0] * robot.n
+    kept = [f"unit: {placement.spec.unit}"] if placement is not None and placement.spec.unit else []
+    kept += ["side: motor"] if placement is not None and placement.spec.motor_side else []
+    geared = [(robot.joints[s.joint].gear_ratio or 1.0) * s.ratio for s in off]
+    if not kept and all(abs(product - 1) < WRONG_SCALE / 10 for product in geared):
+        return ", ".join([*kept, "side: motor"])
+    unit = next((key for factor, key in UNITS.items() if alike and abs(ratio / factor - 1) < WRONG_SCALE / 10), "")
+    if unit and not kept and set(before) == {1.0}:
+        return unit
+    if alike and len(set(before)) == 1:
+        return ", ".join([*kept, f"scale: {_about(before[0] / ratio)}"])
+    found = {s.joint: _about(before[s.joint] / s.ratio) for s in off}
+    sizes = (f"{name}: {found.get(k, 'RATIO')}" for k, name in enumerate(robot.joint_names))
+    return ", ".join([*kept, f"scale: {{{', '.join(sizes)}}}"])
+
+
+def weight_scales(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[Scale]:
+    """Yield how many times the weight of what it carries each joint's torque holds, NaN where that does not show.
+
+    The torque is fitted by the weight beside an offset, the joint's friction and the accelerations of its chain.
+    """
+    lag = max(1, round(LAG / dt))
+    if len(q) < 2 * lag + FEWEST or not any(robot.gravity):
+        return
+    at = np.unique(np.linspace(lag, len(q) - 1 - lag, INSTANTS).astype(int))
+    here, ahead, behind = q[at], q[at + lag], q[at - lag]
+    speed, bend = ahead - behind, ahead - 2.0 * here + behind
+    weight = gravity_torques(robot, here)
+    least = NOTHING * float(np.nanmax(np.abs(weight), initial=0.0))
+    for j in range(robot.n):
+        used = np.isfinite(np.column_stack([tau[at, j], weight[:, j], speed[:, j]])).all(axis=1)
+        if np.count_nonzero(used) < FEWEST or not np.ptp(weight[used, j]) > least:
+            continue
+        chain = [k for k in range(robot.n) if k in robot.ancestors[j] or j in robot.ancestors[k]]
+        own = np.column_stack([speed[:, j], np.sign(speed[:, j]), np.nan_to_num(bend[:, chain]), np.ones(at.size)])
+        yield Scale(j, *_ratio(own[used], weight[used, j], tau[at, j][used]))
+
+
+def _ratio(own: Array, weight: Array, tau: Array) -> tuple[float, float, float]:
+    """Return slope of torque over weight beside other columns, its standard error, correlation; NaN: not shown."""
+    sizes = np.linalg.norm(own, axis=0)
+    own = own[:, sizes > 0] / sizes[sizes > 0]
+    pairs = np.column_stack([weight, tau])
+    x, y = (pairs - own @ np.linalg.lstsq(own, pairs, rcond=None)[0]).T
+    if x.std() <= OWN * weight.std():
+        return math.nan, math.nan, math.nan
+    parts = np.array(
+        [(a @ b, a @ a) for a, b in zip(np.array_split(x, BLOCKS), np.array_split(y, BLOCKS), strict=True)]
+    )
+    whole = parts.sum(axis=0)
+    left = (whole - parts).T
+    without = left[0] / left[1]
+    ratio = float(whole[0] / whole[1])
+    correlation = float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
+    return ratio, float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((without - ratio) ** 2))), correlation
+
+
+def gravity_torques(robot: Robot, q: Array) -> Array:
+    """Return the torques, N·m (N), that hold the described bodies at rest at positions (N, n), rad (m); same shape.
+
+    NaN at joints whose load depends on a mass or first moment that is unknown.
+    """
+    known = np.array([[joint.parameters.get(kind, math.nan) for kind in LINK_PARAMETERS[:4]] for joint in robot.joints])
+    torques = _weights(robot, q, np.nan_to_num(known))
+    if np.isnan(known).any():
+        other = _weights(robot, q, np.nan_to_num(known, nan=1.0))
+        torques[:, (torques != other).any(axis=0)] = math.nan
+    return torques
+
+
+def _weights(robot: Robot, q: Array, bodies: Array) -> Array:
+    """Return the same for bodies of given mass and first moment, (n, 4)."""
+    gravity = np.array(robot.gravity)
+    mass, axes, origins = bodies[:, 0].copy(), [], []
+    first: list[Array] = []
+    frames = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
+    for k, (joint, (before, after)) in enumerate(zip(robot.joints, robot.placements(), strict=True)):
+        frame = frames[robot.parents[k] + 1] @ before
+        motion = np.broadcast_to(np.eye(4), frame.shape).copy()
+        if joint.revolute:
+            sin, cos = np.sin(q[:, k]), np.cos(q[:, k])
+            motion[:, 0, 0], motion[:, 0, 1], motion[:, 1, 0], motion[:, 1, 1] = cos, -sin, sin, cos
+        else:
+            motion[:, 2, 3] = q[:, k]
+        frame = frame @ motion
+        axes.append(frame[:, :3, 2])
+        origins.append(frame[:, :3, 3])
+        frames.append(frame @ after)
+        first.append(mass[k] * frames[-1][:, :3, 3] + frames[-1][:, :3, :3] @ bodies[k, 1:])
+    torques = np.empty_like(q)
+    for k in reversed(range(robot.n)):
+        if robot.joints[k].revolute:
+            torques[:, k] = -np.sum(axes[k] * np.cross(first[k] - mass[k] * origins[k], gravity), axis=1)
+        else:
+            torques[:, k] = -mass[k] * (axes[k] @ gravity)
+        if (parent := robot.parents[k]) >= 0:
+            mass[parent] += mass[k]
+            first[parent] = first[parent] + first[k]
+    return torques
