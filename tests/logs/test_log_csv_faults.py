@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import gzip
 import io
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from elid_cli.errors import LogError
+from elid_cli.logs.contract import Pick
 from elid_cli.logs.formats import csv_text
+from elid_cli.logs.formats.csv import CsvLog
 from elid_cli.logs.formats.csv_dialect import sniff
+from elid_cli.logs.source import open_source
 from tests.logs.faults import Table, table
 from tests.logs.made_logs import JOINTS, read, recording, same
 
@@ -192,3 +196,24 @@ def test_faults_are_read_around_block_by_block(tmp_path: Path, monkeypatch: pyte
     assert told == said
     assert said[0] == "2 CSV rows left out: line 101 has 9 cells of 10, line 502 has 9 cells of 10"
     assert said[1] == "text where numbers belong taken as missing: line 302"
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_units_in_every_cell_are_told_and_their_numbers_read(tmp_path: Path, named: bool) -> None:
+    names = ("time", "q", "tau") if named else ("column1", "column2", "column3")
+    rows = [f"{4 * k:.1f} ms,{math.sin(0.04 * k) * 57.3:.5f}°,{0.5 * k:.3f} Nm\n" for k in range(200)]
+    path = save(tmp_path, (f"{','.join(names)}\n" if named else "") + "".join(rows))
+    log = CsvLog(open_source(path))
+    assert log.units == dict(zip(names, ("ms", "°", "Nm"), strict=True))
+    (stream,) = log.load([Pick(names[2], "", (0,), time=names[0])])
+    np.testing.assert_array_equal(stream.values[:, 0], 0.5 * np.arange(200))
+    np.testing.assert_array_equal(stream.clocks["t"], 4.0 * np.arange(200))
+
+
+def test_a_cell_in_another_unit_than_its_column_is_missing_and_told(tmp_path: Path) -> None:
+    rows = [f"{k} ms,1\n" for k in range(100)]
+    rows[50] = "0.05 s,1\n"
+    log = CsvLog(open_source(save(tmp_path, "t,x\n" + "".join(rows))))
+    (stream,) = log.load([Pick("t", "", (0,))])
+    assert np.flatnonzero(np.isnan(stream.values[:, 0])).tolist() == [50]
+    assert any("text where numbers belong taken as missing: line 52" in said for said in log.losses)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from elid_cli.errors import LogError
 from elid_cli.logs.formats.csv_times import moment
+from elid_cli.logs.mapping.language import UNIT_WORDS
 
 COMMENTS = ("#", "%", "//")
 HEAD = 1 << 16
@@ -19,6 +20,8 @@ SNIFFED = 60
 """Lines that are looked at to tell the dialect."""
 LONGEST_LINE = 4 << 20
 """Characters of the longest row that is read."""
+MEASURED = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?\s*([^\W\d_][^\s\d]*|[°%‰][^\s\d]*)")
+"""A cell that holds a number and something behind it."""
 TABLE = "a CSV log has one header row and one row per sample"
 
 
@@ -37,7 +40,9 @@ class Dialect:
     first_line: int
     """Its line number, from 1."""
     units: tuple[str, ...] = ()
-    """Unit of each column, where the header or a row below it tells; empty where not."""
+    """Unit of each column, where the header, a row below it or every cell tells; empty where not."""
+    in_cells: tuple[str, ...] = ()
+    """Unit that stands in every cell of a column behind its number, as in ``0.5 s``; empty where none does."""
 
 
 def sniff(text: str, name: str) -> Dialect:
@@ -64,6 +69,8 @@ def sniff(text: str, name: str) -> Dialect:
     numeric = [k for k, row in enumerate(rows) if _is_numeric(row[2], decimal_comma)]
     if not numeric and separator != " ":
         numeric = [k for k, row in enumerate(rows) if _is_numeric(row[2], decimal_comma, named=True)]
+    if not numeric and separator != " ":
+        numeric = [k for k, row in enumerate(rows) if _is_numeric(map(_bare, row[2]), decimal_comma)]
     if not numeric:
         raise LogError(
             f"{name}: no row of numbers in its first {len(lines)} lines",
@@ -74,8 +81,10 @@ def sniff(text: str, name: str) -> Dialect:
     width = len(rows[start][2])
     header, below = _header(rows[:start], width)
     names, units = without_units(header) if header is not None else (tuple(f"column{k + 1}" for k in range(width)), ())
-    units = tuple(own or under for own, under in itertools.zip_longest(units, below, fillvalue=""))
-    return Dialect(separator, decimal_comma, names, header is not None, rows[start][0], rows[start][1], units)
+    in_cells = tuple(unit_of(cell) for cell in rows[start][2])
+    told = itertools.zip_longest(units, below, in_cells, fillvalue="")
+    units = tuple(own or under or inside for own, under, inside in told)
+    return Dialect(separator, decimal_comma, names, header is not None, rows[start][0], rows[start][1], units, in_cells)
 
 
 def split(line: str, separator: str) -> list[str]:
@@ -104,8 +113,24 @@ def to_number(cell: str, decimal_comma: bool) -> float | None:
     return number_of(cell.replace(",", ".") if decimal_comma else cell)
 
 
-def number_of(cell: str) -> float | None:
-    """Return a cell's number, or its date or time of day in s; NaN where it is empty, None of other text."""
+def unit_of(cell: str) -> str:
+    """Return the unit behind a cell's number, as in ``0.5 s`` or ``30°``; empty where none is known there."""
+    match = MEASURED.fullmatch(cell)
+    return match[1] if match and re.sub(r"[\s*·.]", "", match[1].lower()) in UNIT_WORDS else ""
+
+
+def _bare(cell: str) -> str:
+    """Return a cell without the unit behind its number."""
+    return cell.removesuffix(unit_of(cell)).rstrip()
+
+
+def number_of(cell: str, unit: str = "") -> float | None:
+    """Return a cell's number, or its date or time of day in s; NaN where it is empty, None of other text.
+
+    `unit` is what stands behind every number of its column.
+    """
+    if unit:
+        cell = cell.removesuffix(unit).rstrip()
     if not cell or cell.lower() in ("nan", "na", "n/a", "null", "none", "-"):
         return math.nan
     try:

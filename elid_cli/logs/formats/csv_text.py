@@ -189,7 +189,8 @@ class _Care:
         if len(cells) != width:
             self._ragged.append(f"line {number} has {len(cells)} cells of {width}")
             return None
-        row = [number_of(cells[k]) for k in self._columns]
+        units = self._dialect.in_cells or ("",) * width
+        row = [number_of(cells[k], units[k]) for k in self._columns]
         if any(value is None for value in row):
             self._unreadable.append(f"line {number}")
         return [math.nan if value is None else value for value in row]
