@@ -76,7 +76,8 @@ def write_found(
         beyond = _lost(refined, path)
         late = _foreign(path) and _late(found) and files.write_actuators is None
         lost = [spec for spec in beyond if (spec.effect, spec.joint) not in nuisances and not _beside(spec, files)]
-        said = [*_without_springs(refined, path), *_elsewhere([s for s in beyond if s not in lost], files)]
+        held = [s for s in beyond if s not in lost]
+        said = [*_without_springs(refined, path), *stays_aside(refined, path), *_elsewhere(held, files)]
         note([f"{path}: {sentence}" for sentence in said], output, "left out")
         try:
             if not lost and not late:
@@ -141,6 +142,31 @@ def _without_springs(robot: Robot, path: str) -> list[str]:
     ]
     beside = Path(robot.source).with_suffix(".elid.yaml").name
     return [f"{', '.join(names)}: the file's joints are rigid; {beside} or a .yaml holds stiffnesses"] if names else []
+
+
+def stays_aside(robot: Robot, path: str) -> list[str]:
+    """Return in words what the YAML beside a file said of a robot that a file of this name cannot hold."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in FOREIGN:
+        return []
+    from elid_cli.robot.files import read_robot
+    from elid_cli.robot.robot import Robot
+
+    said = []
+    own = Robot("", ()).gravity if suffix == ".urdf" else robot.gravity
+    if suffix != ".urdf" and _patches(robot, path):
+        own = read_robot(robot.source, beside=False).gravity
+    if robot.gravity != own:
+        wanted, others = (", ".join(f"{value:g}" for value in gravity) for gravity in (robot.gravity, own))
+        beside = Path(path).with_suffix(".elid.yaml").name
+        said.append(f"gravity: [{wanted}]: {beside} has to hold it; without that the file means [{others}]")
+    geared = [joint.name for joint in robot.joints if joint.gear_ratio is not None]
+    if geared and suffix != ".urdf":
+        said.append(
+            f"the gear ratio of {', '.join(geared)}: armature is the rotor's inertia at the joint, without its "
+            "coupling to the body that carries it"
+        )
+    return said
 
 
 def _without(

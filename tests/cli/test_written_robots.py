@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from elid_cli.cli import main
+from elid_cli.cli.robot_files import stays_aside
 from elid_cli.logs.writing import write_recording
+from elid_cli.robot.files import read_robot
 from elid_cli.signals.recording import Recording
 
 ROOT = Path(__file__).parents[2]
@@ -68,3 +71,17 @@ def drives_beside_effects(told: dict[str, Any]) -> None:
         values = told["actuators"]
         assert values["friction"][joint] - values["dynamic_friction"][joint] == pytest.approx(fading[0]["amplitude"])
         assert told["std_error"]["friction"][joint] > told["std_error"]["dynamic_friction"][joint]
+
+
+def test_what_the_yaml_beside_a_file_says_and_the_file_cannot_is_told(tmp_path: Path) -> None:
+    (arm := tmp_path / "arm.xml").write_text(ARM)
+    (tmp_path / "arm.elid.yaml").write_text("gravity: [0, 0, -9.81]\njoints: {joint2: {gear_ratio: 50}}\n")
+    robot = read_robot(arm)
+    gravity, gears = stays_aside(robot, str(tmp_path / "out.xml"))
+    assert gravity == "gravity: [0, 0, -9.81]: out.elid.yaml has to hold it; without that the file means [0, -9.81, 0]"
+    assert gears.startswith("the gear ratio of joint2: armature is the rotor's inertia at the joint, without its coup")
+    assert stays_aside(robot, "out.urdf") == []
+    assert stays_aside(replace(robot, gravity=(0.0, -9.81, 0.0)), "out.urdf") == [
+        "gravity: [0, -9.81, 0]: out.elid.yaml has to hold it; without that the file means [0, 0, -9.81]"
+    ]
+    assert stays_aside(robot, "out.yaml") == []
