@@ -21,12 +21,16 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.link_side import LinkSide, LinkTerms
 from elid_cli.estimation.motor_side.motor_log import STRIBECK_WIDTHS, MotorLog
-from elid_cli.estimation.motor_side.operators import KnotSpline, low_pass_rows
+from elid_cli.estimation.motor_side.operators import SHORT_WIDTH, WIDTH, KnotSpline, low_pass_rows
 from elid_cli.estimation.motor_side.pieces import Pieces
 from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns, prior_of
 
 PARTS = ("load", "bumps", "lost")
 """Unknowns that are in the model only where they are asked for."""
+WEAK = 0.05
+"""Torque on a link per torque that turns a rotor, up to which coupling's derivatives need not be exact."""
+POSITIONS, TORQUES = 8, 16
+"""Samples that a group of position rows, and of torque rows, spans."""
 _LOAD_ROUNDING = 0.01
 """Torque within which |s| is rounded off, share of the joint's torque."""
 
@@ -80,20 +84,6 @@ class Model:
     tau: Array
 
 
-@dataclass(frozen=True)
-class Linearised:
-    """Derivatives at one model."""
-
-    torque: list[Array]
-    """Of the torque through every transmission by the six coefficients of every joint at work, (N, 6 n)."""
-    carried: list[Array]
-    """Of what the links' motion adds to the rotors' acceleration; empty without coupling."""
-    theta_x: Array
-    """Of θ by x, (N, n, size)."""
-    tau_x: Array
-    """Of the low-passed torques by x, (rows, n, size)."""
-
-
 class Latent:
     """The residuals of one log.
 
@@ -130,20 +120,35 @@ class Latent:
         self.spline = log.kept(("spline", spacing), lambda: KnotSpline(log.t, spacing))
         self.prior_mean, self.prior_spread = prior_of(unknowns, rotors, log.torque)
         self.rounding = _LOAD_ROUNDING * log.torque
+        self.levels = self.link.levels if self.link.coupling > WEAK else 0
+        """How many rotors whose deflections load the next one in a row the derivatives follow sample by sample."""
+        reach = self._reach(SHORT_WIDTH // 2)
+        self.positions = log.kept(
+            ("positions", spacing), lambda: Pieces(self.spline, np.arange(log.count), reach, POSITIONS)
+        )
+        """The position rows."""
         self.rows: Any
         self.centres: NDArray[np.intp]
+        self.kernel: Array
+        """Weights of every row of the low-pass, an odd number."""
         self.tau_noise: Array
-        self.pieces: Pieces
+        self.torques: Pieces
+        """The torque rows."""
 
     def filter_torque(self, cutoff: float, floor: float) -> None:
         """Low-pass the torque rows at `cutoff`, Hz; their noise is at least `floor`, a share of the torque."""
         log = self.log
         self.rows, gain, self.centres = log.kept(("rows", cutoff), lambda: low_pass_rows(log.count, log.dt, cutoff))
-        self.pieces = log.kept(
-            ("pieces", self.spacing, cutoff, self.link.levels),
-            lambda: Pieces(log, self.spline, self.rows, self.centres, self.link.levels),
+        self.kernel = self.rows.data[: self.rows.indptr[1]]
+        reach = self._reach(len(self.kernel) // 2 + WIDTH // 2 + SHORT_WIDTH // 2)
+        self.torques = log.kept(
+            ("torques", self.spacing, cutoff), lambda: Pieces(self.spline, self.centres, reach, TORQUES)
         )
         self.tau_noise = np.hypot(log.tau_noise * gain, floor * log.torque)
+
+    def _reach(self, own: int) -> int:
+        """Return how many samples to either side a row reaches that touches so many of its transmission's torque."""
+        return own + self.levels * (WIDTH // 2 + SHORT_WIDTH // 2)
 
     # ---- the model
 
@@ -165,8 +170,9 @@ class Latent:
         theta, lagged = q[0].copy(), np.zeros_like(spring)
         for i in reversed(range(self.log.n)):
             for j in self.link.behind[i]:
-                spring[:, i] += J[j] * terms.by_speed[:, i, j] * (first @ theta[:, j])
-                spring[:, i] += J[j] * terms.by_acceleration[:, i, j] * (second @ theta[:, j])
+                deflection = theta[:, j] - q[0][:, j]
+                spring[:, i] += J[j] * terms.by_speed[:, i, j] * (q[1][:, j] + first @ deflection)
+                spring[:, i] += J[j] * terms.by_acceleration[:, i, j] * (q[2][:, j] + second @ deflection)
             lagged[:, i] = self.lag(spring[:, i], damping[i])
             theta[:, i] += c[i] * lagged[:, i] + lost[i] * np.tanh(spring[:, i] / self.lost_scale[i])
         return terms, spring, lagged, theta
@@ -209,77 +215,19 @@ class Latent:
 
     # ---- derivatives
 
-    def linearised(self, now: Model, x: Array) -> Linearised:
-        """Return the derivatives at a model of x, those by the coefficients left to `by_motion`."""
-        at = self.unknowns.places
-        slopes = self.link.slopes(now.q, x[at["p"]], x[at["J"]], (now.speed, now.acceleration))
-        theta_x, tau_x = self._by_unknowns(now, x)
-        filtered = np.stack([self.rows @ tau_x[:, i] for i in range(self.log.n)], axis=1)
-        joints = range(self.log.n)
-        by_torque = [self.pieces.supported(slopes.torque[:, :, i]) for i in joints]
-        by_carried = [self.pieces.supported(slopes.carried[:, :, i]) for i in joints if self.link.coupled]
-        return Linearised(by_torque, by_carried, theta_x, filtered)
-
-    def by_motion(self, now: Model, x: Array, slopes: Linearised, part: slice) -> Array:
-        """Return derivatives of θ and of the low-passed τ by the coefficients of some pieces' windows.
-
-        Rows as in `Pieces.rows_of`, columns as in the window, (C, n (T + R), W n).
-        """
-        at, n, pieces = self.unknowns.places, self.log.n, self.pieces
-        basis = pieces.basis[part]
-        own_basis = pieces.own(basis, part)
-        first, second = (rate[part] for rate in pieces.rates)
-        low_pass = pieces.low_pass[part]
-        motions: dict[int, Array] = {}
-        parts: list[Array] = [np.zeros(0)] * (2 * n)
-        for i in reversed(range(n)):
-            spring = pieces.spread(slopes.torque[i], part)
-            for j in self.link.behind[i]:
-                speed, acceleration = (
-                    x[at["J"][j]] * pieces.seen(rotor[:, i, j, None], part)
-                    for rotor in (now.terms.by_speed, now.terms.by_acceleration)
-                )
-                spring += (speed * first + acceleration * second) @ motions[j]
-            steep, tilt, share = (
-                low_pass * pieces.seen(values, part)[:, None]
-                for values in (now.steep[:, i], now.tilt[:, i], self._spring_share(now, x, i))
-            )
-            by_theta, by_spring = steep @ first + tilt @ second, share
-            theta = np.zeros((len(own_basis), own_basis.shape[1], spring.shape[2]))
-            if self.link.elastic[i]:
-                by_theta += x[at["J"][i]] * pieces.filtered_acceleration[part]
-                yields = self._yields(now, x, i, part)
-                by_spring += by_theta @ yields
-                theta += pieces.own(yields, part) @ spring
-                if self.link.loading[i]:
-                    motions[i] = yields @ spring
-            elif self.link.loading[i]:
-                motions[i] = np.zeros_like(spring)
-            tau = by_spring @ spring
-            theta[:, :, i::n] += own_basis
-            tau[:, :, i::n] += by_theta @ basis
-            if self.link.loading[i]:
-                motions[i][:, :, i::n] += basis
-            if self.link.elastic[i] and self.link.coupled:
-                tau += x[at["J"][i]] * (low_pass @ pieces.spread(slopes.carried[i], part))
-            parts[2 * i], parts[2 * i + 1] = theta, tau
-        return np.concatenate(parts, axis=1)
-
-    def _yields(self, now: Model, x: Array, i: int, part: slice) -> Array:
-        """Return the derivatives of a motor's position by the torque through its transmission, (C, S, S)."""
-        at, (short, shorter) = self.unknowns.places, (rate[part] for rate in self.pieces.short_rates)
-        c, T = x[at["c"][i]], x[at["damping"][i]]
-        found: Array = shorter * (c * T**2) - short * (c * T)
-        diagonal = np.arange(found.shape[1])
-        found[:, diagonal, diagonal] += c + self.pieces.seen(self._lost_slope(now, x, i), part)
+    def on_knots(self, slopes: Array) -> Array:
+        """Return sum over d of slopes[d] (N, n) times the d-th derivatives of the six basis values, (N, 6 n)."""
+        values = self.log.kept(("values", self.spacing), lambda: np.stack([self.spline.values(d) for d in range(5)], 2))
+        found: Array = (values[:, :, : len(slopes)] @ slopes.transpose(1, 0, 2)).reshape(self.log.count, -1)
         return found
 
-    def _lost_slope(self, now: Model, x: Array, joint: int) -> Array:
+    def lost_slope(self, now: Model, x: Array, joint: int) -> Array:
+        """Return the derivative of lost motion by the torque through a transmission, (N,)."""
         s0, size = self.lost_scale[joint], x[self.unknowns["lost"][joint]]
         found: Array = size * (1 - np.tanh(now.spring[:, joint] / s0) ** 2) / s0
         return found
 
-    def _spring_share(self, now: Model, x: Array, joint: int) -> Array:
+    def spring_share(self, now: Model, x: Array, joint: int) -> Array:
         """Return the derivative of a motor's torque by its transmission's, (N,): load friction adds to it."""
         share = np.ones(self.log.count)
         if len(now.rounded):
@@ -287,8 +235,8 @@ class Latent:
             share += load * now.sign[:, joint] * now.spring[:, joint] / now.rounded[:, joint]
         return share
 
-    def _by_unknowns(self, now: Model, x: Array) -> tuple[Array, Array]:
-        """Return d θ / d x and d τ / d x, (N, n, size)."""
+    def by_unknowns(self, now: Model, x: Array) -> tuple[Array, Array]:
+        """Return d θ / d x, (N, n, size), and the derivatives of the low-passed τ by x, (rows, n, size)."""
         at, n, (first, second) = self.unknowns.places, self.log.n, self.log.rates
         theta, tau = np.zeros((2, self.log.count, n, self.unknowns.size))
         rate = first @ now.tau
@@ -301,7 +249,7 @@ class Latent:
                 inertia = x[at["J"][i]] + now.tilt[:, i, None]
                 tau[:, i, used] = inertia * (second @ here) + now.steep[:, i, None] * (first @ here)
                 tau[:, i, at["J"][i]] += now.acceleration[:, i] + now.terms.carried[:, i]
-            tau[:, i] += self._spring_share(now, x, i)[:, None] * spring
+            tau[:, i] += self.spring_share(now, x, i)[:, None] * spring
             tau[:, i, at["fv"][i]], tau[:, i, at["fs"][i]] = now.speed[:, i], now.sign[:, i]
             tau[:, i, at["offset"][i]], tau[:, i, at["delay"][0]] = 1.0, rate[:, i]
             if len(now.rounded):
@@ -310,7 +258,7 @@ class Latent:
                 tau[:, i, at["bumps"].reshape(-1, n)[:, i]] = now.bumps[:, :, i].T
         for place, friction in zip(at["further"], self.further, strict=True):
             tau[:, friction.joint, place] = friction.values(now.speed[:, friction.joint])
-        return theta, tau
+        return theta, np.stack([self.rows @ tau[:, i] for i in range(n)], axis=1)
 
     def _spring_by_unknowns(self, now: Model, x: Array, theta: Array, i: int) -> tuple[Array, NDArray[np.intp]]:
         """Return d s_i / d x, (N, size), and which columns of it are not empty; later joints' θ is differentiated."""
@@ -331,7 +279,7 @@ class Latent:
         at, (short, shorter) = self.unknowns.places, self.log.short_rates
         c, T = x[at["c"][i]], x[at["damping"][i]]
         used = np.flatnonzero(spring.any(axis=0))
-        theta[:, used] = c * self.lag(spring[:, used], T) + self._lost_slope(now, x, i)[:, None] * spring[:, used]
+        theta[:, used] = c * self.lag(spring[:, used], T) + self.lost_slope(now, x, i)[:, None] * spring[:, used]
         s = now.spring[:, i]
         theta[:, at["c"][i]] += now.lagged[:, i]
         theta[:, at["damping"][i]] += c * (-(short @ s) + 2 * T * (shorter @ s))

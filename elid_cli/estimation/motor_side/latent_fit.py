@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.banded import BandedFactor
+from elid_cli.estimation.motor_side.by_motion import ByMotion
 from elid_cli.estimation.motor_side.latent import PARTS, Latent, Model
+from elid_cli.estimation.motor_side.pieces import Pieces
 
 HUBER = 4.0
 """Torque residual in standard deviations beyond which it counts less."""
@@ -35,8 +38,19 @@ class Schur:
     matrix: Array
     load: Array
     scale: Array
-    solved: Array
-    """What moves of the free unknowns, and the gradient (last column), move the coefficients by."""
+    half: Array
+    """Uᵀ^-1 times the border, and times the gradient (last column)."""
+    factor: BandedFactor
+    """U of the coefficients' own normal equations."""
+
+    def path(self, move: Array) -> Array:
+        """Return the coefficients' move that goes with one of the free unknowns, (K n,)."""
+        return self.factor.back(self.half[:, -1:] - self.half[:, :-1] @ move[:, None])[:, 0]
+
+    @cached_property
+    def following(self) -> Array:
+        """Return what moves of the free unknowns move the coefficients by, but for the sign, (K n, U)."""
+        return self.factor.back(self.half[:, :-1])
 
 
 @dataclass(frozen=True)
@@ -80,15 +94,12 @@ class LatentFit:
         """The same from the scores of blocks of time, which keep the residual's correlation."""
         problem, count = self.problem, self.problem.log.count
         sums = np.zeros((_BLOCKS, len(self.free)))
-        in_block, filtered = (
-            np.tile((k * _BLOCKS // count)[:, None], problem.log.n) for k in (np.arange(count), problem.centres)
-        )
         rows = _Rows(problem, self.model, self.x, self.residuals, self.root, self.free)
-        for part, A, P, r in rows:
-            cells = problem.pieces.first_knot[part, None] * problem.log.n + np.arange(A.shape[2])
-            scores = (P - A @ self.schur.solved[cells, :-1]) * r[:, :, None]
-            block = problem.pieces.rows_of(in_block, filtered, part)
-            np.add.at(sums, block.ravel().astype(np.intp), scores.reshape(-1, scores.shape[2]))
+        for pieces, part, A, P, r in rows:
+            cells = pieces.first_knot[part, None] * problem.log.n + np.arange(A.shape[2])
+            scores = (P - A @ self.schur.following[cells]) * r[:, :, None]
+            block = np.repeat((pieces.centres * _BLOCKS // count)[pieces.rows[part]], problem.log.n)
+            np.add.at(sums, block, scores.reshape(-1, scores.shape[2]))
         sums -= sums.mean(axis=0)
         inverse = self.covariance[np.ix_(self.free, self.free)]
         return self._whole(inverse @ (sums.T @ sums) @ inverse * _BLOCKS / (_BLOCKS - 1))
@@ -216,7 +227,7 @@ class _Descent:
                 self.damping = max(10 * self.damping, 1e-4)
                 continue
             move, unit = normal.move(schur, self.damping)
-            path = (schur.solved[:, -1] - schur.solved[:, :-1] @ move).reshape(coefficients.shape)
+            path = schur.path(move).reshape(coefficients.shape)
             for share in SHARES:
                 trial = x.copy()
                 trial[self.free] += share * move
@@ -237,65 +248,61 @@ class _Descent:
 
 
 class _Rows:
-    """Rows of the normal equations over their noise, piece by piece.
+    """Rows of the normal equations over their noise, some groups of them at a time.
 
-    Iterating gives the pieces, derivatives by their windows' coefficients and by the free unknowns, and residuals.
+    Iterating gives groups, which of them, derivatives by their windows' coefficients and by the unknowns, residuals.
     """
 
     def __init__(
         self, problem: Latent, now: Model, x: Array, residuals: tuple[Array, Array], root: Array,
         free: NDArray[np.intp],
     ) -> None:  # fmt: skip
-        self.problem, self._now, self._x = problem, now, x
-        self._slopes = problem.linearised(now, x)
+        self.problem, self._by_motion = problem, ByMotion(problem, now, x)
         theta, tau = residuals
         self._over = np.broadcast_to(1 / problem.log.theta_noise, theta.shape), root / problem.tau_noise
-        self._by_x = self._slopes.theta_x[:, :, free], self._slopes.tau_x[:, :, free]
+        self._by_x = [slopes[:, :, free] for slopes in problem.by_unknowns(now, x)]
         self._residual = theta, tau * root
 
-    def __iter__(self) -> Iterator[tuple[slice, Array, Array, Array]]:
-        pieces = self.problem.pieces
-        for part in pieces.batches(self.problem.log.n):
-            over = pieces.rows_of(*self._over, part)[:, :, None]
-            A = self.problem.by_motion(self._now, self._x, self._slopes, part)
-            A *= over
-            yield part, A, pieces.rows_of(*self._by_x, part) * over, pieces.rows_of(*self._residual, part)
+    def __iter__(self) -> Iterator[tuple[Pieces, slice, Array, Array, Array]]:
+        kinds = zip((self.problem.positions, self.problem.torques), self._over, self._by_x, self._residual, strict=True)
+        for pieces, noise, by_x, residual in kinds:
+            for part in pieces.turns(self.problem.log.n):
+                over = pieces.of(noise, part)[:, :, None]
+                A = self._by_motion.rows(pieces, part)
+                A *= over
+                yield pieces, part, A, pieces.of(by_x, part) * over, pieces.of(residual, part)
 
 
 class _Normal:
     """Normal equations of coefficients (banded) and free unknowns (a border)."""
 
     def __init__(self, rows: _Rows, pull: Array, miss: Array) -> None:
-        pieces, n = rows.problem.pieces, rows.problem.log.n
-        size = rows.problem.spline.count * n
-        self._band = np.zeros(((pieces.reach + 1) * n, size))
-        sides = np.zeros((size, len(pull) + 1))
+        problem, n = rows.problem, rows.problem.log.n
+        size = problem.spline.count * n
+        self._band = np.zeros((size, (max(problem.positions.reach, problem.torques.reach) + 1) * n))
+        self._sides = np.zeros((size, len(pull) + 1))
         self._corner, self._edge = np.diag(pull), -pull * miss
-        for part, A, P, r in rows:
+        for pieces, part, A, P, r in rows:
             turned = A.transpose(0, 2, 1)
-            pieces.added_band(turned @ A, part.start, self._band)
-            pieces.added(turned @ np.concatenate([P, r[:, :, None]], axis=2), part.start, sides)
+            pieces.added_band(turned @ A, part, self._band)
+            pieces.added(turned @ np.concatenate([P, r[:, :, None]], axis=2), part, self._sides)
             P = P.reshape(-1, P.shape[2])
             self._corner += P.T @ P
             self._edge += P.T @ r.ravel()
-        self._border, self._gradient = sides[:, :-1], sides[:, -1]
 
     def eliminated(self, damping: float) -> Schur | None:
         """Return the Schur complement, or None where the band is not positive definite."""
-        from scipy.linalg import cho_solve_banded, cholesky_banded
-
         band = self._band.copy()
-        band[-1] = band[-1] * (1 + 1e-11 + 1e-3 * damping) + 1e-14 * band[-1].max()
+        band[:, -1] = band[:, -1] * (1 + 1e-11 + 1e-3 * damping) + 1e-14 * band[:, -1].max()
         try:
-            factor = cholesky_banded(band, check_finite=False)
+            factor = BandedFactor(band.T)
         except np.linalg.LinAlgError:
             return None
-        sides = np.column_stack([self._border, self._gradient])
-        solved = cho_solve_banded((factor, False), sides, check_finite=False)
-        matrix = self._corner - self._border.T @ solved[:, :-1]
-        load = self._edge - self._border.T @ solved[:, -1]
+        half = factor.forward(self._sides)
+        matrix = self._corner - half[:, :-1].T @ half[:, :-1]
+        load = self._edge - half[:, :-1].T @ half[:, -1]
         size = np.maximum(np.diag(matrix), 1e-10 * np.diag(self._corner) + 1e-300)
-        return Schur(matrix, load, 1 / np.sqrt(size), solved)
+        return Schur(matrix, load, 1 / np.sqrt(size), half, factor)
 
     @staticmethod
     def move(schur: Schur, damping: float) -> tuple[Array, Array]:

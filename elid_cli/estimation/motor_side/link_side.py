@@ -95,17 +95,17 @@ class LinkSide:
         return tuple(tuple(j for j in range(self.n) if (i, j) in pairs) for i in range(self.n))
 
     @cached_property
-    def loading(self) -> tuple[bool, ...]:
-        """Of every joint, whether its rotor loads another."""
-        return tuple(any(j in behind for behind in self.behind) for j in range(self.n))
+    def levels(self) -> int:
+        """How many rotors follow each other of which each loads a link of the next one."""
+        depth = [0] * self.n
+        for i in reversed(range(self.n)):
+            depth[i] = 1 + max((depth[j] for j in self.behind[i]), default=-1)
+        return max(depth)
 
     @cached_property
-    def levels(self) -> int:
-        """How many joints follow each other whose rotors load the next, and one."""
-        depth = [1] * self.n
-        for i in reversed(range(self.n)):
-            depth[i] = 1 + max((depth[j] for j in self.behind[i]), default=0)
-        return max(depth)
+    def coupling(self) -> float:
+        """Largest torque on another link per torque that turns a rotor: one over the smallest gear ratio there."""
+        return max((1 / abs(float(self.ratio[j])) for behind in self.behind for j in behind), default=0.0)
 
     def terms(self, q: Array, dq: Array, ddq: Array) -> LinkTerms:
         """Return columns and coupling at N instants of links' motion, (N, n) each."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.operators import stencil, thin
+from elid_cli.estimation.motor_side.operators import SHORT_WIDTH, WIDTH, stencil, thin
 
 HIGHEST = 70.0
 """Limit of a band, Hz: above, splines would need too many knots."""
@@ -124,12 +124,12 @@ class MotorLog:
     @cached_property
     def rates(self) -> tuple[Any, Any]:
         """First and second differences over nine samples."""
-        return stencil(self.count, 1, 9, self.dt), stencil(self.count, 2, 9, self.dt)
+        return stencil(self.count, 1, WIDTH, self.dt), stencil(self.count, 2, WIDTH, self.dt)
 
     @cached_property
     def short_rates(self) -> tuple[Any, Any]:
         """First and second differences over few samples, for small corrections."""
-        return stencil(self.count, 1, 5, self.dt), stencil(self.count, 2, 3, self.dt)
+        return stencil(self.count, 1, SHORT_WIDTH, self.dt), stencil(self.count, 2, SHORT_WIDTH, self.dt)
 
     @cached_property
     def _acting(self) -> list[Any]:

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.signals.splines import DEGREE, ORDER, basis
 
-EDGE = 6
-"""Samples at either end where differences are of lower order."""
+WIDTH, SHORT_WIDTH = 9, 5
+"""Samples of a difference, and of one for small corrections."""
+EDGE = 8
+"""Samples at either end that no torque row touches: differences of differences reach beyond it."""
 _KAISER = 4.5
 
 
@@ -29,22 +31,22 @@ def thin(values: Array, step: int) -> tuple[Array, float]:
 def stencil(count: int, order: int, width: int, dt: float) -> Any:
     """Return derivatives of `count` samples as a sparse matrix, each from the `width` samples around it.
 
-    `order` is 1 or 2. Near an end they are those of the polynomial through the last `width` samples.
+    `order` is 1 or 2. Zero where these reach beyond an end.
     """
-    from scipy.sparse import csr_matrix
+    from scipy.sparse import diags_array
 
-    first = np.clip(np.arange(count) - width // 2, 0, count - width)
-    table = np.array([_weights(width, place, order) for place in range(width)]) / dt**order
-    ends = np.arange(0, count * width + 1, width)
-    columns = first[:, None] + np.arange(width)
-    return csr_matrix((table[np.arange(count) - first].ravel(), columns.ravel(), ends), shape=(count, count))
+    reach = width // 2
+    inside = np.r_[np.zeros(reach), np.ones(count - 2 * reach), np.zeros(reach)]
+    weights = centred(order, dt, width)
+    bands = [weight * inside[max(0, -k) : count - max(0, k)] for k, weight in enumerate(weights, -reach)]
+    return diags_array(bands, offsets=range(-reach, reach + 1), format="csr")
 
 
-def _weights(width: int, place: int, order: int) -> Array:
-    """Return the weights of the `order`-th derivative at one of `width` samples, a unit apart (Fornberg 1988)."""
-    powers = np.vander(np.arange(width) - place, increasing=True).T.astype(float)
+def centred(order: int, dt: float, width: int = WIDTH) -> Array:
+    """Return the weights of the `order`-th derivative (1 or 2) in the middle of `width` samples (Fornberg 1988)."""
+    powers = np.vander(np.arange(width) - width // 2, increasing=True).T.astype(float)
     wanted = np.zeros(width)
-    wanted[order] = float(order)  # 1! = 1, 2! = 2
+    wanted[order] = order / dt**order  # 1! = 1, 2! = 2
     found: Array = np.linalg.solve(powers, wanted)
     return found
 

@@ -40,8 +40,11 @@ crawls has not found its valley's bottom, whatever it looks like."""
 LOST, LOST_AT_ONCE = 5000.0, 100.0
 """Cost from which on a climb leads nowhere, and that of one that gets no further than its first rung: what follows
 mends friction, and not equations that fail. Measured: simulated logs with every friction up to 115, 14."""
-HOPELESS = 100.0
-"""Misfit at the first floor from which on no more is tried."""
+HOPELESS = 15.0
+"""Misfit at the first floor from which on no more is tried: equations that leave over a tenth of the torque lack more
+than a shape of friction. Measured: simulated logs with every friction up to 3.4, a flexible arm that refuses 20."""
+_SAME_COST, _SAME_PLACE = 1e-3, 0.003
+"""Share of the cost, and logarithm of the compliances, within which two ends are one."""
 _ENDS = 2
 _CLIMB_RATE = 16.0
 """Sample rate of the climb over the end of the band."""
@@ -118,16 +121,19 @@ def search(setting: Setting) -> Search:
     climb_log = MotorLog(setting.samples, _CLIMB_RATE * setting.band)
     climb = Climb(climb_log, setting.unknowns, setting.rotors, setting.band)
     starts = [start for start in climb.ends() if not _lost(start)][:_ENDS]
-    ends = [end for start in starts if (end := _from(setting, climb, start)) is not None]
-    if _unfit(ends):
-        ends += [end for start in climb.tops[:1] if (end := _from(setting, climb, start)) is not None]
-    if _unfit(ends) and starts:
+    fits = _Fits(setting, climb)
+    for start in starts:
+        fits.add(start)
+    if _unfit(fits.ends) and climb.tops:
+        fits.add(climb.tops[0])
+    if _unfit(fits.ends) and starts:
         climb.with_load = False
-        ends += _without_load(setting, climb, starts)
-    if not ends:
+        _without_load(fits, starts)
+    if not fits.ends:
         raise np.linalg.LinAlgError("no start leads to a fit")
-    first, *others = sorted(ends, key=lambda end: end.cost)
-    for _ in range(_RUNS):
+    first, *others = sorted(fits.ends, key=lambda end: end.cost)
+    fall, moved = 0.0, np.zeros(setting.link.n)
+    for _ in range(_RUNS if first.chi <= HOPELESS else 0):
         further = fit(first.problem, first.x, first.coefficients, setting.unknowns.free(), FURTHER)
         fall, moved = (first.cost - further.cost) / further.cost, np.abs(further.compliance - first.compliance)
         first = further
@@ -144,24 +150,45 @@ def _lost(start: ClimbEnd) -> bool:
     return start.cost > (LOST_AT_ONCE if start.top < RATIO * FIRST_RUNG else LOST)
 
 
-def _without_load(setting: Setting, climb: Climb, starts: Sequence[ClimbEnd]) -> list[LatentFit]:
-    """Return the fit from a climb without load friction, where it ends elsewhere."""
+def _without_load(fits: _Fits, starts: Sequence[ClimbEnd]) -> None:
+    """Add the fit from a climb without load friction, where it ends elsewhere."""
     try:
-        start = climb.ascend()
+        start = fits.climb.ascend()
     except (np.linalg.LinAlgError, ValueError):
-        return []
-    known = [setting.unknowns.apart(start.x, other.x) for other in starts]
-    if not np.all(np.isfinite(start.x)) or any(distance < 0.03 for distance in known):
-        return []
-    end = _from(setting, climb, start)
-    return [] if end is None else [end]
+        return
+    known = [fits.setting.unknowns.apart(start.x, other.x) for other in starts]
+    if np.all(np.isfinite(start.x)) and all(distance >= 0.03 for distance in known):
+        fits.add(start)
 
 
-def _from(setting: Setting, climb: Climb, start: ClimbEnd) -> LatentFit | None:
-    try:
-        return _Columns(setting, climb, start).best()
-    except (np.linalg.LinAlgError, ValueError):
-        return None
+class _Fits:
+    """Ends of fits from the starts of a climb."""
+
+    def __init__(self, setting: Setting, climb: Climb) -> None:
+        self.setting, self.climb = setting, climb
+        self.ends: list[LatentFit] = []
+        self._plain: list[LatentFit] = []
+        """With load friction alone."""
+
+    def add(self, start: ClimbEnd) -> None:
+        """Fit from a start, unless that fails or comes to where another one came."""
+        try:
+            columns = _Columns(self.setting, self.climb, start)
+            first = columns.level(("load",), columns.x, columns.coefficients, FLOORS[:1])
+            if first.chi > HOPELESS:
+                self.ends.append(first)
+                return
+            plain = columns.level(("load",), first.x, first.coefficients, FLOORS[1:])
+            if any(self._same(plain, other) for other in self._plain):
+                return
+            self._plain.append(plain)
+            self.ends.append(columns.best(plain))
+        except (np.linalg.LinAlgError, ValueError):
+            return
+
+    def _same(self, one: LatentFit, other: LatentFit) -> bool:
+        near = self.setting.unknowns.apart(one.x, other.x) < _SAME_PLACE
+        return near and abs(one.cost - other.cost) < _SAME_COST * other.cost
 
 
 class _Columns:
@@ -182,27 +209,26 @@ class _Columns:
 
     def level(
         self, parts: Sequence[str], x: Array, coefficients: Array, floors: Sequence[tuple[float, int]],
-        lost_scale: Array | None = None,
+        lost_scale: Array | None = None, high: float = np.inf,
     ) -> LatentFit:  # fmt: skip
-        """Return the fit with some columns, floor by floor."""
+        """Return the fit with some columns, floor by floor; `high`: the cost that is asked about."""
         problem = self.setting.problem(parts, lost_scale)
         x = x.copy()
         for name in {"load", "bumps", "lost"} - set(parts):
             x[self.unknowns[name]] = 0.0
         for floor, steps in floors:
             problem.filter_torque(self.setting.cutoff, floor)
-            found = fit(problem, x, coefficients, self.unknowns.free(), Iteration(steps, settle=True, least=3))
+            found = fit(
+                problem, x, coefficients, self.unknowns.free(), Iteration(steps, settle=True, least=3, high=high)
+            )
             x, coefficients = found.x, found.coefficients
-            if found.chi > HOPELESS:
-                break
         return found
 
-    def best(self) -> LatentFit:
-        """Return the fit with the columns that pay."""
-        found = self.level(("load",), self.x, self.coefficients, FLOORS)
-        if found.chi > HOPELESS:
-            return found
-        plain = self.level((), found.x, found.coefficients, FLOORS[-1:])
+    def best(self, found: LatentFit) -> LatentFit:
+        """Return the fit with the columns that pay, from the one with load friction alone."""
+        # no further than is needed to tell which of the two pays
+        high = found.cost + _PAYS * self.unknowns.link.n * max(1.0, found.chi)
+        plain = self.level((), found.x, found.coefficients, FLOORS[-1:], high=high)
         if found.chi > _STRIBECK_FROM * min(1.0, plain.chi) or _pays(plain, found):
             richer = self.level(("load", "bumps"), found.x, found.coefficients, FLOORS[-2:])
             found = richer if _pays(found, richer) else found

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from elid_cli._types import Array
+from elid_cli.estimation.motor_side.banded import BandedFactor
+from elid_cli.estimation.motor_side.by_motion import ByMotion
 from elid_cli.estimation.motor_side.climb import Climb
+from elid_cli.estimation.motor_side.latent import Latent
 from elid_cli.estimation.motor_side.link_side import LinkSide
+from elid_cli.estimation.motor_side.pieces import Pieces
 from elid_cli.estimation.motor_side.search import Setting
 from elid_cli.estimation.motor_side.stretch import stretch_of
 from elid_cli.estimation.motor_side.unknowns import RotorPrior
@@ -21,39 +28,81 @@ def arm() -> Arm:
 
 @pytest.fixture(scope="module")
 def setting(arm: Arm) -> Setting:
+    return setting_of(arm)
+
+
+def setting_of(arm: Arm) -> Setting:
     samples = stretch_of(motor_log(arm, 47, Case(duration=4.0)), np.arange(3))
     assert not isinstance(samples, str)
     rotor = inertias(arm)[1]
     return Setting(samples, LinkSide(told_robot(arm, 47)), RotorPrior(rotor, 0.2 * rotor))
 
 
-def test_pieces_give_the_derivatives_of_differences(arm: Arm, setting: Setting) -> None:
-    """Low-pass, spring, damper, lost motion and coupled rotors, near both ends and within."""
+def problem_of(setting: Setting) -> tuple[Latent, Array, Array]:
+    """Return the problem with all columns, some unknowns that are not zero, and coefficients."""
     problem = setting.problem(("load", "bumps", "lost"), np.full(3, 3.0))
     problem.filter_torque(setting.cutoff, 0.003)
-    generator = np.random.default_rng(9)
-    x, at, pieces = np.zeros(setting.unknowns.size), setting.unknowns, problem.pieces
-    x[at["p"]], x[at["J"]] = generator.uniform(0.1, 1.0, len(at["p"])), setting.rotors.value
+    x, at = np.zeros(setting.unknowns.size), setting.unknowns
+    x[at["p"]], x[at["J"]] = np.random.default_rng(9).uniform(0.1, 1.0, len(at["p"])), setting.rotors.value
     x[at["fv"]], x[at["fs"]], x[at["load"]], x[at["bumps"]] = 1.0, 0.5, 0.05, 0.2
-    x[at["c"]], x[at["damping"]], x[at["lost"]] = 1 / arm.stiffness, 1e-3, 1e-4
-    coefficients = problem.spline.fit(setting.log.theta)
-    _, _, now = problem.residual(coefficients, x)
-    whole = problem.by_motion(now, x, problem.linearised(now, x), slice(None))
+    x[at["c"]], x[at["damping"]], x[at["lost"]] = 1e-4, 1e-3, 1e-4
+    return problem, x, problem.spline.fit(setting.log.theta)
+
+
+def differences(problem: Latent, x: Array, coefficients: Array, step: Array) -> list[tuple[Pieces, Array]]:
+    """Return what a step of the coefficients moves the rows by, group by group."""
+    (ahead, torque_ahead, _), (back, torque_back, _) = (
+        problem.residual(coefficients + sign * step, x) for sign in (1, -1)
+    )
+    rows = (back - ahead) * problem.log.theta_noise / 2, (torque_back - torque_ahead) * problem.tau_noise / 2
+    kinds = problem.positions, problem.torques
+    return [(pieces, pieces.of(moved, slice(None))) for pieces, moved in zip(kinds, rows, strict=True)]
+
+
+def test_pieces_give_the_derivatives_of_differences(arm: Arm) -> None:
+    """Low-pass, spring, damper, lost motion and strongly coupled rotors, near both ends and within."""
+    setting = setting_of(replace(arm, gear=arm.gear / 15, rotor=arm.rotor * 15**2))
+    problem, x, coefficients = problem_of(setting)
+    assert problem.levels == 2
+    by_motion = ByMotion(problem, problem.model(coefficients, x), x)
     for knot in (1, 40, problem.spline.count - 2):
         for joint in range(3):
             step = np.zeros_like(coefficients)
-            step[knot, joint] = 1e-6
-            (ahead, torque_ahead, _), (back, torque_back, _) = (
-                problem.residual(coefficients + sign * step, x) for sign in (1, -1)
-            )
-            by_theta = (back - ahead) * problem.log.theta_noise / 2e-6
-            by_tau = (torque_back - torque_ahead) * problem.tau_noise / 2e-6
-            wanted = pieces.rows_of(by_theta, by_tau, slice(None))
-            place = (knot - pieces.first_knot) * 3 + joint
-            inside = (knot >= pieces.first_knot) & (knot < pieces.first_knot + pieces.knots)
-            assert not wanted[~inside].any()
-            found = whole[np.flatnonzero(inside), :, place[inside]]
-            assert np.abs(found - wanted[inside]).max() < 1e-5 * np.abs(wanted).max()
+            step[knot, joint] = 3e-7
+            for pieces, moved in differences(problem, x, coefficients, step):
+                place = (knot - pieces.first_knot) * 3 + joint
+                inside = (knot >= pieces.first_knot) & (knot < pieces.first_knot + pieces.knots)
+                assert not moved[~inside].any()
+                found = 3e-7 * by_motion.rows(pieces, slice(None))[np.flatnonzero(inside), :, place[inside]]
+                assert np.abs(found - moved[inside]).max() < 5e-5 * np.abs(moved).max() + 1e-10  # rounding
+
+
+def test_rotors_that_hardly_load_other_links_do_so_within_a_hundredth_for_smooth_motion(setting: Setting) -> None:
+    problem, x, coefficients = problem_of(setting)
+    assert problem.levels == 0
+    now, at, log = problem.model(coefficients, x), setting.unknowns, setting.log
+    columns = now.terms.columns[50:-50].reshape(-1, len(at["p"]))
+    x[at["p"]] = np.linalg.lstsq(columns, (log.tau - x[at["J"]] * now.acceleration)[50:-50].ravel(), rcond=None)[0]
+    by_motion = ByMotion(problem, problem.model(coefficients, x), x)
+    step = problem.spline.fit(1e-8 * np.sin(2 * np.pi * 10.0 * log.t[:, None] + np.arange(3)))
+    for pieces, moved in differences(problem, x, coefficients, step):
+        windows = pieces.first_knot[:, None] * 3 + np.arange(3 * pieces.knots)
+        found = (by_motion.rows(pieces, slice(None)) @ step.ravel()[windows][:, :, None])[:, :, 0]
+        off, size = (np.sqrt(np.mean(rows.reshape(-1, 3) ** 2, axis=0)) for rows in (found - moved, moved))
+        assert np.all(off < [0.012 * size[0], 0.002 * size[1], 1e-4 * size[2]])  # no rotor loads the last one
+
+
+def test_a_banded_factor_solves() -> None:
+    generator = np.random.default_rng(1)
+    lower = np.tril(np.triu(generator.normal(size=(23, 23)), -5)) + 4 * np.eye(23)
+    matrix, sides = lower @ lower.T, generator.normal(size=(23, 2))
+    band = np.stack([np.r_[np.zeros(5 - k), np.diag(matrix, 5 - k)] for k in range(6)])
+    factor = BandedFactor(band)
+    half = factor.forward(sides)
+    assert half.T @ half == pytest.approx(sides.T @ np.linalg.solve(matrix, sides), rel=1e-10)
+    assert factor.back(half) == pytest.approx(np.linalg.solve(matrix, sides), rel=1e-9)
+    with pytest.raises(np.linalg.LinAlgError):
+        BandedFactor(-band)
 
 
 def test_the_motion_of_a_start_stays_near_the_motors_at_both_ends(setting: Setting) -> None:

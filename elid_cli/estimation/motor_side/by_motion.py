@@ -1,0 +1,145 @@
+"""Derivatives of the equations' rows by the links' motion: how every row reaches the coefficients.
+
+A row that takes θ of a joint takes q there and, through the yielding transmission, the torque through it; one that
+takes that torque takes what the link side makes of all links' motion and the deflections of coupled rotors, and so on.
+All of it acts on samples around the row's own (`Pieces`).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.estimation.motor_side.latent import Latent, Model
+from elid_cli.estimation.motor_side.operators import SHORT_WIDTH, centred
+from elid_cli.estimation.motor_side.pieces import Pieces, summed
+
+_Target = tuple[str, int]
+
+
+class ByMotion:
+    """Derivatives of θ and of the low-passed τ at one model of x."""
+
+    def __init__(self, problem: Latent, now: Model, x: Array) -> None:
+        self._problem, self._now, self._x, self._n = problem, now, x, problem.log.n
+        self._at, link, dt = problem.unknowns.places, problem.link, problem.log.dt
+        slopes = link.slopes(now.q, x[self._at["p"]], x[self._at["J"]], (now.speed, now.acceleration))
+        self._six = {("spring", i): problem.on_knots(self._on_knots(slopes.torque, i)) for i in range(self._n)}
+        if link.coupled:
+            self._six |= {("carried", i): problem.on_knots(slopes.carried[:, :, i]) for i in range(self._n)}
+        self._rates = centred(1, dt), centred(2, dt)
+        self._short_rates = centred(1, dt, SHORT_WIDTH), centred(2, dt, SHORT_WIDTH)
+
+    def rows(self, pieces: Pieces, part: slice) -> Array:
+        """Return the derivatives of some groups' rows by the coefficients of their windows, (C, R n, W n)."""
+        every = self._positions if pieces is self._problem.positions else self._torques
+        basis, n = pieces.basis[part], self._n
+        spread = {name: pieces.spread(six, part) for name, six in self._six.items()}
+        found = np.zeros((len(basis), pieces.rows.shape[1], n, pieces.knots * n))
+        for i, targets in enumerate(every):
+            for name, taps in targets.items():
+                kind, j = name
+                if kind == "own":
+                    found[:, :, i, j::n] += pieces.dense(taps, part) @ basis
+                else:
+                    found[:, :, i] += pieces.dense(taps, part) @ spread[name]
+        return found.reshape(len(found), -1, found.shape[3])
+
+    @cached_property
+    def _positions(self) -> list[dict[_Target, Array]]:
+        """Of every joint, the taps of θ's rows on what they reach."""
+        one = np.ones((self._problem.log.count, 1))
+        found: list[dict[_Target, Array]] = [{} for _ in range(self._n)]
+        for i, targets in enumerate(found):
+            self._theta(i, one, targets)
+        return found
+
+    @cached_property
+    def _torques(self) -> list[dict[_Target, Array]]:
+        """The same of the low-passed torques."""
+        problem, now, at, x = self._problem, self._now, self._at, self._x
+        found: list[dict[_Target, Array]] = [{} for _ in range(self._n)]
+        low_pass = np.tile(problem.kernel, (len(problem.centres), 1))
+        for i, targets in enumerate(found):
+            inertia = x[at["J"][i]] + now.tilt[:, i]
+            first, second = self._rates
+            rates = self._moved(low_pass, now.steep[:, i], first) + self._moved(low_pass, inertia, second)
+            self._theta(i, rates, targets)
+            share = low_pass * problem.spring_share(now, x, i)[self._samples(low_pass)]
+            self._spring(i, share, problem.levels, targets)
+            if problem.link.coupled and problem.link.elastic[i]:
+                targets["carried", i] = x[at["J"][i]] * low_pass
+        return found
+
+    def _theta(self, i: int, taps: Array, targets: dict[_Target, Array]) -> None:
+        """Add what rows of θ_i reach."""
+        _add(targets, ("own", i), taps)
+        if self._problem.link.elastic[i]:
+            self._spring(i, self._yielding(i, taps), self._problem.levels, targets)
+
+    def _spring(self, i: int, taps: Array, levels: int, targets: dict[_Target, Array]) -> None:
+        """Add what rows of the torque through a transmission reach; deflections that load it `levels` deep."""
+        _add(targets, ("spring", i), taps)
+        for j in self._problem.link.behind[i] if levels else ():
+            moved = [self._moved(taps, load, rate) for load, rate in zip(self._loads(i, j), self._rates, strict=True)]
+            self._spring(j, self._yielding(j, sum(moved, np.zeros(()))), levels - 1, targets)
+
+    def _on_knots(self, torque: Array, i: int) -> Array:
+        """Return the derivatives of the torque through a transmission by q and its four derivatives, (5, N, n).
+
+        Without levels, what rotors' deflections add goes by their springs' own slopes, whose changes are left out, as
+        are rotors that load each other in a row: small shares of what is small.
+        """
+        found = np.zeros((3 if self._problem.levels else 5, *torque.shape[1:3]))
+        found[:3] = torque[:, :, i]
+        for j in self._problem.link.behind[i]:
+            speed, acceleration = self._loads(i, j)
+            found[1, :, j] += speed
+            found[2, :, j] += acceleration
+            if not self._problem.levels:
+                yields = self._yield(j)[:, None] * torque[:, :, j]
+                found[1:4] += speed[:, None] * yields
+                found[2:5] += acceleration[:, None] * yields
+        return found
+
+    def _loads(self, i: int, j: int) -> tuple[Array, Array]:
+        """Return the torque through transmission i per speed and per acceleration of rotor j, (N,) each."""
+        J, terms = self._x[self._at["J"][j]], self._now.terms
+        return J * terms.by_speed[:, i, j], J * terms.by_acceleration[:, i, j]
+
+    def _yield(self, i: int) -> Array:
+        """Return a deflection's derivative by the torque, without damper, (N,)."""
+        found: Array = self._x[self._at["c"][i]] + self._problem.lost_slope(self._now, self._x, i)
+        return found
+
+    def _yielding(self, i: int, taps: Array) -> Array:
+        """Return rows of θ_i as rows of the torque through its transmission."""
+        c, T = (self._x[self._at[name][i]] for name in ("c", "damping"))
+        own = taps * self._yield(i)[self._samples(taps)]
+        first, second = self._short_rates
+        one = np.ones(self._problem.log.count)
+        return summed(own, self._moved(taps, one, c * T * (T * second - first)))
+
+    def _moved(self, taps: Array, share: Array, stencil: Array) -> Array:
+        """Return rows of share (N,) times what a stencil gives, none near the ends, as rows of what it is given."""
+        reach, size = len(stencil) // 2, taps.shape[1]
+        inside = share.copy()
+        inside[:reach] = inside[len(share) - reach :] = 0.0
+        found = np.zeros((len(taps), size + 2 * reach))
+        taps = taps * inside[self._samples(taps)]
+        for k, weight in enumerate(stencil):
+            found[:, k : k + size] += weight * taps
+        return found
+
+    def _samples(self, taps: Array) -> NDArray[np.intp]:
+        """Return the samples that taps stand on; beyond the ends, where they are zero, the last ones."""
+        problem = self._problem
+        rows = problem.positions if len(taps) == problem.log.count else problem.torques
+        return rows.samples(taps.shape[1])
+
+
+def _add(targets: dict[_Target, Array], name: _Target, taps: Array) -> None:
+    targets[name] = summed(targets[name], taps) if name in targets else taps
