@@ -221,11 +221,12 @@ class Identification(Shown):
             classes[item.leader] = "weak" if item.verdict == "weak" else "not excited"
             for j in np.flatnonzero(base.transform[k])[1:]:
                 follower = base.parameters[j]
-                seen = [self.parameters[row].verdict for row in np.flatnonzero(base.transform[:, j])]
-                if any(verdict == "supported" for verdict in seen):
+                rows = [self.parameters[row] for row in np.flatnonzero(base.transform[:, j])]
+                if any(row.verdict == "supported" for row in rows):
                     continue
-                classes[follower] = "not excited" if all(verdict == "refused" for verdict in seen) else "weak"
-                reasons.setdefault(follower, item.reason)
+                deciding = next((row for row in rows if row.verdict == "weak"), item)
+                classes[follower] = "weak" if deciding.verdict == "weak" else "not excited"
+                reasons.setdefault(follower, deciding.reason)
         classes |= dict.fromkeys(self.hidden, "not excited")
         for joint in self.motor_side.joints if self.motor_side else ():
             if joint.verdict != "refused":

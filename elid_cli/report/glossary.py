@@ -22,8 +22,8 @@ TERMS = {
     "base parameter": "A combination of parameters (masses, first moments, inertias …) that a log can show; the single "
     "parameters in it cannot be told apart from any motion.",
     "± sd": "Standard error of the estimate; the true value lies within twice that in 95 % of all logs.",
-    "verdict": "known roughly: to worse than 30 % (of the value or, where that is larger, of what makes 1 % of the "
-    "torque); not shown: by this log; may be biased: what the model lacks can move it by more than ± sd; empty: known.",
+    "verdict": "empty: known to 30 % or better, or to 0.3 % of the torque (one standard error); known roughly: less "
+    "well than that; not shown: by this log; may be biased: what the model lacks can move it by more than ± sd.",
     "file": "What the robot file says.",
     "differs": "How far the estimate is from what the robot file says.",
     "follows": "The variable that the residual goes with, and the share of its square that it explains.",

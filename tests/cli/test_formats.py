@@ -128,12 +128,12 @@ def test_a_long_combination_folds_in_lines_that_must_end_and_nowhere_else() -> N
     terms = {f"Izz{k}": 1.0 for k in range(1, 9)}
     cells = (folded("Izz1 + Izz2", {"Izz1": 1, "Izz2": 1}), folded(LONG, terms))
     assert cells[0] == "Izz1 + Izz2"
-    assert cells[1] == Folded(LONG, "Izz1 + 7 more")
+    assert cells[1] == Folded(LONG, "Izz1 with 7 others")
     report = Report(
         "identify", {}, (Table("t", (Column("n", "n"), Column("u", "u")), tuple((c, "kg") for c in cells)),)
     )
     short = formats.render(report, "terminal", formats.Style())
-    assert "Izz1 + 7 more  kg" in short
+    assert "Izz1 with 7 others  kg" in short
     assert "Izz1 + Izz2" in short
     for style in (formats.Style(everything=True, width=2000), formats.Style(whole_rows=True)):
         assert LONG in formats.render(report, "terminal", style)

@@ -1,4 +1,4 @@
-"""What a reader is told first: ties as ties, a bad model never written, values near 0, the same words throughout."""
+"""What a reader is told first: ties as ties, a bad model never written, small values, the same words throughout."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from elid_cli.cli import main
 from elid_cli.diagnosis import FoundEffect, Rival
 from elid_cli.estimation.judgement import JointError
 from elid_cli.report.answers.missing import named_words, summary_words
-from elid_cli.report.answers.summary import light, near_zero, symbol_words
+from elid_cli.report.answers.summary import called, light, small_value, symbol_words
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "quanser_2dsfl.csv"
 
@@ -54,10 +54,17 @@ def test_a_friction_curve_says_which_way_it_goes(terms: list[FoundEffect], words
     assert summary_words(terms) == words
 
 
-def test_near_zero_is_a_small_interval_around_zero() -> None:
-    assert near_zero(3e-6, 1.3e-5, "supported")
-    assert not near_zero(3e-6, 1.3e-5, "weak"), "an interval that is wide in what it moves says nothing"
-    assert not near_zero(3e-5, 1.3e-5, "supported")
+def test_a_known_value_is_small_where_its_error_is_not() -> None:
+    assert small_value(3e-6, 1.3e-5, "supported")
+    assert small_value(1.0, 0.36, "supported"), "known by the torque it makes, so no percentage stands beside it"
+    assert not small_value(1.0, 0.29, "supported")
+    assert not small_value(3e-6, 1.3e-5, "weak"), "an interval that is wide in what it moves says nothing"
+
+
+def test_combinations_have_one_short_name() -> None:
+    assert called("m2 - 16*Izz2 + 3*cx1") == "m2 with 2 others"
+    assert called("cx1 + 2*Izz1") == "cx1 with 1 other"
+    assert called("K1") == "K1"
 
 
 def test_symbols_are_told_in_words_as_far_as_they_occur() -> None:

@@ -18,7 +18,8 @@ from elid_cli.report.answers.inputs import (
     robot_payload,
     used_items,
 )
-from elid_cli.report.answers.summary import NOT_SHOWN, ROUGH
+from elid_cli.report.answers.known import parameter_words
+from elid_cli.report.answers.summary import NOT_SHOWN, ROUGH, RULE, called
 from elid_cli.report.tree import Cell, Column, Folded, KeyValues, Mark, Report, Section, Table, Text, Tone, number_text
 from elid_cli.robot.parameter import JOINT_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
@@ -35,7 +36,7 @@ WORDS: dict[str, tuple[str, Tone]] = {
 MOST_TERMS = 4
 """Terms of a combination that a table always shows."""
 LEGEND = "indep.: identifiable by itself; comb.: in a combination only; –: no effect on any torque"
-LEGEND_LOG = f"{LEGEND}; {ROUGH}: to worse than 30 %; {NOT_SHOWN}: by this log"
+LEGEND_LOG = f"{LEGEND}; {ROUGH}: not {RULE}; {NOT_SHOWN}: by this log"
 
 
 def classification_report(
@@ -50,6 +51,7 @@ def classification_report(
     payload |= base_payload(base, found)
     sections: list[Section] = [
         heading(robot, recording),
+        Text("answer", _answer(base, found)),
         KeyValues("inputs", (*(facts or note_items(robot)), *count_items(base))),
         _base_table(base, found),
         grid("classes", "structural class", robot, base.classes, LEGEND),
@@ -61,6 +63,16 @@ def classification_report(
     else:
         sections.append(Text("next", command("identify", None, robot_argument), "next"))
     return Report("classify", payload, tuple(sections))
+
+
+def _answer(base: BaseParameters, found: Identification | None) -> str:
+    """Return what motion can show of the parameters, and what a log shows of that."""
+    counts = base.counts
+    told = {f"{counts['independent']} of the {counts['parameters']} parameters by themselves": counts["independent"],
+            f"{counts['combined']} only in combinations": counts["combined"]}  # fmt: skip
+    never = f"; {counts['unidentifiable']} never act on any torque" if counts["unidentifiable"] else ""
+    possible = f"Motion can show {', '.join(words for words, count in told.items() if count)}{never}."
+    return possible if found is None else f"{possible} {parameter_words(found)}"
 
 
 def base_sections(base: BaseParameters) -> list[Section]:
@@ -152,7 +164,7 @@ def folded(name: str, terms: Mapping[str, float]) -> Cell:
     """Return a base parameter's name; a combination of many terms folds to its leading one and their number."""
     if len(terms) <= MOST_TERMS:
         return name
-    return Folded(name, f"{next(iter(terms))} + {len(terms) - 1} more")
+    return Folded(name, called(name))
 
 
 def verdict_mark(verdict: str) -> Mark:

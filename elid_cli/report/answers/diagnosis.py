@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from elid_cli.diagnosis import Diagnosis
+from elid_cli.estimation.result import Identification
 from elid_cli.report.answers.classification import reasons_table
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
 from elid_cli.report.answers.diagnosis_json import diagnosis_payload
@@ -28,7 +29,7 @@ from elid_cli.report.answers.inputs import (
     span_words,
     used_items,
 )
-from elid_cli.report.answers.known import parameter_words
+from elid_cli.report.answers.known import parameter_words, some
 from elid_cli.report.answers.missing import further_items, held_out_size, loud_rows, missing_words, repeating
 from elid_cli.report.answers.summary import (
     POOR,
@@ -55,8 +56,6 @@ HIDES = 3.0
 """Times the sensors' noise from which on what is left hides parameters."""
 NEARER = 0.7
 """Part of the difference from the robot file's parameters below which what is left of it is worth a word."""
-NAMED = 5
-"""How many moved base parameters are named."""
 
 
 def diagnosis_report(told: DiagnosisInput) -> Report:
@@ -68,7 +67,7 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
         *nuisance_items(found.robot, found.nuisances),
         *_tried(found),
     )
-    sharper = further_items(told)
+    sharper, following = further_items(told), _next(told)
     record, planned = record_sections(
         told.after,
         sharper,
@@ -76,10 +75,16 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
         writes=not _another_log(told),
         written=told.written is not None,
         plan=_another_log(told),
+        following=following,
     )
     sections: list[Section] = [
         heading(found.robot, recording),
-        answers(_trust_words(told), missing_words(told) + _loud_words(told), parameter_words(told.after), record),
+        answers(
+            _trust_words(told),
+            missing_words(told) + _loud_words(told),
+            parameter_words(told.after, _in_doubt(found, told.after)),
+            record,
+        ),
         *([Text("partial", PARTIAL, "warning")] if found.partial else []),
         *(
             Text(f"against{k}", line, "warning")
@@ -97,7 +102,7 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
         *reasons_table(told.after, hiding=_hiding(told.found)),
         *planned,
         KeyValues("inputs", facts, "how it was computed"),
-        Text("next", _next(told), "next"),
+        Text("next", following, "next"),
     ]
     return Report("diagnose", diagnosis_payload(told), tuple(sections))
 
@@ -155,6 +160,13 @@ def _loud_words(told: DiagnosisInput) -> str:
     )
 
 
+def _in_doubt(found: Diagnosis, after: Identification) -> list[str]:
+    """Return the joints where what is left may be more than noise, and no parameter is marked as possibly biased."""
+    lacking = {item.joint for item in after.insufficient}
+    left = {row.joint for row in loud_rows(found)} | {item.joint for item in found.unexplained}
+    return [joint for joint in found.robot.joint_names if joint in left - lacking]
+
+
 def _trust_words(told: DiagnosisInput) -> str:
     words = trust_words(told.found.robot, told.found.after, warnings=told.recording.warnings)
     verdict, _, rest = words.partition(": ")
@@ -166,11 +178,13 @@ def _trust_words(told: DiagnosisInput) -> str:
 
 def _moved_words(told: DiagnosisInput) -> str:
     """Return what the missing effects had moved, and what is known of the parameters' errors."""
-    words = [verdict_note(told.after), "with what is missing added to the model" if told.contributions else ""]
+    words = [
+        verdict_note(told.after),
+        "all values are those with what is missing added to the model" if told.contributions else "",
+    ]
     moved = [m.name for m in told.found.moved if abs(m.deviations) > MOVED]
     if moved and not told.found.unexplained:
-        more = f" and {len(moved) - NAMED} more" * (len(moved) > NAMED)
-        words.append(f"biased without it, by more than {MOVED:g} standard errors: {', '.join(moved[:NAMED])}{more}")
+        words.append(f"biased without it, by more than {MOVED:g} standard errors: {some(moved)}")
     if referenced(told.before):
         first, last = (m.normalised_mean_error() for m in (told.before, told.after))
         change = f"{share_text(first)} before, {share_text(last)} after" if told.contributions else share_text(last)
@@ -243,8 +257,7 @@ def _repeating(found: Diagnosis) -> list[str]:
         return []
     return [
         f"the motion repeats every {number_text(found.repeats, 3)} s. A disturbance that repeats in time would look "
-        "like an effect of the motion, and held-out stretches repeat what was fitted. Record a motion that does not "
-        "repeat."
+        "like an effect of the motion, and held-out stretches repeat what was fitted."
     ]
 
 
@@ -258,11 +271,12 @@ def _worse(found: Diagnosis) -> list[str]:
         for joint in found.predicted_worse
         if (first := number_text(before[joint].rms, 3)) != (last := number_text(after[joint].rms, 3))
     ]
-    errors = f" (error: {listed(sizes)})" if sizes else ""
+    errors = f" ({listed(sizes)})" if sizes else ""
+    where = listed(list(found.predicted_worse))
     return [
-        f"as elid identify fits (changes below {number_text(found.usual_cutoff)} Hz only), what was found predicts "
-        f"stretches that were left out in turn worse on the whole{errors}. A written robot file therefore keeps the "
-        "parameters from before; of what was found it has only stiffnesses and faults of encoders."
+        f"below {number_text(found.usual_cutoff)} Hz, where elid identify fits, what was found makes the prediction of "
+        f"{where} worse on stretches that no fit saw{errors}. A written robot file therefore keeps the parameters from "
+        "before; of what was found it holds only stiffnesses and encoder faults."
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import isnan
 
 from elid_cli.diagnosis import Diagnosis, FoundEffect, Unexplained
@@ -17,8 +18,10 @@ from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.error_tables import LIGHTS, SIDE_NOTES, torque_unit
 from elid_cli.report.answers.inputs import effect_text
 from elid_cli.report.answers.missing import (
+    FOLLOWS,
     curve_words,
     held_out_size,
+    left_follows,
     poorly_fitted,
     spoken,
     summary_words,
@@ -41,8 +44,6 @@ from elid_cli.report.tree import (
 )
 from elid_cli.robot.robot import Robot
 
-FOLLOWS = 0.05
-"""Share of a residual's variance that must follow a variable for the variable to be named."""
 NEAR = 0.005
 """Share of the residual that an effect must take away to be called near."""
 STICKING = "reversals"
@@ -183,8 +184,7 @@ def _also_possible(found: Diagnosis) -> list[Section]:
     items: tuple[tuple[str, Cell], ...] = tuple(
         (
             whose(r.effect, r.joint),
-            f"in place of {spoken(r.instead_of)} it explains {share_text(r.gain)}; to tell them apart, record: "
-            f"{r.separate}",
+            f"in place of {spoken(r.instead_of)} it explains {share_text(r.gain)}",
         )
         for r in found.also_possible
     )
@@ -266,8 +266,9 @@ def _left(found: Diagnosis, item: Unexplained) -> str:
     size = f"{number_text(rms, 3)} {torque_unit(found.robot, item.joint)}, {times}"
     if item.variable == HELD_OUT:
         return f"{size} on the held-out stretches, where the search does not look, and noise elsewhere"
-    follows = f"; {share_text(item.share)} of its mean square follows {variable_words(item.variable)}"
-    follows = follows if item.share > FOLLOWS else ""
+    named = [(share_text(share), variable_words(name)) for name, share in left_follows(found, item)]
+    follows = "; " + ", ".join(f"{share} follows {name}" for share, name in named) if named else ""
+    follows = follows.replace(" follows", " of its mean square follows", 1)
     sticks = "; leave slow motion out: --min-velocity 0.03" if follows and item.variable == STICKING else ""
     near = ", ".join(f"{whose(n.effect, n.joint)} {share_text(n.gain)}" for n in item.nearest if n.gain > NEAR)
     none = f"no effect that elid knows takes away even {share_text(NEAR)}"
@@ -278,7 +279,10 @@ def _left(found: Diagnosis, item: Unexplained) -> str:
 def triage_section(found: Diagnosis) -> list[Section]:
     """Return which side of a joint to look at for what stays; what the found effects explain is not looked for."""
     told = {u.joint for u in found.unexplained}
-    said = [line for line in where_words(found.rows_after) if SIZE_ONLY not in line or line.split(":")[0] not in told]
+    rows = tuple(
+        replace(row, ratio=held_out_size(found, row)[1]) for row in found.rows_after
+    )  # one figure of one error
+    said = [line for line in where_words(rows) if SIZE_ONLY not in line or line.split(":")[0] not in told]
     said = said if told else []
     return [Text("triage", "\n".join(said))] if said else []
 

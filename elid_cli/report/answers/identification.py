@@ -30,14 +30,16 @@ from elid_cli.report.answers.summary import (
     BIASED,
     JOINT_KINDS,
     KNOWN,
-    NEAR_ZERO,
     NOT_SHOWN,
     ROUGH,
+    SMALL,
+    SMALL_WORDS,
     answers,
     by_kind,
+    loud_joints,
     missing_words,
-    near_zero,
     record_sections,
+    small_value,
     spread_text,
     symbol_words,
     trust_words,
@@ -80,12 +82,14 @@ def identification_report(
         found, (), (recording.files[0], robot_argument), writes=writes, written=writes and bool(written)
     )
     lacking = {item.joint for item in found.insufficient}
-    moved = [item.leader for item in found.parameters if item.bias_possible]
-    missing = missing_words(found.model, found.insufficient, found.noise, moved)
+    loud = [] if lacking else loud_joints(found.noise)
     sections: list[Section] = [
         heading(found.robot, recording),
         answers(
-            trust_words(found.robot, found.error, lacking, recording.warnings), missing, parameter_words(found), record
+            trust_words(found.robot, found.error, lacking, recording.warnings),
+            missing_words(found.model, found.insufficient, found.noise),
+            parameter_words(found, loud),
+            record,
         ),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.warnings))),
         error_table("error", found.robot, found.error, TITLE, lacking=lacking),
@@ -168,7 +172,7 @@ def _base_table(found: Identification, key: str, title: str, members: Sequence[i
                 folded(found.base.names[k], found.base.terms[k]),
                 Quantity(value, resolution=deviation),
                 Quantity(deviation, resolution=deviation),
-                NEAR_ZERO if near_zero(value, deviation, found.verdict[k]) else spread_text(deviation, value),
+                SMALL if small_value(value, deviation, found.verdict[k]) else spread_text(deviation, value),
                 found.base.units[k],
                 *reference,
                 *verdict,
@@ -187,15 +191,17 @@ def _mark(item: BaseEstimate) -> Cell:
 
 def verdict_note(found: Identification) -> str:
     """Return what the verdicts mean that stand in the tables."""
-    if any(item.bias_possible for item in found.parameters):
-        rough = f"; {ROUGH}: larger" if "weak" in found.verdict else ""
-        return f"{KNOWN}{rough}; {BIASED}: what the model lacks can move it by more than ± sd says"
-    if all(verdict == "supported" for verdict in found.verdict):
-        return f"this log shows all of them; {KNOWN}"
-    held = "held: at the robot file's value, not looked for; " * any(
-        p.reason.startswith(HELD) for p in found.parameters
-    )
-    return f"{KNOWN}; {ROUGH}: larger; {NOT_SHOWN}: by this log; {held}the others are known"
+    items = found.parameters
+    said = [
+        (KNOWN, True),
+        (f"{ROUGH}: less well than that", any(item.verdict == "weak" for item in items)),
+        (f"{NOT_SHOWN}: by this log", any(item.verdict == "refused" and not item.reason.startswith(HELD)
+                                         for item in items)),
+        (f"{BIASED}: what the model lacks can move it by more than ± sd says", any(p.bias_possible for p in items)),
+        ("held: at the robot file's value, not looked for", any(item.reason.startswith(HELD) for item in items)),
+        (SMALL_WORDS, any(small_value(item.estimate, item.std_error, item.verdict) for item in items)),
+    ]  # fmt: skip
+    return "\n".join(words for words, stands in said if stands)
 
 
 def _next(found: Identification, recording: Recording, robot_argument: str, written: Sequence[str]) -> str:

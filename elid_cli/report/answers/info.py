@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from elid_cli.logs import ChannelInfo, LogInfo
+from elid_cli.report.answers.summary import listed
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
 from elid_cli.robot.files import fingerprint
 from elid_cli.robot.robot import Robot
@@ -55,6 +56,7 @@ def log_sections(info: LogInfo, number: int = 0) -> list[Section]:
     facts += [("note", sentence) for sentence in info.notes]
     sections: list[Section] = [
         Text(f"title{suffix}", info.file, "heading"),
+        Text(f"answer{suffix}", _answer(info)),
         KeyValues(f"facts{suffix}", tuple(facts)),
         _channels(info, f"channels{suffix}"),
     ]
@@ -65,6 +67,19 @@ def log_sections(info: LogInfo, number: int = 0) -> list[Section]:
             Text(f"mapping{suffix}", info.mapping.rstrip("\n"), "code"),
         ]
     return sections
+
+
+def _answer(info: LogInfo) -> str:
+    """Return whether elid finds in a log what it needs, in a sentence."""
+    rate = max((c.rate for c in info.channels if c.rate is not None), default=None)
+    longest = max((c.span for c in info.channels if c.span is not None), default=None)
+    size = "" if longest is None else f", {number_text(longest, 3)} s"
+    size += "" if rate is None else f" at {number_text(rate)} Hz"
+    many = f"{len(info.joints)} joint{'s' * (len(info.joints) != 1)}"
+    if not info.missing:
+        return f"elid can read this log: {listed(list(info.taken))} of {many}{size}."
+    how = "a guess is below" if info.mapping else "--map can say where that is"
+    return f"elid does not find {listed(list(info.missing))} in this log of {many}{size}; {how}."
 
 
 def _channels(info: LogInfo, key: str) -> Table:

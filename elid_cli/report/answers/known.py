@@ -1,57 +1,96 @@
-"""Which parameters a log shows, and how well, in a sentence."""
+"""Which parameters a log shows, and how well, in a few sentences."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from elid_cli.estimation.result import BaseEstimate, Identification
-from elid_cli.estimation.validation.verdicts import HELD
+from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
 from elid_cli.report.answers.summary import (
     BIASED,
     JOINT_KINDS,
-    NEAR_ZERO,
     NOT_SHOWN,
     ROUGH,
+    RULE,
+    SMALL,
+    called,
     listed,
-    near_zero,
     share_text,
+    small_value,
 )
 
 BODIES = "masses and inertias"
 COMBINATIONS = "what motion can show"
 """What base parameters are, in the fewest words."""
+NEGATIVE = "came out negative, which no robot's is"
+NAMED = 5
+"""Parameters of a kind that are named; the others are counted."""
 
 
-def parameter_words(found: Identification) -> str:
-    """Return how many parameters are known, and how well: the largest standard error of each kind."""
+def parameter_words(found: Identification, loud: Collection[str] = ()) -> str:
+    """Return how many parameters are known, and how well: the largest standard error of each kind.
+
+    `loud` are joints at which more than noise may be left although it follows no variable of the motion.
+    """
     supported = [item for item in found.parameters if item.verdict == "supported"]
     known = [item for item in supported if not item.bias_possible]
-    rough = [str(item.leader) for item in found.parameters if item.verdict == "weak"]
-    held = sum(item.reason.startswith(HELD) for item in found.parameters)
-    counts = {f"{BIASED} by what is missing": len(supported) - len(known),
-              f"{ROUGH} ({listed(rough)})": len(rough),
-              "held at the file's values": held,
-              f"{NOT_SHOWN} by this log": found.verdict.count("refused") - held}  # fmt: skip
-    rest = [f"{count} {words}" for words, count in counts.items() if count]
-    near = [str(item.leader) for item in known if near_zero(item.estimate, item.std_error, item.verdict)]
+    held = [item for item in found.parameters if item.reason.startswith(HELD)]
+    negative = [item for item in found.parameters if item.reason.startswith(IMPOSSIBLE)]
+    rough = [item for item in found.parameters if item.verdict == "weak" and item not in negative and item not in held]
+    small = [item for item in known if small_value(item.estimate, item.std_error, item.verdict)]
     named = f"base parameters ({COMBINATIONS})"
     total = len(found.verdict)
     if not known:
-        whole = f"None of the {total} {named} is known"
+        whole = f"None of the {total} {named} is known {RULE}"
     else:
-        whole = f"{len(known)} of {total} {named} are known" if rest else f"All {total} {named} are known"
-        whole += f", {len(near)} of them as {NEAR_ZERO} ({listed(near)})" if near else ""
-    whole = "; ".join((whole, *rest))
-    sizes = _largest_errors(known)
-    return f"{whole}. Largest standard errors of the known: {sizes}." if sizes else f"{whole}."
+        part = f"All {total}" if len(known) == total else f"{len(known)} of {total}"
+        whole = f"{part} {named} are known {RULE}"
+    said = [
+        whole,
+        _counted(rough, f"{ROUGH}, less well than that"),
+        _counted([item for item in supported if item.bias_possible], f"{BIASED} by what is missing"),
+        _counted(negative, NEGATIVE),
+        f"{len(held)} held at the file's values" if held else "",
+        _counted([item for item in found.parameters if item.verdict == "refused" and item not in held],
+                 f"{NOT_SHOWN} by this log"),
+        _counted(small, f"known to be {SMALL}"),
+        _in_doubt(found, loud),
+    ]  # fmt: skip
+    sizes = _largest_errors([item for item in known if item not in small])
+    said += [f"Largest standard errors of the {'others' if small else 'known'}: {sizes}"] if sizes else []
+    return " ".join(f"{sentence}." for sentence in said if sentence)
+
+
+def _counted(items: Sequence[BaseEstimate], words: str) -> str:
+    """Return how many parameters there are of a kind, and which; nothing of none."""
+    return f"{len(items)} {words} ({some(item.name for item in items)})" if items else ""
+
+
+def some(names: Iterable[str]) -> str:
+    """Return the short names of a handful of base parameters, and how many more there are."""
+    short = [called(name) for name in names]
+    if len(short) > NAMED + 1:
+        short = [*short[:NAMED], f"{len(short) - NAMED} more"]
+    return listed(short)
+
+
+def _in_doubt(found: Identification, loud: Collection[str]) -> str:
+    """Return which parameters what is left at some joints may bias if it is no noise: those of these joints first."""
+    names = found.robot.joint_names
+    own = [item.name for item in found.parameters
+           if item.verdict == "supported" and not item.bias_possible and names[item.leader.joint] in loud]  # fmt: skip
+    if not own:
+        return ""
+    where = listed([name for name in names if name in loud])
+    return f"If what is left at {where} is no noise, it may bias these first: {some(own)}"
 
 
 def _largest_errors(known: Sequence[BaseEstimate]) -> str:
-    """Return the largest standard error of each kind of known parameters, in percent of the value; near 0 has none."""
+    """Return the largest standard error of each kind of known parameters, in percent of the value."""
     largest: dict[str, tuple[float, str]] = {}
     for item in known:
-        if item.estimate and not near_zero(item.estimate, item.std_error, item.verdict):
-            own = item.std_error / abs(item.estimate), str(item.leader)
+        if item.estimate:
+            own = item.std_error / abs(item.estimate), called(item.name)
             word = JOINT_KINDS.get(item.leader.kind, BODIES)
             largest[word] = max(largest.get(word, own), own)
     told = [word for word in dict.fromkeys((*JOINT_KINDS.values(), BODIES)) if word in largest]

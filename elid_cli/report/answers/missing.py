@@ -26,6 +26,10 @@ _VARIABLES = {
 }
 CUTOFF = "the filter's cut-off"
 """What an effect's advice on what to record says; a report says how many Hz that is."""
+FOLLOWS = 0.05
+"""Share of a residual's variance that must follow a variable for the variable to be named."""
+TIMES, ALSO = ("t", "time"), 0.7
+"""Time among the variables, and the part of its share from which another variable is named beside it."""
 VAGUE_ERROR = 0.1
 """Relative standard error from which on another log should sharpen an effect's amplitude."""
 
@@ -135,7 +139,7 @@ def missing_words(told: DiagnosisInput) -> str:
     poor = poorly_fitted(found)
     left = [u.joint for u in found.unexplained if u.joint not in poor]
     nothing = "nothing found so far" if found.partial else "no effect that elid knows"
-    rest = f" More than noise is left at {listed(list(dict.fromkeys(left)))}, which {nothing} explains." if left else ""
+    rest = "".join(_left_words(found, joint, nothing) for joint in dict.fromkeys(left))
     if found.partial and not named:
         return f"Not known yet: the search was stopped before it found anything.{rest}"
     if not named:
@@ -164,6 +168,28 @@ def missing_words(told: DiagnosisInput) -> str:
     if all(joint in poor for joints in places.values() for joint in joints):
         said = f"Something that no effect fits well. The nearest that elid knows: {said[:1].lower()}{said[1:]}"
     return f"{said}{worth}{_poor_words(found, poor)}{rest}"
+
+
+def _left_words(found: Diagnosis, joint: str, nothing: str) -> str:
+    """Return how much is left at a joint that nothing explains, and what it goes with."""
+    worst = max((u for u in found.unexplained if u.joint == joint), key=lambda u: held_out_size(found, u)[1])
+    names = [variable_words(name) for name, _ in left_follows(found, worst)]
+    goes = f" It goes with {listed(names)}." if names else ""
+    times = number_text(held_out_size(found, worst)[1], 2)
+    return f" {times} times the sensors' noise is left at {joint}, which {nothing} explains.{goes}"
+
+
+def left_follows(found: Diagnosis, item: Unexplained) -> list[tuple[str, float]]:
+    """Return the variables that what is left follows, with the shares of its mean square; time is hardly ever alone.
+
+    What changes slowly follows time as well: the next variable stands beside it where it explains nearly as much.
+    """
+    told = [(item.variable, item.share)] if item.share > FOLLOWS and item.variable != HELD_OUT else []
+    if told and item.variable in TIMES and not found.effects:
+        rows = {"link": "sum"}.get(item.rows, item.rows)
+        others = [o for o in found.organised.get((item.joint, rows), ()) if o.variable not in TIMES]
+        told += [(o.variable, o.share) for o in others[:1] if o.share > ALSO * item.share]
+    return told
 
 
 def _poor_words(found: Diagnosis, poor: Mapping[str, Unexplained]) -> str:
@@ -199,6 +225,9 @@ def further_items(told: DiagnosisInput) -> Items:
         (f"to tell {whose(r.effect, r.joint)} from {spoken(r.instead_of)}", r.separate)
         for r in told.found.also_possible
     ]
+    for joint in dict.fromkeys(item.joint for item in told.found.unexplained):
+        still = f", then the other joints with {joint} still" if told.found.robot.n > 1 else ", at several speeds"
+        items.append((f"to find what is left at {joint}", f"{joint} moved alone{still}"))
     if loud := list(dict.fromkeys(row.joint for row in loud_rows(told.found))):
         items.append(
             ("to tell torque noise from what depends on several joints",

@@ -7,6 +7,8 @@ from typing import Any
 
 from elid_cli.experiment.simulation import Simulation, SimulationOptions
 from elid_cli.report.answers.inputs import command, heading, log_payload, recorded_items, robot_payload
+from elid_cli.report.answers.missing import whose
+from elid_cli.report.answers.summary import listed
 from elid_cli.report.tree import Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
 from elid_cli.robot.robot import EffectSpec, Robot
 
@@ -30,11 +32,25 @@ def simulation_report(robot: Robot, result: Simulation, options: SimulationOptio
     ]
     sections: list[Section] = [
         heading(robot, result.recording),
+        Text("answer", _answer(robot, result)),
         KeyValues("inputs", (*recorded_items(robot, result.recording), *_items(robot, result, options))),
         _motion_table(robot, result),
         Text("next", command("identify", result.recording, robot_argument), "next"),
     ]
     return Report("simulate", payload, tuple(sections))
+
+
+def _answer(robot: Robot, result: Simulation) -> str:
+    """Return what was simulated and how closely the joints follow, in a sentence."""
+    size = f"{number_text(result.recording.duration, 3)} s at {number_text(result.recording.rate)} Hz"
+    acting = listed(list(dict.fromkeys(whose(spec.effect, spec.joint) for spec in robot.effects)))
+    worst = max(range(robot.n), key=lambda k: result.facts[k].tracking)
+    unit = "mrad" if robot.joints[worst].revolute else "mm"
+    off = f"{number_text(1e3 * result.facts[worst].tracking, 2)} {unit} (rms)"
+    return (
+        f"Simulated {size} of {robot.name}, {f'with {acting}' if acting else 'with no effect beyond its parameters'}; "
+        f"the joints follow their reference to {off} or better."
+    )
 
 
 def _items(robot: Robot, result: Simulation, options: SimulationOptions) -> tuple[tuple[str, str], ...]:

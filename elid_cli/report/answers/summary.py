@@ -13,7 +13,7 @@ from math import isfinite
 from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.sufficiency import ABOVE, MATTERS
-from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
+from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE, TORQUE_SHARE, WEAK
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.units_and_signs import AS_IT_IS, NOT_TORQUE
 from elid_cli.report.answers.inputs import Items
@@ -32,8 +32,6 @@ JOINT_KINDS = {
 }  # fmt: skip
 """Parameters of drive and transmission in words, in the order in which they are told."""
 AFTER = " and the joints further out"
-INTERVAL = 1.96
-"""Standard errors on either side of a 95 % interval."""
 LOUD = ABOVE
 """A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 TRUST, MISSING, PARAMETERS, RECORD = (
@@ -41,12 +39,12 @@ TRUST, MISSING, PARAMETERS, RECORD = (
 )  # fmt: skip
 POOR, BIASED, ROUGH, NOT_SHOWN = "poor", "may be biased", "known roughly", "not shown"
 """A prediction, and parameters, that are not to be relied on: the same words in sentences, tables and figures."""
-KNOWN = (
-    "known: the standard error is at most 30 % of the value or, where that is larger, of what would make 1 % of the "
-    "torque"
-)
-NEAR_ZERO = "near 0"
-"""What is said of a value that is known to be small: its interval holds 0, and no other value can be told from it."""
+RULE = f"to {100 * WEAK:.0f} % or better, or to {number_text(100 * WEAK * TORQUE_SHARE)} % of the torque"
+"""How well a parameter is known that is called so: `verdicts.judge` in words."""
+KNOWN = f"known: {RULE} (one standard error)"
+SMALL = "small"
+"""What is said of a known value whose standard error is above 30 % of it: it makes less than 1 % of the torque."""
+SMALL_WORDS = f"{SMALL}: makes less than {100 * TORQUE_SHARE:.0f} % of the torque, so no percentage is given"
 SYMBOLS = {
     "K": "stiffness of the transmission", "Jm": "inertia of the motor", "Ja": "motor inertia at the joint",
     "fs": "Coulomb friction", "fv": "viscous friction", "m": "mass", "c": "first moment (mass times centre of mass)",
@@ -144,23 +142,12 @@ def _predicted_words(robot: Robot, error: Mapping[str, JointError], lacking: Col
     return f"Mostly: no joint's torque is predicted with an error above {most} (rms, of the torque){left}.{but}"
 
 
-def missing_words(
-    model: str, insufficient: Sequence[Insufficient], noise: Sequence[RowNoise], moved: Sequence[str] = ()
-) -> str:
-    """Return what the model lacks, in a sentence.
-
-    Parameters
-    ----------
-    model, insufficient, noise
-        What was said of the model, the rows that lack something, and the noise of all.
-    moved
-        Parameters that what is missing can move.
-    """
+def missing_words(model: str, insufficient: Sequence[Insufficient], noise: Sequence[RowNoise]) -> str:
+    """Return what the model lacks, in a sentence: from what was said of it, rows that lack it, the noise of all."""
     if model == "not judged":
         return "Not looked for: elid diagnose does that."
     if model == "insufficient":
-        bias = f" It can bias {listed(moved)} by more than the standard error." if moved else ""
-        return f"Something: {rows_words(insufficient)}.{bias} elid diagnose looks for the cause."
+        return f"Something: {rows_words(insufficient)}. elid diagnose looks for the cause."
     loud = max(noise, key=lambda n: n.ratio, default=None)
     memory = ""
     if loud is not None and loud.ratio > LOUD:
@@ -170,6 +157,11 @@ def missing_words(
             "joints at once."
         )
     return f"Nothing that this log shows: no joint's residual follows the motion beyond the sensors' noise.{memory}"
+
+
+def loud_joints(noise: Sequence[RowNoise]) -> list[str]:
+    """Return the joints whose residual is more than the sensors' white noise."""
+    return list(dict.fromkeys(n.joint for n in noise if n.ratio > LOUD))
 
 
 def rows_words(rows: Sequence[Insufficient]) -> str:
@@ -190,9 +182,15 @@ def follows_words(variable: str) -> str:
     return "changes in the course of the log" if variable == "time" else f"follows the {variable}"
 
 
-def near_zero(estimate: float, deviation: float, verdict: str) -> bool:
-    """Whether a parameter is known to be small: its 95 % interval holds 0, and its error is small in what it moves."""
-    return verdict == "supported" and abs(estimate) < INTERVAL * deviation
+def small_value(estimate: float, deviation: float, verdict: str) -> bool:
+    """Whether a parameter is known although its error is large beside its value: it hardly moves the torque."""
+    return verdict == "supported" and WEAK * abs(estimate) < deviation
+
+
+def called(name: str) -> str:
+    """Return a base parameter's short name: ``m2 with 3 others`` of a combination of four."""
+    leader, *others = re.split(r" [+-] ", name)
+    return f"{leader} with {len(others)} other{'s' * (len(others) > 1)}" if others else leader
 
 
 def symbol_words(names: Iterable[str]) -> str:
@@ -215,6 +213,7 @@ def record_sections(
     writes: bool = False,
     written: bool = False,
     plan: bool = False,
+    following: str = "",
 ) -> tuple[str, list[Section]]:
     """Return what the next log should hold, in a sentence and as a list with the command that plans its motion.
 
@@ -230,16 +229,19 @@ def record_sections(
         Whether the report's next command writes the robot file, or whether that is written already.
     plan
         Whether a motion is to be planned whatever the parameters.
+    following
+        The report's next command: where it plans the motion, the list does not say so again.
     """
     log, robot = arguments
-    groups: dict[str, list[StandardParameter]] = {}
+    groups: dict[str, list[BaseEstimate]] = {}
     for item in found.parameters:
         if item.verdict != "supported" and not item.reason.startswith((IMPOSSIBLE, HELD)):
-            groups.setdefault(_needed(item), []).append(item.leader)
+            groups.setdefault(_needed(item), []).append(item)
     joints = found.robot.joint_names
     items = [*further, *(
-        (f"for {counted(names)}", _where(need, [name.joint for name in names], joints))
-        for need, names in groups.items()
+        (f"for {listed([called(item.name) for item in members])}",
+         _where(need, [item.leader.joint for item in members], joints))
+        for need, members in groups.items()
     )]  # fmt: skip
     if not items:
         check = "Nothing more for these parameters. A second log would check them: elid validate."
@@ -254,8 +256,9 @@ def record_sections(
             )
         return check, []
     sentence = f"{_upper(items[0][0])}: {items[0][1]}{'; more below' if len(items) > 1 else ''}."
-    if groups or plan:
-        items.append(("command that plans it", plan_command(log, robot)))
+    command = plan_command(log, robot)
+    if (groups or (plan and not further)) and command != following:
+        items.append(("command that plans it", command))
     return sentence, [KeyValues("record", tuple(items), "what to record next")]
 
 

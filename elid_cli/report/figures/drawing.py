@@ -78,11 +78,12 @@ class Rule:
 
 @dataclass(frozen=True)
 class Spans:
-    """Stretches of x that are shaded over the whole height: pairs (first, last)."""
+    """Stretches of x that are shaded over the whole height: pairs (first, last); with a `strip` at their bottom."""
 
     pairs: Sequence[tuple[float, float]]
     color: Color = "grey"
     label: str = ""
+    strip: bool = False
 
 
 @dataclass(frozen=True)

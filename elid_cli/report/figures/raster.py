@@ -99,6 +99,11 @@ def _panel(axes: Axes, panel: Panel) -> None:
         axes.tick_params(axis="y", which="minor", left=False)
     axes.set_xlim(*x)
     axes.set_ylim(*y)
+    for line in [mark for mark in panel.marks if isinstance(mark, Line)]:
+        inside = (line.x >= x[0]) & (line.x <= x[1])
+        for edge, shape, out in ((y[0], "v", line.y < y[0]), (y[1], "^", line.y > y[1])):  # goes beyond the edge
+            there = line.x[out & inside]
+            axes.plot(there, np.full(len(there), edge), shape, color=PALETTE[line.color], markersize=3)
     axes.set_title(panel.title)
     axes.set_xlabel(panel.xlabel)
     axes.set_ylabel(panel.ylabel)
@@ -131,12 +136,18 @@ def _mark(axes: Axes, mark: Mark) -> None:
         draw(mark.x if mark.x is not None else mark.y, color=color, linewidth=0.8, linestyle=_dashes(mark.dash),
              label=label)  # fmt: skip
     elif isinstance(mark, Spans):
-        for number, (first, last) in enumerate(mark.pairs):
-            axes.axvspan(first, last, color=color, alpha=0.18, linewidth=0, label=None if number else label)
+        _spans(axes, mark, color, label)
     elif isinstance(mark, Bars):
         axes.hlines(mark.y, mark.low, mark.high, color=color, linewidth=mark.width, label=label)
     elif isinstance(mark, Words):
         _words(axes, mark, color)
+
+
+def _spans(axes: Axes, mark: Spans, color: str, label: Any) -> None:
+    for number, (first, last) in enumerate(mark.pairs):
+        axes.axvspan(first, last, color=color, alpha=0.18, linewidth=0, label=None if number else label)
+        if mark.strip:
+            axes.axvspan(first, last, 0.0, 0.03, color=color, linewidth=0)
 
 
 def _cells(axes: Axes, mark: Cells) -> None:

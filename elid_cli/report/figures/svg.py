@@ -32,6 +32,8 @@ WIDTH, WIDE = 370.0, 760.0
 """px of a panel that stands beside others, and of one that takes a page's width."""
 TYPE, CHARACTER = 11.0, 6.1
 """px: size of type, and about the width of a character of it."""
+STRIP, BEYOND = 4.0, 6.0
+"""px: a strip under a shaded stretch, and a triangle where a line leaves its panel."""
 STEP = 4.0
 """px of a column of a long line, of which only the smallest and the largest value are drawn."""
 
@@ -87,7 +89,7 @@ def _at(mark: Mark, x: Array, y: Array) -> Mark:
         return Line(x, y, mark.color, mark.dash, 1.0)
     if isinstance(mark, Bars):
         return Line(x, y, mark.color, "", min(mark.width, 8.0))
-    return Spans([(1.0, 21.0)], getattr(mark, "color", "grey"))
+    return Spans([(1.0, 21.0)], getattr(mark, "color", "grey"), strip=getattr(mark, "strip", False))
 
 
 def _legend_row(drawing: Drawing, width: float) -> tuple[list[str], float]:
@@ -181,10 +183,10 @@ def _mark(mark: Mark, across: Place, up: Place, box: tuple[float, float, float, 
     color = f"var(--{getattr(mark, 'color', 'ink')})"
     if isinstance(mark, Line):
         dash = f' stroke-dasharray="{mark.dash}"' if mark.dash else ""
-        y = np.clip(up(mark.y), top, bottom)
-        return (
-            f'<path d="{_path(across(mark.x), y)}" stroke="{color}" stroke-width="{mark.width:g}" fill="none"{dash}/>'
-        )
+        x, y = across(mark.x), up(mark.y)
+        drawn = _path(x, np.clip(y, top, bottom))
+        line = f'<path d="{drawn}" stroke="{color}" stroke-width="{mark.width:g}" fill="none"{dash}/>'
+        return line + _beyond(x, y, (top, bottom), color)
     if isinstance(mark, Dots):
         return _dots(mark, across(mark.x), up(mark.y), box, color)
     if isinstance(mark, Band):
@@ -200,7 +202,9 @@ def _mark(mark: Mark, across: Place, up: Place, box: tuple[float, float, float, 
         pairs = [(max(float(a), left), min(float(b), right)) for a, b in
                  (across(np.array(pair)) for pair in mark.pairs)]  # fmt: skip
         line = "".join(f"M{a:.1f} {top:.1f}H{b:.1f}V{bottom:.1f}H{a:.1f}z" for a, b in pairs)
-        return f'<path d="{line}" fill="{color}" opacity=".18"/>'
+        strip = "".join(f"M{a:.1f} {bottom - STRIP:.1f}H{b:.1f}V{bottom:.1f}H{a:.1f}z" for a, b in pairs)
+        below = f'<path d="{strip}" fill="{color}"/>' if mark.strip else ""
+        return f'<path d="{line}" fill="{color}" opacity=".18"/>{below}'
     if isinstance(mark, Bars):
         low, high = (np.clip(across(v), left, right) for v in (mark.low, mark.high))
         line = "".join(
@@ -214,6 +218,18 @@ def _mark(mark: Mark, across: Place, up: Place, box: tuple[float, float, float, 
             for text, x, y in zip(mark.texts, xs, up(mark.y), strict=True)
         )
     return _cells(mark, across, up)
+
+
+def _beyond(x: Array, y: Array, edges: tuple[float, float], color: str) -> str:
+    """Return triangles at the panel's edges where a line goes beyond them; one for all that lie under one triangle."""
+    parts = []
+    for edge, side, out in ((edges[0], 1.0, y < edges[0] - 0.5), (edges[1], -1.0, y > edges[1] + 0.5)):
+        last = -np.inf
+        for place in x[out]:
+            if place - last >= BEYOND:
+                parts.append(f"M{place:.1f} {edge:.1f}l{BEYOND / 2:g} {side * BEYOND:g}h{-BEYOND:g}z")
+                last = place
+    return f'<path d="{"".join(parts)}" fill="{color}"/>' if parts else ""
 
 
 def _dots(mark: Dots, x: Array, y: Array, box: tuple[float, float, float, float], color: str) -> str:

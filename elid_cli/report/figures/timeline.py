@@ -35,7 +35,8 @@ def _panel(panel: Panel, kept: NDArray[np.intp]) -> dict[str, Any]:
                    for m in marks if isinstance(m, Line)],
         "rules": [{"y": m.y, "color": m.color, "dash": m.dash, "label": m.label}
                   for m in marks if isinstance(m, Rule) and m.y is not None],
-        "spans": [{"pairs": [[round(a, 4), round(b, 4)] for a, b in m.pairs], "color": m.color, "label": m.label}
+        "spans": [{"pairs": [[round(a, 4), round(b, 4)] for a, b in m.pairs], "color": m.color, "label": m.label,
+                   "strip": m.strip}
                   for m in marks if isinstance(m, Spans)],
     }  # fmt: skip
 

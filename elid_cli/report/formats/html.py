@@ -30,8 +30,8 @@ from elid_cli.report.tree import (
 )
 
 SUFFIXES, FIGURES = (".html", ".htm"), True
-LONG = 16
-"""Rows of a table beyond which it is folded."""
+LONG, SHORT = 16, 24
+"""Rows of a table beyond which it is folded, and characters of a cell up to which it stays on one line."""
 PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Evidence", ("figure:effect", "figure:errors", "figure:trended", "figure:drawn_sets", "figure:change",
                           "motor_side*", "figure:response", "parameters", "moved*", "unmoved*", "member_errors",
@@ -256,7 +256,8 @@ def _row(columns: Iterable[Column], cells: Iterable[Cell]) -> str:
         text = escape(cell_text(cell, unit=not column.unit))
         light = "<i class=light aria-hidden=true></i>" if column.key == "trust" and text else ""
         tag = "th scope=row" if number == 0 else "td"
-        parts.append(f'<{tag} class="{column.align} {tone}"{told}>{light}{text}</{tag[:2]}>')
+        short = " short" if 0 < len(text) <= SHORT else ""
+        parts.append(f'<{tag} class="{column.align} {tone}{short}"{told}>{light}{text}</{tag[:2]}>')
     return f"<tr>{''.join(parts)}</tr>"
 
 
@@ -271,7 +272,7 @@ def _figure(figure: Figure, *, titled: bool = True) -> str:
         for mark in drawn.legend()
         if (label := getattr(mark, "label", ""))
     )
-    kind = "panels wide" if drawn.wide else "panels"
+    kind = {1: "panels wide" if drawn.wide else "panels", 2: "panels two"}.get(drawn.columns, "panels")
     pictures = (f"<ul class=legend>{legend}</ul>" if legend else "") + (
         f'<div class="{kind}">{"".join(svg.panels(drawn, figure.title))}</div>'
     )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.report.answers.summary import JOINT_KINDS, NEAR_ZERO, spread_text
+from elid_cli.report.answers.summary import JOINT_KINDS, spread_text
 from elid_cli.report.figures.drawing import Bars, Dots, Drawing, Mark, Panel, Rule, Words
 from elid_cli.report.figures.plots.parameters import EDGE, parts, shortened
 from elid_cli.report.tree import Figure, number_text
@@ -103,7 +103,7 @@ def _panel(data: Mapping[str, Any], title: str, index: Sequence[int]) -> Panel:
     drawn = np.clip(np.concatenate([low, high]) / np.tile(scale, 2), -EDGE, EDGE)
     limits = (min(-0.12, float(drawn.min()) - 0.12), max(1.12, float(drawn.max()) + 0.12)), (len(index) - 0.5, -0.5)
     names = [shortened(data["names"][k]) for k in index]
-    return Panel(marks, title, "value / its own size", "", *limits, 44.0 + 17.0 * len(index), ynames=names)
+    return Panel(marks, title, "value, scaled to its own size", "", *limits, 44.0 + 17.0 * len(index), ynames=names)
 
 
 def _dots(x: Array, y: Array, held: NDArray[np.bool_]) -> list[Mark]:
@@ -121,4 +121,4 @@ def _half(mean: float, low: float, high: float, held: bool) -> str:
         return "held"
     half = 0.5 * (high - low)
     vague = not mean or (low <= 0.0 <= high and abs(mean) < half)
-    return NEAR_ZERO if vague else f"± {spread_text(half, mean)} %"
+    return "near 0" if vague else f"± {spread_text(half, mean)} %"

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 ORDER = 2
 THICK = 9.0
 """px of a bar."""
-CHANGE: tuple[Color, ...] = ("orange", "blue")
-"""Colours of before and after, as in the figures of effects."""
+CHANGE: tuple[Color, ...] = ("before", "blue")
+"""Colours of before and after, as of residuals over time: one light, one dark, also in grey."""
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
@@ -51,9 +51,11 @@ def _panel(cases: Sequence[tuple[str, Mapping[str, float]]], title: str, unit: s
         y = np.array([joints.index(joint) + place for joint in shares])
         size = scale * np.array(list(shares.values()))
         color = CHANGE[number] if changed else CYCLE[number % len(CYCLE)][0]
-        marks.append(Bars(y, np.zeros(len(y)), size, color, THICK, label))
+        count = "" if changed or len(cases) == 1 else f"{number + 1}: "  # no case is told by its colour alone
+        marks.append(Bars(y, np.zeros(len(y)), size, color, THICK, f"{count}{label}"))
         # a space of its own width: SVG takes an ordinary one away at the beginning of a text
-        texts = [f"{number_text(share, 2)} {unit}" if unit else share_text(share) for share in shares.values()]
+        sizes = [f"{number_text(share, 2)} {unit}" if unit else share_text(share) for share in shares.values()]
+        texts = [f"{count}{text}" for text in sizes]
         marks.append(Words(y, [f"\N{NO-BREAK SPACE}{text}" for text in texts], size, "ink"))
     most = max((scale * share for _, shares in cases for share in shares.values()), default=1.0)
     height = 46.0 + (20.0 if title else 0.0) + len(joints) * max(18.0, (THICK + 3.0) * len(cases) + 6.0)

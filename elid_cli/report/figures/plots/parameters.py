@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elid_cli.estimation.validation.verdicts import HELD
-from elid_cli.report.answers.summary import JOINT_KINDS, NEAR_ZERO, NOT_SHOWN, by_kind, near_zero, spread_text
+from elid_cli.report.answers.summary import (
+    JOINT_KINDS,
+    NOT_SHOWN,
+    SMALL,
+    by_kind,
+    called,
+    small_value,
+    spread_text,
+)
 from elid_cli.report.figures.drawing import Bars, Dots, Drawing, Mark, Panel, Rule, Words
 from elid_cli.report.tree import Figure
 
@@ -34,8 +41,8 @@ def figures(told: FigureInput) -> Iterator[Figure]:
                 "reference": found.reference, "verdict": ["held" if p.reason.startswith(HELD) else p.verdict
                                                           for p in found.parameters]}  # fmt: skip
         caption = (
-            "Each on the scale of its own value, with its standard error at the right; near 0: the interval holds 0 "
-            "and is small. The tables below have the numbers (long ones are folded)."
+            "Each on the scale of its own value, with its standard error at the right (small: it makes less than 1 % "
+            "of the torque). The tables below have the numbers (long ones are folded)."
         )
         yield Figure("parameters", "Base parameters", "parameters", data, caption)
 
@@ -92,8 +99,8 @@ def shortened(name: str) -> str:
     """Return a combination, or, of a long one, its leading term and the number of the others."""
     if len(name) <= LONGEST:
         return name
-    leader, *others = re.split(r" [+-] ", name)
-    return f"{leader} and {len(others)} more" if others else f"{name[: LONGEST - 1]}…"
+    short = called(name)
+    return short if short != name else f"{name[: LONGEST - 1]}…"
 
 
 def _spread(verdict: str, estimate: float, deviation: float) -> str:
@@ -102,7 +109,7 @@ def _spread(verdict: str, estimate: float, deviation: float) -> str:
         return verdict
     if verdict == "refused" or not np.isfinite(deviation):
         return NOT_SHOWN
-    if near_zero(estimate, deviation, verdict) or not estimate:
-        return NEAR_ZERO
+    if small_value(estimate, deviation, verdict) or not estimate:
+        return SMALL
     text = f"{spread_text(deviation, estimate)} %"
     return text if text[0] in "<>" else f"± {text}"

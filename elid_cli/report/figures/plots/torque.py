@@ -31,7 +31,8 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         if view.spring_residual is not None:
             caption += " Motor side: the same with the transmission's torque from the measured deflection."
         caption += " Grey: left out, around reversals and gaps." if not np.all(view.used) else ""
-        caption += " Green: held out, stretches that the fit never saw." if held_out else ""
+        caption += " Green, with a bar below: held out, stretches that the fit never saw." if held_out else ""
+        caption += " A triangle at the edge: the curve goes beyond it."
         old = told.views_before.get(view.joint)
         residuals = [_part("", view.residual, None if old is None else old.residual, view.floor)]
         if view.spring_residual is not None:
@@ -65,7 +66,7 @@ def draw(figure: Figure) -> Drawing:
     t, measured, residuals = data["t"], data["measured"], data["residuals"]
     used = np.asarray(data["used"], dtype=bool)
     shades: list[Mark] = [Spans(spans(t, ~used), "grey", "left out")] if not used.all() else []
-    shades += [Spans(held_out, "green", "held out")] if (held_out := data.get("held_out")) else []
+    shades += [Spans(held_out, "green", "held out", strip=True)] if (held_out := data.get("held_out")) else []
     torques = [Line(t, measured, "measured", "", 3.0, "measured"),
                Line(t, measured - residuals[0]["residual"], "ink", "5 2", 1.1, "predicted")]  # fmt: skip
     panels = [Panel([*shades, *torques], "", "", f"torque ({data['unit']})")]

@@ -15,11 +15,16 @@
     for (const span of spans) {
       u.ctx.save();
       u.ctx.fillStyle = color(span.color);
-      u.ctx.globalAlpha = .18;
       for (const [first, last] of span.pairs) {
         const a = Math.max(u.valToPos(first, "x", true), u.bbox.left);
         const b = Math.min(u.valToPos(last, "x", true), u.bbox.left + u.bbox.width);
-        if (b > a) u.ctx.fillRect(a, u.bbox.top, Math.max(b - a, 1), u.bbox.height);
+        if (b <= a) continue;
+        u.ctx.globalAlpha = .18;
+        u.ctx.fillRect(a, u.bbox.top, Math.max(b - a, 1), u.bbox.height);
+        if (!span.strip) continue;
+        const strip = 5 * devicePixelRatio;
+        u.ctx.globalAlpha = 1;
+        u.ctx.fillRect(a, u.bbox.top + u.bbox.height - strip, Math.max(b - a, 1), strip);
       }
       u.ctx.restore();
     }
@@ -38,6 +43,32 @@
       u.ctx.stroke();
       u.ctx.restore();
     }
+  }
+
+  // triangles at the edge where a curve leaves its panel, one for all that lie under one triangle
+  function beyond(u, limits) {
+    if (!limits) return;
+    const size = 6 * devicePixelRatio, {top, height} = u.bbox;
+    u.series.forEach((s, k) => {
+      if (!k || !s.show) return;
+      const last = {};
+      u.ctx.save();
+      u.ctx.fillStyle = s.stroke(u, k);
+      for (let i = s.idxs[0]; i <= s.idxs[1]; i++) {
+        const v = u.data[k][i];
+        const side = v == null ? 0 : v > limits[1] ? 1 : v < limits[0] ? -1 : 0;
+        const x = side && u.valToPos(u.data[0][i], "x", true);
+        if (!side || x - last[side] < size) continue;
+        last[side] = x;
+        const edge = side > 0 ? top : top + height;
+        u.ctx.beginPath();
+        u.ctx.moveTo(x, edge);
+        u.ctx.lineTo(x + size / 2, edge + side * size);
+        u.ctx.lineTo(x - size / 2, edge + side * size);
+        u.ctx.fill();
+      }
+      u.ctx.restore();
+    });
   }
 
   function zoom(min, max) {
@@ -65,6 +96,7 @@
       const u = new uPlot({
         width: place.clientWidth, height: panel.height, title: panel.title,
         scales: {x: {time: false}, y: panel.limits ? {range: panel.limits} : {}},
+        legend: {markers: {fill: (u, k) => u.series[k].stroke(u, k)}},
         cursor: {sync: {key: "elid"}, drag: {x: true, y: false}},
         axes: [{...axis(panel.xlabel), size: 28}, {...axis(panel.ylabel), size: 52}],
         series: [
@@ -77,7 +109,8 @@
         ],
         hooks: {
           drawClear: [u => shade(u, panel.spans)],
-          draw: [u => rule(u, panel.rules)],
+          draw: [u => rule(u, panel.rules), u => beyond(u, panel.limits)],
+          setCursor: [u => u.root.classList.toggle("pointed", u.cursor.idx != null)],
           setScale: [(u, key) => { if (key === "x" && u.scales.x.min != null) zoom(u.scales.x.min, u.scales.x.max); }],
         },
       }, [t, ...panel.series.map(s => unpacked(s.y))], place);
