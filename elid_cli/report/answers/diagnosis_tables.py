@@ -103,7 +103,8 @@ def effect_sections(told: DiagnosisInput) -> list[Section]:
     if named:
         sections += _found(found, "effects", "missing from the model", named)
     elif not found.sufficient:
-        sections.append(Text("effects", "No effect that elid knows explains it."))
+        tried = "Nothing found so far" if found.partial else "No effect that elid knows"
+        sections.append(Text("effects", f"{tried} explains it."))
     sections += _also_possible(found)
     if curves:
         sections += _found(found, "curves", "curves over what is left, asked for by --lookup", curves)
@@ -257,7 +258,8 @@ def unexplained_section(found: Diagnosis) -> list[Section]:
     after = "after: " if found.effects else ""
     ordered = sorted(found.unexplained, key=lambda u: found.robot.joint_names.index(u.joint))
     items = tuple((f"{u.joint} {EQUATIONS.get(u.rows, u.rows)}", _left(found, u)) for u in ordered)
-    return [KeyValues("unexplained", items, title=f"{after}what no effect explains")]
+    title = f"{after}what nothing found so far explains" if found.partial else f"{after}what no effect explains"
+    return [KeyValues("unexplained", items, title=title)]
 
 
 def _left(found: Diagnosis, item: Unexplained) -> str:
@@ -272,6 +274,7 @@ def _left(found: Diagnosis, item: Unexplained) -> str:
     sticks = "; leave slow motion out: --min-velocity 0.03" if follows and item.variable == STICKING else ""
     near = ", ".join(f"{whose(n.effect, n.joint)} {share_text(n.gain)}" for n in item.nearest if n.gain > NEAR)
     none = f"no effect that elid knows takes away even {share_text(NEAR)}"
+    none = "the search was stopped before all effects were tried" if found.partial else none
     said = f"effects that would take most of it from stretches that they were not fitted to: {near}" if near else none
     return f"{size}{follows}{sticks}; {said}"
 

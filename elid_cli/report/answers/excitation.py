@@ -34,12 +34,26 @@ def excitation_report(found: Excitation, robot_argument: str, file: str, rate: f
     )
     sections: list[Section] = [
         heading(found.robot),
+        Text("answer", _answer(found)),
         KeyValues("facts", facts),
         limits_table(found),
         expected_table(found),
         Text("next", _next(found.robot, robot_argument, file), "next"),
     ]  # fmt: skip
     return Report("excite", excitation_payload(found, file=file, rate=rate), tuple(sections))
+
+
+def _answer(found: Excitation) -> str:
+    """Return what the motion is worth, in a sentence."""
+    length = number_text(found.trajectory.duration)
+    if found.gain < 1:
+        return (
+            f"A motion of {length} s within the limits; for the parameters it is no better than random motion as long."
+        )
+    return (
+        f"A motion of {length} s within the limits. Its log will show the parameters with standard errors "
+        f"{_times(found.gain)} than random motion as long (geometric mean)."
+    )
 
 
 def _next(robot: Robot, argument: str, file: str) -> str:

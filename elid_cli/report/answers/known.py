@@ -50,7 +50,7 @@ def parameter_words(found: Identification, loud: Collection[str] = ()) -> str:
         _counted(rough, f"{ROUGH}, less well than that"),
         _counted([item for item in supported if item.bias_possible], f"{BIASED} by what is missing"),
         _counted(negative, NEGATIVE),
-        f"{len(held)} held at the file's values" if held else "",
+        f"{len(held)} {'is' if len(held) == 1 else 'are'} held at the file's values" if held else "",
         _counted([item for item in found.parameters if item.verdict == "refused" and item not in held],
                  f"{NOT_SHOWN} by this log"),
         _counted(small, f"known to be {SMALL}"),
@@ -63,7 +63,8 @@ def parameter_words(found: Identification, loud: Collection[str] = ()) -> str:
 
 def _counted(items: Sequence[BaseEstimate], words: str) -> str:
     """Return how many parameters there are of a kind, and which; nothing of none."""
-    return f"{len(items)} {words} ({some(item.name for item in items)})" if items else ""
+    verb = "" if words.startswith(("may", "came")) else "is " if len(items) == 1 else "are "
+    return f"{len(items)} {verb}{words} ({some(item.name for item in items)})" if items else ""
 
 
 def some(names: Iterable[str]) -> str:

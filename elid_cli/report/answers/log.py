@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from typing import Any
 
 from elid_cli.report.answers.inputs import command, heading, log_payload, recorded_items, robot_payload
+from elid_cli.report.answers.summary import listed
 from elid_cli.report.figures.plots.signals import gaps, sizes
-from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text
+from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 
@@ -28,12 +30,28 @@ def log_report(recording: Recording, robot: Robot, robot_argument: str | None) -
         line = command("identify", recording, robot_argument)
     sections: list[Section] = [
         heading(robot, recording),
+        Text("answer", _answer(recording, robot, moved)),
         KeyValues("inputs", recorded_items(robot, recording)),
         *(Text(f"warning{k}", warning, "warning") for k, warning in enumerate(recording.warnings)),
         _table(robot, moved),
         Text("next", line, "next"),
     ]
     return Report("plot", payload, tuple(sections))
+
+
+STILL = 1e-3
+"""rad (m) of range below which a joint stands still."""
+
+
+def _answer(recording: Recording, robot: Robot, moved: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return which joints move, and how much of the log is missing or was repaired, in a sentence."""
+    still = [name for name, size in moved.items() if size["most"] - size["least"] < STILL]
+    move = f"{listed(still)} {'stands' if len(still) == 1 else 'stand'} still; the others move" if still else (
+        f"All {robot.n} joints move" if robot.n > 1 else "The joint moves")  # fmt: skip
+    holes, repairs = len(gaps(recording)), len(recording.repairs)
+    gap = f"{holes} gap{'s' * (holes > 1)}" if holes else "no gap"
+    mended = f"{repairs} repair{'s' * (repairs > 1)}, listed below" if repairs else "nothing was repaired"
+    return f"{move}. The log of {number_text(recording.duration, 3)} s has {gap}; {mended}."
 
 
 def _table(robot: Robot, moved: dict[str, dict[str, Any]]) -> Table:

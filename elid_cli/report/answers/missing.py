@@ -173,8 +173,9 @@ def missing_words(told: DiagnosisInput) -> str:
 def _left_words(found: Diagnosis, joint: str, nothing: str) -> str:
     """Return how much is left at a joint that nothing explains, and what it goes with."""
     worst = max((u for u in found.unexplained if u.joint == joint), key=lambda u: held_out_size(found, u)[1])
-    names = [variable_words(name) for name, _ in left_follows(found, worst)]
-    goes = f" It goes with {listed(names)}." if names else ""
+    names = [words if (words := variable_words(name)) == "time" else f"the {words}"
+             for name, _ in left_follows(found, worst)]  # fmt: skip
+    goes = f" It follows {listed(names)}." if names else ""
     times = number_text(held_out_size(found, worst)[1], 2)
     return f" {times} times the sensors' noise is left at {joint}, which {nothing} explains.{goes}"
 
@@ -188,7 +189,7 @@ def left_follows(found: Diagnosis, item: Unexplained) -> list[tuple[str, float]]
     if told and item.variable in TIMES and not found.effects:
         rows = {"link": "sum"}.get(item.rows, item.rows)
         others = [o for o in found.organised.get((item.joint, rows), ()) if o.variable not in TIMES]
-        told += [(o.variable, o.share) for o in others[:1] if o.share > ALSO * item.share]
+        told[:0] = [(o.variable, o.share) for o in others[:1] if o.share > ALSO * item.share]
     return told
 
 

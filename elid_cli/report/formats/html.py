@@ -33,10 +33,10 @@ SUFFIXES, FIGURES = (".html", ".htm"), True
 LONG, SHORT = 16, 24
 """Rows of a table beyond which it is folded, and characters of a cell up to which it stays on one line."""
 PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("Evidence", ("figure:effect", "figure:errors", "figure:trended", "figure:drawn_sets", "figure:change",
-                          "motor_side*", "figure:response", "parameters", "moved*", "unmoved*", "member_errors",
-                          "values", "members", "effects*", "meaning", "waiting", "also_possible", "before_after",
-                          "position", "error*", "unexplained", "triage", "differing", "by_log")),
+    ("Evidence", ("figure:effect", "figure:residual+left", "figure:errors", "figure:trended", "figure:drawn_sets",
+                  "figure:change", "motor_side*", "figure:response", "parameters", "moved*", "unmoved*",
+                  "member_errors", "values", "members", "effects*", "meaning", "waiting", "also_possible",
+                  "before_after", "position", "error*", "unexplained", "triage", "differing", "by_log")),
     ("Parameters", ("figure:parameters", "joint_parameters", "base_parameters", "reasons", "physical*", "std_error")),
     ("What to record next", ("record", "next")),
     ("Over time", ("figure:torque", "figure:trajectory", "figure:replayed", "figure:signals")),
@@ -131,10 +131,15 @@ def _over_time(timed: Sequence[Section]) -> str:
 
 
 def _is(section: Section, key: str) -> bool:
-    """Whether a section has a key, one that begins like it (``effects*``), or a figure's kind (``figure:torque``)."""
-    head, _, kind = key.partition(":")
+    """Whether a section has a key, one that begins like it (``effects*``), or a figure's kind (``figure:torque``).
+
+    After a plus sign stands a mark that the figure's data must have (``figure:residual+left``).
+    """
+    head, _, rest = key.partition(":")
+    kind, _, mark = rest.partition("+")
     if kind or isinstance(section, Figure):
-        return head == "figure" and isinstance(section, Figure) and section.kind == kind
+        return (head == "figure" and isinstance(section, Figure) and section.kind == kind
+                and (not mark or bool(section.data.get(mark))))  # fmt: skip
     return section.key.startswith(key[:-1]) if key.endswith("*") else section.key == key
 
 
@@ -292,7 +297,7 @@ def _anchor(key: str) -> str:
 
 def _prose(text: str) -> str:
     """Return a text with numbers tied to their units: no line ends between them."""
-    return escape(UNITS.sub(TIE, text)).replace("× ", "×\N{NO-BREAK SPACE}")
+    return escape(UNITS.sub(TIE, text))
 
 
 def _upper(text: str) -> str:

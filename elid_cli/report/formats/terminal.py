@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".txt",)
 TIE = "\N{NO-BREAK SPACE}"
-UNITS = re.compile(r"(?<=\d) (?=(?:%|s|ms|µs|Hz|rad|mrad|N·m|N|kg|sd)(?:[\s,;:.)]|$))")
+UNITS = re.compile(r"(?<=[±×]) |(?<=\d) (?=(?:%|s|ms|µs|Hz|rad|mrad|N·m|N|kg|sd)(?:[\s,;:.)]|$))")
 PASTED = re.compile(r"--[a-z][a-z-]* (?=[\w./])|\w+: \{from: [^{}]*(?:\{[^{}]*\}[^{}]*)*\}")
 """What a reader pastes out of a sentence: an option with its value, a line of a mapping."""
 INDENT = 2

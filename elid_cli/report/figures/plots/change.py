@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 ORDER = 1
 MOST = 20
 """Parameters that are drawn: those that moved by most standard deviations."""
+
+
+SHAPES: tuple[tuple[Literal["o", "d", "x"], float], ...] = (("o", 5.0), ("d", 9.0), ("x", 7.0))
+"""Marks of results: told apart without colour as well."""
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
@@ -49,7 +53,8 @@ def draw(figure: Figure) -> Drawing:
     for number, (file, row, wide) in enumerate(zip(data["files"], values, spread, strict=True)):
         color, y = CYCLE[number % len(CYCLE)][0], np.arange(float(count)) + 0.22 * (number - (len(values) - 1) / 2)
         x, half = 100.0 * (row - values[0]) / scale, 100.0 * wide / scale
-        marks += [Bars(y, x - half, x + half, color, 2.0), Dots(x, y, color, size=5, label=file)]
+        shape, size = SHAPES[number % len(SHAPES)]
+        marks += [Bars(y, x - half, x + half, color, 2.0), Dots(x, y, color, shape, size, label=file)]
     told = [f"{number_text(float(d), 2)} sd" for d in data["deviations"]]
     marks.append(Words(np.arange(float(count)), told))
     axes = "change (% of its own size)", "", None, (count - 0.5, -0.5), 46.0 + 19.0 * count

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.report.answers.summary import JOINT_KINDS, spread_text
+from elid_cli.report.answers.summary import JOINT_KINDS, called, spread_text
 from elid_cli.report.figures.drawing import Bars, Dots, Drawing, Mark, Panel, Rule, Words
 from elid_cli.report.figures.plots.parameters import EDGE, parts, shortened
 from elid_cli.report.tree import Figure, number_text
@@ -64,7 +64,7 @@ def _pairs(sets: ParameterSets) -> list[dict[str, Any]]:
             break
         if used.isdisjoint(pair):
             used.update(pair)
-            titles = [f"{shortened(sets.names[p])} less its mean ({sets.units[p]})" for p in pair]
+            titles = [f"{called(sets.names[p])} less its mean ({sets.units[p]})" for p in pair]
             values = sets.values[:, list(pair)]
             found.append({"r": r, "titles": titles, "values": (values - values.mean(axis=0))[:SETS]})
     return found
@@ -85,7 +85,9 @@ def draw(figure: Figure) -> Drawing:
 
 def _scatter(pair: Mapping[str, Any]) -> Panel:
     x, y = np.asarray(pair["values"], dtype=float).T
-    return Panel([Dots(x, y, "blue", size=4, opacity=0.6)], f"r = {number_text(pair['r'], 2)}", *pair["titles"])
+    dots = Dots(x, y, "blue", size=4, opacity=0.6)
+    across, up = pair["titles"]
+    return Panel([dots], f"r = {number_text(pair['r'], 2)}", across, up, height=235.0)
 
 
 def _panel(data: Mapping[str, Any], title: str, index: Sequence[int]) -> Panel:
@@ -121,4 +123,5 @@ def _half(mean: float, low: float, high: float, held: bool) -> str:
         return "held"
     half = 0.5 * (high - low)
     vague = not mean or (low <= 0.0 <= high and abs(mean) < half)
-    return "near 0" if vague else f"± {spread_text(half, mean)} %"
+    text = "near 0" if vague else f"{spread_text(half, mean)} %"
+    return text if text[0] in "<>n" else f"± {text}"

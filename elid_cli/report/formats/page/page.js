@@ -11,7 +11,8 @@
     return Array.from(whole, v => v === -32768 ? null : low + (v + 32767) * step);
   }
 
-  function shade(u, spans) {
+  // stretches of time, over the whole height or as a strip at the bottom, which stays visible in grey
+  function shade(u, spans, strip) {
     for (const span of spans) {
       u.ctx.save();
       u.ctx.fillStyle = color(span.color);
@@ -19,12 +20,9 @@
         const a = Math.max(u.valToPos(first, "x", true), u.bbox.left);
         const b = Math.min(u.valToPos(last, "x", true), u.bbox.left + u.bbox.width);
         if (b <= a) continue;
-        u.ctx.globalAlpha = .18;
-        u.ctx.fillRect(a, u.bbox.top, Math.max(b - a, 1), u.bbox.height);
-        if (!span.strip) continue;
-        const strip = 5 * devicePixelRatio;
-        u.ctx.globalAlpha = 1;
-        u.ctx.fillRect(a, u.bbox.top + u.bbox.height - strip, Math.max(b - a, 1), strip);
+        u.ctx.globalAlpha = strip ? 1 : .18;
+        const high = strip ? 4 * devicePixelRatio : u.bbox.height;
+        u.ctx.fillRect(a, u.bbox.top + u.bbox.height - high, Math.max(b - a, 1), high);
       }
       u.ctx.restore();
     }
@@ -109,7 +107,7 @@
         ],
         hooks: {
           drawClear: [u => shade(u, panel.spans)],
-          draw: [u => rule(u, panel.rules), u => beyond(u, panel.limits)],
+          draw: [u => shade(u, panel.spans.filter(span => span.strip), true), u => rule(u, panel.rules), u => beyond(u, panel.limits)],
           setCursor: [u => u.root.classList.toggle("pointed", u.cursor.idx != null)],
           setScale: [(u, key) => { if (key === "x" && u.scales.x.min != null) zoom(u.scales.x.min, u.scales.x.max); }],
         },
