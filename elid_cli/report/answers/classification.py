@@ -164,7 +164,7 @@ def folded(name: str, terms: Mapping[str, float]) -> Cell:
     """Return a base parameter's name; a combination of many terms folds to its leading one and their number."""
     if len(terms) <= MOST_TERMS:
         return name
-    return Folded(name, called(name))
+    return Folded(name, called(" + ".join(terms)))
 
 
 def verdict_mark(verdict: str) -> Mark:

@@ -77,9 +77,9 @@ def _answer(info: LogInfo) -> str:
     size += "" if rate is None else f" at {number_text(rate)} Hz"
     many = f"{len(info.joints)} joint{'s' * (len(info.joints) != 1)}"
     if not info.missing:
-        return f"elid can read this log: {listed(list(info.taken))} of {many}{size}."
+        return f"This log can be used: it has {listed(list(info.taken))} of {many}{size}."
     how = "a guess is below" if info.mapping else "--map can say where that is"
-    return f"elid does not find {listed(list(info.missing))} in this log of {many}{size}; {how}."
+    return f"Not found in this log of {many}{size}: {listed(list(info.missing))}; {how}."
 
 
 def _channels(info: LogInfo, key: str) -> Table:
