@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from elid_cli.diagnosis import diagnose
+from elid_cli.diagnosis.search.forward import outdone
 from elid_cli.diagnosis.written import robot_between, worse
 from elid_cli.estimation.judgement import JointError
 from elid_cli.robot.robot import EffectSpec, Robot
@@ -52,3 +55,13 @@ def test_what_lies_between_motor_and_link_stays_as_found(robot: Robot) -> None:
     for own, other in zip(mixed.joints, robot.joints, strict=True):
         assert own.parameters["K"] == 2.0 * other.parameters["K"]
         assert own.parameters["fs"] == other.parameters["fs"]
+
+
+def test_an_effect_made_needless_by_one_that_explains_far_more_is_no_rival() -> None:
+    def gained(likelihood: float) -> Any:
+        return SimpleNamespace(gain=SimpleNamespace(likelihood=likelihood))
+
+    step: Any = SimpleNamespace(candidate=gained(100.0))
+    assert outdone(gained(230.0), step, later=True)
+    assert not outdone(gained(240.0), step, later=True)  # seven tenths of what both explain
+    assert not outdone(gained(25.0), step, later=False)  # what it explains alone was not asked

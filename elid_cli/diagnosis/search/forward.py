@@ -174,8 +174,14 @@ def _pruned(state: State, steps: list[Step], declared: int) -> tuple[State, list
             break
         state = refreshed(without(state, declared + worst))
         gone = steps[worst].candidate
-        steps = [beside(s, gone) for i, s in enumerate(steps) if i != worst]
+        steps = [s if outdone(gone, s, later=i > worst) else beside(s, gone) for i, s in enumerate(steps) if i != worst]
     return state, steps
+
+
+def outdone(gone: Candidate, step: Step, *, later: bool) -> bool:
+    """Whether a step that came after an effect explained so much on top that the two are no rivals (`TWIN_SHARE`)."""
+    own = gone.gain.likelihood
+    return later and own < TWIN_SHARE * (own + step.candidate.gain.likelihood)
 
 
 def beside(step: Step, gone: Candidate) -> Step:

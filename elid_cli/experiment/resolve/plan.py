@@ -73,7 +73,7 @@ class Pair:
     """Whether the two are the same in every row whatever the motion."""
     alike: bool = False
     """Whether the two are declared to imitate each other: a diagnosis then asks for a lead that is a share of the gain,
-    and that share follows from sizes which only a named effect has."""
+    and which of them it takes first counts as well, so nothing is promised."""
     otherwise: tuple[Remedy, ...] = ()
     """What would decide where this does not."""
 
@@ -92,7 +92,7 @@ class Pair:
         """``promised``, ``likely`` (more often than not), ``unlikely`` or ``no motion``."""
         if self.twins or self.planned < BELOW:
             return "no motion"
-        if self.probability >= LIKELY and (self.named or not self.alike):
+        if self.probability >= LIKELY and not self.alike:
             return "promised"
         return "likely" if self.probability > 0.5 else "unlikely"
 

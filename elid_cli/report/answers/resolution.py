@@ -74,8 +74,7 @@ def pairs_table(found: Resolution) -> Table:
 
 def _decides(pair: Pair) -> Cell:
     """Return how probably the planned log decides, in words where it is neither promised nor known well enough."""
-    rough = pair.alike and not pair.named
-    return pair.verdict if rough or pair.verdict == "no motion" else percent(pair.probability, 2)
+    return pair.verdict if pair.alike or pair.verdict == "no motion" else percent(pair.probability, 2)
 
 
 def _sigma(value: float) -> Cell:
@@ -93,8 +92,9 @@ def _pair_words(pair: Pair, found: Resolution) -> str:
         said = "no motion tells them apart: the two are the same in every equation"
     elif pair.verdict == "no motion":
         said = f"none of the {found.tried} motions tried tells them apart by more than the noise"
-    elif pair.alike and not pair.named:
-        said = f"{pair.verdict} to be decided; no more is promised: the diagnosis named neither, so sizes are rough"
+    elif pair.alike:
+        why = "one imitates the other" if pair.named else "the diagnosis named neither, so sizes are rough"
+        said = f"{pair.verdict} to be decided; no more is promised: {why}"
     else:
         said = f"the planned log decides with {percent(pair.probability, 2)}"
     computed = [r for r in pair.otherwise if r.kind != "record"]
