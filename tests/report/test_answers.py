@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from elid_cli import identify, prepare, read_recording, read_robot
 from elid_cli.cli import main
 from elid_cli.diagnosis import FoundEffect, Rival
 from elid_cli.estimation.judgement import JointError
+from elid_cli.report.answers.known import parameter_words
 from elid_cli.report.answers.missing import named_words, summary_words
 from elid_cli.report.answers.summary import called, light, small_value, symbol_words
 
@@ -98,3 +100,15 @@ def test_what_is_left_beyond_noise_counts_from_where_it_is_more_than_rounding(
 ) -> None:
     error = JointError(9e-3, 9e-5, motor_side, motor_side / 100, 100.0, floor=1e-2, spring_floor=1e-3)
     assert light(error, lacking=lacking).text == word
+
+
+def test_what_is_left_and_may_be_no_noise_names_the_parameters_of_its_joint() -> None:
+    sample = Path(__file__).parents[2] / "sample_logs" / "planar2.h5"
+    robot = read_robot("planar2")
+    found = identify(robot, prepare(read_recording([sample], robot), robot))
+    plain, doubted = parameter_words(found), parameter_words(found, ["joint2"])
+    assert "no noise" not in plain
+    assert (
+        "If what is left at joint2 is no noise, it may bias these first: m2 with 1 other, cx2 with 1 other" in doubted
+    )
+    assert "known to 30 % or better, or to 0.3 % of the torque. 2 are known to be small (cy1 and cy2)" in plain

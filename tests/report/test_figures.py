@@ -38,7 +38,7 @@ from elid_cli.report.figures.build import (
     validation_figures,
     with_figures,
 )
-from elid_cli.report.figures.drawing import CYCLE, PALETTE, decades, tick_texts, ticks
+from elid_cli.report.figures.drawing import CYCLE, PALETTE, Drawing, Line, Panel, Spans, decades, tick_texts, ticks
 from elid_cli.report.figures.input import FigureInput
 from elid_cli.report.figures.joint_views import joint_views, organised
 from elid_cli.report.figures.paint import bands, cloud, envelope
@@ -112,6 +112,26 @@ def test_the_same_figure_gives_the_same_bytes_and_no_date(report: Report) -> Non
             assert first == picture(figure, suffix)
             assert b"dc:date" not in first
     assert first.startswith(b"\x89PNG")
+
+
+def test_a_curve_that_leaves_its_panel_is_marked_at_the_edge() -> None:
+    x = np.linspace(0.0, 1.0, 200)
+    inside, beyond = (Panel([Line(x, np.sin(9 * x))], ylim=(-most, most)) for most in (2.0, 0.5))
+    triangles = [re.findall(r"l3 -?6h-6z", panels(Drawing([panel]), "")[0]) for panel in (inside, beyond)]
+    assert not triangles[0]
+    assert {"l3 6h-6z", "l3 -6h-6z"} == set(triangles[1]), "above and below"
+
+
+def test_what_colour_alone_would_tell_is_told_otherwise_too() -> None:
+    held_out = panels(Drawing([Panel([Spans([(0.2, 0.4)], "green", strip=True)], xlim=(0.0, 1.0))]), "")[0]
+    assert held_out.count('fill="var(--green)"') == 2, "a strip below besides the shade"
+    cases = [(name, {"joint1": 0.01}) for name in ("a.h5", "b.h5", "c.h5")]
+    drawn = panels_of(Figure("errors", "", "errors", {"cases": cases}))
+    assert [label for mark in drawn.legend() if (label := getattr(mark, "label", ""))] == [
+        "1: a.h5",
+        "2: b.h5",
+        "3: c.h5",
+    ]
 
 
 def test_colours_differ_in_grey_or_in_dashes() -> None:
