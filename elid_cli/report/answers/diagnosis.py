@@ -189,7 +189,7 @@ def _moved_words(told: DiagnosisInput) -> str:
         first, last = (m.normalised_mean_error() for m in (told.before, told.after))
         change = f"{share_text(first)} before, {share_text(last)} after" if told.contributions else share_text(last)
         if not told.contributions or last < NEARER * first:  # the file need not be true: a small change says nothing
-            words.append(f"mean difference from the robot file's parameters: {change}")
+            words.append(f"mean difference of all base parameters from the robot file: {change}")
     return "\n".join(word for word in words if word)
 
 

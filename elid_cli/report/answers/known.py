@@ -56,7 +56,7 @@ def parameter_words(found: Identification, loud: Collection[str] = ()) -> str:
         _counted(small, f"known to be {SMALL}"),
         _in_doubt(found, loud),
     ]  # fmt: skip
-    sizes = _largest_errors([item for item in known if item not in small])
+    sizes = _largest_errors([item for item in known if item not in small], found.robot.joint_names)
     said += [f"Largest standard errors of the {'others' if small else 'known'}: {sizes}"] if sizes else []
     return " ".join(f"{sentence}." for sentence in said if sentence)
 
@@ -86,15 +86,16 @@ def _in_doubt(found: Identification, loud: Collection[str]) -> str:
     return f"If what is left at {where} is no noise, it may bias these first: {some(own)}"
 
 
-def _largest_errors(known: Sequence[BaseEstimate]) -> str:
-    """Return the largest standard error of each kind of known parameters, in percent of the value."""
+def _largest_errors(known: Sequence[BaseEstimate], joints: Sequence[str]) -> str:
+    """Return the largest standard error of each kind of known parameters, in percent of the value, and whose it is."""
     largest: dict[str, tuple[float, str]] = {}
     for item in known:
         if item.estimate:
-            own = item.std_error / abs(item.estimate), called(item.name)
             word = JOINT_KINDS.get(item.leader.kind, BODIES)
+            whose = called(item.name) if word == BODIES else joints[item.leader.joint]
+            own = item.std_error / abs(item.estimate), whose
             largest[word] = max(largest.get(word, own), own)
     told = [word for word in dict.fromkeys((*JOINT_KINDS.values(), BODIES)) if word in largest]
     return ", ".join(
-        f"{word} {share_text(largest[word][0])}" + f" ({largest[word][1]})" * (word == BODIES) for word in told
+        f"{word} {share_text(largest[word][0])} ({largest[word][1]})" for word in told
     )

@@ -93,6 +93,12 @@ def _beside_noise(error: JointError) -> list[tuple[float, float]]:
     return [(rms, floor) for rms, floor in pairs if rms is not None and floor]
 
 
+def _largest_share(error: JointError) -> float:
+    """Return the error as a part of the torque, in the worse of a joint's equations: the longest bar of the figure."""
+    motor = (error.spring_rms or 0.0) / error.torque_rms if error.torque_rms > 0 else 0.0
+    return max(error.relative, motor)
+
+
 def _motor_side(error: JointError) -> bool:
     """Whether the motor's equation is the worse one beside its noise."""
     times = above_noise(error)
@@ -117,8 +123,8 @@ def _predicted_words(robot: Robot, error: Mapping[str, JointError], lacking: Col
     if not error:
         return "Nobody can tell: no joint has a torque in this log."
     marks = {joint: light(e, lacking=joint in lacking).text for joint, e in error.items()}
-    shares = {joint: share_text(e.relative) for joint, e in error.items()}
-    worst = max(error, key=lambda joint: error[joint].relative)
+    shares = {joint: share_text(_largest_share(e)) for joint, e in error.items()}
+    worst = max(error, key=lambda joint: _largest_share(error[joint]))
     noise = all(e.floor for e in error.values())
     silent = [name for name in robot.joint_names if name not in error]
     but = f" Nothing is known of {listed(silent)}, without torque in this log." if silent else ""
