@@ -96,6 +96,4 @@ def _largest_errors(known: Sequence[BaseEstimate], joints: Sequence[str]) -> str
             own = item.std_error / abs(item.estimate), whose
             largest[word] = max(largest.get(word, own), own)
     told = [word for word in dict.fromkeys((*JOINT_KINDS.values(), BODIES)) if word in largest]
-    return ", ".join(
-        f"{word} {share_text(largest[word][0])} ({largest[word][1]})" for word in told
-    )
+    return ", ".join(f"{word} {share_text(largest[word][0])} ({largest[word][1]})" for word in told)
