@@ -70,6 +70,8 @@ class LogInfo(Shown):
     reasons: Mapping[str, str] = field(default_factory=dict)
     resolved: Mapping[str, Any] = field(default_factory=dict)
     """The mapping that says what was taken from where."""
+    chain: str = ""
+    """Link whose chain has as many joints as a table without names has columns for; empty: not looked for."""
 
 
 def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[str, Any] | None = None) -> LogInfo:
@@ -137,6 +139,7 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
             for signal, placement in plan.placements.items()
             if not placement.either or (signal == "tau" and robot is not None)  # else the robot to come decides
         },
+        chain=link,
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import LogError
 from elid_cli.logs.checks.required import Checked, check, refuse_mixed
-from elid_cli.logs.checks.units_and_signs import suspicions, written_units
+from elid_cli.logs.checks.units_and_signs import suspicions, told_torques, written_units
 from elid_cli.logs.contract import RawLog, Stream
 from elid_cli.logs.mapping.language import COMMANDS, parse_mapping
 from elid_cli.logs.mapping.long_table import reshaped
@@ -157,7 +157,7 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
             detail="refused because --strict was asked for",
             hint="without --strict elid uses what is whole",
         )
-    notes = [*raw.notes, *plan.notes]
+    notes = [*raw.notes, *plan.notes, *told_torques(plan)]
     factor = plan.time.factor if plan.time is not None else None
     try:
         seconds = in_seconds(

@@ -8,10 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elid_cli.estimation.judgement import JointError
 from elid_cli.logs.checks.known_masses import gravity_torques, weight_scales, wrong_scales
+from elid_cli.logs.checks.units_and_signs import _of_motors
 from elid_cli.logs.mapping.language import SignalMap
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
 from elid_cli.model.dynamics import Dynamics
+from elid_cli.report.answers.summary import trust_words
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
 
@@ -92,3 +95,31 @@ def test_a_torque_of_friction_alone_is_doubted(robot: Robot, log: tuple[np.ndarr
 def test_unknown_masses_doubt_nothing(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
     bare = replace(robot, joints=tuple(replace(j, parameters={}) for j in robot.joints))
     assert not list(wrong_scales(log[0], log[1] / GEARS, DT, bare, PLAN))
+
+
+def test_a_torque_that_pulls_with_the_weight_is_doubted(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
+    one = np.array([1, 1, -1, 1, 1, 1])
+    for signs, key in ((-np.ones(6), "sign: -1}"), (one, "sign: {joint3: -1}}")):
+        (said,) = wrong_scales(log[0], log[1] * signs, DT, robot, PLAN)
+        assert "runs against the weight of the described bodies" in said
+        assert said.endswith(key)
+
+
+def test_a_motors_torque_without_gears_and_masses_is_asked_about(robot: Robot) -> None:
+    bare = replace(robot, joints=tuple(replace(j, parameters={}) for j in robot.joints))
+    mapped = replace(PLAN, mapped=frozenset({"tau"}))
+    (said,) = _of_motors(mapped, bare)
+    assert "nothing shows whether a unit or side is wrong" in said
+    assert not list(_of_motors(mapped, robot))
+    spec = SignalMap("tau", "motor{i}_torque", written={"from": "motor{i}_torque", "side": "joint"})
+    placed = replace(mapped, placements={"tau": replace(PLAN.placements["tau"], spec=spec)})
+    assert not list(_of_motors(placed, bare))
+
+
+def test_trust_is_doubted_where_a_torque_runs_against_the_weight() -> None:
+    error = {"joint1": JointError(0.01, 0.001, None, None, 10.0)}
+    for warning, start in (
+        ("", "Yes"),
+        ("tau of lift runs against the weight of", "Only if the log's units and signs"),
+    ):
+        assert trust_words(read_robot("planar2"), error, (), (warning,)).startswith(start)

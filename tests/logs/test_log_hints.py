@@ -200,10 +200,10 @@ def test_a_prediction_is_not_called_trusted_where_a_unit_is_doubted(tmp_path: Pa
     right = read(written(tmp_path, "log.csv", BASE), robot=robot).warnings
     assert trust_words(robot, error, warnings=right).startswith("Yes: ")
     wrong = read(written(tmp_path, "log.csv", like(BASE, tau=100 * TAU)), robot=robot).warnings
-    assert trust_words(robot, error, warnings=wrong).startswith("Only if the log's units are right")
+    assert trust_words(robot, error, warnings=wrong).startswith("Only if the log's units and signs are right")
     path = text(tmp_path, {"t": BASE.t, **each("q{}[deg]", Q), **each("tau{}[A]", TAU)})
     told = read(path, robot=RIGID, mapping={"q": {"from": "q{i}"}, "tau": {"from": "tau{i}", "scale": 2.0}}).warnings
-    assert trust_words(RIGID, error, warnings=told[:1]).startswith("Only if the log's units are right")
+    assert trust_words(RIGID, error, warnings=told[:1]).startswith("Only if the log's units and signs are right")
     assert "which is no torque" in told[1]
     path = text(tmp_path, {"t": BASE.t, "q1[rad]": Q[:, 0], "q2[deg]": Q[:, 1], "q3": Q[:, 2], **each("tau{}", TAU)})
     told = read(path, robot=RIGID, mapping={"q": {"from": "q{i}"}, "tau": {"from": "tau{i}"}}).warnings

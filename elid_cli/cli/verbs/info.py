@@ -39,6 +39,14 @@ def info(
         mapping = read_map_options(maps) or None
         found = [inspect_log(log, machine, mapping) for log in logs]
     if write_map is not None:
+        if not (found[0].mapping or found[0].resolved):
+            from elid_cli.errors import LogError
+
+            raise LogError(
+                f"{found[0].file}: no signal can be placed by its name, so there is no mapping to write",
+                detail=found[0].notes[-1] if found[0].chain else "",
+                hint="say where each one is, in words of the log: --map 'q: {from: [COLUMN, …]}'",
+            )
         write_text(write_map, "".join(f"{line}\n" for line in mapping_lines(found[0])))
     note((sentence for log in found for sentence in log.losses), output, "lost")
     emit(info_report(found, machine, robot, maps, write_map), output)

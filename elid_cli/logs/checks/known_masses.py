@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.logs.checks.encoder_pairs import proposed
+from elid_cli.logs.checks.encoder_pairs import as_yaml, proposed
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.torque_scale import LAG, WRONG_SCALE
 from elid_cli.logs.mapping.plan import ReadPlan
@@ -39,6 +39,8 @@ ALIKE = 0.05
 """Relative difference of joints' scales that counts as none."""
 UNITS = {1000.0: "unit: mN.m"}
 """Scales that a unit explains."""
+AGAINST = "runs against the weight"
+"""What is said of a torque that pulls where the described bodies' weight pulls."""
 WEIGHTLESS = "carries no weight"
 """What is said of a torque that does not follow the weight of the described bodies at all."""
 
@@ -81,6 +83,15 @@ def wrong_scales(
             f"{signal} of {_listed([names[s.joint] for s in idle])} {WEIGHTLESS} of the described bodies: gravity was "
             f"taken out of it, something else carries them, or {WRONG}, or the masses or the gravity of {robot.name}"
         )
+    opposed = [s for s in scales if s.correlation < -FAINT and s.ratio + SURE * s.deviation < -1 / WRONG_SCALE]
+    if opposed:
+        signs = ", ".join(f"{names[s.joint]}: -1" for s in opposed)
+        key = "sign: -1" if len(opposed) == len(scales) else f"sign: {{{signs}}}"
+        yield (
+            f"{signal} of {_listed([names[s.joint] for s in opposed])} {AGAINST} of the described bodies: a sign is "
+            f"wrong, or the gravity of {robot.name} (a robot that hangs says gravity: [0, 0, 9.81]); "
+            f"{proposed(plan, signal, key)}"
+        )
     off = [s for s in scales if s.correlation > FAINT and _is_off(s)]
     if not off:
         return
@@ -92,7 +103,9 @@ def wrong_scales(
     if computed:
         yield f"{said}; the torque is computed, so the gains kp and kd may be of the motor's side"
         return
-    if all(s.ratio < 1 for s in off):
+    placement = plan.placements.get(signal)
+    newtons = placement is None or placement.spec.unit in ("", "N.m", "N")
+    if newtons and all(s.ratio < 1 for s in off):
         ratios = _listed([_about(1 / s.ratio) for s in off])
         said += f"; a torque at the motor's shaft would mean gear ratios of about {ratios}"
     yield f"{said}; {proposed(plan, signal, _key(off, robot, plan, signal))}"
@@ -119,7 +132,7 @@ def _key(off: Sequence[Scale], robot: Robot, plan: ReadPlan, signal: str) -> str
     alike = all(abs(s.ratio / ratio - 1) < ALIKE + s.deviation / ratio for s in off)
     placement = plan.placements.get(signal)
     before = np.broadcast_to(placement.spec.scale, robot.n).tolist() if placement is not None else [1.0] * robot.n
-    kept = [f"unit: {placement.spec.unit}"] if placement is not None and placement.spec.unit else []
+    kept = [f"unit: {as_yaml(placement.spec.unit)}"] if placement is not None and placement.spec.unit else []
     kept += ["side: motor"] if placement is not None and placement.spec.motor_side else []
     geared = [(robot.joints[s.joint].gear_ratio or 1.0) * s.ratio for s in off]
     if not kept and all(abs(product - 1) < WRONG_SCALE / 10 for product in geared):

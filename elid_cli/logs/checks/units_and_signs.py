@@ -15,11 +15,12 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.logs.checks.encoder_pairs import CLOSE, UNLIKE, Pair, as_yaml, plain, proposed, swap
 from elid_cli.logs.checks.known_masses import wrong_scales
-from elid_cli.logs.checks.limits import beyond_limits
+from elid_cli.logs.checks.limits import WRONG, beyond_limits
 from elid_cli.logs.checks.required import Checked
 from elid_cli.logs.checks.torque_scale import FOLLOWS, WRONG_SCALE, correlation_of, off, scale_of, spring_slope
 from elid_cli.logs.mapping.language import UNIT_WORDS
 from elid_cli.logs.mapping.plan import ReadPlan
+from elid_cli.logs.mapping.suggest import TOLD, words_of
 from elid_cli.logs.repair.align import Aligned
 from elid_cli.logs.repair.stuck import frozen, limited
 from elid_cli.memory import along, let_go
@@ -49,6 +50,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     step = max(1, aligned.t.size // SAMPLES)
     found: list[str] = []
     found.extend(_amperes(plan, robot))
+    found.extend(_of_motors(plan, robot))
     start, stop = max(aligned.segments, key=lambda bounds: bounds[1] - bounds[0])
     q, theta = checked.q[start:stop], checked.theta[start:stop]
     found.extend(_wraps(q, theta, robot, plan))
@@ -109,6 +111,32 @@ def _amperes(plan: ReadPlan, robot: Robot) -> Iterator[str]:
         yield (
             f"tau is read from {placement.places} as it is, and that is a current by its name, {NOT_TORQUE}; "
             f"{proposed(plan, 'tau', 'unit: A, scale: TORQUE_CONSTANT, side: motor')}"
+        )
+
+
+def _of_motors(plan: ReadPlan, robot: Robot) -> Iterator[str]:
+    """Name a torque that is the motors' by its name, where neither gear ratios nor masses say which side it is of."""
+    placement = plan.placements.get("tau")
+    if placement is None or "tau" not in plan.mapped or "side" in (placement.spec.written or {}):
+        return
+    geared = all(joint.gear_ratio is not None for joint in robot.joints)
+    weighed = any(joint.parameters.get("m", 0.0) > 0 for joint in robot.joints)
+    if geared or weighed or not re.search(r"motor|rotor", placement.places.lower()):
+        return
+    yield (
+        f"tau is read from {placement.places} as the torque at the joint, and is the motors' by its name; without gear "
+        f"ratios and masses nothing shows whether {WRONG}. If it is the torque at the motors' shafts, give gear_ratio "
+        f"{robot.place_to_say}, and side: motor in the mapping; else side: joint"
+    )
+
+
+def told_torques(plan: ReadPlan) -> Iterator[str]:
+    """Note a torque that is by its name what the drives were asked for."""
+    placement = plan.placements.get("tau")
+    if placement is not None and TOLD & set(words_of(placement.places)):
+        yield (
+            f"tau is read from {placement.places}, by its name what the drives were asked for: where they gave another "
+            "torque, the model is of what was asked"
         )
 
 

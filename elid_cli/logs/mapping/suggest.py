@@ -125,6 +125,9 @@ def suggestion(
                 lines.append(line)
                 taken.add(places[k].source if not places[k].channel.field else "")
                 break
+    found = {line.partition(":")[0] for line in lines}
+    if "q" in signals and not found & {"q", "theta"} and "theta" not in signals:  # motors' positions are all there are
+        return suggestion(channels, joints, ["theta" if s == "q" else s for s in signals], works, units)
     order = {signal: k for k, signal in enumerate(signals)}
     return "\n".join(sorted(lines, key=lambda line: order[line.partition(":")[0]]))
 

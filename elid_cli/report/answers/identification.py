@@ -86,7 +86,7 @@ def identification_report(
     sections: list[Section] = [
         heading(found.robot, recording),
         answers(
-            trust_words(found.robot, found.error, lacking, recording.warnings),
+            trust_words(found.robot, found.error, lacking, (*recording.warnings, *found.warnings)),
             missing_words(found.model, found.insufficient, found.noise),
             parameter_words(found, loud),
             record,

@@ -37,7 +37,8 @@ def info_report(
     sections: list[Section] = []
     for number, info in enumerate(infos):
         sections += log_sections(info, number)
-    sections.append(Text("next", _next(infos, robot_argument, maps, written), "next"))
+    if command := _next(infos, robot_argument, maps, written):
+        sections.append(Text("next", command, "next"))
     return Report("info", payload, tuple(sections))
 
 
@@ -115,6 +116,7 @@ def mapping_lines(info: LogInfo) -> list[str]:
 
 
 def _next(infos: Sequence[LogInfo], robot: str | None, maps: Sequence[str], written: str | None) -> str:
+    """Return the next command; empty where only the user knows where the signals are."""
     files = [info.file for info in infos]
     named = ["--robot", robot or "ROBOT"]
     given = [part for one in maps for part in ("--map", one)]
@@ -123,6 +125,10 @@ def _next(infos: Sequence[LogInfo], robot: str | None, maps: Sequence[str], writ
     rate = ["--rate", "HZ"] if "t" in missing - guessed else []
     if written:
         return shlex.join(["elid", "identify", *files, *named, "--map", written, *rate])
+    if robot and (link := next((info.chain for info in infos if info.chain), "")):
+        return shlex.join(["elid", "info", *files, *named, "--tip", link, *given])
+    if missing - {"t"} and not any(info.mapping or info.resolved for info in infos):
+        return ""
     if missing & guessed or missing - {"t"}:
         name = next(name for k in range(len(maps) + 1) if (name := f"map{k or ''}.yaml") not in maps)
         own = ["--robot", robot] if robot else []
