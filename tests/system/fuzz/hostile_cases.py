@@ -188,6 +188,7 @@ def outcome(path: Path) -> str:
     out, err = io.StringIO(), io.StringIO()
     robot = str(path) if path.suffix == ".yaml" else ROBOT
     line = ["classify"] if path.suffix == ".yaml" else ["identify", str(path)]
+    line += files.PLACES if path.suffix == ".npy" else []
     with warnings.catch_warnings(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = main([*line, "--robot", robot, "--json"])
     said = err.getvalue()

@@ -25,6 +25,11 @@ from tests.system.fuzz.fuzz_logs import HALVES, WORDS, mutated
 from tests.system.hostile.hostile import ROBOT, SAMPLE, base, elid
 
 Case = tuple[str, bytes]
+PLACES = ["--rate", "250"] + [
+    part for k, name in enumerate(("q", "theta", "tau"))
+    for part in ("--map", f"{name}={{from: /array, joints: [{2 * k + 1}, {2 * k + 2}]}}")
+]  # fmt: skip
+"""Where the signals are in an array without names."""
 EDGE = 400
 """Bytes at either end of a file in which containers hold their sizes."""
 UNUSABLE = ("1" + "0" * 400, "1e999", "-1e999", "NaN", '"x"', "[1]", "true", "-" + "9" * 350, "{}", "1e305")
