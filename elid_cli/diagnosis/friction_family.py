@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.diagnose import divided
@@ -323,4 +323,4 @@ def better(before: Array, after: Array) -> bool:
         return False
     gain = np.log(before[known] / after[known])
     scatter = float(gain.std(ddof=1)) / np.sqrt(len(gain))
-    return bool(gain.mean() > max(-np.log1p(-LEAST), float(student.ppf(CERTAIN, len(gain) - 1)) * scatter))
+    return bool(gain.mean() > max(-np.log1p(-LEAST), float(stdtrit(len(gain) - 1, CERTAIN)) * scatter))

@@ -137,7 +137,7 @@ def _mean(joints: Sequence[MotorSideJoint]) -> tuple[float, float, float, bool]:
     What the curvature of each fit says is independent from log to log; the rest of an error is common to all. Where
     they scatter by more than their errors, these grow by the ratio (Birge 1932, Physical Review 40).
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     values, errors = np.array([joint.stiffness for joint in joints]), np.array([joint.std_error for joint in joints])
     own = np.minimum(values * np.array([joint.gates.get("error", 1.0) for joint in joints]), errors)
@@ -146,7 +146,7 @@ def _mean(joints: Sequence[MotorSideJoint]) -> tuple[float, float, float, bool]:
     common = float(weights @ np.sqrt(errors**2 - own**2))
     error = float(np.hypot(np.sqrt(np.sum((weights * own) ** 2)), common))
     scatter, freedom = float(np.sum(((values - value) / errors) ** 2)), len(joints) - 1
-    disagree = freedom > 0 and scatter > float(chi2.ppf(1 - DOUBT, freedom))
+    disagree = freedom > 0 and scatter > float(chdtri(freedom, DOUBT))
     if disagree:
         error *= float(np.sqrt(scatter / freedom))
     return value, error, common, disagree

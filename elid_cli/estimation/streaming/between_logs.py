@@ -48,10 +48,10 @@ class Together:
         """Whether the logs differ by more than their noise."""
         if self.logs < 2:
             return False
-        from scipy.stats import chi2
+        from scipy.special import chdtri
 
         ratio = float(np.trace(np.linalg.pinv(self.within, hermitian=True) @ self.between)) * (self.logs - 1)
-        return ratio > float(chi2.ppf(1 - DOUBT, len(self.within) * (self.logs - 1)))
+        return ratio > float(chdtri(len(self.within) * (self.logs - 1), DOUBT))
 
     @property
     def covariance(self) -> Array:
