@@ -13,14 +13,14 @@ from elid_cli.diagnosis.evidence.moments import friction_at_rest, one_of_many
 from elid_cli.diagnosis.evidence.quarters import Survival, judged
 from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
 from elid_cli.diagnosis.fit.divided_log import Log
-from elid_cli.diagnosis.fit.state import fit, refreshed, without
+from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.result import Diagnosis
 from elid_cli.diagnosis.search.channel_faults import with_channel_faults
 from elid_cli.diagnosis.search.event_times import retimed
 from elid_cli.diagnosis.search.forward import beside, search
 from elid_cli.diagnosis.search.friction_curves import with_whole_curves
 from elid_cli.diagnosis.search.one_for_two import with_one_for_two
-from elid_cli.diagnosis.search.screening import sensible
+from elid_cli.diagnosis.search.screening import Candidate, sensible
 from elid_cli.diagnosis.search.steps import Found
 from elid_cli.diagnosis.search.ties import by_known_values
 from elid_cli.diagnosis.summary import result
@@ -213,32 +213,35 @@ def _surviving(found: Found, declared: int) -> tuple[Found, tuple[Survival, ...]
 def _supported(found: Found, declared: int) -> Found:
     """Drop effects that held-out stretches do not support, that only help, or whose values others have made impossible.
 
+    Those that help least go first, and what is left is judged anew. What is dropped may still be the nearest to what
+    is missing.
+    """
+    state, steps, gone = found.after, list(found.steps), list[Candidate]()
+    while True:
+        gains = [_unsupported(state, declared + k, step.candidate.effect) for k, step in enumerate(steps)]
+        failing = [(gain, k) for k, gain in enumerate(gains) if gain is not None]
+        if not failing:
+            return replace(found, after=state, steps=tuple(steps), remaining=(*gone, *found.remaining))
+        worst = min(failing)[1]
+        state = refreshed(without(state, declared + worst))
+        gone.append(steps.pop(worst).candidate)
+        steps = [beside(left, gone[-1]) for left in steps]
+
+
+def _unsupported(state: State, number: int, tried: Effect) -> float | None:
+    """Return an effect's gain on the held-out stretches, 0 where it is impossible, or None where it is supported.
+
     What acts for a moment need not show in the held-out stretches, but it must stand out from all other moments, and
     not be a motor's sticking.
     """
-    state, steps = found.after, list(found.steps)
-    changed = True
-    while changed and steps:
-        changed = False
-        for k, step in enumerate(steps):
-            possible = sensible(state.effects[declared + k], state.scene, state.named(declared + k))
-            if possible and step.candidate.effect.local:
-                never = (one_of_many, friction_at_rest, lambda state, number: only_helps(state, number, 0.0))
-                possible = not any(judge(state, declared + k) for judge in never)
-                if possible:
-                    continue
-            gain = held_out_gain(state, declared + k) if possible else 0.0
-            if (
-                gain < step.candidate.effect.least_gain
-                or only_helps(state, declared + k, gain)
-                or silences(state, declared + k)
-            ):
-                state = refreshed(without(state, declared + k))
-                gone = steps.pop(k).candidate
-                steps = [beside(left, gone) for left in steps]
-                changed = True
-                break
-    return replace(found, after=state, steps=tuple(steps))
+    if not sensible(state.effects[number], state.scene, state.named(number)):
+        return 0.0
+    if tried.local:
+        unlike = one_of_many(state, number) or friction_at_rest(state, number) or only_helps(state, number, 0.0)
+        return 0.0 if unlike else None
+    gain = held_out_gain(state, number)
+    poor = gain < tried.least_gain or only_helps(state, number, gain) or silences(state, number)
+    return gain if poor else None
 
 
 def _with_curves(found: Found) -> tuple[Found, list[Effect]]:

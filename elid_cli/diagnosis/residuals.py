@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from elid_cli.diagnosis.fit.state import State
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.triangles import full_columns, to_triangles
-from elid_cli.estimation.validation.following import followed, in_bursts, motion_curves
+from elid_cli.estimation.validation.following import Followed, followed, in_bursts, motion_curves
 from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Kind
 
 HIGH = 1.3
@@ -238,10 +238,26 @@ def variables(state: State, joint: int) -> dict[str, Array]:
 
 def follows_motion(state: State, row: EstimationRow) -> bool:
     """Whether what a row leaves follows the motion, or came in bursts: noise, whatever its memory, does neither."""
-    group, residual = state.log.training.group(row), _residual(state, row)
-    curves = motion_curves(state.log.signals, row.joint, state.log.model.robot, group.target - residual)
+    return came_in_bursts(state, row) or followed_by(state, row).beyond
+
+
+def came_in_bursts(state: State, row: EstimationRow) -> bool:
+    """Whether most of what a row leaves lies in few instants."""
+    return in_bursts(_residual(state, row), state.log.training.group(row).use)
+
+
+def followed_by(state: State, row: EstimationRow, only: Container[str] = ()) -> Followed:
+    """Return how what a row leaves follows the motion, by all groups of curves or only some."""
+    return following(state, row, _residual(state, row), only)
+
+
+def following(state: State, row: EstimationRow, torque: Array, only: Container[str] = ()) -> Followed:
+    """Return how a torque in a row, N·m (N), (M,), follows the motion as far as the state's own columns do not."""
+    group = state.log.training.group(row)
+    load = group.target - _residual(state, row)
+    curves = motion_curves(state.log.signals, row.joint, state.log.model.robot, load)
     own = full_columns(group, state.extras, state.log.observation.parameters)[1]
-    return in_bursts(residual, group.use) or followed(residual, group.use, own, curves).beyond
+    return followed(torque, group.use, own, {name: part for name, part in curves.items() if not only or name in only})
 
 
 def _residual(state: State, row: EstimationRow) -> Array:

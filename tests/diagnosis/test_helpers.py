@@ -22,7 +22,12 @@ RATE = 500.0
 
 @pytest.mark.parametrize(
     ("law", "arm", "joint"),
-    [("soft_stop", 41, 1), ("soft_stop", 42, 0), ("dragging_cable", 42, 1), ("presliding", 43, 0)],
+    [
+        *(("soft_stop", arm, joint) for arm, joint in ((41, 1), (42, 0), (52, 1), (54, 1))),
+        *(("dragging_cable", arm, joint) for arm, joint in ((42, 1), (51, 0))),
+        ("presliding", 43, 0),
+        *(("loose_mount", arm, joint) for arm, joint in ((53, 1), (54, 0))),
+    ],
 )
 def test_nothing_of_the_library_is_named_for_what_it_lacks(law: str, arm: int, joint: int) -> None:
     made = make(arm, 2, rate=RATE, duration=15.0)
