@@ -131,3 +131,10 @@ def test_two_numbers_a_joint_are_asked_for(tmp_path: Path) -> None:
     assert "effort_or_rate.{joint}" in caught.value.hint
     mapped = read_recording([path], robot, {"tau": {"from": "/joint_states/effort_or_rate.{joint}"}})
     np.testing.assert_allclose(mapped.tau, 0.1 * BASE.q, rtol=1e-12)
+
+
+def test_joint_states_without_a_header_keep_the_rows_own_time(tmp_path: Path) -> None:
+    rows = [{"t": 0.004 * k, "name": ["b", "a"], "position": [k, 2 * k], "effort": [1, 2]} for k in range(50)]
+    found = inspect_log(lines(list(rows), tmp_path / "log.jsonl"))
+    assert found.resolved["t"] == {"from": "t"}
+    assert "t" not in found.missing

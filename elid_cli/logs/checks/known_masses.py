@@ -105,7 +105,7 @@ def wrong_scales(
         return
     placement = plan.placements.get(signal)
     newtons = placement is None or placement.spec.unit in ("", "N.m", "N")
-    if newtons and all(s.ratio < 1 for s in off):
+    if signal == "tau" and newtons and all(s.ratio < 1 for s in off):
         ratios = _listed([_about(1 / s.ratio) for s in off])
         said += f"; a torque at the motor's shaft would mean gear ratios of about {ratios}"
     yield f"{said}; {proposed(plan, signal, _key(off, robot, plan, signal))}"

@@ -61,6 +61,9 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     sides = np.where(np.isnan(checked.q[whole]), checked.theta[whole], checked.q[whole])
     found.extend(beyond_limits(sides, checked.tau[whole], aligned.dt, robot))
     found.extend(wrong_scales(sides, checked.tau[whole], aligned.dt, robot, plan, computed=bool(checked.computed)))
+    sensed = checked.optional.get("tau_link")
+    if sensed is not None and np.isnan(checked.tau).all():
+        found.extend(wrong_scales(sides, sensed[whole], aligned.dt, robot, plan, signal="tau_link"))
     q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
     pairs = [Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
     tau: Array | None = None

@@ -69,7 +69,13 @@ class _Table:
             self._first = stamp if self._first is None else self._first
             self._put(STAMP, (stamp - self._first) * 1e-9)
         place = f"{topic}/" if topic else f"{STATES}/" if names and "position" in message else ""
-        told = {"header", *(key for key in NAMES if names and message.get(key) is names)}
+        if not topic:  # the row's own clock, not a field of joint states
+            self._put_all(((k, v) for k, v in message.items() if k in CLOCKS), "", (), 0)
+        told = {
+            "header",
+            *(CLOCKS if not topic else ()),
+            *(key for key in NAMES if names and message.get(key) is names),
+        }
         self._put_all((item for item in message.items() if item[0] not in told), place, names, 0)
         self.rows += 1
 
