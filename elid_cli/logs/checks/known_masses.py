@@ -31,8 +31,8 @@ FAINT = 0.3
 """The same below which a torque does not hold the weight at all."""
 OWN = 0.2
 """Least part of a weight's spread that the joint's speed and the chain's accelerations must leave."""
-NOTHING = 1e-2
-"""Part of the largest weight below which a joint's own says nothing."""
+NOTHING = 0.05
+"""Part of the largest weight below which a joint's own says nothing: fingers, wrists that turn about their centre."""
 FOLLOWS = 0.8
 """Correlation of torque and weight from which a torque is too large for it; else it may be anything, inertia too."""
 ALIKE = 0.05
