@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from elid_cli.estimation.drive_gains.identification import TORQUE_SIZE
 from elid_cli.estimation.judgement import JointError
 from elid_cli.logs.checks.known_masses import gravity_torques, weight_scales, wrong_scales
 from elid_cli.logs.checks.units_and_signs import _of_motors
@@ -123,3 +124,8 @@ def test_trust_is_doubted_where_a_torque_runs_against_the_weight() -> None:
         ("tau of lift runs against the weight of", "Only if the log's units and signs"),
     ):
         assert trust_words(read_robot("planar2"), error, (), (warning,)).startswith(start)
+
+
+def test_a_known_payload_answers_the_doubt(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
+    said = next(iter(wrong_scales(log[0], log[1] / GEARS, DT, robot, PLAN)))
+    assert any(words in said for words in TORQUE_SIZE)

@@ -18,6 +18,7 @@ from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import DriveGain, Verdict
 from elid_cli.estimation.streaming.files import is_triangle_file
+from elid_cli.logs.checks.known_masses import BESIDE_WEIGHT
 from elid_cli.logs.checks.limits import beyond_limits
 from elid_cli.logs.checks.units_and_signs import NOT_TORQUE
 from elid_cli.model.base_parameters import BaseParameters, find_base
@@ -31,7 +32,7 @@ NORMAL = 1.96
 """Standard errors to either side that hold 95 %."""
 ZERO_INSIDE = 1 / NORMAL
 """Relative standard error beyond which 0 lies in the interval of one over the gain: it is not known at all."""
-TORQUE_SIZE = ("tau reaches", "tau looks like", NOT_TORQUE)
+TORQUE_SIZE = ("tau reaches", "tau looks like", NOT_TORQUE, BESIDE_WEIGHT)
 """What warnings say that doubt the size of a logged torque; the first one compares it with the robot's limits."""
 WEAK = 0.3
 """Relative standard error beyond which it is known only roughly."""

@@ -39,6 +39,8 @@ ALIKE = 0.05
 """Relative difference of joints' scales that counts as none."""
 UNITS = {1000.0: "unit: mN.m"}
 """Scales that a unit explains."""
+BESIDE_WEIGHT = "times what carries the weight"
+"""What is said of a torque of another size than the described bodies' weight."""
 AGAINST = "runs against the weight"
 """What is said of a torque that pulls where the described bodies' weight pulls."""
 WEIGHTLESS = "carries no weight"
@@ -97,7 +99,7 @@ def wrong_scales(
         return
     sizes = _listed([f"{s.ratio:.2g}" for s in off])
     said = (
-        f"{signal} of {_listed([names[s.joint] for s in off])} is {sizes} times what carries the weight of the "
+        f"{signal} of {_listed([names[s.joint] for s in off])} is {sizes} {BESIDE_WEIGHT} of the "
         f"described bodies: {WRONG}, or the masses of {robot.name}"
     )
     if computed:
