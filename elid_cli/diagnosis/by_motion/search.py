@@ -17,7 +17,7 @@ from elid_cli.diagnosis.by_motion.candidates import Candidate, View, edges_of, k
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fit_trajectory, fitted
-from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
+from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, started
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.runs import Run
@@ -146,11 +146,15 @@ class _Told:
 def grown(fit: TrajectoryFit, effects: Sequence[Effect], tell: Callable[[float], None] | None = None) -> TrajectoryFit:
     """Return the fit with further effects, started from what is known."""
     own = fit.unknowns
-    unknowns = Unknowns(own.robot, (*own.effects, *effects), own.recordings)
-    z = np.zeros(unknowns.count)
-    z[: own.delays.start] = fit.z[: own.delays.start]
+    unknowns = Unknowns(own.robot, (*fit.effects, *effects), own.recordings, own.held)
+    return again(fit, unknowns, _known(fit, unknowns, fit.z[own.amplitudes]), tell)
+
+
+def _known(fit: TrajectoryFit, unknowns: Unknowns, amplitudes: Array) -> Array:
+    """Return what is known of other unknowns of a fit, (U,), with amplitudes of the first effects."""
+    z = started(unknowns, fit.values, amplitudes.tolist())
     z[unknowns.delays] = fit.delays
-    return again(fit, unknowns, z, tell)
+    return z
 
 
 def again(
@@ -174,7 +178,7 @@ def _best(
         if tell is not None:
             tell(f"{len(kinds)} effects at {name} ({joint + 1} of {len(names)})", joint / len(names))
         candidates = screened(by_recording(views, own_unknowns(fit.unknowns, joint), joint), joint, kinds,
-                              fit.unknowns.effects)  # fmt: skip
+                              fit.effects)  # fmt: skip
         tried += len(candidates)
         if not candidates:
             continue
@@ -192,9 +196,9 @@ def _best(
 def own_unknowns(unknowns: Unknowns, joint: int) -> NDArray[np.intp]:
     """Return the places in z of a joint's own unknowns, and of the delays."""
     kinds = len(KINDS)
-    amplitudes = unknowns.drives + np.flatnonzero(unknowns.owners == joint)
+    effects = unknowns.drives + np.flatnonzero(unknowns.owners == joint)
     delays = np.arange(unknowns.delays.start, unknowns.delays.stop)
-    return np.concatenate([np.arange(kinds * joint, kinds * (joint + 1)), amplitudes, delays])
+    return np.concatenate([np.arange(kinds * joint, kinds * (joint + 1)), effects, delays])
 
 
 def by_recording(views: Sequence[View], unknown: NDArray[np.intp], joint: int) -> list[View]:
@@ -261,18 +265,23 @@ def _judged(fit: TrajectoryFit, views: Sequence[View], place: int, item: Named) 
     own = by_recording(views, unknown, joint)
     count = len(unknown)
     recordings = own[0].columns.shape[1] // count
-    of_effect = np.tile((unknown >= part.start) & (unknown < part.stop), recordings)
+    shapes, _ = fit.unknowns.shapes_of(place)
+    of_effect = np.tile(((unknown >= part.start) & (unknown < part.stop)) | np.isin(unknown, shapes), recordings)
     columns = np.concatenate([view.columns for view in own])
     # the error that would be there without it
     bare = np.concatenate([view.error[:, joint] - view.columns[:, joint, part] @ z for view in views])
     blocks = Blocks.of(columns, bare, edges_of(views))
     share, helped = gain(blocks.left(~of_effect), blocks.left())
-    return replace(item, gain=share, helped=helped)
+    return replace(item, effect=fit.effects[place], gain=share, helped=helped)
 
 
 def without(fit: TrajectoryFit, place: int, tell: Callable[[float], None] | None = None) -> TrajectoryFit:
     """Return the fit without one effect."""
     own = fit.unknowns
     part = own.amplitudes_of(place)
-    unknowns = Unknowns(own.robot, (*own.effects[:place], *own.effects[place + 1 :]), own.recordings)
-    return again(fit, unknowns, np.delete(fit.z, np.arange(part.start, part.stop)), tell)
+    effects = (*fit.effects[:place], *fit.effects[place + 1 :])
+    unknowns = Unknowns(own.robot, effects, own.recordings, own.held - (place < own.held))
+    left = np.delete(fit.z, np.arange(part.start, part.stop))[
+        own.drives : own.amplitudes.stop - (part.stop - part.start)
+    ]
+    return again(fit, unknowns, _known(fit, unknowns, left), tell)

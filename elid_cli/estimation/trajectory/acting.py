@@ -17,7 +17,7 @@ from elid_cli.model.rollout import SLIGHT, Local
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
 
-CREEP = 0.02
+CREEP = 1e-4
 """Speed, rad/s (m/s), of a joint that sticks, by which its friction is computed: that of the direction it came from."""
 
 
@@ -127,7 +127,9 @@ def acting(effects: Sequence[Effect], scene: Scene) -> Acting:
         for row, columns in effect.columns(creeping if effect.holds() else scene).items():
             place = row.joint if row.side == "link" else places.motors[row.joint]
             if effect.holds():
-                grip[first:last, :, place] += columns * direction[:, row.joint]
+                # a friction that holds is whole at rest: the effect's rounded sign of motion is taken out
+                whole = direction[:, row.joint] / np.abs(creeping.direction(row.joint))
+                grip[first:last, :, place] += columns * whole
             else:
                 push[first:last, :, place] += columns
         first = last

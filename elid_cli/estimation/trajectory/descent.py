@@ -20,6 +20,8 @@ FAR = 0.8
 """Part of itself by which an inertia or friction falls in one step at most …"""
 HIGH = 4.0
 """… and times the usual value of all joints by which it rises."""
+BENT = 0.25
+"""Part of itself by which a shape moves in one step."""
 SETTLED = 0.1
 """Part of the standard errors that the next step must be below for the fit to end."""
 FIRST, LAST = 1e-3, 10.0
@@ -59,11 +61,14 @@ def descended(
             step = _farther(plain, last, found)
         last = plain
         trial = unknowns.possible(z + np.where(np.append(waiting, not prompt)[unknowns.chain_of], step, 0.0))
+        motions = [(item.x, item.v, item.local) for item in tracked]
         tried, _ = passed(equations, tracked, unknowns, trial, parameters, 1.0 / np.maximum(found.size, 1e-7), columns)
         now = costs(tried, unknowns)
         fell = now <= cost + SLIGHT if prompt else np.full(len(cost), now.sum() <= cost.sum() + SLIGHT)
         z = np.where(np.append(fell, fell.all())[unknowns.chain_of], trial, z)
         if not fell.all():
+            for item, motion in zip(tracked, motions, strict=True):
+                item.x, item.v, item.local = motion  # equations are not about a motion that ran away
             waiting, last = ~fell, None
             damping = np.where(fell, damping, np.maximum(10 * damping, FIRST))
             if damping.max() > LAST:
@@ -121,6 +126,8 @@ def _within_reach(unknowns: Unknowns, z: Array, step: Array) -> Array:
     fall, rise = FAR * np.maximum(values, 0.2 * usual), HIGH * np.maximum(values, usual)
     fall[:, 3] = rise[:, 3] = np.inf
     down[: unknowns.drives], up[: unknowns.drives] = fall.ravel(), rise.ravel()
+    shapes = slice(unknowns.amplitudes.stop, unknowns.delays.start)
+    down[shapes] = up[shapes] = BENT * np.maximum(np.abs(z[shapes]), 1e-6)
     down[unknowns.delays] = up[unknowns.delays] = 0.2 * LATEST
     over = np.maximum(np.maximum(-step / down, step / up), 1.0)
     part = np.ones(len(unknowns.chains) + 1)

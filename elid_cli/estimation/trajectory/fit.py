@@ -24,7 +24,7 @@ from elid_cli.model.rollout import Linearised
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 
-CYCLES = 20
+CYCLES = 30
 """Most motions whose slopes are computed; two to five are usual."""
 REFINED = 2
 """Cycle, from 1, from which the motion is near enough to look at what shorter steps change."""
@@ -72,6 +72,11 @@ class TrajectoryFit:
     def values(self) -> Array:
         """Drive parameters of every joint (`unknowns.KINDS`), (n, 4)."""
         return self.unknowns.joint_values(self.z)
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """The effects in the shapes that were found."""
+        return self.unknowns.effects_at(self.z)
 
     @property
     def delays(self) -> Array:
@@ -148,7 +153,7 @@ def fit_trajectory(
     DataError
         The simulated motion runs away from the measured one.
     """
-    unknowns = Unknowns(robot, tuple(effects), 1 + max(run.source for run in runs))
+    unknowns = Unknowns(robot, tuple(effects), 1 + max(run.source for run in runs), len(effects))
     z = started(unknowns, start, amplitudes)
     tracked = [Tracked.of(run) for run in runs]
     free, slow = None, z

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +29,7 @@ def settled(fit: TrajectoryFit) -> Array:
     """
     z, own = fit.z.copy(), fit.unknowns
     scene = scene_of_fit(fit)
-    for place, effect in enumerate(own.effects):
+    for place, effect in enumerate(fit.effects):
         part = own.amplitudes_of(place)
         pushed = acting((effect,), scene).push[:, :, effect.joint]
         constant = np.ptp(pushed, axis=1) <= CONSTANT * np.maximum(np.abs(pushed).max(axis=1), 1e-300)
@@ -47,26 +48,36 @@ def scene_of_fit(fit: TrajectoryFit) -> Scene:
 
 
 def fitted_effects(robot: Robot, fit: TrajectoryFit) -> tuple[FittedEffect, ...]:
-    """Return the effects that a fit holds, with standard errors of their amplitudes at given shapes."""
-    z, scene, found = settled(fit), None, []
-    for place, effect in enumerate(fit.unknowns.effects):
+    """Return the effects that a fit holds, with standard errors."""
+    z, scene, found, own = settled(fit), None, [], fit.unknowns
+    for place, effect in enumerate(fit.effects):
         scene = scene_of_fit(fit) if scene is None else scene
-        part = fit.unknowns.amplitudes_of(place)
-        found.append(FittedEffect(effect.name, robot.joint_names[effect.joint], effect.named(scene, z[part]),
-                                  _named_errors(effect, scene, z[part], fit.covariance[part, part])))  # fmt: skip
+        part = own.amplitudes_of(place)
+        at, shapes = own.shapes_of(place)
+        places = np.concatenate([np.arange(part.start, part.stop), at])
+        errors = _named_errors(effect, scene, z[part], shapes, fit.covariance[np.ix_(places, places)])
+        found.append(FittedEffect(effect.name, robot.joint_names[effect.joint], effect.named(scene, z[part]), errors))
     return tuple(found)
 
 
-def _named_errors(effect: Effect, scene: Scene, amplitudes: Array, covariance: Array) -> dict[str, float]:
-    """Return standard errors of named parameters by first-order propagation."""
-    centre = effect.named(scene, amplitudes)
-    slopes = []
-    for k in range(len(amplitudes)):
-        step = 1e-4 * max(abs(float(amplitudes[k])), 1e-9)
-        moved = effect.named(scene, amplitudes + step * np.eye(len(amplitudes))[k])
-        slopes.append([(moved[name] - centre[name]) / step for name in centre])
+def _named_errors(
+    effect: Effect, scene: Scene, amplitudes: Array, shapes: Sequence[int], covariance: Array
+) -> dict[str, float]:
+    """Return standard errors of named parameters, by first order from those of amplitudes and unknown shapes."""
+    known = np.concatenate([amplitudes, [effect.shape[place] for place in shapes]])
+
+    def named(values: Array) -> Array:
+        shape = list(effect.shape)
+        for place, value in zip(shapes, values[len(amplitudes) :].tolist(), strict=True):
+            shape[place] = value
+        other = type(effect)(effect.joint, shape) if shapes else effect
+        return np.array(list(other.named(scene, values[: len(amplitudes)]).values()))
+
+    steps = 1e-4 * np.maximum(np.abs(known), 1e-9)
+    slopes = [(named(known + step * unit) - named(known)) / step
+              for step, unit in zip(steps, np.eye(len(known)), strict=True)]  # fmt: skip
     spread = np.sqrt(np.maximum(np.einsum("ka,kl,la->a", slopes, covariance, slopes), 0.0))
-    return {name: float(s) for name, s in zip(centre, spread, strict=True) if s > 0}
+    return {name: float(s) for name, s in zip(effect.named(scene, amplitudes), spread, strict=True) if s > 0}
 
 
 def robot_of(fit: TrajectoryFit, z: Array) -> Robot:
@@ -79,7 +90,7 @@ def robot_of(fit: TrajectoryFit, z: Array) -> Robot:
     scene = scene_of_fit(fit) if fit.unknowns.effects else None
     specs = [EffectSpec(offset_name(), joint.name, {"offset": float(row[3])})
              for joint, row in zip(robot.joints, values, strict=True)]  # fmt: skip
-    for place, effect in enumerate(fit.unknowns.effects):
+    for place, effect in enumerate(fit.unknowns.effects_at(z)):
         assert scene is not None
         named = effect.named(scene, z[fit.unknowns.amplitudes_of(place)])
         specs.append(EffectSpec(effect.name, robot.joint_names[effect.joint], named))

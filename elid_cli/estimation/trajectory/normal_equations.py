@@ -12,6 +12,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.trajectory.acting import Acting, acting, resisting, scene_along
 from elid_cli.estimation.trajectory.loss import Weighed, bent, usual_size, weighed
 from elid_cli.estimation.trajectory.unknowns import Unknowns, steps_of
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.rollout import Drives, Joints, Linearised, Local, variants_of
 from elid_cli.model.runs import Run
 
@@ -184,7 +185,7 @@ def _stepped(
     A constant torque is the offset's: an amplitude that adds nothing else stays where it is.
     """
     local = item.equations(equations)
-    done = _acting(unknowns, item, local, parameters)
+    done = _acting(unknowns, item, local, z, parameters)
     stiffness, damping = _resisting(unknowns, item, local, z, parameters)
     strength, still = np.zeros(0), np.zeros(0, dtype=np.intp)
     if done is not None:
@@ -193,6 +194,8 @@ def _stepped(
         still = np.flatnonzero((spread <= CONSTANT * np.abs(done.push).max(axis=(1, 2))) & ~done.grip.any(axis=(1, 2)))
     steps = steps_of(unknowns, z, strength)
     joints = _variants(unknowns, z, steps, groups, done)
+    if groups and joints.push is not None:
+        _bend_shapes(unknowns, z, steps, groups, _scene(unknowns, item, local, parameters), joints)
     if joints.push is not None:
         x, v = (0.5 * (part[1:] + part[:-1]) for part in (item.x - local.place[:, 0], item.v))
         known = stiffness * x + damping * v  # of the motion before; the rest of it acts on the one that comes out
@@ -213,13 +216,38 @@ def _moved_by(unknowns: Unknowns, number: int) -> NDArray[np.intp]:
     return np.flatnonzero(unknowns.chain == unknowns.chain[joint])
 
 
-def _acting(unknowns: Unknowns, item: Tracked, local: Local, parameters: Array) -> Acting | None:
+def _scene(unknowns: Unknowns, item: Tracked, local: Local, parameters: Array) -> Scene:
+    return scene_along(unknowns.robot, item.x, item.v, local, item.run.dt, parameters, len(item.x))
+
+
+def _acting(unknowns: Unknowns, item: Tracked, local: Local, z: Array, parameters: Array) -> Acting | None:
     if not unknowns.effects:
         return None
-    scene = scene_along(unknowns.robot, item.x, item.v, local, item.run.dt, parameters, len(item.x))
-    found = acting(unknowns.effects, scene)
-    middle = Acting(0.5 * (found.push[:, 1:] + found.push[:, :-1]), 0.5 * (found.grip[:, 1:] + found.grip[:, :-1]))
-    return middle
+    return _between(acting(unknowns.effects_at(z), _scene(unknowns, item, local, parameters)))
+
+
+def _between(found: Acting) -> Acting:
+    """Return what acts between one instant and the next."""
+    return Acting(0.5 * (found.push[:, 1:] + found.push[:, :-1]), 0.5 * (found.grip[:, 1:] + found.grip[:, :-1]))
+
+
+def _bend_shapes(
+    unknowns: Unknowns, z: Array, steps: Array, groups: tuple[NDArray[np.intp], ...], scene: Scene, joints: Joints
+) -> None:
+    """Add to the variants of shapes what these change."""
+    assert joints.push is not None
+    assert joints.grip is not None
+    here, first = unknowns.effects_at(z), unknowns.amplitudes.stop
+    for number, own in enumerate(groups, start=1):
+        for place in own[own >= first]:
+            k, _ = unknowns.shapes[place - first]
+            other = z.copy()
+            other[place] += steps[place]
+            amplitudes = z[unknowns.amplitudes_of(k)]
+            push, grip = _between(acting((here[k],), scene)).total(amplitudes)
+            pushed, gripped = _between(acting((unknowns.effects_at(other)[k],), scene)).total(amplitudes)
+            joints.push[:, number, 0] += pushed - push
+            joints.grip[:, number, 0] += gripped - grip
 
 
 def _resisting(unknowns: Unknowns, item: Tracked, local: Local, z: Array, parameters: Array) -> tuple[Array, Array]:
@@ -228,7 +256,8 @@ def _resisting(unknowns: Unknowns, item: Tracked, local: Local, z: Array, parame
     places = [k for k, effect in enumerate(unknowns.effects) if not effect.holds()]
     if not places:
         return none, none
-    effects = [unknowns.effects[k] for k in places]
+    shaped = unknowns.effects_at(z)
+    effects = [shaped[k] for k in places]
     amplitudes = np.concatenate([z[unknowns.amplitudes_of(k)] for k in places])
 
     def push(x: Array, v: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Unknowns of the trajectory fit: four of every joint's drive, amplitudes of effects, a delay of every recording."""
+"""Unknowns of the trajectory fit: four of every joint's drive, effects, a delay of every recording."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.model.effects.effect import Effect
+from elid_cli.model.effects.effect import Effect, Parameter
 from elid_cli.robot.robot import Robot
 
 KINDS = ("inertia", "coulomb", "viscous", "offset")
@@ -19,17 +19,22 @@ PARAMETERS = ("Ja", "fs", "fv")
 """Names of the first three among a joint's parameters."""
 LATEST = 0.05
 """s; most that the motion is taken to be late, or early, against the commands."""
+BENDING = 2e-3
+"""Part of a shape by which its variant differs: an order of 30 turns a torque's phase with every hundredth of it."""
 STEP = 0.05
 """Part of a value, and of the usual size where it is small, by which variants differ."""
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Places in one vector z (U,): four of each of n joints, joint by joint, then amplitudes, then delays (s)."""
+    """Places in one vector z (U,): four of each of n joints, joint by joint, amplitudes, shapes, then delays (s)."""
 
     robot: Robot
     effects: tuple[Effect, ...] = ()
+    """In the shapes that a fit starts from."""
     recordings: int = 1
+    held: int = 0
+    """How many of the effects, the first ones, keep their shapes."""
 
     @property
     def drives(self) -> int:
@@ -37,9 +42,18 @@ class Unknowns:
         return self.robot.n * len(KINDS)
 
     @cached_property
+    def shapes(self) -> tuple[tuple[int, int], ...]:
+        """Effect, and place in its shape, of every shape that is an unknown, (S,)."""
+        return tuple(
+            (number, place) for number, effect in enumerate(self.effects) if number >= self.held
+            for place, parameter in enumerate(effect.shapes) if not parameter.fixed
+        )  # fmt: skip
+
+    @cached_property
     def owners(self) -> NDArray[np.intp]:
-        """Joint of every amplitude, (A,)."""
-        return np.array([effect.joint for effect in self.effects for _ in effect.amplitudes], dtype=np.intp)
+        """Joint of every amplitude, then of every shape, (A + S,)."""
+        amplitudes = [effect.joint for effect in self.effects for _ in effect.amplitudes]
+        return np.array([*amplitudes, *(self.effects[k].joint for k, _ in self.shapes)], dtype=np.intp)
 
     @property
     def delays(self) -> slice:
@@ -50,7 +64,7 @@ class Unknowns:
     @property
     def amplitudes(self) -> slice:
         """Place of the amplitudes."""
-        return slice(self.drives, self.drives + len(self.owners))
+        return slice(self.drives, self.delays.start - len(self.shapes))
 
     @property
     def count(self) -> int:
@@ -65,6 +79,26 @@ class Unknowns:
         """Return the place of one effect's amplitudes in z."""
         first = self.drives + sum(len(effect.amplitudes) for effect in self.effects[:place])
         return slice(first, first + len(self.effects[place].amplitudes))
+
+    def shapes_of(self, place: int) -> tuple[NDArray[np.intp], list[int]]:
+        """Return the places of one effect's unknown shapes in z, and in its shape."""
+        own = [k for k, (number, _) in enumerate(self.shapes) if number == place]
+        return np.array(own, dtype=np.intp) + self.amplitudes.stop, [self.shapes[k][1] for k in own]
+
+    def effects_at(self, z: Array) -> tuple[Effect, ...]:
+        """Return the effects in the shapes that unknowns (U,) have."""
+        found = []
+        for number, effect in enumerate(self.effects):
+            at, own = self.shapes_of(number)
+            shape = list(effect.shape)
+            for place, value in zip(own, z[at].tolist(), strict=True):
+                shape[place] = value
+            found.append(type(effect)(effect.joint, shape) if own else effect)
+        return tuple(found)
+
+    @property
+    def _forms(self) -> list[Parameter]:
+        return [self.effects[number].shapes[place] for number, place in self.shapes]
 
     @cached_property
     def together(self) -> tuple[NDArray[np.intp], ...]:
@@ -106,6 +140,8 @@ class Unknowns:
         low, high = np.full(self.count, -np.inf), np.full(self.count, np.inf)
         low[0 : self.drives : len(KINDS)] = 1e-6
         low[1 : self.drives : len(KINDS)] = low[2 : self.drives : len(KINDS)] = 0.0
+        shapes = slice(self.amplitudes.stop, self.delays.start)
+        low[shapes], high[shapes] = [form.low for form in self._forms], [form.high for form in self._forms]
         low[self.delays], high[self.delays] = -LATEST, LATEST
         return low, high
 
@@ -120,12 +156,14 @@ def steps_of(unknowns: Unknowns, z: Array, strength: Array) -> Array:
     usual[3] = max(usual[3], 0.1 * usual[1])
     own = STEP * np.maximum(np.abs(values), np.maximum(usual, 1e-6))
     effects = STEP * max(usual[1], 1e-6) / np.maximum(strength, 1e-9)
-    return np.concatenate([own.ravel(), effects, np.ones(unknowns.recordings)])
+    shapes = BENDING * np.maximum(np.abs(z[unknowns.amplitudes.stop : unknowns.delays.start]), 1e-6)
+    return np.concatenate([own.ravel(), effects, shapes, np.ones(unknowns.recordings)])
 
 
 def started(unknowns: Unknowns, values: Array, known: Sequence[float] = ()) -> Array:
-    """Return unknowns (U,) with drive parameters (n, 4), amplitudes as far as known, and no delay."""
+    """Return unknowns (U,) with drive parameters (n, 4), amplitudes as far as known, shapes to start from, no delay."""
     z = np.zeros(unknowns.count)
     z[: unknowns.drives] = values.ravel()
     z[unknowns.drives : unknowns.drives + len(known)] = known
+    z[unknowns.amplitudes.stop : unknowns.delays.start] = [unknowns.effects[k].shape[i] for k, i in unknowns.shapes]
     return z

@@ -11,7 +11,14 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from elid_cli.cli import main
+from elid_cli.diagnosis.by_motion.search import grown
+from elid_cli.estimation.trajectory.fit import fit_trajectory
+from elid_cli.estimation.trajectory.found_effects import fitted_effects
+from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
 from elid_cli.logs import robot_as_logged
+from elid_cli.logs.reading import read_recording
+from elid_cli.model.effects.library.stribeck import Stribeck
+from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, OFFSET, VISCOUS, moved, robot, written
 
 SCHEMA = json.loads((Path(__file__).parents[3] / "docs" / "reference" / "elid-1.schema.json").read_text("utf-8"))
@@ -73,6 +80,28 @@ def test_missing_effects_and_a_delay_are_found_and_the_written_robot_moves_bette
     before = told(capsys, "replay", other, "--robot", out + ".plain.yaml")["mean_abs"]
     assert after < 0.5 * before
     assert after < 5e-4
+
+
+def test_a_shape_and_its_amplitude_are_fitted_with_joint_errors(tmp_path: Path) -> None:
+    log = written(
+        tmp_path, "log.h5", moved(5, 8.0, grip=lambda x, v, load: 0.25 * np.exp(-np.abs(v) / 0.15) * [0, 1, 0])
+    )
+    arm = robot_as_logged(robot(tmp_path), [log], None, {})
+    signals = prepare(read_recording([log], arm), arm)
+    assert signals.recording is not None
+    runs = commanded_runs(signals.recording, arm)
+    start = Stribeck(1, (0.3, 1.0))  # twice as wide as it is
+    fit = grown(fit_trajectory(arm, runs, started_from(arm, signals)), [start])
+    (found,) = fitted_effects(arm, fit)
+    for name, truth in (("amplitude", 0.25), ("velocity", 0.15)):
+        assert found.parameters[name] == pytest.approx(truth, rel=0.1), name
+        assert abs(found.parameters[name] - truth) < 4 * found.std_error[name], name
+    alone = fit.equations.matrix.sum(axis=0)
+    at, _ = fit.unknowns.shapes_of(0)
+    kept = np.setdiff1d(np.arange(fit.unknowns.count), at)
+    without = np.linalg.pinv(alone[np.ix_(kept, kept)])[fit.unknowns.drives, fit.unknowns.drives]
+    # a shape that is not known leaves the amplitude less certain
+    assert np.linalg.pinv(alone)[fit.unknowns.drives, fit.unknowns.drives] > 2 * without
 
 
 def test_from_python_and_as_tables(tmp_path: Path) -> None:
