@@ -16,7 +16,7 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import Candidate, View, edges_of, kinds_of, screened
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.views import views_of
-from elid_cli.estimation.trajectory.fit import TrajectoryFit, fit_trajectory, fitted
+from elid_cli.estimation.trajectory.fit import CYCLES, TrajectoryFit, fit_trajectory, fitted
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, started
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
@@ -33,6 +33,8 @@ HOPEFUL = 0.4
 """The same of one that is tried at all: screening knows nothing of a joint that sticks."""
 ALIKE = 0.9
 """Part of the best effect's gain from which another one does as well."""
+QUICK = 6
+"""Most motions whose slopes are computed while effects come and go; the last fit is a whole one."""
 SHARES = (0.15, 0.25)
 """Parts of the whole work that the first fit and each round take, about; the rest is the report's."""
 SCREENED = 0.6
@@ -98,9 +100,10 @@ def search(
     fit, named, tried, partial = before, list[Named](), 0, False
     left: tuple[Candidate, ...] = ()
     waiting: list[Named] = []
+    dropped = frozenset[tuple[str, int]]()
     try:
         for number in range(ROUNDS):
-            best, left, count = _best(fit, kinds, say.screening(number))
+            best, left, count = _best(fit, kinds, say.screening(number), dropped)
             tried += count
             if not best:
                 break
@@ -108,9 +111,12 @@ def search(
             tell = say.fitting(number, len(named) + len(best))
             # nothing counts as found before it is judged: Ctrl-C may come at any time
             fit, named = _kept(grown(fit, [item.effect for item in best], tell), [*named, *best], len(declared), tell)
+            dropped = _dropped(dropped, best, named)
             waiting = []
         else:
             _, left, _ = _best(fit, kinds)
+        if named:
+            fit = again(fit, fit.unknowns, fit.z, cycles=CYCLES)
     except KeyboardInterrupt:
         partial = True
     return Searched(before, fit, tuple(named), left, tried, partial, tuple(waiting))
@@ -158,15 +164,28 @@ def _known(fit: TrajectoryFit, unknowns: Unknowns, amplitudes: Array) -> Array:
 
 
 def again(
-    fit: TrajectoryFit, unknowns: Unknowns, z: Array, tell: Callable[[float], None] | None = None
+    fit: TrajectoryFit, unknowns: Unknowns, z: Array, tell: Callable[[float], None] | None = None, cycles: int = QUICK
 ) -> TrajectoryFit:
     """Return a fit of other unknowns to the same stretches; delays stay at 0 where the log does not show them."""
     tracked = [replace(item) for item in fit.tracked]
-    return fitted(unknowns, tracked, z, prompt=not fit.delays.any(), tell=tell)
+    return fitted(unknowns, tracked, z, prompt=not fit.delays.any(), tell=tell, cycles=cycles)
+
+
+def _dropped(
+    before: frozenset[tuple[str, int]], best: Sequence[Named], named: Sequence[Named]
+) -> frozenset[tuple[str, int]]:
+    """Return the effects and joints that were tried in vain, as long as nothing else was taken at the joint."""
+    kept = {(item.effect.name, item.effect.joint) for item in named}
+    tried = {(item.effect.name, item.effect.joint) for item in best}
+    changed = {joint for _, joint in tried & kept}
+    return frozenset(pair for pair in before | (tried - kept) if pair[1] not in changed)
 
 
 def _best(
-    fit: TrajectoryFit, kinds: Sequence[type[Effect]], tell: Callable[[str, float], None] | None = None
+    fit: TrajectoryFit,
+    kinds: Sequence[type[Effect]],
+    tell: Callable[[str, float], None] | None = None,
+    dropped: frozenset[tuple[str, int]] = frozenset(),
 ) -> tuple[list[Named], tuple[Candidate, ...], int]:
     """Return the effects to take, one at most per joint, the best that was not taken elsewhere, and how many tried."""
     names = fit.unknowns.robot.joint_names
@@ -186,7 +205,8 @@ def _best(
         alike = [c for c in candidates if c.gain >= ALIKE * top]
         best = min(alike, key=lambda c: (c.price, -c.gain))
         further = any(effect.joint == joint for effect in fit.unknowns.effects)
-        if best.gain < max(FURTHER if further else LEAST, best.effect.least_gain) or best.helped < HOPEFUL:
+        little = best.gain < max(FURTHER if further else LEAST, best.effect.least_gain) or best.helped < HOPEFUL
+        if little or (best.effect.name, joint) in dropped:
             left.append(best)
             continue
         found.append(Named(best.effect, best.gain, best.helped, tuple(c for c in alike if c is not best)))
@@ -230,9 +250,11 @@ def _kept(
         ]  # fmt: skip
         if not weak:
             return fit, judged
-        worst = min(weak, key=lambda k: judged[k].gain)
-        fit = without(fit, declared + worst, tell)
-        named = [item for k, item in enumerate(judged) if k != worst]
+        joints = {judged[k].effect.joint for k in weak}
+        # the worst of each joint: what is left beside it may be better without it
+        worst = {min((k for k in weak if judged[k].effect.joint == j), key=lambda k: judged[k].gain) for j in joints}
+        fit = without(fit, {declared + k for k in worst}, tell)
+        named = [item for k, item in enumerate(judged) if k not in worst]
     return fit, named
 
 
@@ -275,13 +297,10 @@ def _judged(fit: TrajectoryFit, views: Sequence[View], place: int, item: Named) 
     return replace(item, effect=fit.effects[place], gain=share, helped=helped)
 
 
-def without(fit: TrajectoryFit, place: int, tell: Callable[[float], None] | None = None) -> TrajectoryFit:
-    """Return the fit without one effect."""
+def without(fit: TrajectoryFit, places: set[int], tell: Callable[[float], None] | None = None) -> TrajectoryFit:
+    """Return the fit without some of its effects, none of them declared."""
     own = fit.unknowns
-    part = own.amplitudes_of(place)
-    effects = (*fit.effects[:place], *fit.effects[place + 1 :])
-    unknowns = Unknowns(own.robot, effects, own.recordings, own.held - (place < own.held))
-    left = np.delete(fit.z, np.arange(part.start, part.stop))[
-        own.drives : own.amplitudes.stop - (part.stop - part.start)
-    ]
+    kept = [k for k in range(len(own.effects)) if k not in places]
+    unknowns = Unknowns(own.robot, tuple(fit.effects[k] for k in kept), own.recordings, own.held)
+    left = np.concatenate([np.zeros(0), *(fit.z[own.amplitudes_of(k)] for k in kept)])
     return again(fit, unknowns, _known(fit, unknowns, left), tell)

@@ -178,7 +178,7 @@ def _shows_delays(fit: TrajectoryFit) -> bool:
 
 def fitted(
     unknowns: Unknowns, tracked: list[Tracked], z: Array, *, prompt: bool = False,
-    tell: Callable[[float], None] | None = None,
+    tell: Callable[[float], None] | None = None, cycles: int = CYCLES,
 ) -> TrajectoryFit:  # fmt: skip
     """Fit unknowns (U,), started from z (see `fit_trajectory`); `prompt`: the delays stay where they are."""
     robot = unknowns.robot
@@ -187,9 +187,9 @@ def fitted(
     weights = np.ones(robot.n)
     before: Array | None = None
     still = False
-    for number in range(1, CYCLES + 1):
+    for number in range(1, cycles + 1):
         if tell is not None:
-            tell((number - 1) / CYCLES)
+            tell((number - 1) / cycles)
         if number >= REFINED:
             for item in tracked:
                 refine(equations, item, unknowns, z, parameters)
@@ -199,7 +199,7 @@ def fitted(
             raise DataError("the simulated motion runs away from the measured one", hint="are the gains right?")
         before = every.rms if before is None else before
         weights = 1.0 / np.maximum(every.size, 1e-7)
-        if number == CYCLES or (number > REFINED and (still or is_settled(unknowns, z, every, prompt=prompt))):
+        if number == cycles or (number > REFINED and (still or is_settled(unknowns, z, every, prompt=prompt))):
             break
         last = z
         # with delays all chains of joints move together: at first each goes its way
