@@ -116,7 +116,8 @@ def search(
         else:
             _, left, _ = _best(fit, kinds)
         if named:
-            fit = again(fit, fit.unknowns, fit.z, cycles=CYCLES)
+            # what a first effect left while its shape was on its way is none of its own
+            fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, len(declared))
     except KeyboardInterrupt:
         partial = True
     return Searched(before, fit, tuple(named), left, tried, partial, tuple(waiting))
