@@ -88,21 +88,15 @@ class ByMotion:
             self._spring(j, self._yielding(j, sum(moved, np.zeros(()))), levels - 1, targets)
 
     def _on_knots(self, torque: Array, i: int) -> Array:
-        """Return the derivatives of the torque through a transmission by q and its four derivatives, (5, N, n).
+        """Return derivatives of the torque through a transmission by q and its rates, without deflections.
 
-        Without levels, what rotors' deflections add goes by their springs' own slopes, whose changes are left out, as
-        are rotors that load each other in a row: small shares of what is small.
+        What the spectrum's upper end does to a coupled rotor must be there, too: without, a fit does not find its path.
         """
-        found = np.zeros((3 if self._problem.levels else 5, *torque.shape[1:3]))
-        found[:3] = torque[:, :, i]
+        found = torque[:, :, i].copy()
         for j in self._problem.link.behind[i]:
             speed, acceleration = self._loads(i, j)
             found[1, :, j] += speed
             found[2, :, j] += acceleration
-            if not self._problem.levels:
-                yields = self._yield(j)[:, None] * torque[:, :, j]
-                found[1:4] += speed[:, None] * yields
-                found[2:5] += acceleration[:, None] * yields
         return found
 
     def _loads(self, i: int, j: int) -> tuple[Array, Array]:

@@ -27,8 +27,6 @@ from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns, prior_
 
 PARTS = ("load", "bumps", "lost")
 """Unknowns that are in the model only where they are asked for."""
-WEAK = 0.05
-"""Torque on a link per torque that turns a rotor, up to which coupling's derivatives need not be exact."""
 POSITIONS, TORQUES = 8, 16
 """Samples that a group of position rows, and of torque rows, spans."""
 _LOAD_ROUNDING = 0.01
@@ -120,8 +118,8 @@ class Latent:
         self.spline = log.kept(("spline", spacing), lambda: KnotSpline(log.t, spacing))
         self.prior_mean, self.prior_spread = prior_of(unknowns, rotors, log.torque)
         self.rounding = _LOAD_ROUNDING * log.torque
-        self.levels = self.link.levels if self.link.coupling > WEAK else 0
-        """How many rotors whose deflections load the next one in a row the derivatives follow sample by sample."""
+        self.levels = self.link.levels
+        """How many rotors whose deflections load the next one in a row."""
         reach = self._reach(SHORT_WIDTH // 2)
         self.positions = log.kept(
             ("positions", spacing), lambda: Pieces(self.spline, np.arange(log.count), reach, POSITIONS)
@@ -217,7 +215,7 @@ class Latent:
 
     def on_knots(self, slopes: Array) -> Array:
         """Return sum over d of slopes[d] (N, n) times the d-th derivatives of the six basis values, (N, 6 n)."""
-        values = self.log.kept(("values", self.spacing), lambda: np.stack([self.spline.values(d) for d in range(5)], 2))
+        values = self.log.kept(("values", self.spacing), lambda: np.stack([self.spline.values(d) for d in range(3)], 2))
         found: Array = (values[:, :, : len(slopes)] @ slopes.transpose(1, 0, 2)).reshape(self.log.count, -1)
         return found
 

@@ -102,11 +102,6 @@ class LinkSide:
             depth[i] = 1 + max((depth[j] for j in self.behind[i]), default=-1)
         return max(depth)
 
-    @cached_property
-    def coupling(self) -> float:
-        """Largest torque on another link per torque that turns a rotor: one over the smallest gear ratio there."""
-        return max((1 / abs(float(self.ratio[j])) for behind in self.behind for j in behind), default=0.0)
-
     def terms(self, q: Array, dq: Array, ddq: Array) -> LinkTerms:
         """Return columns and coupling at N instants of links' motion, (N, n) each."""
         program, (bodies, rotors, carried) = self._program, self._places
