@@ -71,7 +71,7 @@ def held(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that hold joints."""
     tip, lock = option(
         INPUT, "--tip", metavar="LINK", expose_value=False, callback=_kept(TIP),
-        help="Keep the one chain that moves this link (or joint); lock all other joints.",
+        help="Keep only the joints from the base to this link (or joint); lock all others.",
     ), option(
         INPUT, "--lock", metavar="NAME=VALUE", multiple=True, type=Held(), expose_value=False, callback=_kept(LOCK),
         help="Lock a joint at a value in rad or m. Repeatable.",
@@ -117,10 +117,11 @@ reading = gathered(
     option(INPUT, "--kp", type=Numbers(), metavar="GAIN",
            help="Gain of the drives' position loops, N·m/rad at the joint, for logs without torque: one, or one per "
            "joint with commas."),
-    option(INPUT, "--kd", type=Numbers(), metavar="GAIN", help="The same of their velocity loops, N·m·s/rad."),
+    option(INPUT, "--kd", type=Numbers(), metavar="GAIN",
+           help="Gain of the drives' velocity loops, N·m·s/rad, given like --kp."),
     option(INPUT, "--time", type=click.Choice(("auto", "header", "log")), default="auto",
            help="Clock of an MCAP log: the messages' header stamps, or the times of logging."),
-    option(INPUT, "--strict", is_flag=True, help="Refuse a damaged log instead of using what is whole."),
+    option(INPUT, "--strict", is_flag=True, help="Refuse a damaged log. Default: use its undamaged part."),
 )  # fmt: skip
 
 
@@ -129,11 +130,11 @@ conditioning = gathered(
     option(SIGNALS, "--cutoff", type=Number(above=0), metavar="HZ",
            help="Cut-off of the zero-phase low-pass. Default: from the log."),
     option(SIGNALS, "--rate", type=Number(above=0), metavar="HZ",
-           help="Rate after decimation, by default from the cut-off. Of a log without time: its sample rate."),
+           help="Sample rate after decimation. Default: from the cut-off. For a log without time: its sample rate."),
     option(SIGNALS, "--min-velocity", type=Number(least=0), metavar="V",
            help="Leave out samples slower than V rad/s, where friction is undefined."),
     option(SIGNALS, "--measured-velocity/--no-measured-velocity", default=True,
-           help="Use velocities that the log holds, or differentiate positions."),
+           help="Use the velocities in the log where it has them, or always differentiate positions."),
     option(SIGNALS, "--knots", type=Number(above=0), metavar="S",
            help="Spacing of the smoothing splines' knots. Default: from the log."),
 )  # fmt: skip
@@ -165,12 +166,13 @@ class Spread:
 fit = gathered(
     "fit", "elid_cli.estimation.result:EstimateOptions",
     option(FIT, "--estimator", type=click.Choice(("default", "paper")), default="default",
-           help="paper: the paper's own least squares, to compare with; it is biased under noise."),
+           help="paper: the least squares of the paper, for comparison; noise biases it."),
     option(FIT, "--fit", type=click.Choice(("torque", "trajectory")), default="torque",
-           help="What is fitted to the log. trajectory: the simulated motion, under the log's commands with the bodies "
-                "of the robot file, or in short windows under its torque."),
+           help="What is fitted to the log. torque: the measured torque. trajectory: the measured motion, by "
+                "simulation under the log's commands (masses and inertias stay those of the robot file); without "
+                "commands, under the log's torque in short windows."),
     option(FIT, "--accurate", is_flag=True,
-           help="Estimate trajectory and parameters together; slower, right under strong noise."),
+           help="Estimate trajectory and parameters together: slower, and accurate also under strong noise."),
 )  # fmt: skip
 
 
@@ -189,11 +191,11 @@ max_error = option(
 )  # fmt: skip
 require_independent = option(
     GATES, "--require-independent", multiple=True, metavar="NAME",
-    help="Parameter that must be independent. Repeatable.",
+    help="Fail unless this parameter can be identified by itself. Repeatable.",
 )  # fmt: skip
 fail_on_insufficient = option(
     GATES, "--fail-on-insufficient", is_flag=True,
-    help="Fail when the residual follows the motion beyond the sensors' noise: the model lacks something.",
+    help="Fail when the model lacks something: the residual follows the motion, and is more than sensor noise.",
 )  # fmt: skip
 gates = gathered("gates", Gates, max_error, require_independent, fail_on_insufficient)
 
@@ -209,8 +211,8 @@ class Files:
 
 write_robot = option(
     OUTPUT, "--write-robot", type=File(), multiple=True, metavar="FILE.yaml",
-    help="Write a robot file that holds what was found. .urdf, .xml: the robot's own file with new numbers, or a new "
-         "one. Repeatable.",
+    help="Write a robot file with the values that were found. .urdf, .xml: a copy of the robot's own file with new "
+         "numbers, or a new file. Repeatable.",
 )  # fmt: skip
 write_actuators = option(
     OUTPUT, "--write-actuators", type=File(), metavar="FILE.json",
@@ -219,19 +221,20 @@ write_actuators = option(
 )  # fmt: skip
 drop_effects = option(
     OUTPUT, "--drop-effects", is_flag=True,
-    help="Write a URDF or MJCF although it cannot hold an effect that was found: with the values of a fit without it; "
-           "a note says how much larger the error becomes.",
+    help="Write a URDF or MJCF also where it cannot hold an effect that was found. The values are then those of a fit "
+         "without the effect; a note says how much larger the error is.",
 )  # fmt: skip
 files = gathered("files", Files, write_robot, write_actuators, drop_effects)
 check = option(
     INPUT, "--check", "checks", multiple=True, type=File(), metavar="LOG",
-    help="Another log on which the result is judged. Repeatable.",
+    help="Judge the result on this other log as well. Repeatable.",
 )  # fmt: skip
 held_out = option(
-    INPUT, "--held-out", is_flag=True, help="Judge only on the stretches that diagnose holds out of its search.",
+    INPUT, "--held-out", is_flag=True,
+    help="Judge only on the stretches of the log that elid diagnose does not use in its search.",
 )  # fmt: skip
 seed = option(
-    FIT, "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of everything random.",
+    FIT, "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the random numbers.",
 )  # fmt: skip
 
 
@@ -264,12 +267,12 @@ output = gathered(
     option(OUTPUT, "--json", is_flag=True, help="Print one JSON object."),
     option(OUTPUT, "--markdown", is_flag=True, help="Print Markdown, for a pull request's comment."),
     option(OUTPUT, "--report", multiple=True, type=File(), metavar="FILE.html",
-           help="Write the whole report to a file as well; its suffix is its format. Repeatable."),
+           help="Also write the whole report to a file; the suffix gives the format. Repeatable."),
     option(OUTPUT, "--plot", type=File(), metavar="DIR", help="Write the figures into a folder."),
     option(OUTPUT, "--plot-format", type=click.Choice(("png", "svg")), default="png", show_default=True,
            help="Format of the figures of --plot."),
     option(OUTPUT, "--all", "everything", is_flag=True, help="Print every row of long tables."),
-    option(OUTPUT, "--color", type=click.Choice(CHOICES), default="auto", help="Colour of the report."),
-    option(OUTPUT, "--quiet", is_flag=True, help="No progress and no notes on stderr."),
+    option(OUTPUT, "--color", type=click.Choice(CHOICES), default="auto", help="When to print in colour."),
+    option(OUTPUT, "--quiet", is_flag=True, help="Print no progress and no notes on stderr."),
     option(OUTPUT, "--debug", is_flag=True, help="Show the traceback of an error."),
 )  # fmt: skip

@@ -55,19 +55,19 @@ class Machine:
 motion = gathered(
     "motion", MotionChoice,
     option(MOTION, "--duration", type=Number(above=0), metavar="S",
-           help="Length. Default: 10 s, or the reference's."),
+           help="Length of the log. Default: 10 s, or that of --reference."),
     option(MOTION, "--rate", type=Number(above=0), default=1000.0, show_default=True, metavar="HZ",
            help="Samples per second of log and controller."),
     option(MOTION, "--seed", type=click.IntRange(min=0), default=0, show_default=True,
            help="Seed of way-points and noise; the same seed gives the same bytes."),
     option(MOTION, "--amplitude", type=Share(above=0), default=0.7, metavar="SHARE", show_default=True,
-           help="Share of the joints' ranges that way-points fill."),
+           help="Share of the joints' ranges in which way-points lie."),
     option(MOTION, "--speed", type=Number(above=0), default=1.0, metavar="FACTOR", show_default=True,
-           help="Slower or faster than the joints' limits allow."),
+           help="Speed of the motion; 1: as fast as the joints' limits allow."),
     option(MOTION, "--interval", type=Number(above=0), metavar="S",
            help="Time between way-points. Default: from the joints' limits."),
     option(MOTION, "--reference", type=File(), metavar="TRAJ.csv",
-           help="Follow this instead: columns t and q.JOINT, as elid excite writes."),
+           help="Follow this trajectory instead of random way-points: columns t and q.JOINT, as elid excite writes."),
 )  # fmt: skip
 
 
@@ -77,11 +77,13 @@ control = gathered(
            help="Position gains at the joints, N·m/rad. Default: from the inertia."),
     option(CONTROL, "--kd", type=Numbers(), metavar="N[,N…]", help="Velocity gains, N·m·s/rad."),
     option(CONTROL, "--feedforward", type=click.Choice(("model", "gravity", "none")), default="model",
-           show_default=True, help="What the controller knows of the robot."),
+           show_default=True,
+           help="What the controller adds to its feedback: the torque of the whole model, of gravity alone, or none."),
     option(CONTROL, "--continuous", is_flag=True,
-           help="Torque acts at every instant; otherwise it is held over a sample, which delays it by half of one."),
+           help="Let the control torque change at every instant. Default: it is held over a sample, which delays it by "
+           "half a sample."),
     option(CONTROL, "--friction-width", type=Number(above=0), default=5e-3, show_default=True, metavar="V",
-           help="Speed over which Coulomb friction turns from - to +, rad/s; a tenth of it in m/s."),
+           help="Speed over which Coulomb friction changes its sign, rad/s; for sliding joints a tenth of it, m/s."),
 )  # fmt: skip
 
 
@@ -101,12 +103,12 @@ sensors = gathered(
     option(SENSORS, "--velocity-noise", type=Number(least=0), default=0.0, metavar="RAD/S",
            help="White noise on logged velocities."),
     option(SENSORS, "--torque-noise", default="0", metavar="N·m|SHARE", callback=_torque_noise,
-           help="Noise on torques: in N·m, or 1% of each channel's rms."),
+           help="Noise on torques: in N·m, or as a share of each channel's rms (1%)."),
     option(SENSORS, "--torque-correlation", type=Number(least=0), default=0.0, metavar="S",
            help="Correlation time of the torque noise. Default: white."),
     option(SENSORS, "--counts", type=Number(above=0), metavar="N", help="Encoder counts per turn (per m, prismatic)."),
     option(SENSORS, "--motor-counts", type=Number(above=0), metavar="N", help="Counts of the motor encoders."),
-    option(SENSORS, "--motor-side", is_flag=True, help="Motor encoders count before the gear."),
+    option(SENSORS, "--motor-side", is_flag=True, help="Log motor positions before the gear, as encoders read them."),
     option(SENSORS, "--velocities", is_flag=True, help="Log velocities too."),
     option(SENSORS, "--torque-sensor", "tau_link", is_flag=True, help="Log the torque through the transmissions too."),
     option(SENSORS, "--temperature", is_flag=True, help="Log motor temperatures too (a slow warm-up)."),
@@ -114,7 +116,7 @@ sensors = gathered(
 
 ideal_drives = option(
     INPUT, "--ideal-drives", is_flag=True,
-    help="Take friction and rotor inertia that the robot file does not give as 0, as a bare URDF needs.",
+    help="Where the robot file gives no friction or no rotor inertia, take 0. A URDF alone needs this.",
 )  # fmt: skip
 
 effect = option(

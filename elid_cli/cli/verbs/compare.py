@@ -18,14 +18,14 @@ from elid_cli.cli.values import File, Number
     type=Number(above=0),
     default=3.0,
     show_default=True,
-    help="Standard deviations by which a parameter must have moved.",
+    help="Report a change only if it is larger than this many standard deviations.",
 )
-@options.option(options.GATES, "--fail-on-change", is_flag=True, help="Fail when any parameter has moved.")
+@options.option(options.GATES, "--fail-on-change", is_flag=True, help="Fail when any parameter has changed.")
 @options.output
 def compare(results: tuple[str, ...], sigmas: float, fail_on_change: bool, output: Output) -> None:
-    """Compare results saved with --json: one robot over time, or one robot with its twin.
+    """Compare results saved with --json: one robot at different times, or two robots of one type.
 
-    Every result is compared with the first; parameters that moved by more than their uncertainty are listed.
+    Every result is compared with the first. Listed are the parameters that changed by more than their uncertainty.
     """
     from elid_cli.cli.output import LimitError, check_output, emit, pictures_wanted
     from elid_cli.estimation.comparison import compare as compare_results

@@ -1,4 +1,4 @@
-"""Trace what the model leaves unexplained to the effect that it lacks; error before and after."""
+"""Find the physical effect that the model lacks; error before and after."""
 
 from __future__ import annotations
 
@@ -57,15 +57,13 @@ class Limits(Gates):
         shell_complete=completing(effects),
         help="Try this effect and no other. Repeatable.",
     ),
-    options.option(
-        FIT, "--lookup", is_flag=True, help="Add a smooth curve where structure remains that no named effect explains."
-    ),
+    options.option(FIT, "--lookup", is_flag=True, help="Fit a smooth curve to what no effect explains."),
     options.option(
         FIT,
         "--accurate",
         is_flag=True,
-        help="Complete friction curves by spline collocation however long it takes; on short logs of small "
-        "robots that is always done.",
+        help="Look for a second term of friction curves by spline collocation, however long it takes. On short "
+        "logs of small robots this is always done.",
     ),
     options.option(
         FIT,
@@ -73,7 +71,7 @@ class Limits(Gates):
         type=click.IntRange(min=1),
         default=1,
         metavar="N",
-        help="Processes that try effects side by side (on Linux); the result is the same for any number.",
+        help="Processes that try effects in parallel (on Linux); the result does not depend on N.",
     ),
 )
 @gathered(
@@ -85,7 +83,7 @@ class Limits(Gates):
         GATES,
         "--fail-on-unexplained",
         is_flag=True,
-        help="Fail when the model leaves structure that no effect explains.",
+        help="Fail when part of the residual is more than noise and no effect explains it.",
     ),
 )
 @options.files

@@ -1,4 +1,4 @@
-"""Find an exciting trajectory: within the robot's limits, and telling most about its parameters."""
+"""Find an exciting trajectory within the robot's limits, optimised to show its parameters."""
 
 from __future__ import annotations
 
@@ -64,23 +64,25 @@ class MotionChoice:
         "--after",
         type=File(),
         metavar="LOG",
-        help="The last log, or its result saved with --json: aim at what it could not show, and expect its residuals.",
+        help="The last log, or its result saved with --json. The trajectory aims at what that log could not show; "
+        "residuals of the same size are expected.",
     ),
     options.option(
         MOTION,
         "--resolve",
         type=File(),
         metavar="FILE",
-        help="A diagnosis saved with --json: tell the effects apart that it leaves open.",
+        help="A diagnosis saved with --json: plan the motion that decides between the effects that it "
+        "could not tell apart.",
     ),
     options.option(
         MOTION,
         "--show-stiffness",
         multiple=True,
         metavar="JOINT[:HZ]",
-        help="Make the motion that shows this joint's stiffness to a log of motor position and torque: slow motion and "
-        "a multisine past the antiresonance. HZ: the highest antiresonance to expect; default: that of the robot "
-        "file's K. Repeatable.",
+        help="Plan the motion from which this joint's stiffness is found without a sensor on the link: slow motion, "
+        "and a multisine with frequencies up to beyond the antiresonance. HZ: the highest antiresonance to expect. "
+        "Default: from the stiffness in the robot file. Repeatable.",
     ),
     options.option(
         MOTION,
@@ -114,17 +116,21 @@ class MotionChoice:
         default="2%",
         show_default=True,
         metavar="SHARE",
-        help="Expected torque residual after filtering, as a share of the torque; scales standard errors.",
+        help="Torque residual to expect after filtering, as a share of the torque. The expected standard errors grow "
+        "with it.",
     ),
     options.seed,
 )
 @options.out("The trajectory to write, CSV: t, q, dq, ddq of every joint.", metavar="TRAJ.csv")
 @options.output
 def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output: Output) -> None:
-    """Find a trajectory whose log tells most about the base parameters, from rest to rest within the joints' limits.
+    """Find a trajectory that is optimised to show the base parameters in a log.
 
-    Limits and reference values come from the robot file. The report says which standard errors to expect; with
-    --resolve, how surely the next log decides between effects; with --show-stiffness, what the multisine is.
+    It starts and ends at rest and stays within the joints' limits.
+
+    Limits and reference values come from the robot file. The report says which standard errors to expect. With
+    --resolve it says how probable it is that the next log decides between the effects; with --show-stiffness, which
+    multisine is used.
     """
     from elid_cli.cli.output import check_output, emit, pictures_wanted
     from elid_cli.cli.progress import progress

@@ -37,12 +37,12 @@ class Beyond:
 @options.gathered(
     "beyond", Beyond,
     options.option(options.FIT, "--physical", is_flag=True,
-                   help="Also find a parameter set of a robot that could be built; what the log does not show comes "
-                   "from the robot file. --write-robot then writes this set."),
+                   help="Also find a physically consistent set of all parameters, of a robot that could be built; what "
+                   "the log does not show comes from the robot file. --write-robot then writes this set."),
     options.option(options.FIT, "--payload", type=values.CarriedType(), metavar="KG@JOINT",
-                   help="The second of two logs was recorded with this mass on the joint's body: find the gains of the "
-                   "drives, whose torque may be a current or a share. KG@JOINT:X,Y,Z also gives its centre, m in the "
-                   "joint's frame; declared: the payload that the robot file declares."),
+                   help="Find the gains of the drives, where the log has a current or a share instead of a torque. "
+                   "Takes two logs; the second was recorded with this mass on the joint's body. KG@JOINT:X,Y,Z also "
+                   "gives the centre of mass, m in the joint's frame. declared: the payload in the robot file."),
 )  # fmt: skip
 @options.gates
 @options.files

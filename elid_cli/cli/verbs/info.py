@@ -1,4 +1,4 @@
-"""Show what is in a log: channels, rates, gaps, and which signal elid takes from where."""
+"""Show what is in a log: channels, rates, gaps, and where elid finds each signal."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from elid_cli.cli.options import Output
     "--write-map",
     type=values.File(),
     metavar="FILE.yaml",
-    help="Write the mapping that reads the log: what was found and what is guessed, to be checked. For --map.",
+    help="Write a mapping for --map: what was found, and what is guessed and must be checked.",
 )
 @options.output
 def info(
     logs: tuple[str, ...], robot: str | None, maps: tuple[str, ...], write_map: str | None, output: Output
 ) -> None:  # fmt: skip
-    """Show what is in a log: its channels with rates and gaps, which signal elid would take from where, and a mapping
-    to paste where it cannot tell. With --robot, for that robot's joints.
+    """Show what is in a log: its channels with rates and gaps, and where elid would find each signal. Where it
+    cannot decide, it proposes a mapping to paste. With --robot, for that robot's joints.
     """  # noqa: D205
     from elid_cli.cli.output import check_output, emit, note
     from elid_cli.cli.progress import progress

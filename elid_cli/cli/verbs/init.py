@@ -1,4 +1,4 @@
-"""Write what a URDF or MJCF cannot say into the YAML beside it: `arm.elid.yaml` for `arm.urdf`."""
+"""Write what a URDF or MJCF cannot hold into a YAML beside it: `arm.elid.yaml` for `arm.urdf`."""
 
 from __future__ import annotations
 
@@ -26,13 +26,15 @@ LOGS = (".h5", ".hdf5", ".mat", ".csv", ".tsv", ".mcap", ".db3", ".npz", ".parqu
 @options.held
 @options.maps
 @options.out("The file to write. Default: arm.elid.yaml beside arm.urdf, where elid looks for it.", required=False)
-@options.option(options.OUTPUT, "--force", is_flag=True, help="Overwrite a file that is there.")
+@options.option(options.OUTPUT, "--force", is_flag=True, help="Overwrite an existing file.")
 @options.output
 def init(robot: str, log: str | None, maps: tuple[str, ...], out: str | None, force: bool, output: Output) -> None:
-    """Write arm.elid.yaml beside arm.urdf or arm.xml: what such a file cannot say, for every later --robot arm.urdf.
+    """Write arm.elid.yaml beside arm.urdf or arm.xml: what such a file cannot hold.
 
-    In a terminal it asks, with proposals from the log; in a pipe it writes what it knows and leaves the rest as
-    comments.
+    For example: gear ratios, elastic joints, and where the log keeps its signals. Commands with --robot arm.urdf read it.
+
+    In a terminal it asks you, and proposes values from the log. In a pipe it writes what it knows, and the rest as
+    comments to fill in.
     """
     from pathlib import Path
 

@@ -59,17 +59,17 @@ class Way:
     options.option(options.INPUT, "--against", metavar="ROBOT",
                    help="Another robot file to replay on the same logs, beside the first."),
     options.option(options.FIT, "--horizon", type=values.Number(above=0), metavar="SECONDS",
-                   help="Start again from the measured state every so often. Default: once, from the first pose; every "
-                   "0.5 s where the log holds no commands and its torque drives the robot."),
+                   help="Restart the simulation from the measured state at this interval. Default: never; every 0.5 s "
+                   "for logs without commands, whose torque drives the robot."),
     options.option(options.FIT, "--engine", type=click.Choice(("elid", "mujoco")), default="elid", show_default=True,
-                   help="What simulates: elid, or MuJoCo where it is installed: an MJCF as it stands, in 1 ms steps; "
-                   "of other robot files the exported model."),
+                   help="Simulator: elid, or MuJoCo where it is installed. MuJoCo runs an MJCF as it is, in 1 ms "
+                   "steps, and other robot files as exported to MJCF."),
     options.option(options.INPUT, "--actuators", type=values.File(), metavar="FILE.json",
-                   help="What stands beside a URDF or MJCF: offsets, delays and effects of --write-actuators."),
+                   help="File of --write-actuators: offsets, delays and effects that a URDF or MJCF cannot hold."),
 )  # fmt: skip
 @options.option(
     options.GATES, "--max-error", type=Distance(), metavar="DISTANCE",
-    help="Largest mean absolute error of any joint: 5mrad, 0.3deg, 2mm.",
+    help="Largest mean absolute error that is allowed at any joint: 5mrad, 0.3deg, 2mm.",
 )  # fmt: skip
 @options.output
 def replay(

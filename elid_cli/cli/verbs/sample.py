@@ -39,10 +39,10 @@ def sample(
     ranges: str | None,
     output: Output,
 ) -> None:
-    """Draw parameter sets from the joint distribution of saved results: correlations kept, nothing that no robot has.
+    """Draw random parameter sets from saved results.
 
-    Of several results the spread between recordings counts as well. What no result shows is held at the
-    robot file's value. With --robot a set is of all its parameters.
+    The sets keep the correlations of the results and are physically possible. With several results, the spread between
+    recordings counts as well. Parameters that no result shows keep the value of the robot file. With --robot, each set holds all parameters of the robot.
     """
     from pathlib import Path
 

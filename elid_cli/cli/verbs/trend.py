@@ -36,8 +36,8 @@ def trend(
     conditioning: SignalOptions,
     output: Output,
 ) -> None:
-    """Say which parameters of a machine change over its recordings, steadily or at once, and which recordings disagree.
-    Recordings are results saved with --json, or logs, which are identified with --robot.
+    """Say which parameters of a machine change over its recordings, gradually or in a jump, and which recordings
+    disagree. Recordings are results saved with --json, or logs, which are identified with --robot.
     """  # noqa: D205
     from pathlib import Path
 
