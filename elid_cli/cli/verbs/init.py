@@ -31,7 +31,7 @@ LOGS = (".h5", ".hdf5", ".mat", ".csv", ".tsv", ".mcap", ".db3", ".npz", ".parqu
 def init(robot: str, log: str | None, maps: tuple[str, ...], out: str | None, force: bool, output: Output) -> None:
     """Write arm.elid.yaml beside arm.urdf or arm.xml: what such a file cannot hold.
 
-    For example: gear ratios, elastic joints, and where the log keeps its signals. Commands with --robot arm.urdf read it.
+    For example: gear ratios, elastic joints, where the log keeps its signals. Commands with --robot arm.urdf read it.
 
     In a terminal it asks you, and proposes values from the log. In a pipe it writes what it knows, and the rest as
     comments to fill in.

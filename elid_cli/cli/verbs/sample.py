@@ -42,7 +42,8 @@ def sample(
     """Draw random parameter sets from saved results.
 
     The sets keep the correlations of the results and are physically possible. With several results, the spread between
-    recordings counts as well. Parameters that no result shows keep the value of the robot file. With --robot, each set holds all parameters of the robot.
+    recordings counts as well. Parameters that no result shows keep the value of the robot file. With --robot, each
+    set holds all parameters of the robot.
     """
     from pathlib import Path
 
