@@ -6,9 +6,10 @@ anything else tried: a good fit has nothing to explain.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,10 @@ BAD = 0.1
 """Relative error of a joint's torque from which the other ways are tried."""
 BETTER = 1.4
 """What the other way must save: log(rms before / rms after), summed over the row groups; one joint shows in few."""
+AS_WELL = 0.3
+"""Difference of what two ways save up to which a log does not tell them apart."""
+SIGNS = ("torque", "positions")
+"""Faults that turn one joint round."""
 ALIKE = 0.2
 """Share of the deflection that is left when two motors' positions are exchanged, below which they were swapped."""
 
@@ -42,46 +47,87 @@ def physics_warnings(fit: DefaultFit, found: Identification) -> tuple[str, ...]:
     negative = [w for w in found.warnings if "negative" in w]
     if not negative and max((e.relative for e in found.error.values()), default=0.0) < BAD:
         return ()
-    base = fit.base.count
+    base, names = fit.base.count, fit.model.robot.joint_names
     signals = replace(fit.signals, sensed=np.zeros(fit.signals.n, dtype=bool))  # by motor torque and positions alone
     observation = observe(fit.model, signals, mask=False)
     now = misfit(observation, base)
     moving = [k for k in range(fit.model.robot.n) if not fit.signals.still[k]]
-    gains = (
-        (now - misfit(other, base), words) for other, words in _others(fit, signals, observation, negative, moving)
-    )
-    said = [(gain, words) for gain, words in gains if gain > BETTER]
-    said += _by_negative_values(fit.model.robot, negative, moving, {words for _, words in said})
+    others = _others(fit, signals, observation, negative, moving)
+    gains = [(now - misfit(other, base), fault) for other, fault in others]
+    enough = max((gain for gain, _ in gains), default=0.0)
+    if now - enough < len(observation.groups) * np.log(BAD):  # one fault explains all: others would only imitate it
+        gains = [(gain, fault) for gain, fault in gains if gain > enough - AS_WELL]
+    told = _told([(gain, fault) for gain, fault in gains if gain > BETTER], names)
+    said = [*told, *_by_negative_values(fit.model.robot, negative, moving, [words for _, words in told])]
     said.sort(key=lambda item: -item[0])
     return tuple(sentence for _, sentence in said[:3])
+
+
+class _Fault(NamedTuple):
+    """A fault of the inputs that is tried the other way."""
+
+    kind: Literal["torque", "positions", "gear", "swap", "unit"]
+    joint: int
+    words: str
+
+
+def _told(gains: Sequence[tuple[float, _Fault]], names: Sequence[str]) -> list[tuple[float, str]]:
+    """Return what is said, with what it saves: of signs at one joint the one that saves most.
+
+    Signs of the torque and of both positions of a joint are nearly the same to it; gravity and other joints tell them
+    apart. A gear ratio's sign moves small terms only: it is told where nothing else saves as much.
+    """
+    most = max((gain for gain, _ in gains), default=0.0)
+    said = []
+    for gain, fault in gains:
+        if fault.kind == "gear" and gain < most:
+            continue
+        rivals = [g for g, other in gains if fault.kind in SIGNS and other.joint == fault.joint and other.kind in SIGNS]
+        if gain < max(rivals, default=gain):
+            continue
+        near = [g for g in rivals if g < gain and g > gain - AS_WELL]
+        words = _either_sign(names[fault.joint]) if near else fault.words
+        said.append((gain, words))
+    return said
 
 
 def _wrong_sign(name: str) -> str:
     return f"the torque of {name} looks as if its sign were wrong"
 
 
+def _wrong_positions(name: str) -> str:
+    return f"q and theta of {name} look as if their signs were wrong"
+
+
+def _either_sign(name: str) -> str:
+    return f"{_wrong_sign(name)}, or those of q and theta of {name}"
+
+
 def _others(
     fit: DefaultFit, signals: Signals, observation: Observation, negative: Sequence[str], moving: Sequence[int]
-) -> Iterator[tuple[Observation, str]]:
-    """Yield what the log would be without a wrong sign, unit or exchange, and the sentence that names that."""
+) -> Iterator[tuple[Observation, _Fault]]:
+    """Yield what the log would be without a wrong sign, unit or exchange, and that fault."""
     robot, names = fit.model.robot, fit.model.robot.joint_names
     for k in moving if len(moving) > 1 else []:
         # turning the others round fits as well; the joint whose own parameters are negative is the one
         if not negative or any(w.startswith(tuple(f"{kind}{k + 1} " for kind in POSITIVE)) for w in negative):
-            yield turned(observation, k), _wrong_sign(names[k])
+            yield turned(observation, k), _Fault("torque", k, _wrong_sign(names[k]))
+            other = observe(fit.model, replace(signals, motion=_turned_motion(fit.signals.motion, k)), mask=False)
+            yield other, _Fault("positions", k, _wrong_positions(names[k]))
     for a, b in combinations(moving, 2):
-        yield swapped(observation, a, b), f"the torques of {names[a]} and {names[b]} look swapped"
+        yield swapped(observation, a, b), _Fault("swap", a, f"the torques of {names[a]} and {names[b]} look swapped")
     for k in moving:
         if robot.joints[k].elastic and robot.joints[k].gear_ratio and robot.parents[k] >= 0:
             other = observe(Regressor(_geared(robot, k)), signals, mask=False)
-            yield other, f"gear_ratio of {names[k]} looks as if its sign were wrong"
+            yield other, _Fault("gear", k, f"gear_ratio of {names[k]} looks as if its sign were wrong")
     for label, factor in (("degrees", np.pi / 180), ("radians where degrees are declared", 180 / np.pi)):
         scaled = replace(signals, motion=_scaled(fit.signals.motion, factor))
-        yield observe(fit.model, scaled, mask=False), f"the positions look as if they were in {label}"
+        fault = _Fault("unit", -1, f"the positions look as if they were in {label}")
+        yield observe(fit.model, scaled, mask=False), fault
 
 
 def _by_negative_values(
-    robot: Robot, negative: Sequence[str], moving: Sequence[int], known: Container[str]
+    robot: Robot, negative: Sequence[str], moving: Sequence[int], known: Sequence[str]
 ) -> list[tuple[float, str]]:
     """Return what negative parameters say whatever else fits, with a weight, beside the sentences that are known."""
     said: list[tuple[float, str]] = []
@@ -92,10 +138,10 @@ def _by_negative_values(
         if (
             {robot.rotor_names[k][:2], "fs", "fv"} <= own
             and len(negative) < 3 * len(moving)
-            and _wrong_sign(name) not in known
+            and not any(name in words for words in known)
         ):
-            said.append((np.inf, _wrong_sign(name)))
-        if own == {"K"}:
+            said.append((np.inf, _either_sign(name)))
+        if own == {"K"} and not any(name in words for words in known):
             said.append((np.inf, f"q and theta of {name} look swapped: its spring pushes the wrong way"))
     if len(moving) and len(negative) >= len(moving) and not said and not known:
         said.append((0.0, "inertia, friction or stiffness come out negative everywhere: the torque's sign looks wrong"))
@@ -162,6 +208,13 @@ def _geared(robot: Robot, joint: int) -> Robot:
 def _scaled(motion: Motion, factor: float) -> Motion:
     arrays: Sequence[Array] = (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)
     return Motion(motion.t, *(factor * a for a in arrays))
+
+
+def _turned_motion(motion: Motion, joint: int) -> Motion:
+    turn = np.ones(motion.q.shape[1])
+    turn[joint] = -1.0
+    arrays: Sequence[Array] = (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)
+    return Motion(motion.t, *(turn * a for a in arrays))
 
 
 def _opposed(motion: Motion, joint: int) -> bool:

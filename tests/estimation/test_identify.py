@@ -115,6 +115,17 @@ def test_a_turned_torque_is_named(joint: int) -> None:
     assert not any(f"torque of joint{2 - joint} looks" in line for line in warnings)
 
 
+@pytest.mark.parametrize("joint", [0, 1])
+def test_turned_positions_of_link_and_motor_are_told_from_a_turned_torque(joint: int) -> None:
+    log = noisy(4)
+    turn = np.ones(2)
+    turn[joint] = -1.0
+    warnings = found(replace(log, q=turn * log.q, theta=turn * log.theta)).warnings
+    assert [line for line in warnings if "look" in line] == [
+        f"q and theta of joint{joint + 1} look as if their signs were wrong"
+    ]
+
+
 def test_swapped_torques_are_named() -> None:
     log = noisy(4)
     assert any("look swapped" in line for line in found(replace(log, tau=log.tau[:, ::-1].copy())).warnings)
