@@ -21,7 +21,7 @@ class Coordinates:
     @property
     def count(self) -> int:
         """Number of coordinates m."""
-        return int(max(self.links, self.motors.max() + 1))
+        return max(self.links, int(self.motors.max()) + 1)
 
 
 def coordinates_of(robot: Robot) -> Coordinates:

@@ -43,7 +43,7 @@ def torque_scale(base: BaseParameters, triangles: Triangles) -> Array:
         count = sum(t.count for t in chosen)
         for triangle in chosen[:1]:
             standard = triangle.index < len(base.parameters)
-            squares = sum((t.factor[:, :-1] ** 2).sum(axis=0) for t in chosen)
+            squares = np.sum([(t.factor[:, :-1] ** 2).sum(axis=0) for t in chosen], axis=0)
             share = np.sqrt(squares[standard] / count) / max(torque, 1e-300)
             index = triangle.index[standard]
             strongest[index] = np.maximum(strongest[index], share)

@@ -186,7 +186,7 @@ def summary(stream: IO[bytes], size: int) -> tuple[Container, dict[int, int]] | 
             _declare(opcode, body, container)
         elif opcode == STATISTICS and len(body) >= 46:
             pairs = np.frombuffer(body[46 : len(body) - (len(body) - 46) % 10], np.dtype([("id", "<u2"), ("n", "<u8")]))
-            counts = {int(identifier): int(count) for identifier, count in pairs}
+            counts = dict(zip(pairs["id"].tolist(), pairs["n"].tolist(), strict=True))
     return container, counts
 
 
