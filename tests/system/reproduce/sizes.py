@@ -54,8 +54,9 @@ LATER: dict[str, str] = {
     "further log formats": "logs/formats/db3 logs/formats/json_lines logs/formats/long_form logs/formats/mat5 "
     "logs/formats/npz logs/formats/packed logs/formats/parquet logs/formats/ros2_echo logs/mapping/long_table "
     "logs/mapping/profiles",
-    "elastic by the log, doubted units": "logs/adapt logs/checks/deflection logs/checks/limits",
-    "hostile files, dropouts": "budget logs/repair/dropouts",
+    "elastic by the log, doubted units": "logs/adapt logs/checks/deflection logs/checks/known_masses "
+    "logs/checks/limits",
+    "hostile files, dropouts": "budget logs/repair/dropouts logs/repair/scattered",
     "the page, plot": "cli/verbs/plot report/answers/log report/answers/summary report/glossary "
     "report/figures/drawing report/figures/raster report/figures/svg report/figures/timeline "
     "report/figures/plots/change report/figures/plots/errors report/figures/plots/signals",
