@@ -135,8 +135,8 @@ def _answer(arm: Arm, omega: Array, motor: int) -> Array:
     whole[:, :n, :n] = K - (omega**2)[:, None, None] * mass(arm) + 1j * omega[:, None, None] * damping
     whole[:, n:, n:] = K + drive[:, :, None] * np.eye(n)
     whole[:, :n, n:] = whole[:, n:, :n] = -K
-    push = np.zeros((2 * n, 1))
-    push[n + motor] = 1.0
+    push = np.zeros((1, 2 * n, 1))  # of as many dimensions as `whole`: else older NumPy takes it for vectors
+    push[0, n + motor] = 1.0
     answer: Array = np.linalg.solve(whole, push)[:, :n, 0]
     return answer
 
