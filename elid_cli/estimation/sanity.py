@@ -6,7 +6,7 @@ anything else tried: a good fit has nothing to explain.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import Literal, NamedTuple
@@ -58,7 +58,9 @@ def physics_warnings(fit: DefaultFit, found: Identification) -> tuple[str, ...]:
     if now - enough < len(observation.groups) * np.log(BAD):  # one fault explains all: others would only imitate it
         gains = [(gain, fault) for gain, fault in gains if gain > enough - AS_WELL]
     told = _told([(gain, fault) for gain, fault in gains if gain > BETTER], names)
-    said = [*told, *_by_negative_values(fit.model.robot, negative, moving, [words for _, words in told])]
+    known = {joint for _, fault in told for joint in fault.joints}
+    said = [(gain, fault.words) for gain, fault in told]
+    said += _by_negative_values(fit.model.robot, negative, moving, known)
     said.sort(key=lambda item: -item[0])
     return tuple(sentence for _, sentence in said[:3])
 
@@ -67,12 +69,12 @@ class _Fault(NamedTuple):
     """A fault of the inputs that is tried the other way."""
 
     kind: Literal["torque", "positions", "gear", "swap", "unit"]
-    joint: int
+    joints: tuple[int, ...]
     words: str
 
 
-def _told(gains: Sequence[tuple[float, _Fault]], names: Sequence[str]) -> list[tuple[float, str]]:
-    """Return what is said, with what it saves: of signs at one joint the one that saves most.
+def _told(gains: Sequence[tuple[float, _Fault]], names: Sequence[str]) -> list[tuple[float, _Fault]]:
+    """Return the faults that are told, with what it saves: of signs at one joint the one that saves most.
 
     Signs of the torque and of both positions of a joint are nearly the same to it; gravity and other joints tell them
     apart. A gear ratio's sign moves small terms only: it is told where nothing else saves as much.
@@ -82,12 +84,13 @@ def _told(gains: Sequence[tuple[float, _Fault]], names: Sequence[str]) -> list[t
     for gain, fault in gains:
         if fault.kind == "gear" and gain < most:
             continue
-        rivals = [g for g, other in gains if fault.kind in SIGNS and other.joint == fault.joint and other.kind in SIGNS]
-        if gain < max(rivals, default=gain):
-            continue
-        near = [g for g in rivals if g < gain and g > gain - AS_WELL]
-        words = _either_sign(names[fault.joint]) if near else fault.words
-        said.append((gain, words))
+        if fault.kind in SIGNS:
+            rivals = [g for g, other in gains if other.kind in SIGNS and other.joints == fault.joints]
+            if gain < max(rivals):
+                continue
+            if any(gain - AS_WELL < g < gain for g in rivals):
+                fault = fault._replace(words=_either_sign(names[fault.joints[0]]))
+        said.append((gain, fault))
     return said
 
 
@@ -111,37 +114,34 @@ def _others(
     for k in moving if len(moving) > 1 else []:
         # turning the others round fits as well; the joint whose own parameters are negative is the one
         if not negative or any(w.startswith(tuple(f"{kind}{k + 1} " for kind in POSITIVE)) for w in negative):
-            yield turned(observation, k), _Fault("torque", k, _wrong_sign(names[k]))
+            yield turned(observation, k), _Fault("torque", (k,), _wrong_sign(names[k]))
             other = observe(fit.model, replace(signals, motion=_turned_motion(fit.signals.motion, k)), mask=False)
-            yield other, _Fault("positions", k, _wrong_positions(names[k]))
+            yield other, _Fault("positions", (k,), _wrong_positions(names[k]))
     for a, b in combinations(moving, 2):
-        yield swapped(observation, a, b), _Fault("swap", a, f"the torques of {names[a]} and {names[b]} look swapped")
+        words = f"the torques of {names[a]} and {names[b]} look swapped"
+        yield swapped(observation, a, b), _Fault("swap", (a, b), words)
     for k in moving:
         if robot.joints[k].elastic and robot.joints[k].gear_ratio and robot.parents[k] >= 0:
             other = observe(Regressor(_geared(robot, k)), signals, mask=False)
-            yield other, _Fault("gear", k, f"gear_ratio of {names[k]} looks as if its sign were wrong")
+            yield other, _Fault("gear", (k,), f"gear_ratio of {names[k]} looks as if its sign were wrong")
     for label, factor in (("degrees", np.pi / 180), ("radians where degrees are declared", 180 / np.pi)):
         scaled = replace(signals, motion=_scaled(fit.signals.motion, factor))
-        fault = _Fault("unit", -1, f"the positions look as if they were in {label}")
+        fault = _Fault("unit", tuple(moving), f"the positions look as if they were in {label}")
         yield observe(fit.model, scaled, mask=False), fault
 
 
 def _by_negative_values(
-    robot: Robot, negative: Sequence[str], moving: Sequence[int], known: Sequence[str]
+    robot: Robot, negative: Sequence[str], moving: Sequence[int], known: Collection[int]
 ) -> list[tuple[float, str]]:
-    """Return what negative parameters say whatever else fits, with a weight, beside the sentences that are known."""
+    """Return what negative parameters say whatever else fits, with a weight, but of joints that are told already."""
     said: list[tuple[float, str]] = []
-    for k in moving:
+    for k in (k for k in moving if k not in known):
         own = {kind for kind in POSITIVE if any(w.startswith(f"{kind}{k + 1} ") for w in negative)}
         name = robot.joint_names[k]
         # whatever else fits: a motor whose inertia and friction are negative is driven the other way round
-        if (
-            {robot.rotor_names[k][:2], "fs", "fv"} <= own
-            and len(negative) < 3 * len(moving)
-            and not any(name in words for words in known)
-        ):
+        if {robot.rotor_names[k][:2], "fs", "fv"} <= own and len(negative) < 3 * len(moving):
             said.append((np.inf, _either_sign(name)))
-        if own == {"K"} and not any(name in words for words in known):
+        if own == {"K"}:
             said.append((np.inf, f"q and theta of {name} look swapped: its spring pushes the wrong way"))
     if len(moving) and len(negative) >= len(moving) and not said and not known:
         said.append((0.0, "inertia, friction or stiffness come out negative everywhere: the torque's sign looks wrong"))
