@@ -170,6 +170,7 @@ def stiffness_motion(robot: Robot, asked: Sequence[str], duration: float = 10.0,
     expected = [told or _expected(robot, k, float(inertia[k])) for k, told in places]
     top = PAST * max(expected)
     lines = np.exp(np.linspace(np.log(LOWEST), np.log(top), max(LINES, 12 * len(places))))
+    lines[-1] = top  # exactly: the last line is there once, however exp and log round
     generator = np.random.default_rng([seed, 1])
     shown, multisines = [], []
     for number, ((k, told), hertz) in enumerate(zip(places, expected, strict=True)):
