@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from elid_cli.logs import read_map_options, read_recording, write_recording
+from elid_cli.robot.files import read_robot
+from tests.system.benchmarks.made import write_short_logs
 from tests.system.reproduce.inverse_logs import Laws, Made, World, log_of, make, recorded
 
 ARMS = range(1, 13)
@@ -83,3 +85,21 @@ def test_the_mapping_that_it_proposes_leaves_the_other_joints_as_they_are(
     assert not any("tau looks like" in warning for warning in right.warnings)
     np.testing.assert_allclose(right.tau[:, 1:], wrong.tau[:, 1:], rtol=1e-12)
     np.testing.assert_allclose(right.tau[:, 0], wrong.tau[:, 0] / size, rtol=close)
+
+
+def test_a_second_of_a_soft_arm_is_not_doubted(tmp_path: Path) -> None:
+    """Its deflection is a tenth of the motion: theta moves 0.9 times as far as q, and no gear ratio is wrong."""
+    write_short_logs(tmp_path, 40)
+    robot = read_robot("planar2")
+    for log in sorted(tmp_path.iterdir()):
+        assert read_recording([str(log)], robot).warnings == ()
+
+
+def test_a_wrong_gear_ratio_of_a_soft_arm_is_doubted(tmp_path: Path) -> None:
+    write_short_logs(tmp_path, 8)
+    robot = read_robot("planar2")
+    for log in sorted(tmp_path.iterdir()):
+        right = read_recording([str(log)], robot)
+        write_recording(replace(right, theta=1.25 * right.theta), str(tmp_path / "wrong.h5"))
+        said = read_recording([str(tmp_path / "wrong.h5")], robot).warnings
+        assert all(any(f"{joint}: theta moves 1." in warning for warning in said) for joint in robot.joint_names)

@@ -81,8 +81,18 @@ class Pair:
             float(np.abs(q).max()),
         )
 
-    def sentences(self, plan: ReadPlan, bent: float = 0.0) -> Iterator[str]:
-        """Yield what is suspicious about this joint; `bent`: rad or m by which the mean load bends its spring."""
+    def sentences(self, plan: ReadPlan, bent: float = 0.0, *, sprung: bool = False) -> Iterator[str]:
+        """Yield what is suspicious about this joint.
+
+        Parameters
+        ----------
+        plan
+            Where positions were read from.
+        bent
+            rad or m by which the mean load bends its spring.
+        sprung
+            Whether theta - q follows the torque as the robot file's spring does: then a slope near 1 is its work.
+        """
         if self.revolute and self.reach > FAR:
             yield f"{self.name}: q reaches {self.reach:.4g} rad: if it is in degrees, map it with unit: deg"
         if abs(self.correlation) < ALIKE:
@@ -93,6 +103,8 @@ class Pair:
             yield f"{where} runs against q: one of them has the opposite sign; {proposed(plan, 'theta', 'sign: -1')}"
         if abs(size - 1) > 2 * CLOSE:
             what, mend = self._factor(size)
+            if mend is None and sprung and self.slope > 0:
+                return
             mapping = f"; {proposed(plan, *mend)}" if mend else ""
             yield f"{where} moves {size:.4g} times as far as q: {what}{mapping}"
         elif self.slope > 0 and abs(self.offset) > max(LARGE_OFFSET, OF_DEFLECTION * self.spread, OF_LOAD * abs(bent)):

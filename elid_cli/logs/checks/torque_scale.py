@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,12 +18,34 @@ RELATED = 0.8
 the slope by the square of this at most."""
 OWN = 0.1
 """Least part of the deflection's spread that the motor's own motion must leave for the torque's scale to show."""
+SAME = 1.5
+"""Factor between a spring's slope and the file's stiffness up to which both are one spring."""
+BLOCKS = 8
+"""Parts of a log that are left out in turn for a slope's standard error."""
+SURE = 4.0
+"""Standard errors by which a slope must be beyond `WRONG_SCALE`."""
 LAG = 0.02
 """s; differences over this time are the speed and acceleration that the motor's friction and inertia follow."""
 
 
-def spring_slope(theta: Array, deflection: Array, tau: Array, dt: float) -> tuple[float, float]:
-    """Return correlation and slope of torque over deflection beside what follows the motor's own motion; NaN: no such.
+class Slope(NamedTuple):
+    """Of a joint's torque over its deflection, beside what follows the motor's own motion; NaN: it does not show."""
+
+    correlation: float = math.nan
+    ratio: float = math.nan
+    """N·m/rad (N/m)."""
+    deviation: float = math.nan
+    """Standard error of the ratio, from blocks left out in turn."""
+
+    def scale(self, stiffness: float) -> float:
+        """Return the ratio over a stiffness; NaN where no such shows, or where it may still be the right one."""
+        scale, margin = self.ratio / stiffness, SURE * self.deviation / stiffness
+        shown = self.correlation > RELATED and off(scale) in (0, off(scale + margin) * off(scale - margin) * off(scale))
+        return scale if shown else math.nan
+
+
+def spring_slope(theta: Array, deflection: Array, tau: Array, dt: float) -> Slope:
+    """Return the slope of torque over deflection beside what follows the motor's own motion.
 
     Where the link's load is viscous or an inertia, the deflection follows the motor's speed or acceleration, and so do
     the motor's own friction and inertia: the torque is then many times that of the spring, in N·m all the same.
@@ -36,7 +59,7 @@ def spring_slope(theta: Array, deflection: Array, tau: Array, dt: float) -> tupl
     """
     lag = max(1, round(LAG / dt))
     if len(theta) < 4 * lag + 8 or not np.isfinite(tau).all():
-        return math.nan, math.nan
+        return Slope()
     here = slice(lag, -lag)
     ahead, behind = theta[2 * lag :], theta[: -2 * lag]
     speed, bend = ahead - behind, ahead - 2.0 * theta[here] + behind
@@ -45,9 +68,26 @@ def spring_slope(theta: Array, deflection: Array, tau: Array, dt: float) -> tupl
     pairs = np.column_stack([deflection[here], tau[here]])
     alone, torque = (pairs - own @ np.linalg.lstsq(own, pairs, rcond=None)[0]).T
     if alone.std() <= OWN * deflection[here].std() or not torque.any():
-        return math.nan, math.nan
-    product = float(alone @ torque)
-    return product / float(np.sqrt((alone @ alone) * (torque @ torque))), product / float(alone @ alone)
+        return Slope()
+    products = np.array(
+        [(a @ b, a @ a) for a, b in zip(np.array_split(alone, BLOCKS), np.array_split(torque, BLOCKS), strict=True)]
+    )
+    product, power = products.sum(axis=0).tolist()
+    without = (product - products[:, 0]) / (power - products[:, 1])
+    deviation = float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((without - product / power) ** 2)))
+    return Slope(product / float(np.sqrt(power * (torque @ torque))), product / power, deviation)
+
+
+def is_spring(deflection: Array, tau: Array, own: Slope, stiffness: float) -> bool:
+    """Whether deflection and torque, (N,), are those of a spring of a stiffness, N·m/rad (N/m).
+
+    `own` is what `spring_slope` says of them. Where the deflection follows the motor's own motion alone, its whole
+    torque must be large enough to bend the spring so far.
+    """
+    if own.correlation > RELATED:
+        return 1 / SAME < own.ratio / max(stiffness, 1e-300) < SAME
+    correlation = correlation_of(deflection, tau)
+    return correlation > RELATED and bool(SAME * correlation * tau.std() > stiffness * deflection.std() > 0)
 
 
 def off(ratio: float) -> int:
@@ -62,7 +102,7 @@ def correlation_of(deflection: Array, tau: Array) -> float:
     return float(np.corrcoef(deflection, tau)[0, 1])
 
 
-def scale_of(deflection: Array, tau: Array, own: tuple[float, float], stiffness: float | None) -> float:
+def scale_of(deflection: Array, tau: Array, own: Slope, stiffness: float | None) -> float:
     """Return tau over the torque that the deflection and the robot file's stiffness mean; NaN where it does not show.
 
     `own` is what `spring_slope` says of them once friction and inertia are taken out.
@@ -73,5 +113,5 @@ def scale_of(deflection: Array, tau: Array, own: tuple[float, float], stiffness:
     if correlation > FOLLOWS:
         whole = correlation * float(tau.std() / deflection.std()) / stiffness
         # beside the motor's own friction and inertia the spring's torque must be as far off, to the same side
-        return whole if off(whole) == 0 or off(whole) * off(own[1] / stiffness) > 0 else math.nan
-    return own[1] / stiffness if own[0] > RELATED else math.nan
+        return whole if off(whole) == 0 or off(whole) * off(own.ratio / stiffness) > 0 else math.nan
+    return own.scale(stiffness)

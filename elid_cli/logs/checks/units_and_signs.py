@@ -17,7 +17,16 @@ from elid_cli.logs.checks.encoder_pairs import CLOSE, UNLIKE, Pair, as_yaml, pla
 from elid_cli.logs.checks.known_masses import wrong_scales
 from elid_cli.logs.checks.limits import WRONG, beyond_limits
 from elid_cli.logs.checks.required import Checked
-from elid_cli.logs.checks.torque_scale import FOLLOWS, WRONG_SCALE, correlation_of, off, scale_of, spring_slope
+from elid_cli.logs.checks.torque_scale import (
+    FOLLOWS,
+    WRONG_SCALE,
+    Slope,
+    correlation_of,
+    is_spring,
+    off,
+    scale_of,
+    spring_slope,
+)
 from elid_cli.logs.mapping.language import UNIT_WORDS
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.logs.mapping.suggest import TOLD, words_of
@@ -41,6 +50,8 @@ SAMPLES = 50_000
 """Samples that are looked at (evenly taken)."""
 EXACTLY = 1e-3
 """Share of tau that is not proportional to the deflection below which tau is no motor torque."""
+SOFTEST = 0.5
+"""Slope of theta over q below which, and over whose inverse, no spring is looked for."""
 STALE = 0.5
 """Share of samples equal to the one before above which a moving signal is sampled and held."""
 
@@ -79,11 +90,14 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
         tau = _thinned(checked.tau, step) if tau is None else tau
         stiffness = robot.joints[pair.j].parameters.get("K", 0.0)
         load = float(np.nanmean(tau[:, pair.j])) if np.isfinite(tau[:, pair.j]).any() else 0.0
-        found.extend(pair.sentences(plan, load / stiffness if stiffness > 0 else 0.0))
+        deflection = theta[:, pair.j] - q[:, pair.j]
+        inner = slice(-(-start // step), -(-stop // step))  # differences across a gap are no motion
+        own = Slope()
+        if robot.joints[pair.j].elastic and SOFTEST < pair.slope < 1 / SOFTEST:
+            own = spring_slope(theta[inner, pair.j], deflection[inner], tau[inner, pair.j], aligned.dt * step)
+        bent = load / stiffness if stiffness > 0 else 0.0
+        found.extend(pair.sentences(plan, bent, sprung=is_spring(deflection, tau[:, pair.j], own, stiffness)))
         if abs(pair.slope - 1) < CLOSE and robot.joints[pair.j].elastic:
-            deflection = theta[:, pair.j] - q[:, pair.j]
-            whole = slice(-(-start // step), -(-stop // step))  # differences across a gap are no motion
-            own = spring_slope(theta[whole, pair.j], deflection[whole], tau[whole, pair.j], aligned.dt * step)
             found.extend(_directions(pair, deflection, tau[:, pair.j], plan))
             scales[pair.j] = scale_of(deflection, tau[:, pair.j], own, robot.joints[pair.j].parameters.get("K"))
     right = any(abs(math.log(scale)) <= math.log(WRONG_SCALE) for scale in scales.values() if scale > 0)

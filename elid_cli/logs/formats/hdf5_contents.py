@@ -14,6 +14,8 @@ DEEPEST = 20
 WIDEST = 1_000
 """Values per sample of an array that is a signal of some joints."""
 MOST_REFERENCES = 64
+MOST_SIZES = 32
+"""Dimensions of an array, at most (HDF5)."""
 LARGE, TIGHT = 256 << 20, 20
 """Bytes from which a dataset is believed only if the file has a twentieth of them: measurements pack no tighter."""
 
@@ -74,8 +76,13 @@ def _walk(group: Any, prefix: str, depth: int, seen: list[int]) -> Iterator[tupl
                 yield from _walk(item, path, depth + 1, seen)
             elif isinstance(item, h5py.Dataset) and not _has_numpy_type(item):
                 yield path, None, "of a type that NumPy does not have (a time?), not numbers"
-            elif isinstance(item, h5py.Dataset) and item.shape is not None and "MATLAB_empty" not in item.attrs:
+            elif isinstance(item, h5py.Dataset) and item.shape is not None and not _is_empty(item):
                 yield path, item, "" if item.shape or item.dtype.kind not in "fiub" else "a single number"
+
+
+def _is_empty(dataset: Any) -> bool:
+    """Whether it is MATLAB's empty array, which is stored as its few sizes."""
+    return dataset.size <= MOST_SIZES and "MATLAB_empty" in dataset.attrs
 
 
 def _empty_size(dataset: Any) -> bool:

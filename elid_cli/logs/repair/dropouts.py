@@ -76,7 +76,7 @@ def impossible(values: Array, dt: float, *, jumpy: bool = False) -> dict[int, Im
     """
     if values.shape[0] < 4 * AROUND:
         return {}
-    usual = [_Usual.of(column) for column in _glance(values)]
+    usual = _Usual.of_columns(_glance(values))
     limits = np.array([SUSPECT * one.bend + one.finest for one in usual])
     places: list[list[Rows]] = [[] for _ in usual]
     for start in range(0, values.shape[0] - 2, BLOCK):
@@ -106,18 +106,25 @@ class _Usual:
     """Twice the finest step."""
 
     @staticmethod
-    def of(seen: Array) -> _Usual:
-        """Return what is usual in some windows of a column, shape (windows, samples)."""
-        bends, steps = (np.abs(np.diff(seen, n, axis=1)).ravel() for n in (2, 1))
+    def of_columns(seen: Array) -> list[_Usual]:
+        """Return what is usual in some windows of every column, shape (k, windows, samples)."""
+        bends, steps = (np.abs(np.diff(seen, n, axis=2)).reshape(len(seen), -1) for n in (2, 1))
+        largest = np.abs(seen).max(axis=(1, 2))  # NaN where a sample is missing
+        if not (steps.min(axis=1, initial=np.inf) > FINEST * largest).all() or not bends.size:
+            return [_Usual._of(*column) for column in zip(seen, bends, steps, strict=True)]
+        fine, coarse = np.quantile(steps, (0.02, 0.999), axis=1)  # as good as every log: all columns at once
+        bend = np.quantile(bends, 0.7, axis=1)
+        return [_Usual(*sizes) for sizes in zip(bend.tolist(), coarse.tolist(), (2 * fine).tolist(), strict=True)]
+
+    @staticmethod
+    def _of(seen: Array, bends: Array, steps: Array) -> _Usual:
+        """Return the same for one column that pauses or lacks samples."""
         bends, steps = bends[np.isfinite(bends)], steps[np.isfinite(steps)]
         if not bends.size:
             return _Usual(np.inf, np.inf, 0.0)
         moved = steps[steps > FINEST * float(np.nanmax(np.abs(seen)))]
-        if moved.size == steps.size:  # of as good as every log: one partition gives both
-            fine, coarse = np.quantile(steps, (0.02, 0.999))
-        else:
-            fine, coarse = np.quantile(moved, 0.02) if moved.size else 0.0, np.quantile(steps, 0.999)
-        return _Usual(float(np.quantile(bends, 0.7)), float(coarse), 2 * float(fine))
+        fine = np.quantile(moved, 0.02) if moved.size else 0.0
+        return _Usual(float(np.quantile(bends, 0.7)), float(np.quantile(steps, 0.999)), 2 * float(fine))
 
 
 def _glance(values: Array) -> Array:
