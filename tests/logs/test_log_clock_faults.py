@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import LogError
+from elid_cli.logs.contract import Stream
+from elid_cli.logs.repair.clocks import in_seconds
 from tests.logs.faults import Table, table
 from tests.logs.made_logs import SIGNALS, read, recording, same, written
 from tests.logs.mcap_made import Bag, joint_state
@@ -291,6 +293,12 @@ def test_header_stamps_that_run_backwards_give_way(tmp_path: Path) -> None:
     got = read(path)
     same(got, BASE)
     said(got, "run backwards", "log time")
+
+
+def test_one_message_alone_without_a_stamp_is_no_clock() -> None:
+    """Found by the fuzzer: all but one message of a topic were lost, and its stamp was zero."""
+    alone = {"header stamp": np.array([0], dtype=np.int64), "log time": np.array([10**18], dtype=np.int64)}
+    assert in_seconds([Stream(np.zeros((1, 1)), alone)], notes=[])[0].tolist() == [0.0]
 
 
 def test_two_episodes_of_hdf5_are_segments(tmp_path: Path) -> None:

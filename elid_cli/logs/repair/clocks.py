@@ -114,7 +114,7 @@ def _mended(clocks: Mapping[str, NDArray[Any]], clock: str) -> NDArray[Any]:
     stamps = clocks[clock]
     if clock != "header stamp":
         return stamps
-    if np.count_nonzero(stamps) == stamps.size:
+    if np.count_nonzero(stamps) in (0, stamps.size):  # one message alone may have a stamp of zero
         return stamps
     zero = stamps == 0
     logged = clocks["log time"]
