@@ -48,6 +48,7 @@ def test_seconds_alone_are_a_stamp(whole: str) -> None:
         {"stamp": 17.5},
         {"stamp": {"sec": "17", "nanosec": 5}},
         {"stamp": {"sec": 1e11, "nanosec": 5}},
+        {"stamp": {"sec": 9_300_000_000, "nanosec": 5}},
         {"stamp": {"sec": None, "nanosec": 5}},
     ],
 )

@@ -129,6 +129,10 @@ _PLACES = (
 )
 
 
+LATEST = 9e9
+"""s; stamps up to the year 2255 fit into 64 bits of nanoseconds."""
+
+
 def stamp_of(flat: Flat) -> int:
     """Return the header stamp in ns, 0 where the message has none or one with impossible nanoseconds."""
     parts = _stamp_parts(flat)
@@ -150,6 +154,6 @@ def _stamp_parts(flat: Flat) -> tuple[float, float] | None:
     for whole, part in _PLACES:
         if whole in flat and (not part or part in flat):
             seconds, parts = flat[whole][0], flat[part][0] if part else 0.0
-            if isinstance(seconds, float) and isinstance(parts, float) and abs(seconds) < 1e10:
+            if isinstance(seconds, float) and isinstance(parts, float) and abs(seconds) < LATEST:
                 return seconds, parts
     return None
