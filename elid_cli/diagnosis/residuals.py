@@ -201,9 +201,9 @@ def _near_standstill(state: State, joint: int) -> NDArray[np.bool_]:
 
 
 def standing(state: State, joint: int, use: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the instants at which a motor is near standstill, (M,)."""
+    """Return the instants at which a motor is near standstill, (M,); none where no instant is of use."""
     speed = np.abs(state.log.signals.motion.dtheta[state.log.signals.outputs, joint])
-    slow: NDArray[np.bool_] = speed < STANDSTILL * float(np.quantile(speed[use], 0.98))
+    slow: NDArray[np.bool_] = speed < (STANDSTILL * float(np.quantile(speed[use], 0.98)) if use.any() else 0.0)
     return slow
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
 from elid_cli.logs.checks.deflection import Sensed, same_position
 from elid_cli.logs.contract import RawLog
@@ -28,6 +29,8 @@ APART = 0.02
 """rad or m from where a joint is locked beyond which it is said to be elsewhere: zeros differ by less."""
 LISTED = 8
 """Joints that a note names."""
+IDLE = 1e-3
+"""rad or m within which a joint whose torque is not measured counts as standing still."""
 
 
 def robot_as_logged(
@@ -38,8 +41,9 @@ def robot_as_logged(
 ) -> Robot:
     """Return the robot with its open questions answered by logs (none: by the description alone).
 
-    Joints of a robot from URDF or MJCF that no log holds are locked at 0, or where `hold` says; where a log with both
-    positions has a joint without any motion, it is locked there. A transmission ``auto`` is elastic where every log
+    Joints of a robot from URDF or MJCF that no log holds are locked at 0, or where `hold` says; where a log has a joint
+    without any motion, it is locked there, if the log has both positions, or no torque of that joint but of others (the
+    fingers of a gripper). A transmission ``auto`` is elastic where every log
     holds both positions of its joint and one of them shows that they differ by more than sensor noise, or where K is
     known and a log holds the motor's position; else it is rigid. What was decided is in `Robot.notes`.
 
@@ -127,10 +131,10 @@ def _held(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None, auto
         link, motor = (_placed(plan, signal, robot) for signal in ("q", "theta"))
         if any(name in link & motor for name in auto):
             yield _looked_at(raw, plan, robot, frozenset(auto))
-        elif unnamed := _unnamed(raw, plan, robot):
-            chosen = {s: plan.placements[s] for s in ("q", "theta") if s in plan.placements}
-            absent = unnamed - {joint for _, joint, _ in _sensed(raw, plan, robot, chosen)}
-            yield _Held(link - absent, motor - absent)
+        elif (unnamed := _unnamed(raw, plan, robot)) or (robot.source and robot.n > 1 and link | motor):
+            found, idle = _by_numbers(raw, plan, robot)
+            absent = unnamed - found
+            yield _Held(link - absent, motor - absent, still=idle)
         else:
             yield _Held(link, motor)
 
@@ -188,6 +192,21 @@ def _looked_at(raw: RawLog, plan: ReadPlan, robot: Robot, auto: frozenset[str]) 
     asked = frozenset() if apart else auto & q.keys() & theta.keys()
     twice = {name for name in asked if same_position(q[name], theta[name], tau.get(name))}
     return _Held(link, motor, frozenset(twice | still.keys()), still)
+
+
+def _by_numbers(raw: RawLog, plan: ReadPlan, robot: Robot) -> tuple[frozenset[str], dict[str, float]]:
+    """Return the joints that a part has positions of, and where those stand that neither move nor have a torque."""
+    chosen = {s: plan.placements[s] for s in ("q", "theta", "tau", "tau_link") if s in plan.placements}
+    found: dict[str, list[Array]] = {}
+    driven: set[str] = set()
+    for signal, joint, known in _sensed(raw, plan, robot, chosen):
+        if signal in ("q", "theta"):
+            found.setdefault(joint, []).append(known.values)
+        elif np.ptp(known.values) > 0:
+            driven.add(joint)
+    idle = found.keys() - driven if driven else set()
+    still = {j: float(np.median(found[j][0])) for j in idle if max(np.ptp(values) for values in found[j]) <= IDLE}
+    return frozenset(found), {name: still[name] for name in robot.joint_names if name in still}
 
 
 def _sensed(

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
 from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, diagnose
+from elid_cli.diagnosis.residuals import standing
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording, Segment
@@ -133,3 +136,12 @@ def _creeping_drive(seed: int, stuck: float, quadratic: float) -> Diagnosis:
         segments=(Segment(0, len(t)),),
     )
     return diagnose(robot, prepare(log, robot, SignalOptions.for_diagnosis(250.0)), DiagnoseOptions(only=("contact",)))
+
+
+def test_a_joint_whose_torque_is_never_known_has_no_standstill() -> None:
+    """It crashed the diagnosis: a finger without efforts beside an arm that lacks Stribeck friction."""
+    speed = np.linspace(-1.0, 1.0, 101)[:, None]
+    signals = SimpleNamespace(motion=SimpleNamespace(dtheta=speed), outputs=slice(None))
+    state: Any = SimpleNamespace(log=SimpleNamespace(signals=signals))
+    assert standing(state, 0, np.ones(101, dtype=bool))[50]
+    assert not standing(state, 0, np.zeros(101, dtype=bool)).any()

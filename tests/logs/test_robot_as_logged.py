@@ -294,3 +294,18 @@ def test_a_joint_that_does_not_move_in_a_log_of_both_positions_is_locked_where_i
     assert both.elastic.tolist() == [True] * 5
     elsewhere = csv(tmp_path / "elsewhere.csv", columns | {"q.axis_3": np.full(400, 0.7)})
     assert robot_as_logged(described, [log, elsewhere]).elastic.tolist() == [True, True, False, True, True]
+
+
+def test_a_joint_that_stands_still_without_torque_is_locked_and_one_with_torque_or_motion_is_not(
+    arm: Path, tmp_path: Path
+) -> None:
+    """The fingers of a gripper in /joint_states: their efforts are zeros, and their positions jitter at most."""
+    columns = waves([f"{s}.axis_{i}" for s in ("q", "tau") for i in range(1, 6)])
+    columns |= {"q.axis_5": 0.02 + 1e-5 * columns["q.axis_5"], "tau.axis_5": np.zeros(400)}
+    columns |= {"q.axis_2": np.full(400, 0.5), "tau.axis_3": np.zeros(400)}  # held by its drive; moves, torque unknown
+    log = csv(tmp_path / "log.csv", columns)
+    robot = robot_as_logged(read_robot(arm), [log])
+    assert robot.held == pytest.approx({"axis_5": 0.02}, abs=1e-5)
+    assert robot.joint_names == ("axis_1", "axis_2", "axis_3", "axis_4")
+    silent = csv(tmp_path / "silent.csv", {name: v for name, v in columns.items() if name.startswith("q")})
+    assert not robot_as_logged(read_robot(arm), [silent]).held
