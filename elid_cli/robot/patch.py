@@ -58,7 +58,7 @@ def patched(robot: Robot, remarks: Sequence[str] = ()) -> str:
     old, new = (in_joint_frames(r) for r in (locked(before, robot.held), robot))
     edit = XmlEdit(text, robot.source)
     if remarks:
-        edit.comment(" ".join(remarks))
+        edit.comment("; ".join(remarks).replace(".; ", ". "))
     changes = {}
     for name in robot.joint_names:
         joint, was = _joint(new, name), _joint(old, name)
@@ -147,19 +147,23 @@ def _near(a: float, b: float) -> bool:
 
 
 def _put(edit: XmlEdit, link: Element, ten: tuple[float, Array, Array]) -> None:
-    """Write a link's inertial: mass, centre (3,), tensor about it (3, 3)."""
+    """Write a link's inertial: mass, centre (3,), tensor about it (3, 3); comments inside stay."""
     mass, centre, tensor = ten
     keys = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
-    inertia = " ".join(f'{key}="{_number(tensor[r, c])}"' for key, r, c in keys)
-    text = (
-        f'<inertial><origin xyz="{" ".join(map(_number, centre))}" rpy="0 0 0"/><mass value="{_number(mass)}"/>'
-        f"<inertia {inertia}/></inertial>"
-    )
+    said = {
+        "origin": {"xyz": " ".join(map(_number, centre)), "rpy": "0 0 0"},
+        "mass": {"value": _number(mass)},
+        "inertia": {key: _number(tensor[r, c]) for key, r, c in keys},
+    }
     old = link.one("inertial")
     if old is None:
-        edit.add_first(link, text)
-    else:
-        edit.replace(old, text)
+        parts = (f"<{tag} " + " ".join(f'{k}="{v}"' for k, v in values.items()) + "/>" for tag, values in said.items())
+        edit.add_first(link, f"<inertial>{''.join(parts)}</inertial>")
+        return
+    if (origin := old.one("origin")) is not None:
+        edit.set_attributes(origin, said.pop("origin"))
+    for tag, values in said.items():
+        _set(edit, old, tag, values)
 
 
 def _inertial(body: Array, what: str) -> tuple[float, Array, Array]:

@@ -62,6 +62,19 @@ def test_new_parameters_read_back_and_nothing_else_changes(text: str, name: str,
     assert kept[0] == kept[1]
 
 
+def test_comments_inside_an_inertial_stay(tmp_path: Path) -> None:
+    text = re.sub(
+        r'(<inertial>.*?)(<mass value="[^"]*"/>)', r"\1<!-- CAD -->\2 <!-- weighed -->", URDF, flags=re.DOTALL
+    )
+    (tmp_path / "arm.urdf").write_text(text)
+    robot = heavier(read_robot(tmp_path / "arm.urdf"))
+    written = patched(robot, ["One sentence.", "a remark", "another"])
+    assert written.count("weighed") == written.count("CAD") == text.count("CAD") > 0
+    assert "<!-- One sentence. a remark; another -->" in written
+    for ours, theirs in zip(robot.joints, robot_from_text(written, "arm.urdf").joints, strict=True):
+        assert theirs.parameters["Iyy"] == pytest.approx(ours.parameters["Iyy"], rel=1e-9)
+
+
 def test_pinocchio_reads_the_patched_urdf_as_elid_does(tmp_path: Path) -> None:
     pin = pytest.importorskip("pinocchio")
     (tmp_path / "arm.urdf").write_text(URDF)
