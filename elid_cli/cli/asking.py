@@ -14,7 +14,7 @@ from elid_cli.robot.robot import BASE, Robot
 
 T = TypeVar("T")
 NONE = "-"
-"""The answer that a signal is not in the log."""
+"""The answer that a signal is not in the log, or that no chain is meant where one is proposed."""
 MEANINGS = {
     "t": "time", "q": "position of the link", "theta": "position of the motor", "tau": "torque of the motor",
     "dq": "velocity of the link", "dtheta": "velocity of the motor", "tau_link": "joint torque sensor",
@@ -37,7 +37,7 @@ def asked(robot: Robot, look: Callable[[Mapping[str, float], Mapping[str, Any]],
     """
     from elid_cli.robot.locking import beside_chain, locked
 
-    tip = tip or _tip(robot)
+    tip = tip or _tip(robot, look({}, {}).chain)
     chain = dict.fromkeys(beside_chain(robot, tip), 0.0) if tip else {}
     known = look(chain, {})
     if known.absent:
@@ -57,7 +57,7 @@ def asked(robot: Robot, look: Callable[[Mapping[str, float], Mapping[str, Any]],
     return known
 
 
-def _tip(robot: Robot) -> str:
+def _tip(robot: Robot, proposed: str) -> str:
     from elid_cli.robot.locking import beside_chain
 
     carriers = {robot.parents[k] for k in range(robot.n)}
@@ -66,12 +66,14 @@ def _tip(robot: Robot) -> str:
         return ""
 
     def check(text: str) -> str:
+        text = "" if text == NONE else text
         if text:
             beside_chain(robot, text)
         return text
 
     links = [name for name, joint in robot.links.items() if joint in tips and joint != BASE]
-    return _value(f"The robot ends in {_names(links or tips)}. One chain: to which? (Enter: all)", "", check)
+    every = f"{NONE}: all" if proposed else "Enter: all"
+    return _value(f"The robot ends in {_names(links or tips)}. One chain: to which? ({every})", proposed, check)
 
 
 def _ratios(joints: tuple[str, ...]) -> dict[str, float]:

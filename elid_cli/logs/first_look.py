@@ -48,6 +48,7 @@ def first_look(
         found=info.taken,
         guesses=tuple(line for line in info.mapping.splitlines() if line),
         missing=info.missing,
+        chain=info.chain,
         absent=tuple(n for n in robot.joint_names if n not in seen.joint_names and n not in hold),
     )
 

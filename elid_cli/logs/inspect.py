@@ -15,7 +15,7 @@ from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.logs.mapping.resolve import fits, resolve
-from elid_cli.logs.mapping.suggest import needed, shorter_chain, suggestion
+from elid_cli.logs.mapping.suggest import needed, proposal
 from elid_cli.logs.reading import layers_of
 from elid_cli.logs.repair.clocks import in_seconds
 from elid_cli.logs.repair.timeline import build
@@ -112,8 +112,8 @@ def inspect_log(path: str | Path, robot: Robot | None = None, mapping: Mapping[s
     if not any(info.rate for info in infos):  # named or not, nothing serves as time
         missing, wanted = ("t", *missing), tuple(dict.fromkeys(("t", *wanted)))
         reasons["t"] = "nothing holds times that advance"
-    proposed = suggestion(raw.channels, chosen.joint_names, wanted, works, units)
-    link = "" if proposed else shorter_chain(raw.channels, chosen, missing)[0]
+    proposed, link = proposal(raw, chosen, raw.channels, wanted, works)
+    proposed = "" if link else proposed  # its lines are of fewer joints than the robot has
     if link:
         notes.append(
             f"its columns cannot be those of {chosen.n} joints, but of the joints that carry {link}: "

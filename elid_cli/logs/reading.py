@@ -20,7 +20,7 @@ from elid_cli.logs.mapping.long_table import reshaped
 from elid_cli.logs.mapping.plan import Layer, Placement, ReadPlan
 from elid_cli.logs.mapping.profiles import known_messages
 from elid_cli.logs.mapping.resolve import resolve
-from elid_cli.logs.mapping.suggest import suggestion
+from elid_cli.logs.mapping.suggest import proposal
 from elid_cli.logs.repair.align import Aligned, align
 from elid_cli.logs.repair.clocks import another_clock, in_seconds
 from elid_cli.logs.repair.reachable import Sampled
@@ -164,7 +164,7 @@ def _read(raw: RawLog, name: str, index: int, options: _Options) -> _Part:
             streams, source=options.time_source, factor=factor, rate=options.rate, name=name, notes=notes
         )
     except LogError as error:
-        line = suggestion(raw.channels, robot.joint_names, ("t",), units=getattr(raw, "units", {}))
+        line = proposal(raw, robot, raw.channels, ("t",), lambda _: True)[0]
         if plan.time is None and line:
             error.detail = next((said for said in plan.unfit if ": t: " in said), error.detail)
             error.hint = f"--map {shlex.quote(line)}, or give the sample rate: --rate 1000"

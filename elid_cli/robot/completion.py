@@ -37,6 +37,8 @@ class Completion:
     """Signals that are needed and that that log does not show."""
     absent: tuple[str, ...] = ()
     """Joints that it does not hold."""
+    chain: str = ""
+    """Link whose chain has as many joints as that log, a table without names, has columns for; empty: not needed."""
 
     def unknown_ratios(self, robot: Robot) -> tuple[str, ...]:
         """Return the joints that move whose gear ratio neither the robot's file nor anybody has told."""
@@ -52,6 +54,8 @@ class Completion:
         unknown = self.unknown_ratios(robot)
         said = [f"gear ratio of {_listed(unknown)}: the rotor is its inertia at the joint, Ja"] if unknown else []
         said += [f"{line.partition(':')[0]}: guessed from names, a comment to be checked" for line in self.guesses]
+        if self.chain and not self.tip:
+            said.append(f"tip: {self.chain} if {visible(self.logged)} holds the joints that carry it alone")
         guessed = {line.partition(":")[0] for line in self.guesses}
         said += [f"{signal}: not found in {visible(self.logged)}" for signal in self.missing if signal not in guessed]
         if self.gains_missing:
@@ -108,13 +112,15 @@ def _lines(robot: Robot, known: Completion) -> Iterator[str]:
 def _kept(known: Completion) -> Iterator[str]:
     if known.tip:
         yield f"tip: {quoted(known.tip)}   # all joints that do not move it are held at 0"
+    elif known.chain:
+        yield f"# tip: {quoted(known.chain)}   # if {visible(known.logged)} holds the joints that carry it alone"
     if known.lock:
         yield "lock:   # rad or m"
         yield from (f"  {quoted(name)}: {value!r}" for name, value in known.lock.items())
     unheld = {name: 0 for name in known.absent if name not in known.lock}
     if unheld and not known.tip:
         yield f"# lock: {inline(unheld)}   # not in {visible(known.logged)}: held at 0 where nothing else is said"
-    if known.tip or known.lock or unheld:
+    if known.tip or known.chain or known.lock or unheld:
         yield ""
 
 

@@ -14,7 +14,7 @@ from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
 from elid_cli.logs.mapping.resolve import fits
-from elid_cli.logs.mapping.suggest import needed, shorter_chain, suggestion
+from elid_cli.logs.mapping.suggest import needed, proposal
 from elid_cli.robot.robot import Robot
 
 MEANING = {"q": "link position", "theta": "motor position", "tau": "torque"}
@@ -121,18 +121,15 @@ class MissingSignal:
         wanted = (signal,) if placement is not None else needed(self.plan, self.robot, units)
         wanted = tuple(s for s in wanted if s != "t" or getattr(self.raw, "timeless", False))
         works = partial(fits, self.raw.channels, self.robot)
-        lines = suggestion(free, self.robot.joint_names, wanted, works, units).splitlines()
-        fitting = " ".join(f"--map {shlex.quote(line)}" for line in lines)
+        lines, link = proposal(self.raw, self.robot, free, wanted, works)
+        fitting = " ".join(f"--map {shlex.quote(line)}" for line in lines.splitlines())
+        if link:
+            return f"if it holds the joints that carry {link} alone, in their order: {fitting} --tip {link}"
         held = [label for channel in free for label in channel.labels]
         if fitting and held and not any(nearest(name, held) for name in self.robot.joint_names):
             before = f"is this a log of {self.robot.name!r}? if so, map it: "
         if not fitting and signal in self.plan.mapped:  # whoever has mapped it knows how to; an example is no answer
             return f"elid info {self.name} lists what it holds"
-        if not fitting:
-            link, chained = shorter_chain(free, self.robot, wanted)
-            maps = " ".join(f"--map {shlex.quote(line)}" for line in chained.splitlines())
-            if link:
-                return f"if it holds the joints that carry {link} alone, in their order: {maps} --tip {link}"
         example = signal if not (signal == "theta" and "q" in needed(self.plan, self.robot)) else "q"
         return before + (fitting or f"--map {example}=PLACE")
 

@@ -7,7 +7,7 @@ reading would run code, follow another file or allocate without bound are named 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -19,6 +19,7 @@ from elid_cli.errors import LogError
 from elid_cli.logs.contract import Channel, LogFormat, Pick, Stream
 from elid_cli.logs.formats.hdf5_contents import LARGE, TIGHT, contents
 from elid_cli.logs.mapping.language import GAINS, SIGNALS
+from elid_cli.logs.mapping.nameless import FIRST, ROWS, is_time
 from elid_cli.logs.source import Source
 from elid_cli.memory import mapped_dataset
 from elid_cli.signals.recording import Recording
@@ -57,6 +58,7 @@ class Hdf5Log:
         self.notes: list[str] = []
         unread = [Channel(p, width=0, kind=kind) for p, kind in (refused or {}).items() if p not in self._gains]
         held = [self._channel(path, labels) for path in datasets]
+        held += [Channel(f"{c.source}{FIRST}", rows=c.rows, kind="column") for c in self._timed(held)]
         width = max((len(labels), *(c.width for c in held if c.source in ("/q", "/theta", "/q_des"))))
         self._gains = {p: np.broadcast_to(v, width) if v.size == 1 and width else v for p, v in self._gains.items()}
         for place, values in self._gains.items():
@@ -90,7 +92,8 @@ class Hdf5Log:
             gain = self._gains.get(pick.source)
             if gain is not None:
                 whole[pick.source] = np.tile(gain, (self._samples(), 1))
-            samples = len(whole[pick.source]) if gain is not None else self._shape(self._datasets[pick.source])[0]
+            held = self._datasets.get(pick.source.removesuffix(FIRST))
+            samples = len(whole[pick.source]) if gain is not None else self._shape(held)[0]
             if time and times[time].size != samples:  # before memory is taken for them
                 raise LogError(
                     f"{self.name}: {pick.source} has {samples} samples, {time} has {times[time].size}",
@@ -121,6 +124,20 @@ class Hdf5Log:
             chosen = own
         return Channel(path, width=width, labels=chosen, rows=rows, kind=f"{dataset.dtype} dataset")
 
+    def _timed(self, channels: Sequence[Channel]) -> Iterator[Channel]:
+        """Yield the array without names, if it is the only one, whose first column is a time: nothing else is one."""
+        wide = [c for c in channels if c.width > 1]
+        if self._time or len(wide) != 1 or wide[0].labels or wide[0].source[1:] in SIGNALS:
+            return
+        dataset = self._datasets[wide[0].source]
+        try:
+            refuse_bomb(dataset, wide[0].source)
+            first = dataset[0, :ROWS] if self._transposed(dataset) else dataset[:ROWS, 0]
+        except (LogError, OSError, RuntimeError, ValueError):
+            return  # its reader says what is wrong
+        if is_time(np.asarray(first, dtype=float).reshape(-1)):
+            yield wide[0]
+
     def _shape(self, dataset: Any) -> tuple[int, int]:
         """Return (samples, values per sample); MATLAB writes arrays transposed."""
         shape = dataset.shape
@@ -137,6 +154,8 @@ class Hdf5Log:
         return bool("MATLAB_class" in dataset.attrs and shape[0] < shape[1])
 
     def _read(self, path: str) -> Array:
+        if path not in self._datasets and path.endswith(FIRST):
+            return self._read(path.removesuffix(FIRST))[:, :1]
         dataset = self._datasets[path]
         refuse_bomb(dataset, f"{self.name}: {path}")
         rows, width = self._shape(dataset)

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from elid_cli.errors import nearest
-from elid_cli.logs.contract import Channel
+from elid_cli.logs.contract import Channel, RawLog
 from elid_cli.logs.mapping.language import UNIT_WORDS
+from elid_cli.logs.mapping.nameless import BLOCKS, NamelessTable, proposed
 from elid_cli.logs.mapping.plan import ReadPlan
-from elid_cli.robot.locking import beside_chain
 from elid_cli.robot.robot import Robot
 
 WORDS: Mapping[str, tuple[str, ...]] = {
@@ -52,9 +52,6 @@ OTHERS: Mapping[str, set[str]] = {
 OTHERS = {**OTHERS, "q": OTHERS["theta"] | {"motor", "rotor", "temperature", "drehmoment", "force", "kraft", "voltage"}}
 POSITIONAL = {"position", "positions", "pos", "q", "qpos", "theta", "angle", "angles", "rad", "deg", "counts", "ticks"}
 """Words, some of them units, of which a message's field has one where it may be a position."""
-HEADERLESS = re.compile(r"column\d+")
-BLOCKS = {1: ("q",), 2: ("q", "tau"), 3: ("q", "dq", "tau"), 4: ("q", "dq", "", "tau")}
-"""Signals of a table without names, by its columns per joint: accelerations are passed over."""
 MOST = 2000
 """Channels that a hint is looked for among: every one is compared with every other."""
 
@@ -89,6 +86,21 @@ def needed(plan: ReadPlan, robot: Robot, units: Mapping[str, str] | None = None)
     return (*lacking, *(() if placed & {"tau", "tau_link", "q_des"} else ("tau",)))
 
 
+def proposal(
+    raw: RawLog, robot: Robot, channels: Sequence[Channel], signals: Sequence[str], works: Callable[[str], bool]
+) -> tuple[str, str]:
+    """Return YAML lines that map `signals` (`suggestion`), and the link to whose chain a table without names belongs.
+
+    That is empty where the whole robot is meant, or the channels have names.
+    """
+    table = NamelessTable.of(channels[:MOST])
+    if table is not None:
+        link, lines = proposed(table, robot, signals, raw.load)
+        if lines:
+            return "\n".join(lines), link
+    return suggestion(channels, robot.joint_names, signals, works, getattr(raw, "units", {})), ""
+
+
 def suggestion(
     channels: Sequence[Channel],
     joints: Sequence[str],
@@ -110,9 +122,6 @@ def suggestion(
         Units that the log's header gives, by column.
     """
     channels = channels[:MOST]
-    columns = [channel.source for channel in channels]
-    if columns and all(map(HEADERLESS.fullmatch, columns)):
-        return "\n".join(_unnamed(columns, len(joints), signals))
     places = list(_places(channels, joints, units or {}))
     lines: list[str] = []
     taken: set[str] = set()
@@ -130,39 +139,6 @@ def suggestion(
         return suggestion(channels, joints, ["theta" if s == "q" else s for s in signals], works, units)
     order = {signal: k for k, signal in enumerate(signals)}
     return "\n".join(sorted(lines, key=lambda line: order[line.partition(":")[0]]))
-
-
-def shorter_chain(channels: Sequence[Channel], robot: Robot, signals: Sequence[str]) -> tuple[str, str]:
-    """Return a link whose chain has as many joints as a table without names has columns for, and the lines then.
-
-    The longest such chain is taken, as the joints beside it are those of a gripper; both are empty where there is none.
-    """
-    columns = [channel.source for channel in channels[:MOST]]
-    if not columns or not all(map(HEADERLESS.fullmatch, columns)):
-        return "", ""
-    chains = {
-        link: robot.n - len(beside_chain(robot, link)) for link, by in robot.links.items() if by in robot.joint_names
-    }
-    for link, joints in sorted(chains.items(), key=lambda item: -item[1]):
-        lines = list(_unnamed(columns, joints, signals)) if joints > 1 else []
-        if set(signals) <= {line.partition(":")[0] for line in lines}:
-            return link, "\n".join(lines)
-    return "", ""
-
-
-def _unnamed(columns: Sequence[str], joints: int, signals: Sequence[str]) -> Iterator[str]:
-    """Yield lines for a table without names: perhaps time, then blocks of one column per joint."""
-    for timed in (1, 0):
-        blocks = BLOCKS.get((len(columns) - timed) // joints) if joints else None
-        if blocks is None or (len(columns) - timed) % joints:
-            continue
-        if timed and "t" in signals:
-            yield f"t: {{from: {columns[0]}}}"
-        for number, signal in enumerate(blocks):
-            first = timed + number * joints
-            if signal in signals or signal == "dq":
-                yield f"{signal}: {{from: [{', '.join(columns[first : first + joints])}]}}"
-        return
 
 
 def _places(channels: Sequence[Channel], joints: Sequence[str], units: Mapping[str, str]) -> Iterator[_Place]:

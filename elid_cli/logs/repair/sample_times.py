@@ -145,7 +145,8 @@ def _lags(steps: _Steps, joints: NDArray[np.intp]) -> Array:
 
     moved, speed = steps.moved[:, joints], steps.speed[:, joints]
     short = moved - speed * steps.dt
-    usual, size = WIDEST * steps.dt, np.maximum(0.3 * np.sqrt(np.mean(short**2, axis=0)), 1e-12)
+    least = 1e-3 * np.sqrt(np.mean(moved**2, axis=0))  # simulated velocities may be exact
+    usual, size = WIDEST * steps.dt, np.maximum(0.3 * np.sqrt(np.mean(short**2, axis=0)), least)
     late = np.zeros(len(moved) + 1)
     for _ in range(ROUNDS):
         weight = speed / size**2
@@ -157,7 +158,7 @@ def _lags(steps: _Steps, joints: NDArray[np.intp]) -> Array:
         bands[0, 1:] = -curve
         late = solveh_banded(bands, np.append(0.0, -pull) + np.append(pull, 0.0))
         left = short + speed * np.diff(late)[:, None]
-        size = 1.48 * np.median(np.abs(left), axis=0) + 1e-3 * np.sqrt(np.mean(moved**2, axis=0))
+        size = 1.48 * np.median(np.abs(left), axis=0) + least
         usual = max(float(np.std(late)), SLIGHT * steps.dt)
     return late
 
