@@ -21,6 +21,7 @@ from elid_cli.signals.moving_joints import at_rest, constant, extremes, held, st
 from elid_cli.signals.options import RATE_PER_CUTOFF
 from elid_cli.signals.options import SignalOptions as SignalOptions
 from elid_cli.signals.recording import Recording, Segment
+from elid_cli.signals.told import told_torque
 from elid_cli.signals.torque_sensors import sensors_of
 from elid_cli.tables import Brief
 
@@ -81,6 +82,8 @@ class Signals(Brief):
     """Joints whose `tau` is what the torque sensor in the transmission reads, for want of the motor's, (n,)."""
     doubts: tuple[str, ...] = ()
     """Why the torque sensors of other joints are not used, a sentence each."""
+    told: Array | None = None
+    """The part of the torques that a delay of the channel moves (`told_torque`), (N, n); None: all of them."""
     recording: Recording | None = None
     """What the signals were made from: estimators that model the raw samples start there."""
     cutoff_free: bool = False
@@ -92,6 +95,11 @@ class Signals(Brief):
     def n(self) -> int:
         """Number of joints."""
         return len(self.joints)
+
+    @property
+    def delayed(self) -> Array:
+        """What a delay of the torque channels moves, (N, n): torques, or what commands make of computed ones."""
+        return self.tau if self.told is None else self.told
 
     @property
     def missing_link(self) -> NDArray[np.bool_]:
@@ -129,7 +137,7 @@ class Signals(Brief):
         tau = np.concatenate([self.tau[part] for part in parts])
         return replace(
             self, motion=motion, tau=tau, tau_link=joined(self.tau_link), temperature=joined(self.temperature),
-            segments=segments,
+            told=joined(self.told), segments=segments,
         )  # fmt: skip
 
     def decimate(self, rows: Array) -> Array:
@@ -204,7 +212,8 @@ def prepare(
     still |= constant(link, segments) | constant(motor, segments) | held(link, motor, robot, segments)
     sensed, doubts = sensors_of(recording, excerpts(segments, dt))
     behind = sensed & recording.link_torque
-    tau, sensed = recording.tau, sensed & ~behind
+    tau, told = told_torque(recording)
+    sensed &= ~behind
     if behind.any() and recording.tau_link is not None:
         tau = np.where(behind, recording.tau_link, tau)
     read = _torque_noise(recording.tau_link, segments, dt) if sensed.any() and recording.tau_link is not None else None
@@ -252,6 +261,7 @@ def prepare(
         sensed=sensed,
         link_torque=behind,
         doubts=doubts,
+        told=told,
         recording=recording,
         cutoff_free=options.cutoff is None,
     )

@@ -161,6 +161,22 @@ def test_a_motor_side_is_guessed_for_position_and_torque_together_or_for_none(tm
     assert "side: motor" not in inspect_log(path, ROBOT).mapping
 
 
+def test_commands_are_guessed_where_there_is_no_torque(tmp_path: Path) -> None:
+    """With the drives' gains they make one; a command of torque is none of a position."""
+    names = {"{j}_pos_rad": Q, "{j}_cmd_rad": Q + 0.01, "{j}_cmd_rad_s": BASE.q, "{j}_cmd_torque": TAU}
+    columns = T | {key: v for name, values in names.items() for key, v in each(name, values).items()}
+    measured = columns | each("{j}_torque_Nm", TAU)
+    lines = inspect_log(text(tmp_path, columns | each("{j}_cmd_torque", TAU)), RIGID).mapping.splitlines()
+    found = {line.partition(":")[0]: line for line in lines}
+    assert "_cmd_torque" in found.pop("tau", "_cmd_torque")  # the nearest thing to one, if nothing else is
+    bare = {key: values for key, values in columns.items() if "torque" not in key}
+    lines = inspect_log(text(tmp_path, bare), RIGID).mapping.splitlines()
+    assert lines == [
+        'q: {from: "{joint}_pos_rad"}', 'q_des: {from: "{joint}_cmd_rad"}', 'dq_des: {from: "{joint}_cmd_rad_s"}',
+    ]  # fmt: skip
+    assert "q_des" not in inspect_log(text(tmp_path, measured), RIGID).mapping
+
+
 def test_what_is_far_beyond_the_robots_limits_is_told(tmp_path: Path) -> None:
     joints = tuple(replace(j, limits=Limits((-3.0, 3.0), velocity=9.0, torque=30.0)) for j in RIGID.joints)
     robot = replace(RIGID, joints=joints)

@@ -183,3 +183,19 @@ def test_meshes_are_weighed_by_mujoco(tmp_path: Path) -> None:
       <body><joint name="b"/><geom type="box" size="0.1 0.1 0.2"/></body></body></body></worldbody></mujoco>"""
     (tmp_path / "arm.xml").write_text(text)
     compared(rigid(read_robot(tmp_path / "arm.xml")), mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml")))
+
+
+def test_gains_of_position_actuators_stand_for_the_drives() -> None:
+    body = "<inertial pos='0 0 0.1' mass='1' diaginertia='.1 .1 .1'/>"
+    arm = f"<body><joint name='a' axis='0 1 0'/>{body}<body><joint name='b' axis='0 1 0'/>{body}</body></body>"
+
+    def control(*actuators: str) -> object:
+        text = f"<mujoco><worldbody>{arm}</worldbody><actuator>{''.join(actuators)}</actuator></mujoco>"
+        return robot_from_text(text, "arm.xml").control
+
+    a, b = "<position joint='a' kp='40' kv='1.5'/>", "<position joint='b' kp='30' kv='1'/>"
+    assert control(a, b) == {"kp": {"a": 40, "b": 30}, "kd": {"a": 1.5, "b": 1}}
+    assert control(a) == control(a, "<motor joint='b'/>") == {}
+    # of these the gains at the joint are another matter
+    for other in ("kp='30'", "kp='30' dampratio='1'", "kp='30' kv='1' gear='2'"):
+        assert control(a, f"<position joint='b' {other}/>") == {}

@@ -11,7 +11,8 @@ import numpy as np
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
-from elid_cli.diagnosis.by_motion.search import Named, search
+from elid_cli.diagnosis.by_motion.search import search
+from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
 from elid_cli.estimation.identify import identify

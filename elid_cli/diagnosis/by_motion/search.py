@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import Candidate, View, edges_of, kinds_of, screened
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
+from elid_cli.diagnosis.by_motion.refits import again, grown, without
+from elid_cli.diagnosis.by_motion.steps import Named
+from elid_cli.diagnosis.by_motion.told_apart import told_apart
 from elid_cli.diagnosis.by_motion.views import views_of
-from elid_cli.estimation.trajectory.fit import CYCLES, TrajectoryFit, fit_trajectory, fitted
-from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, started
+from elid_cli.estimation.trajectory.fit import CYCLES, TrajectoryFit, fit_trajectory
+from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.runs import Run
@@ -33,24 +36,12 @@ HOPEFUL = 0.4
 """The same of one that is tried at all: screening knows nothing of a joint that sticks."""
 ALIKE = 0.9
 """Part of the best effect's gain from which another one does as well."""
-QUICK = 6
-"""Most motions whose slopes are computed while effects come and go; the last fit is a whole one."""
 SHARES = (0.15, 0.25)
 """Parts of the whole work that the first fit and each round take, about; the rest is the report's."""
 SCREENED = 0.6
 """Part of a round after which its effects are chosen, about; the rest fits the motion again."""
 LEAST = 0.15
 """Part of the squared error that an effect must take away, at least, whatever it says itself."""
-
-
-@dataclass(frozen=True)
-class Named:
-    """An effect that the search took, with its gain in blocks not fitted to and what does as well."""
-
-    effect: Effect
-    gain: float
-    helped: float
-    rivals: tuple[Candidate, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -118,6 +109,9 @@ def search(
         if named:
             # what a first effect left while its shape was on its way is none of its own
             fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, len(declared))
+            fit, named, swapped = told_apart(fit, named, len(declared))
+            if swapped:
+                fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, len(declared))
     except KeyboardInterrupt:
         partial = True
     return Searched(before, fit, tuple(named), left, tried, partial, tuple(waiting))
@@ -148,28 +142,6 @@ class _Told:
         """Return what is called with the finished part of the fits that end a round."""
         what = f"round {number + 1} of {ROUNDS} at most: fitting again with {effects} effect{'s' * (effects > 1)}"
         return self.within(what, SHARES[0] + SHARES[1] * (number + SCREENED), SHARES[1] * (1 - SCREENED))
-
-
-def grown(fit: TrajectoryFit, effects: Sequence[Effect], tell: Callable[[float], None] | None = None) -> TrajectoryFit:
-    """Return the fit with further effects, started from what is known."""
-    own = fit.unknowns
-    unknowns = Unknowns(own.robot, (*fit.effects, *effects), own.recordings, own.held)
-    return again(fit, unknowns, _known(fit, unknowns, fit.z[own.amplitudes]), tell)
-
-
-def _known(fit: TrajectoryFit, unknowns: Unknowns, amplitudes: Array) -> Array:
-    """Return what is known of other unknowns of a fit, (U,), with amplitudes of the first effects."""
-    z = started(unknowns, fit.values, amplitudes.tolist())
-    z[unknowns.delays] = fit.delays
-    return z
-
-
-def again(
-    fit: TrajectoryFit, unknowns: Unknowns, z: Array, tell: Callable[[float], None] | None = None, cycles: int = QUICK
-) -> TrajectoryFit:
-    """Return a fit of other unknowns to the same stretches; delays stay at 0 where the log does not show them."""
-    tracked = [replace(item) for item in fit.tracked]
-    return fitted(unknowns, tracked, z, prompt=not fit.delays.any(), tell=tell, cycles=cycles)
 
 
 def _dropped(
@@ -296,12 +268,3 @@ def _judged(fit: TrajectoryFit, views: Sequence[View], place: int, item: Named) 
     blocks = Blocks.of(columns, bare, edges_of(views))
     share, helped = gain(blocks.left(~of_effect), blocks.left())
     return replace(item, effect=fit.effects[place], gain=share, helped=helped)
-
-
-def without(fit: TrajectoryFit, places: set[int], tell: Callable[[float], None] | None = None) -> TrajectoryFit:
-    """Return the fit without some of its effects, none of them declared."""
-    own = fit.unknowns
-    kept = [k for k in range(len(own.effects)) if k not in places]
-    unknowns = Unknowns(own.robot, tuple(fit.effects[k] for k in kept), own.recordings, own.held)
-    left = np.concatenate([np.zeros(0), *(fit.z[own.amplitudes_of(k)] for k in kept)])
-    return again(fit, unknowns, _known(fit, unknowns, left), tell)

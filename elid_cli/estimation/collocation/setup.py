@@ -233,12 +233,13 @@ class Setup:
             if row.kind == "link":
                 mask[number] = 1.0
                 continue
-            raw, delay = signals.tau[part, row.joint], self._delay[row.joint]
+            raw, delay = signals.delayed[part, row.joint], self._delay[row.joint]
             known = np.isfinite(raw)
             t = np.arange(len(raw)) * signals.dt
             acting = np.interp(t - delay, t[known], raw[known]) if known.any() else np.zeros(len(raw))
             mask[number] = known.reshape(-1, every).all(axis=1)
-            torque[number] = acting.reshape(-1, every).mean(axis=1)
+            at_once = np.nan_to_num(signals.tau[part, row.joint] - raw)
+            torque[number] = (acting + at_once).reshape(-1, every).mean(axis=1)
             if self._free[row.joint]:
                 noise = float(np.nan_to_num(signals.noise.tau[row.joint]))
                 rate[number] = _rate(acting, noise, signals.dt).reshape(-1, every).mean(axis=1)

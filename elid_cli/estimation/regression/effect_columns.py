@@ -69,6 +69,7 @@ def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
         motion=motion,
         dt=signals.dt,
         tau=np.where(np.isfinite(tau), tau, predicted),
+        told=None if signals.told is None else _joined_rows(signals.told, signals.segments),
         load=load,
         predicted=predicted,
         parameters=np.nan_to_num(standard),

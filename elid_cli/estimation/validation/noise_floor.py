@@ -20,6 +20,7 @@ from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Regressor
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.spline_fit import fit_spline
+from elid_cli.signals.told import loop_gains
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,17 @@ def _rates(
 
 
 def _torque_noise(signals: Signals, generator: np.random.Generator) -> Array:
-    return generator.standard_normal(signals.tau.shape) * np.nan_to_num(signals.noise.tau)
+    """Return noise of the torques, (N, n): white, but in torques computed from positions what white noise of these is.
+
+    That is far from white, and counts little below the filter's cut-off.
+    """
+    noise = generator.standard_normal(signals.tau.shape) * np.nan_to_num(signals.noise.tau)
+    kp, kd = loop_gains(signals.recording)
+    for k in np.flatnonzero((kp > 0) | (kd > 0)):
+        size = float(np.nan_to_num(signals.noise.q[k] if np.isfinite(signals.noise.q[k]) else signals.noise.theta[k]))
+        positions = size * generator.standard_normal(len(noise))
+        noise[:, k] = kp[k] * positions + kd[k] * np.gradient(positions, signals.dt)
+    return noise
 
 
 def _reading_noise(signals: Signals, generator: np.random.Generator) -> Array:

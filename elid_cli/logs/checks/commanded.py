@@ -13,6 +13,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.logs.mapping.language import COMMANDS, GAINS
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.told import held_mean
 
 DIFFERENT = 0.01
 """Relative difference of a gain in log and robot file that is worth a word."""
@@ -43,6 +44,7 @@ def gains_of(
         logged = signals.get(gain)
         if logged is None:
             if np.isfinite(described).any():
+                notes.append(f"{gain} is the robot file's")
                 found[gain] = np.broadcast_to(described, (samples, robot.n))
             continue
         usual = np.nanmedian(np.where(np.isfinite(logged).any(axis=0), logged, 0.0), axis=0)
@@ -62,8 +64,7 @@ def commanded_torque(
     gains: Mapping[str, Array],
     segments: Sequence[tuple[int, int]],
     dt: float,
-    robot: Robot | None = None,
-    late: Array | None = None,
+    robot: Robot,
 ) -> tuple[Array, list[str]]:
     """Return the torque that the drives made of their commands, (N, n), NaN where it is not known, and notes.
 
@@ -78,25 +79,20 @@ def commanded_torque(
     dt
         Sample time, s.
     robot
-        Its torque limits cut the torque; None: nothing does.
-    late
-        How much later than logged the commands act, s, (n,); None: at once.
+        Its torque limits cut the torque.
     """
     q = _first(signals, "q", "theta")
-    late = np.zeros(q.shape[1]) if late is None else late / dt
     dq = _first(signals, "dq", "dtheta")
-    told = {name: _acting(signals[name], segments, late) for name in COMMANDS if name in signals and name not in GAINS}
+    told = {name: held_mean(signals[name], segments) for name in COMMANDS if name in signals and name not in GAINS}
     notes = []
     slow = np.isnan(dq).all(axis=0)
     if slow.any():
         dq = dq.copy()
         for start, stop in segments:
-            dq[start:stop, slow] = np.gradient(q[start:stop, slow], dt, axis=0)
+            dq[start:stop, slow] = _rate(q[start:stop, slow], dt)
         notes.append("no velocity is logged: the drives' is taken from differences of the positions")
     tau = gains["kp"] * (told["q_des"] - q) + gains["kd"] * (_known(told.get("dq_des"), q) - dq)
     tau += _known(told.get("tau_ff"), q)
-    if robot is None:
-        return tau, notes
     bounds = np.array([np.inf if joint.limits.torque is None else joint.limits.torque for joint in robot.joints])
     cut = np.count_nonzero(np.abs(tau) > bounds, axis=0)
     for j in np.flatnonzero(cut).tolist():
@@ -105,6 +101,17 @@ def commanded_torque(
             f"{robot.joint_names[j]}: commands ask for more than {bounds[j]:g} in {share:.2g} % of the samples"
         )
     return np.clip(tau, -bounds, bounds), notes
+
+
+def _rate(values: Array, dt: float) -> Array:
+    """Return the rate of samples (N, k) by central differences of fourth order.
+
+    Those of second order are too small by (ω dt)² / 6: at 250 Hz and 2 Hz of motion kd times 0.04 % of friction.
+    """
+    rate = np.gradient(values, dt, axis=0) if len(values) > 1 else np.zeros_like(values)
+    if len(values) > 4:
+        rate[2:-2] = (8.0 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])) / (12.0 * dt)
+    return rate
 
 
 def _first(signals: Mapping[str, Array], one: str, other: str) -> Array:
@@ -120,21 +127,3 @@ def _known(values: Array | None, like: Array) -> Array:
     if values is None:
         return np.zeros_like(like)
     return np.where(np.isnan(values).all(axis=0), 0.0, values)
-
-
-def _acting(command: Array, segments: Sequence[tuple[int, int]], late: Array) -> Array:
-    """Return a held command's mean over the sample about each instant, `late` samples (n,) after it was logged."""
-    acting = command.copy()
-    for start, stop in segments:
-        if not late.any():  # without the rounding of a sum over the whole stretch
-            acting[start + 1 : stop] += command[start : stop - 1]
-            acting[start + 1 : stop] /= 2.0
-            continue
-        # what a held command amounts to since the start is a line between the samples
-        so_far = np.zeros((stop - start + 1, command.shape[1]))
-        np.cumsum(command[start:stop] - command[start], axis=0, out=so_far[1:])
-        places = np.arange(stop - start + 1, dtype=float)
-        for k in range(command.shape[1]):
-            edges = np.maximum(np.arange(stop - start + 1) - 0.5 - late[k], 0.0)
-            acting[start:stop, k] = command[start, k] + np.diff(np.interp(edges, places, so_far[:, k]))
-    return acting

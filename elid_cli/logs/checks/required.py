@@ -128,7 +128,8 @@ def _compute_torque(
     who = "" if made.all() else f" of {' '.join(np.array(robot.joint_names)[made])}"
     notes += [
         *said,
-        f"tau{who} is computed: kp (q_des - q) + kd (dq_des - dq){' + tau_ff' * ('tau_ff' in filled)}",
+        f"tau{who} is computed: kp (q_des - q) + kd (dq_des - dq){' + tau_ff' * ('tau_ff' in filled)}; a torque delay "
+        "is that of the commands, as the drive has its positions at once",
         *more,
     ]
     return f"command{who}"

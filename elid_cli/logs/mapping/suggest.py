@@ -25,6 +25,9 @@ WORDS: Mapping[str, tuple[str, ...]] = {
 """Words that name a signal, the surest first."""
 CURRENTS = {"current", "strom", "courant", "corriente", "i", "u", "voltage"}
 TOLD = {"ref", "cmd", "des", "desired", "target", "soll", "command", "commanded", "reference", "setpoint"}
+COMMANDED = {"q_des": False, "dq_des": True}
+"""What a drive is told of its position loop, and whether it is a rate."""
+NO_POSITION = {"tau", "taum", "torque", "effort", "current", "moment", "strom", "force", "voltage", "temperature"}
 RATES = {
     "vel",
     "velocity",
@@ -123,22 +126,30 @@ def suggestion(
     """
     channels = channels[:MOST]
     places = list(_places(channels, joints, units or {}))
-    lines: list[str] = []
     taken: set[str] = set()
-    for signal in sorted(signals, key=lambda name: tuple(WORDS).index(name) if name in WORDS else len(WORDS)):
-        free = (k for k, p in enumerate(places) if p.source not in taken or p.block == signal)
-        ranked = sorted(((-_score(signal, places[k]), k) for k in free), key=lambda r: r)
-        for score, k in ranked:
-            line = f"{signal}: {_spec(signal, places[k])}" if score < 0 else ""
-            if line and works(line):
-                lines.append(line)
-                taken.add(places[k].source if not places[k].channel.field else "")
-                break
+    lines = list(_fitting(places, signals, works, taken))
     found = {line.partition(":")[0] for line in lines}
     if "q" in signals and not found & {"q", "theta"} and "theta" not in signals:  # motors' positions are all there are
         return suggestion(channels, joints, ["theta" if s == "q" else s for s in signals], works, units)
     order = {signal: k for k, signal in enumerate(signals)}
-    return "\n".join(sorted(lines, key=lambda line: order[line.partition(":")[0]]))
+    lines.sort(key=lambda line: order[line.partition(":")[0]])
+    if "tau" in set(signals) - found and (lines or "q" not in signals):  # of commands a torque can be computed
+        lines += _fitting(places, tuple(COMMANDED), works, taken)
+    return "\n".join(lines)
+
+
+def _fitting(
+    places: Sequence[_Place], signals: Sequence[str], works: Callable[[str], bool], taken: set[str]
+) -> Iterator[str]:
+    """Yield a line for every signal that some free place fits; places are added to those that are `taken`."""
+    for signal in sorted(signals, key=lambda name: tuple(WORDS).index(name) if name in WORDS else len(WORDS)):
+        free = (k for k, p in enumerate(places) if p.source not in taken or p.block == signal)
+        for score, k in sorted((-_score(signal, places[k]), k) for k in free):
+            line = f"{signal}: {_spec(signal, places[k])}" if score < 0 else ""
+            if line and works(line):
+                yield line
+                taken.add(places[k].source if not places[k].channel.field else "")
+                break
 
 
 def _places(channels: Sequence[Channel], joints: Sequence[str], units: Mapping[str, str]) -> Iterator[_Place]:
@@ -240,6 +251,9 @@ def _score(signal: str, place: _Place) -> float:
     if place.block is not None:
         return float(place.block == signal)
     words = words_of(f"{channel.source}.{channel.field}")
+    if signal in COMMANDED:
+        rated = bool(RATES & set(words) or re.search(r"rad_?s$|deg_?s$", channel.address.lower()))
+        return float(bool(TOLD & set(words)) and rated == COMMANDED[signal] and not NO_POSITION & set(words))
     if signal not in WORDS or OTHERS[signal] & set(words) or re.search(r"rad_?s$|deg_?s$", channel.address.lower()):
         return 0.0
     position = channel.field and signal in ("q", "theta")
@@ -277,11 +291,13 @@ def _spec(signal: str, place: _Place) -> str:
     if signal == "q" and "defl" in channel.address.lower():
         parts.append("add: theta")
     unit = place.unit
+    if COMMANDED.get(signal):
+        unit = "deg/s" if re.search(r"deg_?s$", channel.address.lower()) else ""
     if signal == "t":
         unit = unit if unit in ("s", "ms", "us", "ns") else "s"
     if signal == "tau" and not unit and CURRENTS & set(words_of(channel.address)) - {"u", "i"}:
         unit = "A"
-    if unit and unit not in (("rad", "m") if signal in ("q", "theta") else ("N.m", "N")):
+    if unit and unit not in (("rad", "m") if signal in ("q", "theta", "q_des") else ("N.m", "N")):
         parts.append(f"unit: {unit}" if re.fullmatch(r"[\w./:]+|\{.*\}", unit) else f'unit: "{unit}"')
     if signal == "tau" and unit in ("A", "mA"):
         parts.append("scale: 1.0")

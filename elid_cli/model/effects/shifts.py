@@ -20,6 +20,7 @@ from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.time_shift import shifted
+from elid_cli.signals.told import at_limit
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ def _moved_by(spec: EffectSpec) -> Channel | None:
     return None if kind is None else kind.corrects
 
 
-def corrected(signals: Signals, shifts: Shifts, *, commands: bool = False) -> Signals:
+def corrected(signals: Signals, shifts: Shifts) -> Signals:
     """Return the signals with late channels moved to where they belong, segment by segment.
 
     Parameters
@@ -89,15 +90,13 @@ def corrected(signals: Signals, shifts: Shifts, *, commands: bool = False) -> Si
     signals
         As logged.
     shifts
-        By how much channels are late.
-    commands
-        Of torques that were computed from commands, whether the commands are late, while the drive has the positions
-        in them at once; else the torque as a whole.
+        By how much channels are late. Of torques that were computed from commands the commands are: the drive has the
+        positions in them at once.
     """
     if not shifts:
         return signals
     motion, tau = signals.motion, signals.tau.copy()
-    told = _told_later(signals, shifts) if commands else None
+    told = None if signals.told is None else signals.told.copy()
     link = [motion.q.copy(), motion.dq.copy(), motion.ddq.copy()]
     for segment in signals.segments:
         part = slice(segment.start, segment.stop)
@@ -105,12 +104,13 @@ def corrected(signals: Signals, shifts: Shifts, *, commands: bool = False) -> Si
             if shifts.link[k] and not signals.still[k]:
                 for channel in link:
                     channel[part, k] = shifted(channel[part, k], float(shifts.link[k]) / signals.dt)
-            if told is not None and np.isfinite(told[part, k]).all():
-                tau[part, k] = told[part, k]
-            elif shifts.torque[k]:
-                tau[part, k] = _later(tau[part, k], float(shifts.torque[k]) / signals.dt)
+            if shifts.torque[k]:
+                late = _later(signals.delayed[part, k], float(shifts.torque[k]) / signals.dt)
+                tau[part, k] = late if told is None else tau[part, k] + (late - told[part, k])
+                if told is not None:
+                    told[part, k] = late
     moved = Motion(motion.t, link[0], link[1], link[2], motion.theta, motion.dtheta, motion.ddtheta)
-    return replace(signals, motion=moved, tau=tau)
+    return replace(signals, motion=moved, tau=tau if told is None else _cut(signals.tau, tau), told=told)
 
 
 def delivered(signals: Signals, drives: Sequence[tuple[Effect, Array]]) -> Signals:
@@ -131,27 +131,10 @@ def delivered(signals: Signals, drives: Sequence[tuple[Effect, Array]]) -> Signa
     return replace(signals, tau=tau)
 
 
-def _told_later(signals: Signals, shifts: Shifts) -> Array | None:
-    """Return the torque of drives whose commands act later than logged, (N, n), NaN of those whose torque was logged.
-
-    The positions in it are not late: the drive has them at once.
-    """
-    recording = signals.recording
-    if recording is None or len(recording.t) != len(signals.tau):
-        return None
-    late = recording.commanded & (shifts.torque != 0)
-    if not late.any():
-        return None
-    from elid_cli.logs.checks.commanded import commanded_torque
-
-    values = {"q": recording.q, "theta": recording.theta, **recording.commands}
-    values |= {name: v for name in ("dq", "dtheta") if (v := recording.signal(name)) is not None}
-    bounds = [(segment.start, segment.stop) for segment in recording.segments]
-    tau, _ = commanded_torque(values, recording.commands, bounds, recording.dt, late=shifts.torque)
-    # a drive that was cut at its limit in this log is cut there still
-    most = np.nanmax(np.abs(recording.tau), axis=0)
-    cut = np.count_nonzero(np.abs(recording.tau) == most, axis=0) > 1
-    return np.where(late, np.where(cut, np.clip(tau, -most, most), tau), np.nan)
+def _cut(logged: Array, moved: Array) -> Array:
+    """Return torques (N, n) cut where those that were logged are: a drive that was at its limit is there still."""
+    most = np.nan_to_num(np.abs(logged)).max(axis=0)
+    return np.where(at_limit(logged).any(axis=0), np.clip(moved, -most, most), moved)
 
 
 def _later(values: Array, samples: float) -> Array:

@@ -14,6 +14,8 @@ from elid_cli.robot.robot import Robot
 
 SHOWN = 40
 """Channels printed without --all."""
+COMPUTED = "tau is computed from q_des with the drives' gains: --kp GAIN --kd GAIN, or control: in the robot file"
+"""What is said where a log's commands stand for its torque."""
 
 
 def info_report(
@@ -67,6 +69,8 @@ def log_sections(info: LogInfo, number: int = 0) -> list[Section]:
             Text(f"suggested{suffix}", f"{what} cannot be placed by name; a guess for --map, to be checked:"),
             Text(f"mapping{suffix}", info.mapping.rstrip("\n"), "code"),
         ]
+        if "\nq_des:" in f"\n{info.mapping}":
+            sections.append(Text(f"computed{suffix}", COMPUTED))
     return sections
 
 
@@ -111,7 +115,9 @@ def mapping_lines(info: LogInfo) -> list[str]:
     found = {signal: entry for signal, entry in info.resolved.items() if signal not in names}
     lines = [f"# where {info.file} keeps its signals", *emit(found)] if found else []
     lines += ["# guessed from names, to be checked", *guessed] if guessed else []
-    left = [s for s in info.missing if not any(line.startswith(f"{s}:") for line in guessed)]
+    computed = {"tau"} if "q_des" in names else set()
+    left = [s for s in info.missing if s not in names | computed]
+    lines += [f"# {COMPUTED}"] if computed else []
     return lines + [f"# {signal}: {{from: …}}   # not found" for signal in left]
 
 

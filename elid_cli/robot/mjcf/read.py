@@ -7,7 +7,7 @@ the inertia of bodies that have nothing but meshes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -86,12 +86,13 @@ class MjcfTree:
         springs = tuple(spec for item in self.moving for spec in self._spring(item))
         x, y, z = merged(self.root, "option").numbers("gravity", (0.0, 0.0, -9.81))
         notes = [f"{name} is held fixed: free joints are not modelled" for name in self.held]
+        control = self._control(names)
         tendons = [tendon for holder in self.root.all("tendon") for tendon in holder.children]
         if tendons:
             notes.append(f"{len(tendons)} tendons are not modelled")
         return Robot(
             name=self.root.attributes.get("model") or Path(self.file).stem,
-            joints=joints, gravity=(x, y, z), dh="urdf", effects=springs, links=self.links,
+            joints=joints, gravity=(x, y, z), dh="urdf", effects=springs, links=self.links, control=control,
             notes=(*notes, *self.root.faults),
         )  # fmt: skip
 
@@ -213,6 +214,22 @@ class MjcfTree:
             for element in holder.children:
                 if element.tag in ACTUATORS and element.attributes.get("joint") == joint:
                     yield self.conventions.effective(element, MAIN)
+
+    def _control(self, joints: Sequence[str]) -> dict[str, dict[str, float]]:
+        """Return gains of the position actuators, empty unless every joint has one of which both are told.
+
+        A damping ratio is none: it depends on the inertia that the compiler sees. Commands of one with a gear are not
+        positions of the joint.
+        """
+        gains: dict[str, dict[str, float]] = {"kp": {}, "kd": {}}
+        for name in joints:
+            for actuator in self._actuators(name):
+                told = {"kp", "kv"} <= set(actuator.attributes) and "dampratio" not in actuator.attributes
+                direct = "gear" not in actuator.attributes or first_number(actuator, "gear") == 1.0
+                if actuator.tag == "position" and told and direct:
+                    gains["kp"][name] = actuator.number("kp", 0.0)
+                    gains["kd"][name] = actuator.number("kv", 0.0)
+        return gains if set(gains["kp"]) == set(joints) else {}
 
     @staticmethod
     def _torque(actuator: Element) -> float:

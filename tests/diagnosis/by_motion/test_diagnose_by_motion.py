@@ -11,7 +11,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from elid_cli.cli import main
-from elid_cli.diagnosis.by_motion.search import grown
+from elid_cli.diagnosis.by_motion.refits import grown
 from elid_cli.estimation.trajectory.fit import fit_trajectory
 from elid_cli.estimation.trajectory.found_effects import fitted_effects
 from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
@@ -157,8 +157,28 @@ def test_pictures_show_the_motion_and_options_of_the_other_search_are_told(
     assert {"errors", "parameters"} <= drawn
 
 
+def test_what_a_linear_step_cannot_tell_the_motion_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Friction that bends with speed, and a fall at low speed, took nine tenths of the error each."""
+    log = moved(7, 10.0, push=lambda x, v, load: 0.25 * v * np.abs(v) * [0, 1, 0], noise=2e-5)
+    robot(tmp_path)
+    found = told(capsys, "diagnose", written(tmp_path, "log.h5", log), "--robot", str(tmp_path / "pendulums.xml"))
+    assert [(e["effect"], e["joint"]) for e in found["effects"]] == [("quadratic_viscous", "two")]
+    assert found["effects"][0]["parameters"]["amplitude"] == pytest.approx(0.25, rel=0.05)
+    assert found["also_possible"] == []
+
+
+def test_another_effect_is_clearly_worse_in_every_block_or_not_at_all() -> None:
+    from elid_cli.diagnosis.by_motion.told_apart import _clearly_more
+
+    least = np.array([1.0, 2.0, 1.5])
+    assert _clearly_more(2.0 * least, least)
+    assert not _clearly_more(1.2 * least, least)
+    assert not _clearly_more(least * [0.9, 9.0, 9.0], least)
+
+
 def test_a_companion_must_help_every_block() -> None:
-    from elid_cli.diagnosis.by_motion.search import Named, left_by_main
+    from elid_cli.diagnosis.by_motion.search import left_by_main
+    from elid_cli.diagnosis.by_motion.steps import Named
     from elid_cli.model.effects import effect_classes
 
     def named(effect: str, joint: int, gain: float, helped: float = 1.0) -> Named:

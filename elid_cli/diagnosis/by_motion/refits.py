@@ -1,0 +1,47 @@
+"""Fits of other effects to the same stretches, started from what a fit knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
+from elid_cli.estimation.trajectory.unknowns import Unknowns, started
+from elid_cli.model.effects.effect import Effect
+
+QUICK = 6
+"""Most motions whose slopes are computed while effects come and go; the last fit is a whole one."""
+
+
+def grown(fit: TrajectoryFit, effects: Sequence[Effect], tell: Callable[[float], None] | None = None) -> TrajectoryFit:
+    """Return the fit with further effects, started from what is known."""
+    own = fit.unknowns
+    unknowns = Unknowns(own.robot, (*fit.effects, *effects), own.recordings, own.held)
+    return again(fit, unknowns, known_of(fit, unknowns, fit.z[own.amplitudes]), tell)
+
+
+def known_of(fit: TrajectoryFit, unknowns: Unknowns, amplitudes: Array) -> Array:
+    """Return what is known of other unknowns of a fit, (U,), with amplitudes of the first effects."""
+    z = started(unknowns, fit.values, amplitudes.tolist())
+    z[unknowns.delays] = fit.delays
+    return z
+
+
+def again(
+    fit: TrajectoryFit, unknowns: Unknowns, z: Array, tell: Callable[[float], None] | None = None, cycles: int = QUICK
+) -> TrajectoryFit:
+    """Return a fit of other unknowns to the same stretches; delays stay at 0 where the log does not show them."""
+    tracked = [replace(item) for item in fit.tracked]
+    return fitted(unknowns, tracked, z, prompt=not fit.delays.any(), tell=tell, cycles=cycles)
+
+
+def without(fit: TrajectoryFit, places: set[int], tell: Callable[[float], None] | None = None) -> TrajectoryFit:
+    """Return the fit without some of its effects, none of them declared."""
+    own = fit.unknowns
+    kept = [k for k in range(len(own.effects)) if k not in places]
+    unknowns = Unknowns(own.robot, tuple(fit.effects[k] for k in kept), own.recordings, own.held)
+    left = np.concatenate([np.zeros(0), *(fit.z[own.amplitudes_of(k)] for k in kept)])
+    return again(fit, unknowns, known_of(fit, unknowns, left), tell)

@@ -1,0 +1,18 @@
+"""What the search by motion takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from elid_cli.diagnosis.by_motion.candidates import Candidate
+from elid_cli.model.effects.effect import Effect
+
+
+@dataclass(frozen=True)
+class Named:
+    """An effect that the search took, with its gain in blocks not fitted to and what does as well."""
+
+    effect: Effect
+    gain: float
+    helped: float
+    rivals: tuple[Candidate, ...] = ()

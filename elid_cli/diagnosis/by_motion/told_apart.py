@@ -1,0 +1,89 @@
+"""Effects that did as well in a linear step, each tried in the place of the one that was taken.
+
+A linear step is of the motion without the effect, and forgives shapes that are not quite right. What is left once the
+motion follows decides: an effect that leaves clearly more in every block of time cannot be what the robot has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.diagnosis.by_motion.candidates import Candidate
+from elid_cli.diagnosis.by_motion.refits import again, known_of
+from elid_cli.diagnosis.by_motion.steps import Named
+from elid_cli.errors import DataError
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.unknowns import Unknowns
+
+MORE = 1.5
+"""Times the squared error of another effect that is clearly more, where it is more in every block of time."""
+
+
+def told_apart(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tuple[TrajectoryFit, list[Named], bool]:
+    """Return the fit and its effects with the rivals that do as well, and whether a rival took an effect's place.
+
+    Parameters
+    ----------
+    fit
+        The fit with the effects of `named`, after as many that are `declared`.
+    named
+        What the search took, with rivals by screening.
+    declared
+        Number of effects that the robot declares.
+    """
+    left = {k: list[Candidate]() for k in range(len(named))}
+    better: dict[int, Candidate] = {}
+    before = fit.equations.lighter
+    for chosen in _turns(named):
+        trial = _in_place(fit, {declared + k: rival for k, rival in chosen.items()})
+        for k, rival in chosen.items():
+            joint = rival.effect.joint
+            mine, its = before[:, joint], None if trial is None else trial.equations.lighter[:, joint]
+            if its is None or not _clearly_more(its, mine):
+                left[k].append(rival)
+            if its is not None and _clearly_more(mine, its):
+                better[k] = rival
+    result = [replace(item, rivals=tuple(left[k])) for k, item in enumerate(named)]
+    found = _in_place(fit, {declared + k: rival for k, rival in better.items()}) if better else None
+    if found is None:
+        return fit, result, False
+    for k, rival in better.items():
+        others = tuple(c for c in result[k].rivals if c is not rival)
+        result[k] = Named(rival.effect, rival.gain, rival.helped, others)
+    return found, result, True
+
+
+def _clearly_more(error: Array, other: Array) -> bool:
+    """Whether a squared error (B,) is clearly more than another one."""
+    return bool(error.sum() > MORE * other.sum() and (error > other).all())
+
+
+def _turns(named: Sequence[Named]) -> Iterator[dict[int, Candidate]]:
+    """Yield rivals by the number of what they replace: every one once, at most one of a joint at a time."""
+    waiting = [(k, rival) for k, item in enumerate(named) for rival in item.rivals]
+    while waiting:
+        taken: dict[int, tuple[int, Candidate]] = {}
+        for k, rival in waiting:
+            taken.setdefault(rival.effect.joint, (k, rival))
+        yield dict(taken.values())
+        done = {id(rival) for _, rival in taken.values()}
+        waiting = [(k, rival) for k, rival in waiting if id(rival) not in done]
+
+
+def _in_place(fit: TrajectoryFit, rivals: dict[int, Candidate]) -> TrajectoryFit | None:
+    """Return the fit with other effects in the places of some; None where the motion runs away."""
+    own = fit.unknowns
+    effects = [rivals[k].effect if k in rivals else effect for k, effect in enumerate(fit.effects)]
+    unknowns = Unknowns(own.robot, tuple(effects), own.recordings, own.held)
+    parts = [
+        np.zeros(len(effect.amplitudes)) if k in rivals else fit.z[own.amplitudes_of(k)]
+        for k, effect in enumerate(effects)
+    ]
+    try:
+        return again(fit, unknowns, known_of(fit, unknowns, np.concatenate(parts)))
+    except DataError:
+        return None

@@ -1,0 +1,84 @@
+"""The part of a torque that a drive was told: what a delay between commands and motion moves.
+
+A torque that was computed from commands, kp (q_des - q) + kd (dq_des - dq) + tau_ff, holds the measured position, which
+the drive has at once. Where its commands act later than they were logged, only they do: moved as a whole, the torque
+would give kp times the delay to viscous friction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.signals.recording import Recording
+
+
+def told_torque(recording: Recording) -> tuple[Array, Array | None]:
+    """Return the torques, and the part of them that was told, (N, n) each, N·m (N); None: all torques were logged.
+
+    Of a torque that was computed that part is what its commands make of it at position and speed 0. Commands count for
+    what their stairs amount to below the sample rate (`smoothed_stairs`).
+    """
+    computed = recording.commanded
+    if not computed.any():
+        return recording.tau, None
+    commands = recording.commands
+    bounds = [(segment.start, segment.stop) for segment in recording.segments]
+    told, finer = np.zeros((2, *recording.tau.shape))
+    for gain, name in ((commands["kp"], "q_des"), (commands["kd"], "dq_des"), (1.0, "tau_ff")):
+        if name in commands:
+            held = held_mean(commands[name], bounds)
+            stairs = smoothed_stairs(held, bounds)
+            told += gain * np.nan_to_num(stairs)
+            finer += gain * np.nan_to_num(stairs - held)
+    free = ~at_limit(recording.tau)
+    return np.where(computed & free, recording.tau + finer, recording.tau), np.where(computed, told, recording.tau)
+
+
+def loop_gains(recording: Recording | None) -> tuple[Array, Array]:
+    """Return the gains of position loops whose speeds are differences of the logged positions, (n,) each; else 0.
+
+    N·m/rad and N·m·s/rad (N/m, N·s/m). By them the noise of the positions enters computed torques.
+    """
+    if recording is None or not recording.commanded.any():
+        nothing = np.zeros(0 if recording is None else recording.n)
+        return nothing, nothing
+    differenced = recording.commanded.copy()
+    for name in ("dq", "dtheta"):
+        if (speeds := recording.signal(name)) is not None:
+            differenced &= ~np.isfinite(speeds).any(axis=0)
+    kp, kd = (np.nan_to_num(np.nanmedian(recording.commands[gain], axis=0)) for gain in ("kp", "kd"))
+    return np.where(differenced, kp, 0.0), np.where(differenced, kd, 0.0)
+
+
+def held_mean(command: Array, segments: Sequence[tuple[int, int]]) -> Array:
+    """Return a held command's mean over the sample about each instant, (N, n)."""
+    mean = command.copy()
+    for start, stop in segments:
+        mean[start + 1 : stop] += command[start : stop - 1]
+        mean[start + 1 : stop] /= 2.0
+    return mean
+
+
+def smoothed_stairs(mean: Array, segments: Sequence[tuple[int, int]]) -> Array:
+    """Return what is left of a held command's stairs where all above the sample rate is taken out, (N, n).
+
+    Its mean over a sample (`held_mean`) is smaller at frequency f by (π f dt)² / 3; the means before and after make up
+    for that to the fourth order.
+    """
+    stairs = mean.copy()
+    for start, stop in segments:
+        inner = slice(start + 2, max(stop - 1, start + 2))
+        around = mean[inner.start - 1 : inner.stop - 1] + mean[inner.start + 1 : inner.stop + 1]
+        stairs[inner] += (2.0 * mean[inner] - around) / 12.0
+    return stairs
+
+
+def at_limit(tau: Array) -> NDArray[np.bool_]:
+    """Return where torques (N, n) are at their joint's largest, if that occurs more than once: drives at a limit."""
+    size = np.nan_to_num(np.abs(tau))
+    top: NDArray[np.bool_] = (size == size.max(axis=0)) & (size > 0)
+    return np.asarray(top & (np.count_nonzero(top, axis=0) > 1), dtype=np.bool_)
