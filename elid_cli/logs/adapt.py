@@ -24,7 +24,7 @@ from elid_cli.logs.writing import recognise
 from elid_cli.robot.locking import beyond_limits, locked
 from elid_cli.robot.robot import Joint, Robot
 
-SAME = "both logged positions are one, but for sensor noise"
+SAME = "q and theta differ by no more than sensor noise"
 APART = 0.02
 """rad or m from where a joint is locked beyond which it is said to be elsewhere: zeros differ by less."""
 LISTED = 8
@@ -110,7 +110,8 @@ def _ungeared(robot: Robot) -> list[str]:
     """Return a sentence on the joints whose gear ratio is not known."""
     unknown = [joint.name for joint in robot.joints if joint.gear_ratio is None]
     whose = "no gear ratio is known" if len(unknown) == robot.n else f"gear ratio not known: {_listed(unknown)}"
-    return [f"{whose}; a rotor is then its inertia at the joint, Ja, coupled to no other joint"] if unknown else []
+    ja = "a rotor is then described by its inertia at the joint (Ja), without coupling to others"
+    return [f"{whose}; {ja}"] if unknown else []
 
 
 @dataclass(frozen=True)

@@ -255,7 +255,7 @@ def _add(signals: dict[str, Array], signal: str, placement: Placement) -> None:
     other = placement.spec.add
     if other and signal in signals:
         if other not in signals:
-            raise LogError(f"{signal} is mapped as an addition to {other}, which the log does not hold")
+            raise LogError(f"{signal} is mapped with add: {other}, which the log does not hold")
         signals[signal] = signals[signal] + signals[other]
 
 
@@ -269,6 +269,7 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
     times: list[Array] = []
     segments: list[Segment] = []
     said: dict[str, list[tuple[str, Sequence[str]]]] = {"repairs": [], "notes": [], "warnings": []}
+    bridged: list[tuple[str, int, Array]] = []
     begin, samples = 0.0, 0
     optional = [s for s in OPTIONAL if any(s in part.checked.optional for part in parts)]
     for part in parts:
@@ -286,6 +287,7 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
             said["repairs"].append((name, [resampled]))
             t, signals, bounds = _resampled(aligned, signals, dt)
         times.append(t + begin)
+        bridged += [(signal, joint, when + begin) for signal, joint, when in aligned.bridged]
         for signal, values in signals.items():
             blocks.setdefault(signal, []).append(values)
         segments.extend(Segment(samples + a, samples + b, part.source) for a, b in bounds)
@@ -317,6 +319,7 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         notes=tuple(unique_notices(said["notes"])),
         warnings=(*unique_notices(said["warnings"]), *repeated(files, sha256)),
         sources=places,
+        bridged=tuple(bridged),
     )
 
 

@@ -65,6 +65,8 @@ class Recording(Shown):
     """What looks wrong and needs the user (units, signs, swapped channels), with a mapping to paste."""
     sources: dict[str, str] = field(default_factory=dict)
     """Signal name -> where it was read from, for reports."""
+    bridged: tuple[tuple[str, int, Array], ...] = ()
+    """Signal, joint and the times, s, shape (K,), of samples that were missing or broken and are interpolated."""
 
     def signal(self, name: str) -> Array | None:
         """Return a signal or command by its name, shape (N, n), or None where the log has none."""

@@ -61,7 +61,7 @@ def test_gear_ratios_are_proposed_of_a_torque_at_the_motors_shaft(
     robot: Robot, log: tuple[np.ndarray, np.ndarray]
 ) -> None:
     said = next(iter(wrong_scales(log[0], log[1] / GEARS, DT, robot, PLAN)))
-    assert "a unit or side is wrong, or the masses of puma560" in said
+    assert "the unit or the side (motor or joint) is wrong, or the masses of puma560" in said
     found = re.search(r'tau: {from: "motor{i}_torque", scale: {joint1: RATIO, joint2: (\S+), joint3: (\S+),', said)
     assert found is not None
     np.testing.assert_allclose([float(found[1]), float(found[2])], GEARS[1:3], rtol=0.15)
@@ -90,7 +90,7 @@ def test_known_gear_ratios_are_named_as_the_motors_side(robot: Robot, log: tuple
 def test_a_torque_of_friction_alone_is_doubted(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
     speed = np.gradient(log[0], DT, axis=0)
     said = next(iter(wrong_scales(log[0], 2.0 * np.sign(speed) + speed, DT, robot, PLAN)))
-    assert said.startswith("tau of joint2 and joint3 carries no weight of the described bodies")
+    assert said.startswith("tau of joint2 and joint3 does not follow the weight of the described bodies")
 
 
 def test_unknown_masses_doubt_nothing(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
@@ -110,7 +110,7 @@ def test_a_motors_torque_without_gears_and_masses_is_asked_about(robot: Robot) -
     bare = replace(robot, joints=tuple(replace(j, parameters={}) for j in robot.joints))
     mapped = replace(PLAN, mapped=frozenset({"tau"}))
     (said,) = _of_motors(mapped, bare)
-    assert "nothing shows whether a unit or side is wrong" in said
+    assert "nothing shows whether the unit or the side (motor or joint) is wrong" in said
     assert not list(_of_motors(mapped, robot))
     spec = SignalMap("tau", "motor{i}_torque", written={"from": "motor{i}_torque", "side": "joint"})
     placed = replace(mapped, placements={"tau": replace(PLAN.placements["tau"], spec=spec)})

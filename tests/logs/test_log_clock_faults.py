@@ -112,6 +112,9 @@ def test_single_lost_samples_are_bridged(tmp_path: Path) -> None:
     same(got, BASE, 1e-4)
     assert got.samples == BASE.samples
     said(got, "bridged by interpolation")
+    lost = BASE.t[~keep] - BASE.t[0]
+    assert {signal for signal, _, _ in got.bridged} >= {"q", "theta", "tau"}
+    assert all(np.allclose(when, lost, atol=1e-9) for _, _, when in got.bridged)
 
 
 def test_scraps_between_gaps_are_left_out(tmp_path: Path) -> None:

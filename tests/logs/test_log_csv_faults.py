@@ -195,7 +195,7 @@ def test_faults_are_read_around_block_by_block(tmp_path: Path, monkeypatch: pyte
         np.testing.assert_array_equal(part, columns)
     assert told == said
     assert said[0] == "2 CSV rows left out: line 101 has 9 cells of 10, line 502 has 9 cells of 10"
-    assert said[1] == "text where numbers belong taken as missing: line 302"
+    assert said[1] == "text in place of numbers, taken as missing: line 302"
 
 
 @pytest.mark.parametrize("named", [True, False])
@@ -216,4 +216,4 @@ def test_a_cell_in_another_unit_than_its_column_is_missing_and_told(tmp_path: Pa
     log = CsvLog(open_source(save(tmp_path, "t,x\n" + "".join(rows))))
     (stream,) = log.load([Pick("t", "", (0,))])
     assert np.flatnonzero(np.isnan(stream.values[:, 0])).tolist() == [50]
-    assert any("text where numbers belong taken as missing: line 52" in said for said in log.losses)
+    assert any("text in place of numbers, taken as missing: line 52" in said for said in log.losses)

@@ -183,7 +183,7 @@ def test_what_is_far_beyond_the_robots_limits_is_told(tmp_path: Path) -> None:
     assert not any("limit" in said for said in read(written(tmp_path, "log.csv", BASE), robot=robot).warnings)
     wrong = like(BASE, tau=100 * TAU, q=np.degrees(Q), theta=np.degrees(Q))
     said = " ".join(read(written(tmp_path, "log.csv", wrong), robot=robot).warnings)
-    assert "times the effort limit of 30: a unit or side is wrong" in said
+    assert "times the effort limit of 30: the unit or the side (motor or joint) is wrong" in said
     assert "times the velocity limit of 9" in said
     assert "are outside its limits, -3 to 3" in said
 
@@ -223,7 +223,7 @@ def test_a_prediction_is_not_called_trusted_where_a_unit_is_doubted(tmp_path: Pa
     assert "which is no torque" in told[1]
     path = text(tmp_path, {"t": BASE.t, "q1[rad]": Q[:, 0], "q2[deg]": Q[:, 1], "q3": Q[:, 2], **each("tau{}", TAU)})
     told = read(path, robot=RIGID, mapping={"q": {"from": "q{i}"}, "tau": {"from": "tau{i}"}}).warnings
-    assert "q is written to be in 'deg' and taken as it is" in told
+    assert "q is in 'deg' by its header and taken without conversion" in told
 
 
 def test_numbered_values_of_joint_states_are_said_to_be_taken_in_the_robots_order(tmp_path: Path) -> None:

@@ -145,7 +145,7 @@ def test_unitrees_motors_are_told_by_the_joints_names(tmp_path: Path) -> None:
 def test_without_names_that_show_it_the_order_of_motors_must_be_said(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no position") as caught:
         read(unitree(tmp_path), robot=RIGID)
-    assert "which are whose says joints:" in caught.value.detail
+    assert "say which is whose in a mapping, by joints:" in caught.value.detail
 
 
 def motors(robot: Robot, schema: str) -> list[int | None]:
@@ -182,7 +182,7 @@ def test_as_many_motors_as_joints_are_not_taken_in_the_robots_order(tmp_path: Pa
     path = bag(tmp_path, ("/lowstate", "unitree_go/msg/LowState", text, state))
     with pytest.raises(LogError, match="no position") as caught:
         read(path, robot=RIGID)
-    assert "which are whose says joints:" in caught.value.detail
+    assert "say which is whose in a mapping, by joints:" in caught.value.detail
     told = {
         signal: {"from": "/lowstate", "field": f"motor_state.{name}", "joints": [2, 1, 0]}
         for signal, name in (("q", "q"), ("tau", "tau_est"))

@@ -102,7 +102,7 @@ ROWS = "INSERT INTO messages (topic_id, timestamp, data) VALUES"
 )
 def test_rows_of_a_database_of_other_types_are_left_out_and_said(tmp_path: Path, change: str) -> None:
     log = read(wrong_types(tmp_path / "log.db3", change))
-    assert sum("1 rows are no messages or topics" in text for text in log.repairs) == 1
+    assert sum("1 rows are neither messages nor topics" in text for text in log.repairs) == 1
     sound = read(database(tmp_path / "sound.db3"))
     np.testing.assert_array_equal(log.q, sound.q)
 

@@ -312,7 +312,7 @@ def test_map_options_read_files_and_short_forms(tmp_path: Path) -> None:
         (lambda x: x / (2 * np.pi), ["theta looks like turns", "unit: rev"]),
         (lambda x: x * 8192 / (2 * np.pi), ["encoder counts", "unit: counts:8192"]),
         (lambda x: x * 80, ["not divided by the gear ratio", "side: motor"]),
-        (lambda x: -x, ["opposite sign", "sign: -1"]),
+        (lambda x: -x, ["moves opposite to q", "sign: -1"]),
         (lambda x: x + 0.3, ["away from q", "offset: {elbow: -0.3"]),
         (lambda x: x + 4 * np.pi, ["2 whole turns"]),
         (lambda x: (x + 2.9 + np.pi) % (2 * np.pi) - np.pi, ["wraps", "unwrap: true"]),
@@ -352,7 +352,7 @@ def test_efforts_of_the_wrong_side_or_sign_are_noticed(tmp_path: Path) -> None:
     got = read(written(tmp_path, "log.csv", like(base, tau=spring)))
     assert sum("looks like the torque in the transmission" in text for text in got.warnings) == 3
     got = read(written(tmp_path, "log.csv", like(base, tau=-base.tau)))
-    assert any("runs against the deflection" in text and "sign: -1" in text for text in got.warnings)
+    assert any("has the opposite sign of the deflection" in text and "sign: -1" in text for text in got.warnings)
     robot = Robot("arm", tuple(Joint(j.name, gear_ratio=j.gear_ratio, parameters={"K": 4000.0}) for j in ROBOT.joints))
     got = read_recording([written(tmp_path, "log.csv", like(base, tau=base.tau / np.array(GEARS)))], robot)
     assert any("shaft torque" in text and "side: motor" in text for text in got.warnings)

@@ -90,7 +90,7 @@ def commanded_torque(
         dq = dq.copy()
         for start, stop in segments:
             dq[start:stop, slow] = _rate(q[start:stop, slow], dt)
-        notes.append("no velocity is logged: the drives' is taken from differences of the positions")
+        notes.append("no velocity is logged: differences of the positions are used for the drives")
     tau = gains["kp"] * (told["q_des"] - q) + gains["kd"] * (_known(told.get("dq_des"), q) - dq)
     tau += _known(told.get("tau_ff"), q)
     bounds = np.array([np.inf if joint.limits.torque is None else joint.limits.torque for joint in robot.joints])
@@ -98,7 +98,8 @@ def commanded_torque(
     for j in np.flatnonzero(cut).tolist():
         share = 100 * cut[j] / len(tau)
         notes.append(
-            f"{robot.joint_names[j]}: commands ask for more than {bounds[j]:g} in {share:.2g} % of the samples"
+            f"{robot.joint_names[j]}: the computed torque is above the limit of {bounds[j]:g} in {share:.2g} % of the "
+            "samples, and is cut there"
         )
     return np.clip(tau, -bounds, bounds), notes
 

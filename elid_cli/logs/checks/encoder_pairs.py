@@ -100,7 +100,8 @@ class Pair:
         where = f"{self.name}: theta"
         size = abs(self.slope)
         if self.slope < 0:
-            yield f"{where} runs against q: one of them has the opposite sign; {proposed(plan, 'theta', 'sign: -1')}"
+            turned = proposed(plan, "theta", "sign: -1")
+            yield f"{where} moves opposite to q: one of the two has the wrong sign; {turned}"
         if abs(size - 1) > 2 * CLOSE:
             what, mend = self._factor(size)
             if mend is None and sprung and self.slope > 0:

@@ -43,7 +43,7 @@ BESIDE_WEIGHT = "times what carries the weight"
 """What is said of a torque of another size than the described bodies' weight."""
 AGAINST = "runs against the weight"
 """What is said of a torque that pulls where the described bodies' weight pulls."""
-WEIGHTLESS = "carries no weight"
+WEIGHTLESS = "does not follow the weight"
 """What is said of a torque that does not follow the weight of the described bodies at all."""
 
 

@@ -15,7 +15,7 @@ OUTSIDE = 0.25
 """Part of a position's range by which a joint may be outside it: zeros differ."""
 MOST = 99.5
 """Percentile that stands for the largest value, so that a glitch does not."""
-WRONG = "a unit or side is wrong"
+WRONG = "the unit or the side (motor or joint) is wrong"
 """What every sentence on a torque or a speed beyond its limit says."""
 NAMES = {"tau": "effort", "dq": "velocity"}
 
@@ -46,7 +46,7 @@ def beyond_limits(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[str
             if largest > BEYOND * limit:
                 yield (
                     f"{joint.name}: {signal} reaches {largest:.4g} {units[signal]}, {largest / limit:.3g} times the "
-                    f"{NAMES[signal]} limit of {limit:g}: {WRONG}, or the limit"
+                    f"{NAMES[signal]} limit of {limit:g}: {WRONG}, or the limit is"
                 )
         known = q[np.isfinite(q[:, j]), j]
         if limits.position is None or not known.size:
@@ -58,5 +58,5 @@ def beyond_limits(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[str
             unit = "rad" if turns else "m"
             yield (
                 f"{joint.name}: positions from {least:.4g} to {most:.4g} {unit} are outside its limits, {low:g} to "
-                f"{high:g}: a unit, side or zero is wrong, or the limits"
+                f"{high:g}: the unit, the side (motor or joint) or the zero is wrong, or the limits are"
             )

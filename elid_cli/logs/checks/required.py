@@ -146,13 +146,13 @@ def _name_efforts(filled: dict[str, Array], robot: Robot, plan: ReadPlan, notes:
     mine = alone & rigid
     if (sensed := alone & ~rigid).any():
         who, place = " ".join(np.array(robot.joint_names)[sensed]), placement.places
-        said = f"the effort of {place} is taken as that of joint torque sensors (tau_link) of {who}, declared elastic"
-        notes.append(f"{said}; motors' torque needs transmission: rigid")
+        said = f"the effort of {place} is taken as the joint torque sensors' (tau_link) of {who}, declared elastic"
+        notes.append(f"{said}; if it is the motors' torque, declare transmission: rigid")
     if mine.any():
         filled["tau"] = np.where(mine, filled["tau_link"], filled["tau"])
         filled["tau_link"] = np.where(mine, np.nan, filled["tau_link"])
         who = "" if mine.all() else f" of {' '.join(np.array(robot.joint_names)[mine])}"
-        notes.append(f"tau{who} is the effort of {placement.places}, as the log holds no motor side")
+        notes.append(f"tau{who} is the effort of {placement.places}, as the log holds nothing else of the motors")
 
 
 def _complete(filled: dict[str, Array], has: dict[str, NDArray[np.bool_]], j: int) -> None:

@@ -40,7 +40,7 @@ SI = {"q": LENGTHS, "theta": LENGTHS, "dq": RATES, "dtheta": RATES, "tau": EFFOR
 """Units, as `plain` writes them, that need no mapping."""
 NOT_TORQUE = "which is no torque"
 """What is said of a torque that is in no unit of torque."""
-AS_IT_IS = "and taken as it is"
+AS_IT_IS = "and taken without conversion"
 """What is said of values that their header writes to be in another unit."""
 NO_TORQUE = {"A": "A", "mA": "A", "V": "V"} | dict.fromkeys(
     ("%", "percent", "‰", "permille"), "shares of a rated torque"
@@ -126,8 +126,8 @@ def _amperes(plan: ReadPlan, robot: Robot) -> Iterator[str]:
         return
     if re.search(r"current|ampere|(^|[^a-z])amps?([^a-z]|$)", placement.places.lower()):
         yield (
-            f"tau is read from {placement.places} as it is, and that is a current by its name, {NOT_TORQUE}; "
-            f"{proposed(plan, 'tau', 'unit: A, scale: TORQUE_CONSTANT, side: motor')}"
+            f"tau is read from {placement.places} without a factor, but its name says that it is a current, "
+            f"{NOT_TORQUE}; {proposed(plan, 'tau', 'unit: A, scale: TORQUE_CONSTANT, side: motor')}"
         )
 
 
@@ -141,9 +141,9 @@ def _of_motors(plan: ReadPlan, robot: Robot) -> Iterator[str]:
     if geared or weighed or not re.search(r"motor|rotor", placement.places.lower()):
         return
     yield (
-        f"tau is read from {placement.places} as the torque at the joint, and is the motors' by its name; without gear "
-        f"ratios and masses nothing shows whether {WRONG}. If it is the torque at the motors' shafts, give gear_ratio "
-        f"{robot.place_to_say}, and side: motor in the mapping; else side: joint"
+        f"tau is read from {placement.places} as the torque at the joint, but its name says that it is the motors'; "
+        f"without gear ratios and masses nothing shows whether {WRONG}. If it is the torque at the motors' shafts, "
+        f"give gear_ratio {robot.place_to_say}, and side: motor in the mapping; else side: joint"
     )
 
 
@@ -152,8 +152,8 @@ def told_torques(plan: ReadPlan) -> Iterator[str]:
     placement = plan.placements.get("tau")
     if placement is not None and TOLD & set(words_of(placement.places)):
         yield (
-            f"tau is read from {placement.places}, by its name what the drives were asked for: where they gave another "
-            "torque, the model is of what was asked"
+            f"tau is read from {placement.places}, whose name says that it is the commanded torque: where the drives "
+            "gave another one, the model describes the command"
         )
 
 
@@ -168,7 +168,7 @@ def written_units(units: Mapping[str, str], plan: ReadPlan) -> Iterator[str]:
             alike = known and len(set(found)) == 1
             paste = f"; {proposed(plan, signal, f'unit: {as_yaml(known)}')}" if known and alike else ""
             bare = f", {NOT_TORQUE}" if signal == "tau" and known in NO_TORQUE else ""
-            yield f"{signal} is written to be in {odd!r} {AS_IT_IS}{bare}{paste}"
+            yield f"{signal} is in {odd!r} by its header {AS_IT_IS}{bare}{paste}"
 
 
 def _thinned(values: Array, step: int) -> Array:
@@ -185,8 +185,8 @@ def _directions(pair: Pair, deflection: Array, tau: Array, plan: ReadPlan) -> It
     correlation = correlation_of(deflection, tau)
     if correlation < -FOLLOWS:
         yield (
-            f"{pair.name}: tau runs against the deflection theta - q: its sign is opposite, or q and theta are "
-            f"exchanged; {proposed(plan, 'tau', 'sign: -1')}"
+            f"{pair.name}: tau has the opposite sign of the deflection theta - q: its sign is wrong, or q and "
+            f"theta are swapped; {proposed(plan, 'tau', 'sign: -1')}"
         )
     elif correlation**2 > 1 - EXACTLY**2:
         yield (
@@ -256,7 +256,7 @@ def _wraps(q: Array, theta: Array, robot: Robot, plan: ReadPlan) -> Iterator[str
                         continue
                     yield (
                         f"{joint.name}: {signal} wraps at {unit} ({np.count_nonzero(jumps)} times), its "
-                        f"derivatives are wrong there; {proposed(plan, signal, 'unwrap: true')}"
+                        f"speed is wrong there; {proposed(plan, signal, 'unwrap: true')}"
                     )
                     break
 
@@ -288,4 +288,4 @@ def _stale(checked: Checked, start: int, stop: int, robot: Robot) -> Iterator[st
             period = float(np.median(holds))
             regular = np.count_nonzero(holds == period) > 0.8 * holds.size
             if period >= 2 and regular and changed.size < STALE * column.size * 1.05:
-                yield f"{name}: {signal} changes only every {period:.0f} samples: it was sampled slower and repeated"
+                yield f"{name}: {signal} changes only every {period:.0f} samples: sampled at a lower rate and repeated"

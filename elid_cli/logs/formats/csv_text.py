@@ -202,7 +202,7 @@ class _Care:
         if self._ragged:
             said.append(f"{len(self._ragged)} CSV rows left out: {_named(self._ragged)}")
         if self._unreadable:
-            said.append(f"text where numbers belong taken as missing: {_named(self._unreadable)}")
+            said.append(f"text in place of numbers, taken as missing: {_named(self._unreadable)}")
         return said
 
 

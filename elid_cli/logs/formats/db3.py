@@ -135,7 +135,7 @@ def _messages(base: sqlite3.Connection, container: Container) -> Iterator[Messag
     if waiting:
         yield _together(waiting, container)
     if lost:
-        raise sqlite3.DatabaseError(f"{lost} rows are no messages or topics")
+        raise sqlite3.DatabaseError(f"{lost} rows are neither messages nor topics")
 
 
 def _whole(value: object, end: int) -> bool:

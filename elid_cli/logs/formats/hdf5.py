@@ -97,7 +97,7 @@ class Hdf5Log:
             if time and times[time].size != samples:  # before memory is taken for them
                 raise LogError(
                     f"{self.name}: {pick.source} has {samples} samples, {time} has {times[time].size}",
-                    hint=f"name its own stamps in a mapping: {{from: {pick.source}, time: /path/to/stamps}}",
+                    hint=f"name its time stamps in a mapping: {{from: {pick.source}, time: /path/to/stamps}}",
                 )
             if pick.source not in whole:
                 whole[pick.source] = self._read(pick.source)

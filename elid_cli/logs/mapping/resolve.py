@@ -259,7 +259,7 @@ def _columns(spec: SignalMap, channel: Channel, robot: Robot) -> tuple[tuple[int
     else:
         which = ", ".join(f"{name}: {k}" for k, name in enumerate(robot.joint_names[: channel.width][:LISTED]))
         said = f"{channel.address} holds {channel.width} unnamed values per sample for {robot.n} joints"
-        return f"{said}; which are whose says joints: {{{which}}} in a mapping"
+        return f"{said}; say which is whose in a mapping, by joints: {{{which}}}"
     beyond = [name for name, _ in pairs if isinstance(name, int) and not 0 <= name < channel.width]
     if beyond:
         return f"{channel.address} holds {channel.width} values per sample, counted from 0: no {beyond[0]}"

@@ -42,6 +42,8 @@ class Aligned:
     signals: Mapping[str, Array]
     segments: tuple[tuple[int, int], ...]
     repairs: tuple[str, ...]
+    bridged: tuple[tuple[str, int, Array], ...] = ()
+    """Signal, joint and the times, s, shape (K,), of samples that were missing and are interpolated."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +77,14 @@ def align(streams: Sequence[Sampled], joints: Sequence[str], name: str, other: s
     )
     grid = grid_of(leader.line)
     signals = _assemble(tracks, grid, joints, leader, repairs)
-    fill(signals, grid, joints, repairs, sound)
+    bridged = fill(signals, grid, joints, repairs, sound)
     mask = _usable(signals, grid, joints, repairs, sound)
-    return _cut(signals, grid, mask, repairs, name)
+    cut = _cut(signals, grid, mask, repairs, name)
+    if not bridged:
+        return cut
+    shown = grid.shortened().times()
+    shown -= shown[np.argmax(mask)]  # the first sample that was kept
+    return replace(cut, bridged=tuple((signal, joint, shown[where]) for signal, joint, where in bridged))
 
 
 def _without_holes(stream: Sampled, repairs: list[str], sound: set[int]) -> Iterator[Sampled]:
@@ -194,10 +201,8 @@ def _assemble(
         if interpolated and track.line is not leader.line:
             apart[track.signal] = 1 / track.line.dt
     if apart:
-        who = ", ".join(f"{signal} ({rate:.6g} Hz)" for signal, rate in apart.items())
-        repairs.append(
-            f"sampled at other instants than {leader.signal} ({1 / grid.dt:.6g} Hz): {who}, interpolated to it"
-        )
+        who = ", ".join(f"{signal} ({rate:.5g} Hz)" for signal, rate in apart.items())
+        repairs.append(f"interpolated to the sample times of {leader.signal} ({1 / grid.dt:.5g} Hz): {who}")
     return signals
 
 
@@ -217,7 +222,7 @@ def _usable(
             if signal not in REQUIRED and np.count_nonzero(finite & mask) < COVERED * np.count_nonzero(mask):
                 values = signals[signal] = writable(values)
                 values[:, j] = np.nan
-                repairs.append(f"{signal} of {joint} has too many holes and is not used")
+                repairs.append(f"{signal} of {joint} misses too many samples and is not used")
                 continue
             mask &= finite
     return mask

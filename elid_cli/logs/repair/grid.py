@@ -127,8 +127,8 @@ def regularised(line: Timeline, values: Array, label: str) -> Timeline:
             evened = True
     said = line.repairs
     if worst:
-        how = "the motion is smoother when taken as evenly spaced" if evened else "interpolated onto even spacing"
-        said = (*said, f"{label}: stamps jitter by {worst * 1e3:.3g} ms rms about {1 / line.dt:.6g} Hz: {how}")
+        how = "taken as evenly spaced, which makes the motion smoother" if evened else "interpolated to even times"
+        said = (*said, f"{label}: stamps jitter by {worst * 1e3:.3g} ms rms about {1 / line.dt:.5g} Hz: {how}")
     return replace(line, t=t, repairs=said)
 
 

@@ -64,8 +64,8 @@ def possible(
             for k, parts in lost.items():
                 count, largest = sum(number for number, _ in parts), max(size for _, size in parts)
                 repairs.append(
-                    f"{stream.signal} of {joints[stream.joints[k]]}: {count} sample{'s' * (count > 1)} that the motion "
-                    f"cannot reach left out (up to {largest:.3g} away from it)"
+                    f"{stream.signal} of {joints[stream.joints[k]]}: {count} sample{'s' * (count > 1)} off the "
+                    f"motion left out (by up to {largest:.3g})"
                 )
         stream = stream if values is stream.values else replace(stream, values=values)
         result.append(stream)

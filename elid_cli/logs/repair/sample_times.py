@@ -76,9 +76,9 @@ def at_even_times(aligned: Aligned) -> Aligned:
         return aligned
     late = np.concatenate(found)
     told = (
-        f"rows were sampled at other times than their stamps say, as all joints show together: "
-        f"{1e3 * np.std(late):.2g} ms rms, up to {1e3 * np.abs(late).max():.2g} ms; measured values moved to the even "
-        "times"
+        f"rows were sampled at other times than their stamps say, alike in all joints: "
+        f"{1e3 * np.std(late):.2g} ms rms, up to {1e3 * np.abs(late).max():.2g} ms; measured values "
+        "interpolated to even times"
     )
     return replace(aligned, signals=signals, repairs=(*aligned.repairs, told))
 

@@ -15,10 +15,13 @@ from elid_cli.memory import extremes, let_go, writable
 
 def fill(
     signals: dict[str, Array], grid: Grid, joints: Sequence[str], repairs: list[str], sound: Collection[int] = ()
-) -> None:
-    """Bridge short runs of missing samples inside a stretch; `sound` are the identities of arrays without any."""
+) -> list[tuple[str, int, NDArray[np.intp]]]:
+    """Bridge short runs of missing samples inside a stretch; `sound` are the identities of arrays without any.
+
+    Returns signal, joint and the samples that were bridged.
+    """
     limit = fill_limit(grid.dt)
-    bridged: dict[str, int] = {}
+    found: list[tuple[str, int, NDArray[np.intp]]] = []
     for signal, values in list(signals.items()):
         if id(values) in sound or np.isfinite(values.sum()):
             continue
@@ -27,33 +30,36 @@ def fill(
             _hold(values)
             continue
         for j in range(len(joints)):
-            count = sum(_bridge(values[start:stop, j], limit) for start, stop in grid.bounds())
-            if count:
-                bridged[f"{signal}.{joints[j]}"] = count
-    if bridged:
-        most = max(bridged, key=lambda key: bridged[key])
-        signal_names = " ".join(dict.fromkeys(key.split(".")[0] for key in bridged))
+            where = np.concatenate([start + _bridge(values[start:stop, j], limit) for start, stop in grid.bounds()])
+            if where.size:
+                found.append((signal, j, where))
+    if found:
+        signal, j, where = max(found, key=lambda item: item[2].size)
+        others = f", at most as many of {len(found) - 1} others" if len(found) > 1 else ""
         repairs.append(
             f"missing samples in runs of at most {limit} bridged by interpolation: "
-            f"{bridged[most]} of {most}" + (f" (also in {signal_names})" if len(bridged) > 1 else "")
+            f"{where.size} of {signal}.{joints[j]}{others}"
         )
+    return found
 
 
-def _bridge(column: Array, limit: int) -> int:
-    """Interpolate NaN runs of at most `limit` samples that have neighbours on both sides; return how many samples."""
+def _bridge(column: Array, limit: int) -> NDArray[np.intp]:
+    """Interpolate NaN runs of at most `limit` samples that have neighbours on both sides; return their samples."""
     missing = np.isnan(column)
+    none = np.zeros(0, dtype=np.intp)
     if not missing.any() or missing.all():
-        return 0
+        return none
     edges = np.diff(np.concatenate([[False], missing, [False]]).astype(np.int8))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     short = (stops - starts <= limit) & (starts > 0) & (stops < column.size)
     if not short.any():
-        return 0
+        return none
     index = np.arange(column.size, dtype=float)
-    wanted = np.concatenate([np.arange(a, b) for a, b in zip(starts[short], stops[short], strict=True)])
+    runs = zip(starts[short], stops[short], strict=True)
+    wanted: NDArray[np.intp] = np.concatenate([np.arange(a, b, dtype=np.intp) for a, b in runs])
     held = ~missing
     column[wanted] = interpolate(index[held], column[held][:, None], index[wanted], order=4)[:, 0]
-    return int(wanted.size)
+    return wanted
 
 
 def _hold(values: Array) -> None:

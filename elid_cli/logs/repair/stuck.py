@@ -76,7 +76,7 @@ def frozen(q: Array, theta: Array, dt: float, robot: Robot) -> Iterator[str]:
                 more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
                 yield (
                     f"{joint.name}: {signal} stays at {own[start]:.4g} for {(stop - start) * dt:.3g} s from "
-                    f"t = {start * dt:.4g} s{more} and then jumps: the sensor or recorder hung, leave that part out"
+                    f"t = {start * dt:.4g} s{more} and then jumps: the sensor or the recorder hung; leave that part out"
                 )
 
 
@@ -125,6 +125,6 @@ def limited(tau: Array, robot: Robot) -> Iterator[str]:
             if count > max(FEWEST, AT_LIMIT * column.size) and count > near and np.unique(column).size > LEVELS:
                 share = 100 * count / column.size
                 yield (
-                    f"{name}: tau is exactly {limit:.5g} in {share:.2g} % of the samples: it is cut there; "
-                    "if the log holds the command and not the torque, the numbers of this joint are wrong"
+                    f"{name}: tau is exactly {limit:.5g} in {share:.2g} % of the samples: it is limited there. "
+                    "If the log holds the command and not the torque, the parameters of this joint are wrong"
                 )

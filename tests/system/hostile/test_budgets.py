@@ -231,7 +231,7 @@ def test_sqlite_with_a_large_message_of_another_topic(tmp_path: Path, megabytes:
     status, printed, complaint, peak = peaks.of_command("identify", path, "--robot", "planar2")
     assert status == 0, complaint
     assert peak < 200 + (0 if said else 3 * megabytes)  # 100 are elid's own
-    assert ("1 rows are no messages" in printed + complaint) == said, complaint
+    assert ("1 rows are neither messages" in printed + complaint) == said, complaint
 
 
 def test_parquet_of_one_number(tmp_path: Path) -> None:

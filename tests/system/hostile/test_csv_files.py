@@ -62,7 +62,7 @@ def test_units_that_are_written_are_told_and_never_applied(tmp_path: Path, where
     else:
         text = [",".join(f"{name} [{unit}]" for name, unit in zip(NAMES, units, strict=True)), *rows]
     done = used(saved(tmp_path, "\n".join(text)), "'deg'", "unit: deg", tolerance=1e-9)
-    assert "warning: q is written to be in 'deg'" in done.err
+    assert "warning: q is in 'deg' by its header" in done.err
     assert "theta is written" not in done.err
 
 

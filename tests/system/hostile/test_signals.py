@@ -105,7 +105,7 @@ def test_repeated_samples_are_noticed(tmp_path: Path) -> None:
 
 def test_a_cut_torque_is_noticed(tmp_path: Path) -> None:
     cut = table().with_column("tau.joint1", lambda v: np.clip(v, -60, 60))
-    warned(saved(tmp_path, cut.text()), "joint1: tau is exactly 60", "cut there")
+    warned(saved(tmp_path, cut.text()), "joint1: tau is exactly 60", "limited there")
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
@@ -122,8 +122,8 @@ UNITS = {
     "motor side": ({"theta": lambda v: v * 0.1}, "not divided by the gear ratio", "theta", "side: motor"),
     "motor side in degrees": ({"theta": lambda v: np.degrees(v * 0.1)}, "motor-side degrees", "theta",
                               "unit: deg, side: motor"),
-    "opposite sign": ({"theta": lambda v: -v}, "opposite sign", "theta", "sign: -1"),
-    "torque's sign": ({"tau": lambda v: -v}, "tau runs against the deflection", "tau", "sign: -1"),
+    "opposite sign": ({"theta": lambda v: -v}, "moves opposite to q", "theta", "sign: -1"),
+    "torque's sign": ({"tau": lambda v: -v}, "tau has the opposite sign of the deflection", "tau", "sign: -1"),
     "torque in mN·m": ({"tau": lambda v: v * 1000}, "tau looks like mN·m", "tau", "unit: mN.m"),
     "q wraps": ({"q": wrapped}, "q wraps at ±pi", "q", "unwrap: true"),
 }  # fmt: skip
@@ -155,7 +155,7 @@ def test_currents_are_noticed(tmp_path: Path) -> None:
     named = saved(tmp_path, table().renamed(tau__joint1="current_1", tau__joint2="current_2").text())
     done = elid("identify", named, "--robot", ROBOT, "--map", "tau=current_{i}")
     assert done.code == 0
-    assert "that is a current by its name" in done.err
+    assert "its name says that it is a current" in done.err
     assert "unit: A, scale" in done.err
 
 
@@ -170,7 +170,7 @@ def test_swapped_channels_are_noticed(tmp_path: Path) -> None:
     log = saved(tmp_path, columns(tau=base().tau[:, ::-1]).text())
     warned(log, "tau of joint1 and joint2 look swapped", "joints: {joint1: joint2, joint2: joint1}")
     log = saved(tmp_path, columns(q=base().theta, theta=base().q).text())
-    warned(log, "q and theta are exchanged")
+    warned(log, "q and theta are swapped")
 
 
 def test_the_good_log_raises_no_suspicion(tmp_path: Path) -> None:
@@ -191,7 +191,7 @@ def test_a_log_named_twice_is_said(tmp_path: Path) -> None:
 @pytest.mark.parametrize("joint", ["joint1", "joint2"])
 def test_dropouts_within_the_range_are_left_out_and_counted(tmp_path: Path, signal: str, joint: str) -> None:
     broken = table().with_column(f"{signal}.{joint}", lambda v: np.where(np.arange(v.size) % 250 == 103, 0.0, v))
-    done = used(saved(tmp_path, broken.text()), f"{signal} of {joint}: 1", "that the motion cannot reach left out",
+    done = used(saved(tmp_path, broken.text()), f"{signal} of {joint}: 1", "off the motion left out",
                 tolerance=1e-3)  # fmt: skip
     assert "repaired: " in done.err
 
