@@ -38,7 +38,7 @@ def effect_report(kind: type[Effect]) -> Report:
         ("acts on", WHERE.get(kind.place, kind.place)),
         ("physics", kind.physics),
         ("typical", kind.typical),
-        ("fingerprint", kind.fingerprint),
+        ("residual", kind.fingerprint),
         ("confused with", ", ".join(twins_of(kind)) or "nothing"),
         ("record", kind.record),
     )

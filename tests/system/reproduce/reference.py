@@ -136,9 +136,11 @@ def effects_page() -> str:
         with the rest. Amplitudes that the file leaves out are estimated; shapes are estimated from the
         value that it gives."""
     reading = """In the equations, q is the link's position, θ the motor's (divided by the gear ratio), and a
-        prime is a derivative with respect to time. A term stands on the model's side: a positive friction
-        has a positive coefficient. *Fingerprint* says what the residual looks like where the effect is
-        missing: in which rows, and what it follows."""
+        prime is a derivative with respect to time. Each term is part of the torque that the model predicts,
+        so that a positive coefficient is friction against the motion. *Residual* says what measured less
+        predicted torque looks like where the effect is missing: in which equations, and what it follows.
+        *Motor side* is the motor's own equation, with the transmission's torque from the measured deflection;
+        *whole joint* is the sum of the motor's and the link's equation, which is free of the spring."""
     lines = [
         "# Effects", "", MADE, "", *_paragraph(intro), "", "| effect | what it is |", "|---|---|",
         *(f"| [`{name}`](#{name}) | {_cell(kind.summary)} |" for name, kind in library.items()),
@@ -155,8 +157,8 @@ def _effect(name: str, kind: type[Effect]) -> Iterator[str]:
     yield from ("```text", *_wrapped(kind.equation), "```", "")
     yield f"- **Acts in**: {WHERE.get(kind.place, kind.place)}"
     yield f"- **Typical**: {_plain(kind.typical)}"
-    yield f"- **Fingerprint**: {_plain(kind.fingerprint)}"
-    yield f"- **Confused with**: {', '.join(f'[`{twin}`](#{twin})' for twin in twins_of(kind)) or 'nothing'}"
+    yield f"- **Residual**: {_plain(kind.fingerprint)}"
+    yield f"- **Easily confused with**: {', '.join(f'[`{twin}`](#{twin})' for twin in twins_of(kind)) or 'nothing'}"
     yield f"- **To see it, record**: {_plain(kind.record)}"
     yield from ("", "| parameter | unit | kind | meaning |", "|---|---|---|---|")
     for parameter in parameters:
@@ -196,8 +198,12 @@ def json_page() -> str:
         input gives the same bytes. The [JSON Schema](elid-1.schema.json) describes it for programs; the
         tests validate outputs of every command against it. The keys below keep their meaning; further keys
         may be added."""
+    words = """Reports use other words for some things: `supported` is printed as known, `weak` as known roughly,
+        `refused` as not shown, and `quarters` as the four stretches of the log, of which a table shows the worst.
+        `sum` is printed as whole joint, and `motor` as motor side."""
     lines = [
-        "# JSON output", "", MADE, "", *_paragraph(intro), "", "Every command gives these:", "", *_keys(shared, ()),
+        "# JSON output", "", MADE, "", *_paragraph(intro), "", *_paragraph(words), "",
+        "Every command gives these:", "", *_keys(shared, ()),
     ]  # fmt: skip
     for name, command in commands.items():
         own = {key: value for key, value in command["properties"].items() if key not in shared}

@@ -26,8 +26,8 @@ class Contact(Effect):
     equation = "link equation: torque (1 + cos(2π (t - time)/width))/2 within |t - time| < width/2"
     physics = "A collision, a hand, a cable that catches: a force on the arm that no motion of its own explains."
     typical = "0.1-1 s; any size"
-    fingerprint = "whole joint only, in one short window"
-    record = "the motion again: what does not come back was from outside"
+    fingerprint = "whole joint only, for one short time"
+    record = "the same motion again: what does not come again came from outside"
     place = "link"
     amplitudes = (Parameter("torque", "N·m", "height of the bump that resists (positive) or pushes on (negative)"),)
     shapes = (

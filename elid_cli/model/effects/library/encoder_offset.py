@@ -23,10 +23,10 @@ class EncoderOffset(Effect):
     name = "encoder_offset"
     summary = "zeros of motor and link encoder that do not agree"
     equation = "link equation: +K offset, motor equation: the same with -"
-    physics = "The two encoders were zeroed at different times, or under load, so that their difference has a constant."
+    physics = "The two encoders were zeroed at different times, or under load: their difference is off by a constant."
     typical = "0.1-5 mrad"
     fingerprint = "a constant on the motor side only"
-    record = "anything that moves; a torque offset would shift the whole joint as well"
+    record = "any motion; a torque offset would shift the whole joint as well"
     place = "encoder"
     elastic_only = True
     amplitudes = (Parameter("offset", "rad", "what the motor encoder reads too much, the link's taken as true"),)

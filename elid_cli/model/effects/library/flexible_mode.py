@@ -36,7 +36,7 @@ class FlexibleMode(OscillatorEffect):
     equation = "link equation: -inertia (ω² z + 2 damping ω z'),  z'' = -ω² z - 2 damping ω z' - q'',  ω = 2π frequency"
     physics = "A slender link, a tool, a pedestal or a cable package bends and rings after every jerk."
     typical = "5-40 Hz, damping ratio 0.005-0.05"
-    fingerprint = "whole joint, a narrow line at a fixed frequency that rings after jerks, whatever the speed"
+    fingerprint = "whole joint, one frequency, the same at every speed, that rings after jerks"
     record = "jerky motion, logged and filtered well above the frequency; an accelerometer on the suspect"
     place = "link"
     least_gain = 0.15  # its column lives where the splines' errors are largest

@@ -23,7 +23,7 @@ class GravityDirection(Effect):
     equation = "link equations: roll dG/d(roll) + pitch dG/d(pitch),  G = gravity torques of the present model"
     physics = "A robot bolted to a sloping floor, a wall or a cart, or a base frame that was never measured."
     typical = "0.5-5 degrees"
-    fingerprint = "whole joint only, of several joints; static, the pattern of gravity turned"
+    fingerprint = "whole joint only, of several joints; static, as weight in another direction leaves it"
     record = "rests in many poses, with links on all sides of the base"
     place = "chain"
     whole_robot = True

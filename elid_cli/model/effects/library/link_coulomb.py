@@ -18,7 +18,7 @@ class LinkCoulomb(Effect):
     physics = "Output bearing and lip seal sit behind the elastic gear: their friction bends the transmission."
     typical = "5-30 % of the motor's Coulomb friction"
     fingerprint = "whole joint only, along the sign of the link's velocity"
-    record = "slow reversals with link and motor encoders; without elasticity it is the motor's own friction"
+    record = "slow reversals with link and motor encoders; at a rigid joint it is one with the motor's friction"
     place = "link"
     acts_as = "friction"
     elastic_only = True

@@ -18,7 +18,7 @@ class LinkSpring(Effect):
     physics = "A counterbalance cylinder, a torsion spring or a stiff cable package pushes the link towards some angle."
     typical = "up to the whole gravity torque of one axis"
     fingerprint = "whole joint only, a function of the link's angle alone, at rest too"
-    record = "the joint's full range, with slow and fast passes: gravity of the same shape comes with inertia"
+    record = "the joint's full range, in slow and fast passes (a weight of the same torque would add inertia)"
     place = "link"
     acts_as = "torque"
     amplitudes = (

@@ -16,7 +16,7 @@ class LinkViscous(Effect):
     physics = "Grease in the output bearing, drag in cables and hoses, a damper mounted on the link."
     typical = "5-30 % of the motor's viscous friction"
     fingerprint = "whole joint only, along the link's velocity"
-    record = "fast motion with link and motor encoders; without elasticity it is the motor's own friction"
+    record = "fast motion with link and motor encoders; at a rigid joint it is one with the motor's friction"
     place = "link"
     acts_as = "torque"
     elastic_only = True

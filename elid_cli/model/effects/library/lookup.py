@@ -24,9 +24,9 @@ class Lookup(CurveEffect):
     variables = ("velocity", "deflection", "angle", "load", "time")
     summary = "smooth curve over one variable, where no named effect fits"
     equation = "torque = Σ c_k B_k(variable), B_k uniform cubic B-splines between low and high"
-    physics = "None: the curve describes what is left, in this robot and within this range, and explains nothing."
+    physics = "No physical cause: the curve describes what is left, for this robot and within this range."
     typical = "whatever is left"
-    fingerprint = "a residual that organises against one variable"
+    fingerprint = "a residual that follows one variable"
     record = "more of the variable's range, then look for the cause"
     place = "motor"
     amplitudes = tuple(

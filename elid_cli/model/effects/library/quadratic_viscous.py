@@ -26,7 +26,7 @@ class QuadraticViscous(Effect):
     )
     typical = "10-50 % of the viscous friction at top speed; power 0.5, 2 or 3"
     fingerprint = "motor side and whole joint, odd in velocity and curved, largest at top speed"
-    record = "speeds over a range of three or more, the highest held for a while; the power stays vague otherwise"
+    record = "speeds that differ three times or more, the highest held for a while; else the power stays unknown"
     place = "motor"
     of_motor_speed = True
     acts_as = "torque"

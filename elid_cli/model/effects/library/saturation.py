@@ -26,10 +26,10 @@ class Saturation(Effect):
     summary = "torque that is cut at a limit while the log holds the command"
     equation = "motor equation: cut sign(τ) max(|τ| - limit, 0);  cut = 1"
     physics = (
-        "The drive's current limit, or the supply voltage at speed, caps the torque; the command knows nothing of it."
+        "The drive's current limit, or the supply voltage at speed, limits the torque; the command does not show it."
     )
     typical = "the top 1-10 % of the samples"
-    fingerprint = "motor side and whole joint, only where |τ| is beyond a knee, proportional to the excess"
+    fingerprint = "motor side and whole joint, only where |τ| is above a limit, proportional to the excess"
     record = "the measured current instead of the command, or motion that stays below the limit"
     place = "torque"
     amplitudes = (

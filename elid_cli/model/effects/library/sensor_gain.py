@@ -22,9 +22,9 @@ class SensorGain(Effect):
     name = "sensor_gain"
     summary = "joint torque sensor off by a factor"
     equation = "link equation: +gain load, motor equation: the same with -;  reading = (1 + gain) load"
-    physics = "Strain gauges are calibrated without the flange's preload; bridges and amplifiers have gains."
+    physics = "Strain gauges are calibrated without the flange's preload; bridges and amplifiers are not exact."
     typical = "±1-5 %"
-    fingerprint = "sensor against motor torque and against deflection: a share of the load, whole joint untouched"
+    fingerprint = "sensor against motor torque and against deflection: a share of the load; nothing in the whole joint"
     record = "large loads of both signs, with motor torque and sensor logged together"
     place = "sensor"
     elastic_only = True

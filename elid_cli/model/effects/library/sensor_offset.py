@@ -21,7 +21,7 @@ class SensorOffset(Effect):
     equation = "link equation: +offset, motor equation: the same with -;  reading = load + offset"
     physics = "Bridges drift with temperature and mounting stress, and are zeroed under a load that was not zero."
     typical = "0.5-3 % of the sensor's range"
-    fingerprint = "sensor against motor torque and against deflection: a constant, whole joint untouched"
+    fingerprint = "sensor against motor torque and against deflection: a constant; nothing in the whole joint"
     record = "poses with load torques of both signs, warm and cold"
     place = "sensor"
     elastic_only = True

@@ -51,19 +51,19 @@ class ServoFriction(Effect):
     place = "motor"
     acts_as = "friction"
     amplitudes = (
-        Parameter("static", "N·m", "K_cs: friction beyond Coulomb's at no speed", low=0.0),
+        Parameter("static", "N·m", "K_cs: friction beyond Coulomb's at zero speed", low=0.0),
         Parameter("motor", "1", "K_m: friction per motor torque; without direction K_l, of motor torque and load"),
         Parameter("external", "1", "K_e: friction per load"),
-        Parameter("static_motor", "1", "K_ms: the same at no speed; without direction K_ls"),
-        Parameter("static_external", "1", "K_es: the same at no speed"),
-        Parameter("driving", "1/(N·m)", "K_eq: friction at no speed per square of the load, while the motor drives"),
+        Parameter("static_motor", "1", "K_ms: the same at zero speed; without direction K_ls"),
+        Parameter("static_external", "1", "K_es: the same at zero speed"),
+        Parameter("driving", "1/(N·m)", "K_eq: friction at zero speed per square of the load, while the motor drives"),
         Parameter("driven", "1/(N·m)", "K_mq: per square of the motor's torque, while the load drives"),
     )
     shapes = (
         Parameter("model", "1", "member of the family: 2 to 6", low=STRIBECK, high=QUADRATIC, fixed=True),
-        Parameter("velocity", "rad/s", "speed over which the part at no speed fades", low=1e-4),
+        Parameter("velocity", "rad/s", "speed over which the terms at zero speed fade", low=1e-4),
         Parameter("exponent", "1", "how it fades: 1 exponential, 2 Gaussian", low=0.5, high=4.0, fixed=True),
-        Parameter("lean", "1", "motor/(motor + external), and follows from them", low=0.0, high=1.0, fixed=True),
+        Parameter("lean", "1", "motor/(motor + external); follows from these two", low=0.0, high=1.0, fixed=True),
     )
     example = {
         "static": 0.4, "motor": 0.08, "external": 0.02, "static_motor": 0.05, "static_external": 0.03,

@@ -49,7 +49,7 @@ class Stribeck(Effect):
         Parameter(
             "exponent",
             "1",
-            "1 exponential, 2 Gaussian, -1 vanishing at standstill (last term of eq. 43); 1 when not given",
+            "1 exponential, 2 Gaussian, -1 exp(-velocity/|θ'|), which vanishes at standstill; 1 when not given",
             low=-2.0,
             high=4.0,
             fixed=True,

@@ -26,12 +26,12 @@ class TorqueGain(Effect):
     name = "torque_gain"
     summary = "torque constant off by a factor, against the other joints"
     equation = "motor equation: gain τ_predicted, that is τ_logged = (1 + gain) τ"
-    physics = "Torque constants scatter by a few per cent and fall as the magnets warm; current sensors have gains."
+    physics = "Torque constants scatter by a few per cent and fall as the magnets warm; current sensors are not exact."
     typical = "±3-10 %"
     fingerprint = "one joint only, motor side and whole joint, proportional to its torque"
     record = (
-        "motion in which joints load each other; a factor common to all joints scales every parameter and no log shows"
-        " it, so that a gain is always one against the others"
+        "motion in which joints load each other; a factor common to all joints scales every parameter, which no log"
+        " shows, so this is the factor relative to the other joints"
     )
     place = "torque"
     from_model = True

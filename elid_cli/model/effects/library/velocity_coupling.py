@@ -20,9 +20,7 @@ class VelocityCoupling(Effect):
     equation = "motor equation: viscous θ'_other + coulomb sign(θ'_other)"
     physics = "In a wrist whose gears run through each other, turning one motor also turns gears and seals of the next."
     typical = "10-50 % of the joint's own friction"
-    fingerprint = (
-        "motor side and whole joint, along another joint's speed or direction while this joint does what it likes"
-    )
+    fingerprint = "motor side and whole joint, follows another joint's speed or direction, however this joint moves"
     record = "each joint moved alone, then both together"
     place = "motor"
     amplitudes = (
