@@ -29,6 +29,7 @@ def progress(output: Output, first: str = "reading") -> Iterator[Progress | None
     from rich.console import Console
     from rich.progress import BarColumn, ProgressColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bars
+    from rich.table import Column
     from rich.text import Text
 
     class _Remaining(ProgressColumn):
@@ -47,10 +48,10 @@ def progress(output: Output, first: str = "reading") -> Iterator[Progress | None
     spinner = "dots" if (sys.stderr.encoding or "").lower().replace("-", "") == "utf8" else "line"
     columns = (
         SpinnerColumn(spinner),
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=24),
-        TimeElapsedColumn(),
-        _Remaining(),
+        TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True)),
+        BarColumn(bar_width=24),  # gives way on a narrow terminal
+        TimeElapsedColumn(table_column=Column(no_wrap=True)),
+        _Remaining(table_column=Column(no_wrap=True)),
     )
     with Bars(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as bars:
         bars.add_task(first, total=None)

@@ -177,7 +177,7 @@ def diagnose_torque(
     declared = [d.effect for d in declared_effects(model.robot, scene_of(model, signals, plain))]
     searched = search(log, declared, library, progress, options.jobs)
     if searched.partial and progress is not None:
-        progress("finishing with what was found; Ctrl-C again stops at once", 0.0)
+        progress("finishing; Ctrl-C again stops at once", 0.0)
     searched = retimed(searched, len(declared))
     found, refuted = _surviving(searched, len(declared))
     known = len(declared) + found.kept

@@ -83,19 +83,17 @@ def judged_rows(state: State) -> tuple[EstimationRow, ...]:
 
 def words(rows: tuple[RowState, ...]) -> tuple[str, ...]:
     """Return one sentence per joint whose residual is above the floor (METHODS: row triage)."""
-    ratio = {(r.joint, r.rows): r.ratio if r.high else min(r.ratio, HIGH) for r in rows}
+    ratio, sides = _ratios(rows), suspects(rows)
     joints = list(dict.fromkeys(r.joint for r in rows))
     sentences = []
     high_sum = [j for j in joints if max(ratio.get((j, "sum"), 0), ratio.get((j, "load"), 0)) > HIGH]
     for joint in joints:
         total, motor = ratio.get((joint, "sum"), 0.0), ratio.get((joint, "motor"))
-        if (joint, "spring") in ratio:
-            sentences += _sensor_words(joint, {kind: ratio.get((joint, kind), 0.0) for kind in SENSOR_KINDS})
-        elif motor is None:
-            if total > HIGH:
-                sentences.append(f"{joint}: the residual is {_digits(total)} times the sensors' noise")
-        elif motor > HIGH or total > HIGH:
-            sentences.append(f"{joint}: look at the {_side(total > HIGH, motor > HIGH)}; {_sizes(total, motor)}")
+        if joint in sides:
+            sizes = _sizes(total, motor) if motor is not None else _sensor_sizes(joint, ratio)
+            sentences.append(f"{joint}: look at the {sides[joint]}; {sizes}")
+        elif motor is None and total > HIGH:
+            sentences.append(f"{joint}: the residual is {_digits(total)} times the sensors' noise")
     if len(high_sum) > 1:
         named = f"{len(high_sum)} joints at once ({', '.join(high_sum)})"
         could = "a payload, gravity, a contact or the base can be the cause"
@@ -105,10 +103,30 @@ def words(rows: tuple[RowState, ...]) -> tuple[str, ...]:
     return tuple(sentences)
 
 
+def _ratios(rows: tuple[RowState, ...]) -> dict[tuple[str, str], float]:
+    """Return what every row holds over its noise, at most `HIGH` of a row that is not high."""
+    return {(r.joint, r.rows): r.ratio if r.high else min(r.ratio, HIGH) for r in rows}
+
+
+def suspects(rows: tuple[RowState, ...]) -> dict[str, str]:
+    """Return where to look at the joints whose rows tell a joint's sides apart, and hold more than noise."""
+    ratio = _ratios(rows)
+    found = {}
+    for joint in dict.fromkeys(r.joint for r in rows):
+        total, motor = ratio.get((joint, "sum"), 0.0), ratio.get((joint, "motor"))
+        if (joint, "spring") in ratio:
+            side = _sensed_side([kind for kind in SENSOR_KINDS if ratio.get((joint, kind), 0.0) > HIGH])
+        else:
+            side = "" if motor is None else _side(total > HIGH, motor > HIGH)
+        if side:
+            found[joint] = side
+    return found
+
+
 def _side(whole: bool, motor: bool) -> str:
     """Return where to look, from which residuals of a joint are above noise."""
     if not whole:
-        return "transmission"
+        return "transmission" if motor else ""
     return "motor or its torque signal" if motor else "link side"
 
 
@@ -121,23 +139,22 @@ def _digits(ratio: float) -> str:
     return f"{ratio:.1f}" if ratio < 10 else f"{ratio:.0f}"
 
 
-def _sensor_words(joint: str, ratio: Mapping[str, float]) -> list[str]:
-    """Return a sentence for a joint with a torque sensor, whose rows tell the sides apart by themselves."""
-    high = [kind for kind in SENSOR_KINDS if ratio[kind] > HIGH]
-    if not high:
-        return []
-    if len(high) == 1:
-        where = {
-            "load": "link side",
-            "drive": "motor side, its torque signal or the torque sensor's gain",
-            "spring": "transmission",
-        }
-        side = where[high[0]]
-    else:  # what the rows share is the reading
-        side = "joint torque sensor, or more than one side"
+def _sensed_side(high: list[Kind]) -> str:
+    """Return where to look at a joint with a torque sensor, whose rows tell the sides apart by themselves."""
+    if len(high) > 1:  # what the rows share is the reading
+        return "joint torque sensor, or more than one side"
+    where: dict[Kind, str] = {
+        "load": "link side",
+        "drive": "motor side, its torque signal or the torque sensor's gain",
+        "spring": "transmission",
+    }
+    return where[high[0]] if high else ""
+
+
+def _sensor_sizes(joint: str, ratio: Mapping[tuple[str, str], float]) -> str:
     named = {"load": "link side", "drive": "drive", "spring": "transmission"}
-    sizes = ", ".join(f"{named[kind]} {_digits(ratio[kind])}" for kind in SENSOR_KINDS)
-    return [f"{joint}: look at the {side}; residuals over the sensors' noise: {sizes}"]
+    sizes = ", ".join(f"{named[kind]} {_digits(ratio.get((joint, kind), 0.0))}" for kind in SENSOR_KINDS)
+    return f"residuals over the sensors' noise: {sizes}"
 
 
 def organise(state: State, row: EstimationRow) -> list[Organised]:

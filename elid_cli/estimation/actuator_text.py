@@ -15,9 +15,9 @@ from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.robot.yaml import emit
 
 ABOUT = (
-    "Actuators identified by elid, at the joint, SI. null: refused, see remarks. The values go with the robot file of "
-    "the same run. friction is static, dynamic_friction is Coulomb's; an offset is torque commanded or logged "
-    "beyond what acts. effects: torques beyond these; as friction they add to the dynamic one."
+    "Actuators identified by elid, at the joint, SI. null: not shown by the log, see remarks. The values go with the "
+    "robot file of the same run. friction is static, dynamic_friction is Coulomb's; an offset is torque commanded or "
+    "logged beyond what acts. effects: torques beyond these; as friction they add to the dynamic one."
 )
 
 

@@ -239,7 +239,7 @@ def _compare(first: SavedResult, other: SavedResult) -> Comparison:
     found = Comparison(first, other, changes, tuple(dict.fromkeys(name for name in every if name not in shared)))
     if len(found.refused) == len(changes):
         what = f"{other.file}: no base parameter that it and {first.file} both estimate"
-        raise UsageError(what, detail=f"refused in one of them: {', '.join(found.refused[:6])}")
+        raise UsageError(what, detail=f"not shown by one of the logs: {', '.join(found.refused[:6])}")
     return found
 
 

@@ -131,7 +131,7 @@ def remarks(found: Identification, *, physical: bool = False) -> tuple[str, ...]
             kept = "Its value is not from this log" if physical or item.leader in unseen else (
                 "Its value is no estimate, only what the prediction needs")  # fmt: skip
             kept = "It is left out" if item.leader in unknown and not physical else kept
-            lines.append(f"{item.leader} is refused: {why}. {kept}.")
+            lines.append(f"{item.leader} is not known: {why}. {kept}.")
     return (*lines, *(() if physical else impossible_words(found)))
 
 

@@ -15,15 +15,18 @@ TERMS = {
     "model": "How far the prediction can be trusted: good, fair or poor.",
     "explains": "Share of the squared held-out error that the effect takes away in the equation beside it: 1 less the "
     "square of the error with it over that without it.",
-    "worst quarter": "Share of the squared error that the effect takes away in the quarter of the log in which "
-    "it takes least, with the model fitted to the other three quarters. An effect that is real helps in every quarter.",
+    "worst stretch": "The log is cut into four stretches of equal length, and each is predicted by a fit to the other "
+    "three: the share of the squared error that the effect takes away in the stretch where it takes least. A real "
+    "effect helps in every stretch (quarters in JSON).",
+    "stretch": "A part of the log without interruption. Held-out stretches are those that the fit never saw.",
     "condition": "Condition number of the weighted regressor, columns of unit norm: how much an error of the torque "
     "can grow in the parameters. Rank margin: the smallest singular value kept over the largest one dropped.",
     "base parameter": "A combination of parameters (masses, first moments, inertias …) that a log can show; the single "
     "parameters in it cannot be told apart from any motion.",
     "± sd": "Standard error of the estimate; the true value lies within twice that in 95 % of all logs.",
-    "verdict": "empty: known to 30 % or better, or to 0.3 % of the torque (one standard error); known roughly: less "
-    "well than that; not shown: by this log; may be biased: what the model lacks can move it by more than ± sd.",
+    "verdict": "empty: known to 30 % or better, or to 0.3 % of the torque (one standard error; supported in JSON); "
+    "known roughly: less well than that (weak in JSON); not shown: by this log (refused in JSON); may be biased: what "
+    "the model lacks can move it by more than ± sd.",
     "file": "What the robot file says.",
     "differs": "How far the estimate is from what the robot file says.",
     "follows": "The variable that the residual goes with, and the share of its square that it explains.",

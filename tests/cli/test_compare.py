@@ -43,7 +43,7 @@ def test_what_moved_is_named(elid, folder: Path) -> None:
     done = elid("compare", "a.json", "same.json", "worn.json", "--fail-on-change", cwd=folder)
     assert done.returncode == 1
     assert done.stderr == "error: worn.json: 1 parameter moved\n"
-    against = "result 2 against result 1, 1 refused in one of them"
+    against = "result 2 against result 1, 1 not shown by one of them"
     assert f"{against}: none of 3 base parameters moved" in " ".join(done.stdout.split())  # a terminal wraps it
     row = next(line.split() for line in done.stdout.splitlines() if line.startswith("  K1"))
     assert row == ["K1", "3000", "2500", "-17", "%", "-13", "N·m"]  # 500/hypot(30, 25) = 12.8

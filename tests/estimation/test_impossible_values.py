@@ -75,7 +75,7 @@ def test_a_stiffness_that_nobody_knows_is_left_out(planar: Robot, noisy: Recordi
     written = identified_robot(refused)
     assert "K" not in written.joints[1].parameters
     assert "K" in written.joints[0].parameters
-    assert any(line == "K2 is refused: why not. It is left out." for line in remarks(refused))
+    assert any(line == "K2 is not known: why not. It is left out." for line in remarks(refused))
     judged = validate(written, signals)
     assert judged.error["joint2"].spring_rms is None  # not predicted without it
     assert judged.error["joint2"].rms == pytest.approx(validate(identified_robot(found), signals).error["joint2"].rms)

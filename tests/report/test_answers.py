@@ -83,7 +83,7 @@ def test_a_poor_model_without_a_known_parameter_leads_to_another_log(capsys: pyt
     assert "None of the 12 base parameters (what motion can show) is known" in said
     assert text.splitlines()[-1].startswith("Next: elid excite --robot quanser_2dsfl --after ")
     assert "A disturbance that repeats in time would look like an effect of the motion" in said
-    assert "To tell effects of the motion from disturbances in time: a motion that does not repeat" in said
+    assert "A motion that does not repeat (to tell effects of the motion from disturbances in time)" in said
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ from elid_cli.report.figures.svg import panels
 from elid_cli.report.figures.timeline import packed, thinned
 from elid_cli.report.tree import Figure, Report, cell_text
 from elid_cli.robot.robot import Array, EffectSpec, Robot
-from elid_cli.signals.recording import Recording
+from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
 
 
@@ -114,12 +114,28 @@ def test_the_same_figure_gives_the_same_bytes_and_no_date(report: Report) -> Non
     assert first.startswith(b"\x89PNG")
 
 
-def test_a_curve_that_leaves_its_panel_is_marked_at_the_edge() -> None:
-    x = np.linspace(0.0, 1.0, 200)
-    inside, beyond = (Panel([Line(x, np.sin(9 * x))], ylim=(-most, most)) for most in (2.0, 0.5))
-    triangles = [re.findall(r"l3 -?6h-6z", panels(Drawing([panel]), "")[0]) for panel in (inside, beyond)]
-    assert not triangles[0]
-    assert {"l3 6h-6z", "l3 -6h-6z"} == set(triangles[1]), "above and below"
+def test_a_residual_is_drawn_as_far_as_the_scale_of_what_was_used_reaches() -> None:
+    t, used = np.linspace(0.0, 1.0, 5), np.array([True, True, False, False, True])
+    parts = [{"name": "", "residual": np.array([1.0, -2.0, 9.0, 2.0, 1.0]), "before": None, "floor": None}]
+    data = {"unit": "N·m", "t": t, "measured": t, "used": used, "residuals": parts}
+    panel = panels_of(Figure("torque", "", "torque", data)).panels[1]
+    (line,) = [mark for mark in panel.marks if isinstance(mark, Line)]
+    assert panel.ylim == (-2.3, 2.3), "nothing that was used leaves the panel"
+    assert np.isnan(line.y).tolist() == [False, False, True, False, False]
+
+
+def test_a_log_is_drawn_with_its_gaps_and_with_what_was_interpolated(planar: Robot) -> None:
+    log = simulate(planar, SimulationOptions(duration=1.0, rate=100.0))
+    cut = (Segment(0, 40), Segment(40, log.t.size))
+    t = np.concatenate([log.t[:40], log.t[40:] + 0.5])
+    broken = replace(log, t=t, segments=cut, bridged=(("tau", 0, t[[10, 11, 60]]),))
+    position, _, torque, _ = panels_of(log_figures(broken, planar)[0]).panels
+    (gap,) = [mark for mark in position.marks if isinstance(mark, Spans)]
+    assert gap.pairs == [(pytest.approx(t[39]), pytest.approx(t[40]))]
+    (_, mended) = [mark for mark in torque.marks if isinstance(mark, Spans)]
+    spans = [(0.095, 0.115), (t[60] - 0.005, t[60] + 0.005)]
+    assert mended.pairs == [pytest.approx(span) for span in spans]
+    assert all(np.isnan(mark.y[40]) for mark in position.marks if isinstance(mark, Line)), "no line leads across a gap"
 
 
 def test_what_colour_alone_would_tell_is_told_otherwise_too() -> None:

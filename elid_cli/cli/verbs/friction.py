@@ -14,7 +14,7 @@ from elid_cli.cli.options import Output, Source
 @options.source()
 @options.option(
     options.OUTPUT, "--write-robot", "written", type=values.File(), metavar="FILE.yaml",
-    help="Write a robot file with the supported member of every joint.",
+    help="Write a robot file with the chosen member of every joint.",
 )  # fmt: skip
 @options.output
 def friction(source: Source, written: str | None, output: Output) -> None:
@@ -48,6 +48,6 @@ def friction(source: Source, written: str | None, output: Output) -> None:
 
 
 REMARKS = (
-    "Written by elid friction: parameters and friction of the supported members, fitted to the whole log. Of sums that "
+    "Written by elid friction: parameters and friction of the chosen members, fitted to the whole log. Of sums that "
     "a log shows, the parts are those nearest to the file before.",
 )

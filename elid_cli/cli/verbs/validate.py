@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from elid_cli.cli import options
@@ -58,7 +58,9 @@ def validate(source: Source, part: Part, gates: Gates, output: Output) -> None:
         cases = errors_by_log(machine, signals, recording.files, chosen)
         if part.against:
             named = [(robot, found), *((name, judge(_alike(name, machine), signals, chosen)) for name in part.against)]
-            cases = (*cases, *(ByLog(name, judged.error) for name, judged in named))
+            cases = tuple(replace(case, shown=f"{robot} on {case.file}") for case in cases)
+            where = " on all logs" if cases else ""
+            cases = (*cases, *(ByLog(name, judged.error, f"{name}{where}") for name, judged in named))
         said = judge_prediction(found)
         report = validation_report(found, recording, robot, stretches, cases, said)
         if pictures_wanted(output):

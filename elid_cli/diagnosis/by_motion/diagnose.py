@@ -92,7 +92,7 @@ def diagnose_motion(
     effects, amplitudes = declared_along(robot, runs[0])
     done = search(robot, runs, started_from(robot, signals), effects, amplitudes, only, progress)
     if progress is not None:
-        finishing = "finishing with what was found; Ctrl-C again stops at once"
+        finishing = "finishing; Ctrl-C again stops at once"
         progress(finishing if done.partial else "searching, judging what was found", 0.9)
     changes = differing(done.after)
     after = as_last(done.after, changes)

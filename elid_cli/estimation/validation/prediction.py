@@ -204,6 +204,13 @@ class ByLog:
 
     file: str
     error: Mapping[str, JointError]
+    shown: str = ""
+    """What a report calls it, where that is not the file."""
+
+    @property
+    def label(self) -> str:
+        """What a report calls it."""
+        return self.shown or self.file
 
 
 def errors_by_log(

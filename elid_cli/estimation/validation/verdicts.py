@@ -101,7 +101,8 @@ def judge(
             verdicts.append("refused")
             unit = base.units[k]
             whole = f"combination with {name}, " if len(members) > 1 else ""
-            spread = f"{whole}standard error {deviation[k]:.2g} {unit} against a value of {estimate[k]:.2g} {unit}"
+            error, value = (f"{float(f'{v:.2g}'):g} {unit}" for v in (deviation[k], estimate[k]))
+            spread = f"{whole}standard error {error} against a value of {value}"
             reasons[name] = f"{spread}: {why(members, robot, facts)}"
         elif impossible(base, k, estimate[k], deviation[k]):
             verdicts.append("weak")
@@ -174,7 +175,8 @@ def gravity_in_body(joint: int, robot: Robot, q: Array) -> Array:
 def suspicious(base: BaseParameters, estimate: Array, deviation: Array, known: NDArray[np.bool_]) -> tuple[str, ...]:
     """Return a sentence for every stiffness, rotor inertia or friction that came out negative beyond doubt."""
     return tuple(
-        f"{base.parameters[leader]} = {estimate[k]:.3g} is negative: check signs and units, or an effect is missing"
+        f"{base.parameters[leader]} came out negative ({estimate[k]:.2g} {base.units[k]}): a sign or a unit is wrong, "
+        "or an effect is missing from the model"
         for k, leader in enumerate(base.leaders)
         if known[k] and impossible(base, k, estimate[k], deviation[k])
     )

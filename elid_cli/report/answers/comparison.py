@@ -49,12 +49,16 @@ def comparison_report(comparisons: Sequence[Comparison], sigmas: float) -> Repor
 
 def _changed(comparisons: Sequence[Comparison], sigmas: float) -> str:
     """Return in a sentence for each result what moved from the first one by more than `sigmas` standard errors."""
-    said = []
+    said, same = [], []
     for comparison in comparisons:
         moved = sorted(comparison.moved(sigmas), key=lambda change: -abs(change.deviations))
         names = listed([f"{change.name} ({_share(change)})" for change in moved])
         where = f" in {comparison.other.file}" if len(comparisons) > 1 else ""
-        said.append(f"{names}{where}." if moved else f"Nothing beyond the errors{where}.")
+        said += [f"{names}{where}."] if moved else []
+        same += [] if moved else [comparison.other.file]
+    if same:
+        where = f" in {listed(same)}" if len(comparisons) > 1 else ""
+        said.append(f"Nothing by more than {number_text(sigmas, 3)} standard errors{where}.")
     return " ".join(said)
 
 
@@ -72,7 +76,7 @@ def _moved(comparison: Comparison, number: int, sigmas: float) -> list[Section]:
     if comparison.unshared:
         against += f", {len(comparison.unshared)} base parameters not in both"
     if comparison.refused:
-        against += f", {len(comparison.refused)} refused in one of them"
+        against += f", {len(comparison.refused)} not shown by one of them"
     threshold = number_text(sigmas, 3)
     count = len(comparison.changes) - len(comparison.refused)
     if not moved:

@@ -18,7 +18,7 @@ from elid_cli.report.answers.diagnosis_tables import (
     unexplained_section,
 )
 from elid_cli.report.answers.error_tables import torque_unit
-from elid_cli.report.answers.identification import base_tables, verdict_note
+from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.inputs import (
     Items,
     command,
@@ -31,6 +31,7 @@ from elid_cli.report.answers.inputs import (
 )
 from elid_cli.report.answers.known import parameter_words, some
 from elid_cli.report.answers.missing import further_items, held_out_size, loud_rows, missing_words, repeating
+from elid_cli.report.answers.motion_diagnosis import ADDED
 from elid_cli.report.answers.summary import (
     POOR,
     answers,
@@ -98,7 +99,8 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
             )
             for k, check in enumerate(told.checks)
         ),
-        *base_tables(told.after, _moved_words(told)),
+        *base_tables(told.after),
+        *_moved_section(told),
         *reasons_table(told.after, hiding=_hiding(told.found)),
         *planned,
         KeyValues("inputs", facts, "how it was computed"),
@@ -134,7 +136,7 @@ def _as_identified(found: Diagnosis) -> list[Section]:
     other = found.predicted_worse or found.usual_cutoff != found.state_after.log.signals.filter.cutoff
     if not found.effects or not before or not other:
         return []
-    title = f"error on stretches left out in turn, below {number_text(found.usual_cutoff)} Hz as elid identify fits"
+    title = f"error on stretches left out in turn, below {number_text(found.usual_cutoff)} Hz as in elid identify"
     table = before_after_table("as_identified", found.robot, before, after, title)
     return [replace(table, note="as in the table above, at another filter: other figures of the same errors")]
 
@@ -176,21 +178,19 @@ def _trust_words(told: DiagnosisInput) -> str:
     return f"{verdict}, {added} what is missing is added: {rest}"
 
 
-def _moved_words(told: DiagnosisInput) -> str:
-    """Return what the missing effects had moved, and what is known of the parameters' errors."""
-    words = [
-        verdict_note(told.after),
-        "all values are those with what is missing added to the model" if told.contributions else "",
-    ]
+def _moved_section(told: DiagnosisInput) -> list[Section]:
+    """Return what holds of all parameters together: what the missing effects had moved, and how far the file is."""
+    words = [ADDED if told.contributions else ""]
     moved = [m.name for m in told.found.moved if abs(m.deviations) > MOVED]
     if moved and not told.found.unexplained:
-        words.append(f"biased without it, by more than {MOVED:g} standard errors: {some(moved)}")
+        words.append(f"Without it these are biased by more than {MOVED:g} standard errors: {some(moved)}.")
     if referenced(told.before):
         first, last = (m.normalised_mean_error() for m in (told.before, told.after))
         change = f"{share_text(first)} before, {share_text(last)} after" if told.contributions else share_text(last)
         if not told.contributions or last < NEARER * first:  # the file need not be true: a small change says nothing
-            words.append(f"mean difference of all base parameters from the robot file: {change}")
-    return "\n".join(word for word in words if word)
+            words.append(f"Mean difference of all base parameters from the robot file: {change}.")
+    said = "\n".join(word for word in words if word)
+    return [Text("all_parameters", said)] if said else []
 
 
 def _hiding(found: Diagnosis) -> set[int]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from math import isnan
 
 from elid_cli.diagnosis import Diagnosis, FoundEffect, Unexplained
@@ -21,6 +20,7 @@ from elid_cli.report.answers.missing import (
     FOLLOWS,
     curve_words,
     held_out_size,
+    judged_after,
     left_follows,
     poorly_fitted,
     spoken,
@@ -119,7 +119,7 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         Column("rows", "equation"),
         Column("error", "held-out error", align="right"),
         Column("gain", "explains", align="right"),
-        Column("worst_quarter", "worst quarter", align="right"),
+        Column("worst_quarter", "worst stretch", align="right"),
     ]
     robot, poor = found.robot, poorly_fitted(found)
     rows: list[tuple[Cell, ...]] = []
@@ -143,12 +143,12 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         "explains: share of the squared held-out error that it takes away in this equation"
     )
     if all(row[-1] == "–" for row in rows):
-        columns.pop()  # several terms of one curve are not judged by quarters, nor is what acts for a moment
+        columns.pop()  # several terms of one curve are not judged so, nor is what acts for a moment
         rows = [row[:-1] for row in rows]
     else:
         note += (
-            "; worst quarter: share of the squared error that it takes away in the quarter of the log where it helps "
-            "least, with the model fitted to the other three quarters"
+            "; worst stretch: the same share where it helps least, of four stretches of the log, each predicted by a "
+            "fit to the other three"
         )
     table = Table(key, tuple(columns), tuple(rows), title=title, note=note)
     return [table, KeyValues(f"{key}_meaning", tuple(meanings))]
@@ -244,10 +244,10 @@ def refuted_section(found: Diagnosis) -> list[Section]:
     if not found.refuted:
         return []
     items: tuple[tuple[str, Cell], ...] = tuple(
-        (whose(s.effect, s.joint), f"takes from each quarter's error{_where(s)}: {s.words}{_kept(s)}")
+        (whose(s.effect, s.joint), f"takes from the error of each stretch{_where(s)}: {s.words}{_kept(s)}")
         for s in found.refuted
     )
-    title = "not named: it makes a quarter of the log worse, predicted from the other three"
+    title = "not named: it makes one of four stretches of the log worse, each predicted by a fit to the other three"
     return [KeyValues("refuted", items, title=title)]
 
 
@@ -275,23 +275,20 @@ def _left(found: Diagnosis, item: Unexplained) -> str:
     near = ", ".join(f"{whose(n.effect, n.joint)} {share_text(n.gain)}" for n in item.nearest if n.gain > NEAR)
     none = f"no effect that elid knows takes away even {share_text(NEAR)}"
     none = "the search was stopped before all effects were tried" if found.partial else none
-    said = f"effects that would take most of it from stretches that they were not fitted to: {near}" if near else none
+    said = f"nearest, with the share that each would explain: {near}" if near else none
     return f"{size}{follows}{sticks}; {said}"
 
 
 def triage_section(found: Diagnosis) -> list[Section]:
     """Return which side of a joint to look at for what stays; what the found effects explain is not looked for."""
     told = {u.joint for u in found.unexplained}
-    rows = tuple(
-        replace(row, ratio=held_out_size(found, row)[1]) for row in found.rows_after
-    )  # one figure of one error
-    said = [line for line in where_words(rows) if SIZE_ONLY not in line or line.split(":")[0] not in told]
-    said = said if told else []
+    lines = where_words(judged_after(found)) if told else ()
+    said = [line for line in lines if SIZE_ONLY not in line or line.split(":")[0] not in told]
     return [Text("triage", "\n".join(said))] if said else []
 
 
 def _where(refuted: Survival) -> str:
-    return "" if refuted.cutoff is None else f", below {number_text(refuted.cutoff)} Hz as elid identify fits"
+    return "" if refuted.cutoff is None else f", below {number_text(refuted.cutoff)} Hz as in elid identify"
 
 
 def _kept(refuted: Survival) -> str:

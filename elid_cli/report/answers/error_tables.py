@@ -111,7 +111,7 @@ def log_table(robot: Robot, logs: Sequence[ByLog]) -> list[Section]:
     )
     rows: list[tuple[Cell, ...]] = []
     for log in logs:
-        cells: list[Cell] = [log.file]
+        cells: list[Cell] = [log.label]
         for joint in joints:
             error = log.error.get(joint)
             others = [o.error[joint].rms for o in logs if o is not log and joint in o.error]
@@ -125,7 +125,7 @@ def _odd_note(logs: Sequence[ByLog], joints: Sequence[str]) -> str:
     for joint in joints:
         ranked = sorted((log for log in logs if joint in log.error), key=lambda log: log.error[joint].rms)
         if len(ranked) > 1 and ranked[-1].error[joint].rms > ODD * ranked[-2].error[joint].rms:
-            return f"{ranked[-1].file} fits worse than the others at {joint}"
+            return f"{ranked[-1].label} fits worse than the others at {joint}"
     return ""
 
 

@@ -104,7 +104,7 @@ def _sentence(found: FrictionFamily) -> str:
 def _errors(found: FrictionFamily) -> Table:
     units = {torque_unit(found.robot, joint) for joint in found.fits}
     unit = units.pop() if len(units) == 1 else ""
-    columns = [Column("joint", "joint"), Column("supported", "supported"),
+    columns = [Column("joint", "joint"), Column("supported", "chosen"),
                *(Column(name, name, align="right", unit=unit) for name in found.members)]  # fmt: skip
     rows: list[tuple[Cell, ...]] = []
     for joint, fits in found.fits.items():
@@ -115,9 +115,9 @@ def _errors(found: FrictionFamily) -> Table:
             cells.append(Quantity(fit.error.rms, own, 3, tone="good" if tone == "good" else "plain"))
         rows.append(tuple(cells))
     note = (
-        "rms of motor torque minus prediction on stretches that no fit saw. A larger member is supported where it "
-        "predicts each part of the rest from the others better, by 3 % of the squared error and beyond the scatter, "
-        "and these stretches, too, and no friction is negative"
+        "rms of motor torque minus prediction on stretches that no fit saw. A larger member is chosen where it "
+        "predicts the other stretches, each by a fit to the rest, better by 3 % of the squared error and beyond the "
+        "scatter, and these stretches, too, and no friction is negative"
     )
     return Table("member_errors", tuple(columns), tuple(rows), title="held-out error of each member", note=note)
 
@@ -137,7 +137,7 @@ def _values(found: FrictionFamily) -> list[Section]:
         (joint, effect_text(found.robot, family().name, joint, _shown(values), found.std_error.get(joint, {})))
         for joint, values in _final(found).items()
     ]
-    return [KeyValues("values", tuple(items), "supported members, beside fs and fv")] if items else []
+    return [KeyValues("values", tuple(items), "chosen members, beside fs and fv")] if items else []
 
 
 def _shown(values: Mapping[str, float]) -> dict[str, float]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from elid_cli.estimation.refined_robot import impossible_words
 from elid_cli.estimation.result import BaseEstimate, FittedEffect, Identification
 from elid_cli.estimation.validation.prediction import ByLog
-from elid_cli.estimation.validation.verdicts import HELD
+from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
 from elid_cli.report.answers.classification import folded, reasons_table, verdict_mark
 from elid_cli.report.answers.drive_gains import gains_table
 from elid_cli.report.answers.error_tables import TITLE, error_table, log_table, sensor_table, small
@@ -30,6 +30,7 @@ from elid_cli.report.answers.summary import (
     BIASED,
     JOINT_KINDS,
     KNOWN,
+    NEGATIVE,
     NOT_SHOWN,
     ROUGH,
     SMALL,
@@ -112,9 +113,9 @@ def identification_report(
 def result_items(found: Identification) -> Items:
     """Return the numbers that say how far the result can be trusted."""
     counts = found.base.counts
-    verdicts = [(said, found.verdict.count(word))
-                for word, said in (("supported", "known"), ("weak", ROUGH), ("refused", NOT_SHOWN))]  # fmt: skip
-    judged = ", ".join(f"{count} {word}" for word, count in verdicts if count)
+    marks = [mark.text if isinstance(mark := _mark(item), Mark) else "known" for item in found.parameters]
+    judged = ", ".join(f"{marks.count(word)} {word}" for word in ("known", BIASED, ROUGH, NEGATIVE, NOT_SHOWN, "held")
+                       if word in marks)  # fmt: skip
     return (
         ("parameters", f"{counts['parameters']} standard, {counts['base']} base; {judged}"),
         ("condition", f"{number_text(found.condition, 2)}, rank margin {number_text(found.rank_margin, 2)}"),
@@ -130,10 +131,11 @@ def _effect_item(robot: Robot, found: FittedEffect) -> tuple[str, Cell]:
     return (found.effect.replace("_", " "), f"{found.joint or 'robot'} {values}")
 
 
-def base_tables(found: Identification, note: str = "") -> list[Table]:
+def base_tables(found: Identification) -> list[Table]:
     """Return the base parameters with errors, and with references where the robot file has any.
 
-    Those of drives and transmissions are a table of their own, which comes first; the `note` is under the last.
+    Those of drives and transmissions are a table of their own, which comes first; what the verdicts mean is under the
+    last.
     """
     ordered = by_kind([item.leader for item in found.parameters])
     drives = [k for k in ordered if found.parameters[k].leader.kind in JOINT_KINDS]
@@ -143,9 +145,8 @@ def base_tables(found: Identification, note: str = "") -> list[Table]:
         ("base_parameters", "parameters of the bodies, with standard errors", bodies),
     ]
     tables = [_base_table(found, key, title, members) for key, title, members in parts if members]
-    note = note or verdict_note(found)
     notes = [symbol_words(found.base.names[k] for k in members) for _, _, members in parts if members]
-    notes[-1:] = [f"{words}\n{note}" for words in notes[-1:]]
+    notes[-1:] = [f"{words}\n{verdict_note(found)}" for words in notes[-1:]]
     return [replace(table, note=note) for table, note in zip(tables, notes, strict=True)]
 
 
@@ -184,6 +185,8 @@ def _base_table(found: Identification, key: str, title: str, members: Sequence[i
 def _mark(item: BaseEstimate) -> Cell:
     if item.reason.startswith(HELD):
         return Mark("held", "dim")
+    if item.reason.startswith(IMPOSSIBLE):
+        return Mark(NEGATIVE, "bad")
     if item.verdict != "supported":
         return verdict_mark(item.verdict)
     return Mark(BIASED, "warn") if item.bias_possible else ""
@@ -192,12 +195,14 @@ def _mark(item: BaseEstimate) -> Cell:
 def verdict_note(found: Identification) -> str:
     """Return what the verdicts mean that stand in the tables."""
     items = found.parameters
+    negative = [item for item in items if item.reason.startswith(IMPOSSIBLE)]
     said = [
         (KNOWN, True),
-        (f"{ROUGH}: less well than that", any(item.verdict == "weak" for item in items)),
+        (f"{ROUGH}: less well than that", any(item.verdict == "weak" and item not in negative for item in items)),
         (f"{NOT_SHOWN}: by this log", any(item.verdict == "refused" and not item.reason.startswith(HELD)
                                          for item in items)),
         (f"{BIASED}: what the model lacks can move it by more than ± sd says", any(p.bias_possible for p in items)),
+        (f"{NEGATIVE}: no robot has such a value", bool(negative)),
         ("held: at the robot file's value, not looked for", any(item.reason.startswith(HELD) for item in items)),
         (SMALL_WORDS, any(small_value(item.estimate, item.std_error, item.verdict) for item in items)),
     ]  # fmt: skip

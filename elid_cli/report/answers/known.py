@@ -22,7 +22,7 @@ from elid_cli.report.answers.summary import (
 BODIES = "masses and inertias"
 COMBINATIONS = "what motion can show"
 """What base parameters are, in the fewest words."""
-NEGATIVE = "came out negative, which no robot's is"
+IS_NEGATIVE = "came out negative, which no robot's is"
 NAMED = 5
 """Parameters of a kind that are named; the others are counted."""
 
@@ -49,7 +49,7 @@ def parameter_words(found: Identification, loud: Collection[str] = ()) -> str:
         whole,
         _counted(rough, f"{ROUGH}, less well than that"),
         _counted([item for item in supported if item.bias_possible], f"{BIASED} by what is missing"),
-        _counted(negative, NEGATIVE),
+        _counted(negative, IS_NEGATIVE),
         f"{len(held)} {'is' if len(held) == 1 else 'are'} held at the file's values" if held else "",
         _counted([item for item in found.parameters if item.verdict == "refused" and item not in held],
                  f"{NOT_SHOWN} by this log"),

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from elid_cli.diagnosis import Diagnosis, FoundEffect, Rival, Unexplained
 from elid_cli.diagnosis.refit import Contribution
-from elid_cli.diagnosis.residuals import HIGH, RowState
+from elid_cli.diagnosis.residuals import HIGH, RowState, suspects
 from elid_cli.diagnosis.unexplained import HELD_OUT
 from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.inputs import Items
-from elid_cli.report.answers.summary import listed
+from elid_cli.report.answers.summary import follows_words, listed
 from elid_cli.report.tree import Cell, number_text
 
 _VARIABLES = {
@@ -139,7 +140,7 @@ def missing_words(told: DiagnosisInput) -> str:
     poor = poorly_fitted(found)
     left = [u.joint for u in found.unexplained if u.joint not in poor]
     nothing = "nothing found so far" if found.partial else "no effect that elid knows"
-    rest = "".join(_left_words(found, joint, nothing) for joint in dict.fromkeys(left))
+    rest = "".join(_left_words(found, joint, nothing) for joint in dict.fromkeys(left)) + _suspect_words(found, left)
     if found.partial and not named:
         return f"Not known yet: the search was stopped before it found anything.{rest}"
     if not named:
@@ -175,9 +176,24 @@ def _left_words(found: Diagnosis, joint: str, nothing: str) -> str:
     worst = max((u for u in found.unexplained if u.joint == joint), key=lambda u: held_out_size(found, u)[1])
     names = [words if (words := variable_words(name)) == "time" else f"the {words}"
              for name, _ in left_follows(found, worst)]  # fmt: skip
-    goes = f" It follows {listed(names)}." if names else ""
+    goes = f" It {follows_words('time')}." if names == ["time"] else f" It follows {listed(names)}." if names else ""
     times = number_text(held_out_size(found, worst)[1], 2)
     return f" {times} times the sensors' noise is left at {joint}, which {nothing} explains.{goes}"
+
+
+def judged_after(found: Diagnosis) -> tuple[RowState, ...]:
+    """Return the rows after, each over its noise as all tables have it."""
+    return tuple(replace(row, ratio=held_out_size(found, row)[1]) for row in found.rows_after)
+
+
+def _suspect_words(found: Diagnosis, left: Sequence[str]) -> str:
+    """Return where to look first for what is left at joints, as their rows tell the sides of a joint apart."""
+    joints: dict[str, list[str]] = {}
+    for joint, side in suspects(judged_after(found)).items():
+        if joint in left:
+            joints.setdefault(side, []).append(joint)
+    places = [f"the {side} at {listed(where)}" for side, where in joints.items()]
+    return f" Look first at {'; '.join(places)}." if places else ""
 
 
 def left_follows(found: Diagnosis, item: Unexplained) -> list[tuple[str, float]]:

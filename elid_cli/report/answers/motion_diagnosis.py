@@ -41,7 +41,8 @@ from elid_cli.report.tree import (
 )
 
 SCALES = {True: ("mrad", 1e3), False: ("mm", 1e3)}
-METHOD = "judged by the simulated motion, on blocks of time that the values were not fitted to"
+ADDED = "All values are those with what is missing added to the model."
+METHOD = "judged by the simulated motion, on stretches that the values were not fitted to"
 PARTIAL = (
     "stopped by Ctrl-C: this is what the search had found so far; more effects may be missing, and no robot file is"
     " written"
@@ -74,7 +75,8 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
         _position_table(found),
         *_differing_section(found),
         *_unexplained_section(found),
-        *base_tables(found.after, "with what is missing added to the model" if found.effects else ""),
+        *base_tables(found.after),
+        *([Text("all_parameters", ADDED)] if found.effects else []),
         *planned,
         KeyValues("inputs", (
             *recorded_items(found.robot, recording), *nuisance_items(found.robot, found.after.nuisances),

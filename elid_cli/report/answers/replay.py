@@ -194,8 +194,8 @@ def _warnings(first: Replay) -> list[str]:
     away = runaways(first.error)
     if away:
         said.append(
-            f"{', '.join(away)}: the simulated motion runs away: a refused or wrong value in the robot file "
-            "(stiffness, inertia), or a wrong unit or sign of what drives it"
+            f"{', '.join(away)}: the simulated motion runs away: a value in the robot file is wrong or was not shown "
+            "by its log (stiffness, inertia), or a unit or sign of what drives it is wrong"
         )
     lost = [name for name in first.lost if name not in away]
     if lost:

@@ -72,7 +72,7 @@ def _drawn_words(sets: ParameterSets, entries: Sequence[dict[str, Any]]) -> str:
     held = len(entries) - len(varied)
     said = f"{len(sets.values)} sets of {len(varied)} parameters that vary together as the results say"
     rest = f"; {held} more are held at the robot file's values" if held else ""
-    return f"{said}{rest}." + (f" Relatively widest: {listed(widest)}." if widest else "")
+    return f"{said}{rest}." + (f" Widest for their size: {listed(widest)}." if widest else "")
 
 
 def with_samples(report: Report, sets: ParameterSets) -> Report:

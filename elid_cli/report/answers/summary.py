@@ -18,7 +18,7 @@ from elid_cli.logs.checks.known_masses import AGAINST
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.units_and_signs import AS_IT_IS, NOT_TORQUE
 from elid_cli.report.answers.inputs import Items
-from elid_cli.report.tree import KeyValues, Mark, Section, number_text
+from elid_cli.report.tree import KeyValues, Mark, Section, cell_text, number_text
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 
@@ -38,7 +38,7 @@ LOUD = ABOVE
 TRUST, MISSING, PARAMETERS, RECORD = (
     "can I trust it?", "what is missing?", "what is known?", "what to record next?",
 )  # fmt: skip
-POOR, BIASED, ROUGH, NOT_SHOWN = "poor", "may be biased", "known roughly", "not shown"
+POOR, BIASED, ROUGH, NOT_SHOWN, NEGATIVE = "poor", "may be biased", "known roughly", "not shown", "negative"
 """A prediction, and parameters, that are not to be relied on: the same words in sentences, tables and figures."""
 RULE = f"to {100 * WEAK:.0f} % or better, or to {number_text(100 * WEAK * TORQUE_SHARE)} % of the torque"
 """How well a parameter is known that is called so: `verdicts.judge` in words."""
@@ -262,7 +262,7 @@ def record_sections(
                 "elid validate."
             )
         return check, []
-    sentence = f"{_upper(items[0][0])}: {items[0][1]}{'; more below' if len(items) > 1 else ''}."
+    sentence = f"{_upper(cell_text(items[0][1]))} ({items[0][0]}){'; more below' if len(items) > 1 else ''}."
     command = plan_command(log, robot)
     if (groups or (plan and not further)) and command != following:
         items.append(("command that plans it", command))
@@ -271,10 +271,10 @@ def record_sections(
 
 def _where(need: str, members: Sequence[int], joints: Sequence[str]) -> str:
     """Return a need with its joints in it; what is borne by the joints after moves with them, where there are any."""
-    names = [joints[joint] for joint in dict.fromkeys(members)]
+    names = [joints[joint] for joint in sorted(set(members))]
     if AFTER in need and len(joints) - 1 in members:
         need = need.replace(AFTER, "")
-    return need.format(listed(names))
+    return need.format(listed(names) if len(names) < max(len(joints), 3) else f"all {len(names)} joints")
 
 
 def _needed(item: BaseEstimate) -> str:

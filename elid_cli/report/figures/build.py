@@ -29,7 +29,7 @@ from elid_cli.signals.signals import Signals
 MEAN = "Error of the simulated position", "Mean size of the simulated minus the measured position."
 HELD_OUT = (
     "Error of the simulated position",
-    "Simulated minus measured position, rms, on blocks of time that the values were not fitted to.",
+    "Simulated minus measured position, rms, on stretches that the values were not fitted to.",
 )
 CHANGED = (
     "Error of each joint",
@@ -131,7 +131,7 @@ def sampling_figures(sets: ParameterSets) -> tuple[Figure, ...]:
 
 def validation_figures(found: Validation, signals: Signals, others: Sequence[ByLog] = ()) -> tuple[Figure, ...]:
     """Return the figures of a validation, compared with other robots or logs where there are any."""
-    errors = [(case.file, case.error) for case in others] or [("error", found.error)]
+    errors = [(case.label, case.error) for case in others] or [("error", found.error)]
     cases = [(label, shares(error)) for label, error in errors]
     return figures_of(FigureInput(signals, found, cases=cases, sides=motor_sides(errors)))
 

@@ -99,11 +99,6 @@ def _panel(axes: Axes, panel: Panel) -> None:
         axes.tick_params(axis="y", which="minor", left=False)
     axes.set_xlim(*x)
     axes.set_ylim(*y)
-    for line in [mark for mark in panel.marks if isinstance(mark, Line)]:
-        inside = (line.x >= x[0]) & (line.x <= x[1])
-        for edge, shape, out in ((y[0], "v", line.y < y[0]), (y[1], "^", line.y > y[1])):  # goes beyond the edge
-            there = line.x[out & inside]
-            axes.plot(there, np.full(len(there), edge), shape, color=PALETTE[line.color], markersize=3)
     axes.set_title(panel.title)
     axes.set_xlabel(panel.xlabel)
     axes.set_ylabel(panel.ylabel)

@@ -32,8 +32,8 @@ WIDTH, WIDE = 370.0, 760.0
 """px of a panel that stands beside others, and of one that takes a page's width."""
 TYPE, CHARACTER = 11.0, 6.1
 """px: size of type, and about the width of a character of it."""
-STRIP, BEYOND = 4.0, 6.0
-"""px: a strip under a shaded stretch, and a triangle where a line leaves its panel."""
+STRIP = 4.0
+"""px of a strip under a shaded stretch."""
 STEP = 4.0
 """px of a column of a long line, of which only the smallest and the largest value are drawn."""
 
@@ -63,8 +63,11 @@ def file(drawing: Drawing, title: str) -> str:
 
 
 def panels(drawing: Drawing, title: str) -> list[str]:
-    """Return each panel as an SVG for a page, whose style sheet has the colours and the type."""
-    width = WIDE if drawing.wide else WIDTH
+    """Return each panel as an SVG for a page, whose style sheet has the colours and the type.
+
+    Only what is drawn over time is as wide as a page: on a telephone, its letters would be too small to read.
+    """
+    width = WIDE if drawing.over_time else WIDTH
     found = []
     for panel in drawing.panels:
         inner, height = _panel(panel, width)
@@ -183,10 +186,8 @@ def _mark(mark: Mark, across: Place, up: Place, box: tuple[float, float, float, 
     color = f"var(--{getattr(mark, 'color', 'ink')})"
     if isinstance(mark, Line):
         dash = f' stroke-dasharray="{mark.dash}"' if mark.dash else ""
-        x, y = across(mark.x), up(mark.y)
-        drawn = _path(x, np.clip(y, top, bottom))
-        line = f'<path d="{drawn}" stroke="{color}" stroke-width="{mark.width:g}" fill="none"{dash}/>'
-        return line + _beyond(x, y, (top, bottom), color)
+        drawn = _path(across(mark.x), np.clip(up(mark.y), top, bottom))
+        return f'<path d="{drawn}" stroke="{color}" stroke-width="{mark.width:g}" fill="none"{dash}/>'
     if isinstance(mark, Dots):
         return _dots(mark, across(mark.x), up(mark.y), box, color)
     if isinstance(mark, Band):
@@ -218,18 +219,6 @@ def _mark(mark: Mark, across: Place, up: Place, box: tuple[float, float, float, 
             for text, x, y in zip(mark.texts, xs, up(mark.y), strict=True)
         )
     return _cells(mark, across, up)
-
-
-def _beyond(x: Array, y: Array, edges: tuple[float, float], color: str) -> str:
-    """Return triangles at the panel's edges where a line goes beyond them; one for all that lie under one triangle."""
-    parts = []
-    for edge, side, out in ((edges[0], 1.0, y < edges[0] - 0.5), (edges[1], -1.0, y > edges[1] + 0.5)):
-        last = -np.inf
-        for place in x[out]:
-            if place - last >= BEYOND:
-                parts.append(f"M{place:.1f} {edge:.1f}l{BEYOND / 2:g} {side * BEYOND:g}h{-BEYOND:g}z")
-                last = place
-    return f'<path d="{"".join(parts)}" fill="{color}"/>' if parts else ""
 
 
 def _dots(mark: Dots, x: Array, y: Array, box: tuple[float, float, float, float], color: str) -> str:

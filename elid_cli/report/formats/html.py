@@ -37,7 +37,8 @@ PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
                   "figure:change", "motor_side*", "figure:response", "parameters", "moved*", "unmoved*",
                   "member_errors", "values", "members", "effects*", "meaning", "waiting", "also_possible",
                   "before_after", "position", "error*", "unexplained", "triage", "differing", "by_log")),
-    ("Parameters", ("figure:parameters", "joint_parameters", "base_parameters", "reasons", "physical*", "std_error")),
+    ("Parameters", ("figure:parameters", "joint_parameters", "base_parameters", "all_parameters", "reasons",
+                    "physical*", "std_error")),
     ("What to record next", ("record", "next")),
     ("Over time", ("figure:torque", "figure:trajectory", "figure:replayed", "figure:signals")),
 )  # fmt: skip
@@ -235,8 +236,9 @@ def _text(section: Text) -> str:
         return f"<p class=next id=next>Next command</p><pre>{escape(section.text)}</pre>"
     if section.role == "code":
         return f"<pre>{escape(section.text)}</pre>"
-    kind = "warning" if section.role == "warning" else "meaning"
-    return f'<p class="{kind}">{_prose(section.text)}</p>'
+    if section.role == "warning":
+        return f'<p class="warning">Warning: {_prose(section.text)}</p>'
+    return f'<p class="meaning">{_prose(section.text)}</p>'
 
 
 def _key_values(section: KeyValues) -> str:
@@ -277,7 +279,7 @@ def _figure(figure: Figure, *, titled: bool = True) -> str:
         for mark in drawn.legend()
         if (label := getattr(mark, "label", ""))
     )
-    kind = {1: "panels wide" if drawn.wide else "panels", 2: "panels two"}.get(drawn.columns, "panels")
+    kind = {1: "panels wide" if drawn.over_time else "panels", 2: "panels two"}.get(drawn.columns, "panels")
     pictures = (f"<ul class=legend>{legend}</ul>" if legend else "") + (
         f'<div class="{kind}">{"".join(svg.panels(drawn, figure.title))}</div>'
     )

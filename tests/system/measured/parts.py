@@ -47,7 +47,7 @@ def line(words: str, path: Path) -> str:
     told = ", ".join(f"{1e3 * skews[joint]:.2f}" if joint in skews else "–" for joint in found["joints"][:3])
     base = {b["name"]: b for b in found["base_parameters"]}
     stiffness = [
-        "refused" if base[name]["estimate"] is None
+        "not shown" if base[name]["estimate"] is None
         else f"{base[name]['estimate'] / 1e6:.1f} ± {base[name]['std_error'] / 1e6:.1f}"
         for name in ("K2", "K3")
     ]  # fmt: skip

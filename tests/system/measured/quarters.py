@@ -96,7 +96,7 @@ def main(arguments: Sequence[str]) -> None:
         effect, _, joint = text.partition("@")
         place = robot.joint_names.index(joint or robot.joint_names[0])
         rows.append((effect, robot.joint_names[place], *tried(found, effect, place)))
-    print(f"{'effect':22}{'joint':9}" + "".join(f"{f'quarter {k + 1}':>11}" for k in range(QUARTERS)) + "      gain")
+    print(f"{'effect':22}{'joint':9}" + "".join(f"{f'stretch {k + 1}':>11}" for k in range(QUARTERS)) + "      gain")
     for name, at, gains, whole, word in rows:
         cells = "".join(f"{'-' if np.isnan(gain) else f'{gain:.1%}':>11}" for gain in gains)
         print(f"{name:22}{at or 'robot':9}{cells}{whole:>10.1%}  {word}")

@@ -38,7 +38,10 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         "std_errors": [[e.std_error or 0.0 for e in column] for column in columns],
         "deviations": [max((other[name].deviations for other in known), key=abs) for name in names[:MOST]],
     }
-    caption = "Less the first result, in its own size; bars are 95 % intervals; at the right the largest change in sd."
+    caption = (
+        "Difference from the first result, in percent of the parameter's size. Bars: 95 % intervals; where they reach "
+        "the edge they go on. At the right: the largest difference in standard errors."
+    )
     if names:
         yield Figure("change", "Parameters that moved most", "change", data, caption)
 
@@ -49,6 +52,10 @@ def draw(figure: Figure) -> Drawing:
     values, spread = np.array(data["values"], dtype=float), 1.96 * np.array(data["std_errors"], dtype=float)
     count = len(data["names"])
     scale = np.fmax(np.fmax(np.abs(values).max(axis=0), spread.max(axis=0)), 1e-300)
+    # a parameter near zero has a large error for its size, which must not set the scale of the others
+    sure = spread.max(axis=0) < np.abs(values).max(axis=0)
+    reach = np.fmax(np.abs(values - values[0] - spread), np.abs(values - values[0] + spread)).max(axis=0) / scale
+    edge = 110.0 * float((reach[sure] if sure.any() else reach).max(initial=1e-6))
     marks: list[Mark] = [Rule(x=0.0)]
     for number, (file, row, wide) in enumerate(zip(data["files"], values, spread, strict=True)):
         color, y = CYCLE[number % len(CYCLE)][0], np.arange(float(count)) + 0.22 * (number - (len(values) - 1) / 2)
@@ -57,5 +64,5 @@ def draw(figure: Figure) -> Drawing:
         marks += [Bars(y, x - half, x + half, color, 2.0), Dots(x, y, color, shape, size, label=file)]
     told = [f"{number_text(float(d), 2)} sd" for d in data["deviations"]]
     marks.append(Words(np.arange(float(count)), told))
-    axes = "change (% of its own size)", "", None, (count - 0.5, -0.5), 46.0 + 19.0 * count
-    return Drawing([Panel(marks, "", *axes, ynames=data["names"])])
+    axes = "difference (%)", "", (-edge, edge), (count - 0.5, -0.5), 46.0 + 19.0 * count
+    return Drawing([Panel(marks, "", *axes, ynames=data["names"])], wide=True)

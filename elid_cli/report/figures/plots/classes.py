@@ -20,7 +20,7 @@ LOOK = {
     "independent": ("#0072b2", "i", "independent"),
     "combined": ("#8fc1e3", "c", "in a combination only"),
     "unidentifiable": ("#f4f4f4", "–", "no effect on any torque"),
-    "weak": ("#f0c05a", "w", "weak in this log"),
+    "weak": ("#f0c05a", "w", "known roughly from this log"),
     "not excited": ("#b5500a", "x", "not excited by this log"),
 }
 """Class -> colour (lightness falls with what is known), letter, words."""

@@ -36,14 +36,14 @@ def figures(told: FigureInput) -> Iterator[Figure]:
     mean, _ = sets.spread
     data = {"names": sets.names, "origin": sets.origin, "mean": mean, "low": low, "high": high}
     caption = (
-        "Middle 95 % of the sets and their mean, each on the scale of its own value; at the right half the range as a "
-        "share of the mean. Orange: held at one value. The table has the numbers."
+        "Middle 95 % of the sets and their mean, each on the scale of its own value. At the right: half the range, as "
+        "a share of the mean. The table has the numbers."
     )
     yield Figure("ranges", "Ranges of the parameters", "drawn_sets", data, caption)
     if pairs := _pairs(sets):
         caption = (
-            "Every point is a set; r: correlation. Values drawn from the ranges one by one would fill the whole box: "
-            "combinations that the logs rule out."
+            "Every point is a set; r: correlation. Values drawn from each range by itself would fill the whole box, "
+            "also with combinations that the logs rule out."
         )
         yield Figure("pairs", "Parameters that vary together", "drawn_sets", {"pairs": pairs}, caption)
 

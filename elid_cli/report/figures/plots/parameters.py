@@ -10,6 +10,7 @@ import numpy as np
 
 from elid_cli.estimation.validation.verdicts import HELD
 from elid_cli.report.answers.summary import (
+    BIASED,
     JOINT_KINDS,
     NOT_SHOWN,
     SMALL,
@@ -31,6 +32,8 @@ MOST = 26
 """Parameters of one panel."""
 EDGE = 2.1
 """Values beyond this many times their scale are drawn at the edge."""
+STAR = "*"
+"""Stands behind the error of a parameter that may be biased."""
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
@@ -39,16 +42,21 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         data = {"names": found.base.names, "leaders": [p.leader for p in found.parameters],
                 "estimate": found.estimate, "std_error": found.std_error,
                 "reference": found.reference, "verdict": ["held" if p.reason.startswith(HELD) else p.verdict
-                                                          for p in found.parameters]}  # fmt: skip
+                                                          for p in found.parameters],
+                "biased": [p.bias_possible for p in found.parameters]}  # fmt: skip
+        star = f" {STAR}: {BIASED} by what the model lacks." if any(data["biased"]) else ""
         caption = (
             "Each on the scale of its own value, with its standard error at the right (small: it makes less than 1 % "
-            "of the torque). The tables below have the numbers (long ones are folded)."
+            f"of the torque).{star} The tables below have the numbers (long ones are folded)."
         )
         yield Figure("parameters", "Base parameters", "parameters", data, caption)
 
 
 def draw(figure: Figure) -> Drawing:
-    """Draw ``names``, ``leaders``, ``estimate``, ``std_error``, ``reference`` and ``verdict`` of b base parameters."""
+    """Draw ``names``, ``leaders``, ``estimate``, ``std_error``, ``reference`` and ``verdict`` of b base parameters.
+
+    Those that are ``biased`` have a star.
+    """
     data = figure.data
     order = by_kind(data["leaders"])
     drives = [k for k in order if data["leaders"][k].kind in JOINT_KINDS]
@@ -79,7 +87,9 @@ def _panel(data: Mapping[str, Any], title: str, index: Sequence[int]) -> Panel:
         Bars(y, x - half, x + half, "blue", 2.0),
         Dots(x, y, "blue", size=6, label="estimate with 95 % interval"),
         *([Dots(reference / scale, y, "orange", "d", 9, label="robot file")] if np.isfinite(reference).any() else []),
-        Words(y, [_spread(data["verdict"][k], data["estimate"][k], data["std_error"][k]) for k in index]),
+        Words(
+            y, [_spread(data["verdict"][k], data["estimate"][k], data["std_error"][k]) + _star(data, k) for k in index]
+        ),
     ]
     drawn = np.concatenate([x - half, x + half, reference / scale])
     drawn = np.clip(drawn[np.isfinite(drawn)], -EDGE, EDGE)
@@ -101,6 +111,10 @@ def shortened(name: str) -> str:
         return name
     short = called(name)
     return short if short != name else f"{name[: LONGEST - 1]}…"
+
+
+def _star(data: Mapping[str, Any], k: int) -> str:
+    return f" {STAR}" if data["biased"][k] and data["verdict"][k] == "supported" else ""
 
 
 def _spread(verdict: str, estimate: float, deviation: float) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.stretches import spans
-from elid_cli.report.figures.drawing import Drawing, Line, Mark, Panel, Rule, Spans
+from elid_cli.report.figures.drawing import Color, Drawing, Line, Mark, Panel, Rule, Spans
 from elid_cli.report.tree import Figure
 
 if TYPE_CHECKING:
@@ -30,9 +30,9 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         caption = "Filtered motor torque, measured and predicted from the motion, and their difference."
         if view.spring_residual is not None:
             caption += " Motor side: the same with the transmission's torque from the measured deflection."
-        caption += " Grey: left out, around reversals and gaps." if not np.all(view.used) else ""
-        caption += " Green, with a bar below: held out, stretches that the fit never saw." if held_out else ""
-        caption += " A triangle at the edge: the curve goes beyond it."
+        if not np.all(view.used):
+            caption += " Grey: left out of the fit, around reversals and gaps; what is too large there is not drawn."
+        caption += " Green, with a bar below: held-out stretches, which the fit never saw." if held_out else ""
         old = told.views_before.get(view.joint)
         residuals = [_part("", view.residual, None if old is None else old.residual, view.floor)]
         if view.spring_residual is not None:
@@ -78,14 +78,16 @@ def draw(figure: Figure) -> Drawing:
 
 def _residual(t: Array, part: Mapping[str, Any], shades: Sequence[Mark], used: NDArray[np.bool_], unit: str) -> Panel:
     residual, before, floor = part["residual"], part["before"], part["floor"]
-    marks: list[Mark] = [*shades]
+    lines: list[tuple[Array, Color, float, str]] = []
     if before is not None:
-        marks.append(Line(t, before, "before", "", 1.3, "residual before"))
-    marks.append(Line(t, residual, "ink", "", 1.0, "residual" if before is None else "residual after"))
+        lines.append((before, "before", 1.3, "residual before"))
+    lines.append((residual, "ink", 1.0, "residual" if before is None else "residual after"))
+    shown = [np.abs(values[used & np.isfinite(values)]) for values, *_ in lines]
+    # what was left out of the fit may be far off: it neither sets the scale nor fills the panel's edge
+    reach = max([2.2 * (floor or 0.0), *(1.15 * float(v.max()) for v in shown if v.size)]) or 1.0
+    marks: list[Mark] = [*shades]
+    for values, color, width, label in lines:
+        marks.append(Line(t, np.where(np.abs(values) <= reach, values, np.nan), color, "", width, label))
     if floor:
         marks += [Rule(y=side * floor, color="purple", dash="5 3", label="± 2 × noise") for side in (-2.0, 2.0)]
-    drawn = [values for values in (residual, before) if values is not None]
-    shown = [np.abs(values[used & np.isfinite(values)]) for values in drawn]
-    # what was left out of the fit may be far off and must not set the scale
-    reach = max([2.2 * (floor or 0.0), *(1.15 * float(v.max()) for v in shown if v.size)]) or 1.0
     return Panel(marks, part["name"], "", f"residual ({unit})", ylim=(-reach, reach), height=165)

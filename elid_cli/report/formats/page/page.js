@@ -19,10 +19,10 @@
       for (const [first, last] of span.pairs) {
         const a = Math.max(u.valToPos(first, "x", true), u.bbox.left);
         const b = Math.min(u.valToPos(last, "x", true), u.bbox.left + u.bbox.width);
-        if (b <= a) continue;
+        if (b < a) continue;
         u.ctx.globalAlpha = strip ? 1 : .18;
         const high = strip ? 4 * devicePixelRatio : u.bbox.height;
-        u.ctx.fillRect(a, u.bbox.top + u.bbox.height - high, Math.max(b - a, 1), high);
+        u.ctx.fillRect(a, u.bbox.top + u.bbox.height - high, Math.max(b - a, 2 * devicePixelRatio), high);
       }
       u.ctx.restore();
     }
@@ -41,32 +41,6 @@
       u.ctx.stroke();
       u.ctx.restore();
     }
-  }
-
-  // triangles at the edge where a curve leaves its panel, one for all that lie under one triangle
-  function beyond(u, limits) {
-    if (!limits) return;
-    const size = 6 * devicePixelRatio, {top, height} = u.bbox;
-    u.series.forEach((s, k) => {
-      if (!k || !s.show) return;
-      const last = {};
-      u.ctx.save();
-      u.ctx.fillStyle = s.stroke(u, k);
-      for (let i = s.idxs[0]; i <= s.idxs[1]; i++) {
-        const v = u.data[k][i];
-        const side = v == null ? 0 : v > limits[1] ? 1 : v < limits[0] ? -1 : 0;
-        const x = side && u.valToPos(u.data[0][i], "x", true);
-        if (!side || x - last[side] < size) continue;
-        last[side] = x;
-        const edge = side > 0 ? top : top + height;
-        u.ctx.beginPath();
-        u.ctx.moveTo(x, edge);
-        u.ctx.lineTo(x + size / 2, edge + side * size);
-        u.ctx.lineTo(x - size / 2, edge + side * size);
-        u.ctx.fill();
-      }
-      u.ctx.restore();
-    });
   }
 
   function zoom(min, max) {
@@ -96,7 +70,7 @@
         scales: {x: {time: false}, y: panel.limits ? {range: panel.limits} : {}},
         legend: {markers: {fill: (u, k) => u.series[k].stroke(u, k)}},
         cursor: {sync: {key: "elid"}, drag: {x: true, y: false}},
-        axes: [{...axis(panel.xlabel), size: 28}, {...axis(panel.ylabel), size: 52}],
+        axes: [{...axis(panel.xlabel), size: 28}, {...axis(panel.ylabel), size: 52, space: 20}],
         series: [
           {label: "cursor at (s)", value: (u, v) => v == null ? "" : v.toFixed(3)},
           ...panel.series.map(s => ({
@@ -107,7 +81,7 @@
         ],
         hooks: {
           drawClear: [u => shade(u, panel.spans)],
-          draw: [u => shade(u, panel.spans.filter(span => span.strip), true), u => rule(u, panel.rules), u => beyond(u, panel.limits)],
+          draw: [u => shade(u, panel.spans.filter(span => span.strip), true), u => rule(u, panel.rules)],
           setCursor: [u => u.root.classList.toggle("pointed", u.cursor.idx != null)],
           setScale: [(u, key) => { if (key === "x" && u.scales.x.min != null) zoom(u.scales.x.min, u.scales.x.max); }],
         },
