@@ -8,6 +8,7 @@ All of it acts on samples around the row's own (`Pieces`).
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,40 +53,48 @@ class ByMotion:
     def _positions(self) -> list[dict[_Target, Array]]:
         """Of every joint, the taps of θ's rows on what they reach."""
         one = np.ones((self._problem.log.count, 1))
-        found: list[dict[_Target, Array]] = [{} for _ in range(self._n)]
-        for i, targets in enumerate(found):
-            self._theta(i, one, targets)
-        return found
+        return [self._reached(i, one, None) for i in range(self._n)]
 
     @cached_property
     def _torques(self) -> list[dict[_Target, Array]]:
         """The same of the low-passed torques."""
         problem, now, at, x = self._problem, self._now, self._at, self._x
-        found: list[dict[_Target, Array]] = [{} for _ in range(self._n)]
+        found = []
         low_pass = np.tile(problem.kernel, (len(problem.centres), 1))
-        for i, targets in enumerate(found):
+        first, second = self._rates
+        for i in range(self._n):
             inertia = x[at["J"][i]] + now.tilt[:, i]
-            first, second = self._rates
             rates = self._moved(low_pass, now.steep[:, i], first) + self._moved(low_pass, inertia, second)
-            self._theta(i, rates, targets)
             share = low_pass * problem.spring_share(now, x, i)[self._samples(low_pass)]
-            self._spring(i, share, problem.levels, targets)
+            targets = self._reached(i, rates, share)
             if problem.link.coupled and problem.link.elastic[i]:
                 targets["carried", i] = x[at["J"][i]] * low_pass
+            found.append(targets)
         return found
 
-    def _theta(self, i: int, taps: Array, targets: dict[_Target, Array]) -> None:
-        """Add what rows of θ_i reach."""
-        _add(targets, ("own", i), taps)
-        if self._problem.link.elastic[i]:
-            self._spring(i, self._yielding(i, taps), self._problem.levels, targets)
+    def _reached(self, i: int, theta: Array, spring: Array | None) -> dict[_Target, Array]:
+        """Return what rows reach that take θ_i and, with `spring`, the torque through its transmission by taps.
 
-    def _spring(self, i: int, taps: Array, levels: int, targets: dict[_Target, Array]) -> None:
-        """Add what rows of the torque through a transmission reach; deflections that load it `levels` deep."""
-        _add(targets, ("spring", i), taps)
-        for j in self._problem.link.behind[i] if levels else ():
-            moved = [self._moved(taps, load, rate) for load, rate in zip(self._loads(i, j), self._rates, strict=True)]
-            self._spring(j, self._yielding(j, sum(moved, np.zeros(()))), levels - 1, targets)
+        That torque takes deflections of the rotors that load its link, `levels` of them in a row.
+        """
+        targets: dict[_Target, Array] = {("own", i): theta}
+        if self._problem.link.elastic[i]:
+            yielding = self._yielding(i, theta)
+            spring = yielding if spring is None else summed(spring, yielding)
+        if spring is None:
+            return targets
+        targets["spring", i] = spring
+        reached = {i: spring}
+        for _ in range(self._problem.levels):
+            ahead, reached = reached, {}
+            for j, taps in ahead.items():
+                for k in self._problem.link.behind[j]:
+                    loads = zip(self._loads(j, k), self._rates, strict=True)
+                    moved = sum((self._moved(taps, load, rate) for load, rate in loads), np.zeros(()))
+                    _add(reached, k, self._yielding(k, moved))
+            for k, taps in reached.items():
+                _add(targets, ("spring", k), taps)
+        return targets
 
     def _on_knots(self, torque: Array, i: int) -> Array:
         """Return derivatives of the torque through a transmission by q and its rates, without deflections.
@@ -135,5 +144,5 @@ class ByMotion:
         return rows.samples(taps.shape[1])
 
 
-def _add(targets: dict[_Target, Array], name: _Target, taps: Array) -> None:
+def _add(targets: dict[Any, Array], name: Any, taps: Array) -> None:
     targets[name] = summed(targets[name], taps) if name in targets else taps

@@ -31,6 +31,8 @@ POSITIONS, TORQUES = 8, 16
 """Samples that a group of position rows, and of torque rows, spans."""
 _LOAD_ROUNDING = 0.01
 """Torque within which |s| is rounded off, share of the joint's torque."""
+_GEARED, _DEEPEST = 30.0, 2
+"""Gear ratios from which on derivatives follow no more rotors in a row than that: each counts for less by its ratio."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +120,8 @@ class Latent:
         self.spline = log.kept(("spline", spacing), lambda: KnotSpline(log.t, spacing))
         self.prior_mean, self.prior_spread = prior_of(unknowns, rotors, log.torque)
         self.rounding = _LOAD_ROUNDING * log.torque
-        self.levels = self.link.levels
-        """How many rotors whose deflections load the next one in a row."""
+        self.levels = self.link.levels if self.link.ratio.min() < _GEARED else min(self.link.levels, _DEEPEST)
+        """How many rotors whose deflections load the next one in a row the derivatives follow."""
         reach = self._reach(SHORT_WIDTH // 2)
         self.positions = log.kept(
             ("positions", spacing), lambda: Pieces(self.spline, np.arange(log.count), reach, POSITIONS)

@@ -47,6 +47,11 @@ class Schur:
         """Return the coefficients' move that goes with one of the free unknowns, (K n,)."""
         return self.factor.back(self.half[:, -1:] - self.half[:, :-1] @ move[:, None])[:, 0]
 
+    def fall(self, move: Array) -> float:
+        """Return how much the linear equations' cost falls with a move of the free unknowns and the coefficients."""
+        own = self.half[:, -1]
+        return float(own @ own + self.load @ move)
+
     @cached_property
     def following(self) -> Array:
         """Return what moves of the free unknowns move the coefficients by, but for the sign, (K n, U)."""
@@ -62,6 +67,9 @@ class LatentFit:
     coefficients: Array
     model: Model
     cost: float
+    foreseen: float
+    """Cost that the last step's linear equations end at: friction's kinks make the way there long, and hardly move
+    its end."""
     freedom: int
     residuals: tuple[Array, Array]
     """Of positions (N, n) and torques (rows, n), over their noise."""
@@ -126,17 +134,22 @@ class Iteration:
     robust: bool = True
     settle: bool = False
     """Whether it goes on until the compliances have settled."""
+    near: float = 0.0
+    """Move of a compliance, share of it, that counts as settled in any case."""
     least: int = 2
     """Fewest steps."""
     low: float = 0.0
     """Cost that is low enough to end."""
     high: float = np.inf
     """Cost that is asked about: far above it, and falling slowly, no more is to be learnt."""
+    above: float = np.inf
+    """Cost clearly above it: nothing more is to be learnt where two steps in a row foresee more."""
 
-    def decided(self, cost: float, fall: float) -> bool:
-        """Return whether a cost that fell by a share of it answers what was asked."""
+    def decided(self, cost: float, fall: float, foreseen: float) -> bool:
+        """Return whether a cost that fell by a share of it, to at least what is foreseen, answers what was asked."""
         above = cost > _FAR * self.high and fall < _FAR_FALL
-        return cost < self.low or above or (cost - self.high) * (1 - fall) > _HOPELESS * cost * fall
+        hopeless = (cost - self.high) * (1 - fall) > _HOPELESS * cost * fall
+        return cost < self.low or above or hopeless or foreseen > self.above
 
 
 def fit(
@@ -159,6 +172,7 @@ class _Step(NamedTuple):
     coefficients: Array
     residual: tuple[Array, Array, Model]
     cost: float
+    foreseen: float
     move: Array
     """The whole one's, of the free unknowns."""
     schur: Schur
@@ -193,6 +207,7 @@ class _Descent:
         theta, tau, now = problem.residual(coefficients, x)
         weight = self._weight(tau)
         cost, taken = self._cost(theta, tau, weight, x), 0
+        foreseen = before = cost
         for number in range(self.how.steps):
             root = np.sqrt(weight)
             rows = _Rows(problem, now, x, (theta, tau), root, self.free)
@@ -201,22 +216,24 @@ class _Descent:
             if step is None:
                 break
             there, trial, after, lower = step.coefficients, step.x, step.residual, step.cost
+            before, foreseen = foreseen, step.foreseen
             fall, taken = (cost - lower) / cost, taken + 1
             coefficients, x, (theta, tau, now) = there, trial, after
             weight = self._weight(tau)
             cost = self._cost(theta, tau, weight, x)
             if number + 1 < self.how.least:
                 continue
-            if self.how.decided(cost, fall):
+            if self.how.decided(cost, fall, min(before, foreseen)):
                 break
-            if fall < self.how.tolerance and (not self.how.settle or self._settled(step.move, step.schur, step.unit)):
+            if fall < self.how.tolerance and (not self.how.settle or self._settled(step)):
                 break
         undamped = normal.eliminated(0.0)
         if undamped is None:
             raise np.linalg.LinAlgError("singular")
         freedom = theta.size + tau.size - coefficients.size - len(self.free)
         return LatentFit(
-            problem, x, coefficients, now, cost, freedom, (theta, tau), self.free, taken, root, undamped
+            problem, x, coefficients, now, cost, min(foreseen, cost), freedom, (theta, tau), self.free, taken, root,
+            undamped,
         )  # fmt: skip
 
     def _stepped(self, normal: _Normal, coefficients: Array, x: Array, weight: Array, cost: float) -> _Step | None:
@@ -228,6 +245,7 @@ class _Descent:
                 continue
             move, unit = normal.move(schur, self.damping)
             path = schur.path(move).reshape(coefficients.shape)
+            foreseen = max(cost - schur.fall(move), 0.0)
             for share in SHARES:
                 trial = x.copy()
                 trial[self.free] += share * move
@@ -237,14 +255,15 @@ class _Descent:
                 if np.isfinite(lower) and lower < cost * (1 + 1e-9):
                     if attempt == 0 and share == 1.0:
                         self.damping = max(self.damping / 8, 1e-10)
-                    return _Step(trial, there, after, lower, move, schur, unit)
+                    return _Step(trial, there, after, lower, foreseen, move, schur, unit)
             self.damping = max(10 * self.damping, 1e-8)
         return None
 
-    def _settled(self, move: Array, schur: Schur, unit: Array) -> bool:
-        deviation = schur.scale * np.sqrt(np.abs(np.diag(np.linalg.pinv(unit, hermitian=True))))
+    def _settled(self, step: _Step) -> bool:
+        deviation = step.schur.scale * np.sqrt(np.abs(np.diag(np.linalg.pinv(step.unit, hermitian=True))))
         c = np.isin(self.free, self.problem.unknowns["c"])
-        return bool(np.all(np.abs(move[c]) < _SETTLED * deviation[c]))
+        enough = np.maximum(_SETTLED * deviation[c], self.how.near * np.abs(step.x[self.free[c]]))
+        return bool(np.all(np.abs(step.move[c]) < enough))
 
 
 class _Rows:
@@ -283,9 +302,8 @@ class _Normal:
         self._sides = np.zeros((size, len(pull) + 1))
         self._corner, self._edge = np.diag(pull), -pull * miss
         for pieces, part, A, P, r in rows:
-            turned = A.transpose(0, 2, 1)
-            pieces.added_band(turned @ A, part, self._band)
-            pieces.added(turned @ np.concatenate([P, r[:, :, None]], axis=2), part, self._sides)
+            pieces.added_squares(A, part, self._band)
+            pieces.added(A.transpose(0, 2, 1) @ np.concatenate([P, r[:, :, None]], axis=2), part, self._sides)
             P = P.reshape(-1, P.shape[2])
             self._corner += P.T @ P
             self._edge += P.T @ r.ravel()

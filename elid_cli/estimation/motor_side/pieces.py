@@ -62,6 +62,7 @@ class Pieces:
         self._offset = knots - self.first_knot[:, None]
         self._values = spline.values(0)
         self._samples: dict[int, NDArray[np.intp]] = {}
+        self._places: dict[tuple[int, int, int], NDArray[np.intp]] = {}
 
     def of(self, values: Array, part: slice) -> Array:
         """Return values (rows, n, ...) group by group, (C, R n, ...): zero where a row does not exist."""
@@ -83,9 +84,17 @@ class Pieces:
         """Return what stands on six knots, (N, 6 n), at the window's samples over its knots, (C, S, W n)."""
         window, n = self._window[part], six.shape[1] // ORDER
         found = np.zeros((window.size, self.knots * n))
-        place = (self._offset[part] * n).ravel() + np.arange(len(found)) * found.shape[1]
-        found.reshape(-1)[place[:, None] + np.arange(ORDER * n)] = six[window.ravel()]
+        found.reshape(-1)[self._spread_to(n, part)] = six[window.ravel()]
         return found.reshape(*window.shape, -1)
+
+    def _spread_to(self, n: int, part: slice) -> NDArray[np.intp]:
+        """Return where `spread` puts n columns per knot, (C S, 6 n)."""
+        name = n, part.start, part.stop
+        if name not in self._places:
+            offset = self._offset[part] * n
+            place = offset.ravel() + np.arange(offset.size) * (self.knots * n)
+            self._places[name] = place[:, None] + np.arange(ORDER * n)
+        return self._places[name]
 
     def samples(self, wide: int) -> NDArray[np.intp]:
         """Return the samples that so many taps of every row stand on, (rows, wide); beyond the ends the last ones."""
@@ -109,19 +118,20 @@ class Pieces:
         for start, window in zip(self.first_knot[part].tolist(), values, strict=True):
             total[start * n : (start + self.knots) * n] += window
 
-    def added_band(self, values: Array, part: slice, band: Array) -> None:
-        """Add symmetric matrices on windows, (C, W n, W n), to a banded one whose columns are rows of `band`.
+    def added_squares(self, values: Array, part: slice, band: Array) -> None:
+        """Add AᵀA of matrices A on windows, (C, rows, W n), to a banded matrix whose columns are rows of `band`.
 
-        `band` is (K n, b + 1), upper band storage turned over.
+        `band` is (K n, b + 1), upper band storage turned over. Beyond the band AᵀA is zero: no row reaches so far.
         """
-        reach, width = band.shape[1] - 1, values.shape[1]
-        first = self.first_knot[part] * (width // self.knots)
-        again = np.arange(len(first)) - np.searchsorted(first, first)  # windows at an end may be the same
-        for turn in range(int(again.max()) + 1):
-            here, start = values[again == turn], first[again == turn]
-            for column in range(width):
-                low = max(0, column - reach)
-                band[start + column, reach - (column - low) :] += here[:, column, low : column + 1]
+        reach, width = band.shape[1] - 1, values.shape[2]
+        square = np.zeros((len(values), width, reach + width))
+        np.matmul(values.transpose(0, 2, 1), values, out=square[:, :, reach:])
+        group, row, item = square.strides
+        shape = len(values), width, reach + 1
+        skewed = np.lib.stride_tricks.as_strided(square, shape, (group, row + item, item), writeable=False)
+        n = width // self.knots
+        for start, window in zip((self.first_knot[part] * n).tolist(), skewed, strict=True):
+            band[start : start + width] += window
 
 
 def summed(taps: Array, others: Array) -> Array:

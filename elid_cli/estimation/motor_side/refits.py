@@ -11,20 +11,22 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.latent import Friction, Latent
 from elid_cli.estimation.motor_side.latent_fit import Iteration, LatentFit, fit
 from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples
-from elid_cli.estimation.motor_side.search import FLOORS, LOST_SHARE, Search
+from elid_cli.estimation.motor_side.search import FLOORS, LOST_SHARE, MISFIT, Search
 from elid_cli.estimation.motor_side.unknowns import Unknowns
 
 LOWER_CUT, FINER = 0.75, 0.75
 """Cut-off of the torque rows over the end of the band, and distance of knots over the first one, of two refits."""
 GAIN = 2.0
 """Least cost of a rigid joint over the cost."""
-MISFIT = 3.0
-"""Most cost per degree of freedom of a model that is believed."""
 WIDTHS = (0.4, 2.5)
 """Factors on the speed within which friction changes its sign, of refits of motion below an antiresonance."""
 PATIENT = Iteration(60, 1e-5)
 """How a fit iterates along a flat valley, where the cost falls little in a step."""
-PLAIN, _LONGER, _LONGEST = (Iteration(steps, settle=True) for steps in (10, 12, 15))
+MOVED = Iteration(15, np.inf, settle=True, least=3)
+ROUGHLY = replace(MOVED, near=0.003)
+"""How a fit iterates of which the compliances alone are asked, and where they are held against a gate of percents."""
+CLEAR = 3.0
+"""Least rise of a foreseen cost over the one that is asked about that settles the question."""
 _SHARPER = 0.4
 """Torque over which lost motion is passed where the model has some already, share of the transmission's."""
 
@@ -86,7 +88,7 @@ class _Refits:
     def fitted(
         self, log: MotorLog | None = None, *, spacing: float = 0.0, cutoff: float = 0.0,
         further: Sequence[Friction] = (), lost_scale: Array | None = None, held: tuple[int, float] | None = None,
-        how: Iteration = PLAIN,
+        how: Iteration = MOVED,
     ) -> LatentFit | None:  # fmt: skip
         """Return a refit from the best fit's end, or None where it fails; `held`: a joint at a compliance, 0 if rigid.
 
@@ -128,11 +130,11 @@ class _Refits:
     def _half(self, part: Samples, whole: MotorLog) -> tuple[Array, Array]:
         log = MotorLog(part, 2 / self.setting.spacing)
         log.theta_noise, log.tau_noise, log.torque = whole.theta_noise, whole.tau_noise, log.torque
-        found = self.fitted(log, how=_LONGER)
+        found = self.fitted(log, how=ROUGHLY)
         if found is None:
             return np.full(self.n, np.inf), np.zeros(self.n)
         place = found.problem.unknowns["c"]
-        error = np.sqrt(np.abs(np.diag(found.covariance)[place]) * max(1.0, found.chi))
+        error = np.sqrt(np.abs(np.diag(found.covariance)[place]) * max(1.0, found.foreseen / found.freedom))
         return self.move(found), error / np.abs(self.best.compliance)
 
     def frictions(self) -> list[Friction]:
@@ -154,7 +156,7 @@ def first_figures(found: Search) -> Figures:
     at, x, n = best.problem.unknowns.places, best.x, setting.link.n
     gain = np.full(n, np.inf)
     for j in np.flatnonzero(setting.link.elastic).tolist() if best.chi <= MISFIT else ():
-        rigid = refits.fitted(held=(j, 0.0), how=Iteration(12, high=GAIN * best.cost))
+        rigid = refits.fitted(held=(j, 0.0), how=Iteration(12, high=GAIN * best.cost, above=CLEAR * GAIN * best.cost))
         gain[j] = 1.0 if rigid is None else rigid.cost / best.cost
     prior, V, J = setting.rotors, best.covariance, x[at["J"]]
     with np.errstate(all="ignore"):
@@ -172,14 +174,14 @@ def with_moves(found: Search, told: Figures) -> Figures:
     refits, best, setting = _Refits(found), found.best, found.setting
     finer = setting.spacing * FINER
     share = _SHARPER if "lost" in best.problem.parts else LOST_SHARE
-    friction = refits.fitted(further=refits.frictions(), how=_LONGER)
-    spring = refits.fitted(lost_scale=share * best.model.spring.std(axis=0), how=_LONGER)
+    friction = refits.fitted(further=refits.frictions())
+    spring = refits.fitted(lost_scale=share * best.model.spring.std(axis=0))
     moves = Moves(
-        cut=refits.move(refits.fitted(cutoff=LOWER_CUT * setting.band)),
-        knots=refits.move(refits.fitted(MotorLog(setting.samples, 2 / finer), spacing=finer)),
+        cut=refits.move(refits.fitted(cutoff=LOWER_CUT * setting.band, how=ROUGHLY)),
+        knots=refits.move(refits.fitted(MotorLog(setting.samples, 2 / finer), spacing=finer, how=ROUGHLY)),
         halves=refits.halves(),
         friction=refits.move(friction),
-        friction_gain=0.0 if friction is None else best.cost / friction.cost,
+        friction_gain=0.0 if friction is None else best.foreseen / friction.foreseen,
         spring=refits.move(spring),
         other_end=_other_end(found),
     )
@@ -196,9 +198,10 @@ def rise(found: Search, joint: int, share: float, least: float) -> float:
     refits, best = _Refits(found), found.best
     unit = max(1.0, best.chi)
     lowest, limit = np.inf, best.cost + least * unit
+    how = replace(PATIENT, low=limit, high=limit, above=best.cost + CLEAR * least * unit)
     for sign in (-1, 1):
         held = joint, float(best.compliance[joint]) * (1 + sign * share)
-        end = refits.fitted(held=held, how=replace(PATIENT, low=limit, high=limit))
+        end = refits.fitted(held=held, how=how)
         lowest = min(lowest, np.inf if end is None else (end.cost - best.cost) / unit)
         if lowest < least:
             break
@@ -213,7 +216,7 @@ def friction_width(found: Search) -> Array:
         samples = replace(setting.samples, width=factor * setting.samples.width)
         log = MotorLog(samples, 2 / setting.spacing)
         log.theta_noise, log.tau_noise = found.best.problem.log.theta_noise, found.best.problem.log.tau_noise
-        moves.append(np.abs(refits.move(refits.fitted(log, how=_LONGEST))))
+        moves.append(np.abs(refits.move(refits.fitted(log))))
     return np.asarray(np.max(moves, axis=0))
 
 

@@ -43,6 +43,11 @@ mends friction, and not equations that fail. Measured: simulated logs with every
 HOPELESS = 15.0
 """Misfit at the first floor from which on no more is tried: equations that leave over a tenth of the torque lack more
 than a shape of friction. Measured: simulated logs with every friction up to 3.4, a flexible arm that refuses 20."""
+NO_PATH = 50.0
+"""Misfit of a start's path, to a tenth of the torque, from which on its parameters explain nothing. Measured: starts
+that led somewhere up to 5, arms whose motion goes on far above the highest band 100 to 10^6."""
+MISFIT = 3.0
+"""Most cost per degree of freedom of a model that is believed."""
 _SAME_COST, _SAME_PLACE = 1e-3, 0.003
 """Share of the cost, and logarithm of the compliances, within which two ends are one."""
 _ENDS = 2
@@ -124,16 +129,17 @@ def search(setting: Setting) -> Search:
     fits = _Fits(setting, climb)
     for start in starts:
         fits.add(start)
-    if _unfit(fits.ends) and climb.tops:
-        fits.add(climb.tops[0])
-    if _unfit(fits.ends) and starts:
+    tops = [top for top in climb.tops[:1] if not _lost(top) and all(top is not start for start in starts)]
+    if _unfit(fits.ends) and tops:
+        fits.add(tops[0])
+    if _unfit(fits.ends) and fits.hopeful:
         climb.with_load = False
         _without_load(fits, starts)
     if not fits.ends:
         raise np.linalg.LinAlgError("no start leads to a fit")
     first, *others = sorted(fits.ends, key=lambda end: end.cost)
     fall, moved = 0.0, np.zeros(setting.link.n)
-    for _ in range(_RUNS if first.chi <= HOPELESS else 0):
+    for _ in range(0 if any(first is end for end in fits.hopeless) else _RUNS):
         further = fit(first.problem, first.x, first.coefficients, setting.unknowns.free(), FURTHER)
         fall, moved = (first.cost - further.cost) / further.cost, np.abs(further.compliance - first.compliance)
         first = further
@@ -167,24 +173,38 @@ class _Fits:
     def __init__(self, setting: Setting, climb: Climb) -> None:
         self.setting, self.climb = setting, climb
         self.ends: list[LatentFit] = []
+        self.hopeless: list[LatentFit] = []
+        """Those of `ends` that were not gone on with."""
+        self.hopeful = False
+        """Whether the log follows from any start's parameters at all."""
         self._plain: list[LatentFit] = []
-        """With load friction alone."""
+        """With load friction alone, and the first floors of those, too."""
 
     def add(self, start: ClimbEnd) -> None:
         """Fit from a start, unless that fails or comes to where another one came."""
         try:
             columns = _Columns(self.setting, self.climb, start)
+            if columns.misfit > NO_PATH:
+                return
+            self.hopeful = True
             first = columns.level(("load",), columns.x, columns.coefficients, FLOORS[:1])
-            if first.chi > HOPELESS:
+            if first.chi > HOPELESS or (first.chi > MISFIT and not columns.may_fit(first)):
+                self.hopeless.append(first)
                 self.ends.append(first)
                 return
-            plain = columns.level(("load",), first.x, first.coefficients, FLOORS[1:])
-            if any(self._same(plain, other) for other in self._plain):
+            if self._known(first):
                 return
-            self._plain.append(plain)
+            plain = columns.level(("load",), first.x, first.coefficients, FLOORS[1:])
+            if self._known(plain):
+                return
             self.ends.append(columns.best(plain))
         except (np.linalg.LinAlgError, ValueError):
             return
+
+    def _known(self, found: LatentFit) -> bool:
+        known = any(self._same(found, other) for other in self._plain)
+        self._plain.append(found)
+        return known
 
     def _same(self, one: LatentFit, other: LatentFit) -> bool:
         near = self.setting.unknowns.apart(one.x, other.x) < _SAME_PLACE
@@ -196,16 +216,16 @@ class _Columns:
 
     def __init__(self, setting: Setting, climb: Climb, start: ClimbEnd) -> None:
         self.setting, self.unknowns = setting, setting.unknowns
-        self.x, self.coefficients = self._motion_first(start.x, climb.motion(start, setting.log.t))
+        held = self._motion_first(start.x, climb.motion(start, setting.log.t))
+        self.x, self.coefficients, self.misfit = held.x, held.coefficients, held.chi
 
-    def _motion_first(self, x: Array, q: Array) -> tuple[Array, Array]:
+    def _motion_first(self, x: Array, q: Array) -> LatentFit:
         """Return the start with the links' motion fitted and the parameters held: else the fit leaves a good start."""
         problem = self.setting.problem(("load",))
         problem.filter_torque(self.setting.cutoff, 0.1)
         only = np.zeros(self.unknowns.size, dtype=bool)
         only[self.unknowns["offset"]] = True
-        held = fit(problem, x, problem.spline.fit(q), only, Iteration(8, 0.05, robust=False))
-        return held.x, held.coefficients
+        return fit(problem, x, problem.spline.fit(q), only, Iteration(8, 0.05, robust=False))
 
     def level(
         self, parts: Sequence[str], x: Array, coefficients: Array, floors: Sequence[tuple[float, int]],
@@ -223,6 +243,12 @@ class _Columns:
             )
             x, coefficients = found.x, found.coefficients
         return found
+
+    def may_fit(self, first: LatentFit) -> bool:
+        """Return whether all columns from the start foresee a misfit that is believed: later floors only raise it."""
+        scale = LOST_SHARE * first.model.spring.std(axis=0)
+        found = self.level(("load", "bumps", "lost"), self.x, self.coefficients, FLOORS[:1], scale)
+        return found.foreseen <= MISFIT * found.freedom
 
     def best(self, found: LatentFit) -> LatentFit:
         """Return the fit with the columns that pay, from the one with load friction alone."""

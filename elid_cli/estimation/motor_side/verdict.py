@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elid_cli.estimation.motor_side.refits import GAIN, MISFIT, Figures, Moves
-from elid_cli.estimation.motor_side.search import FALL
+from elid_cli.estimation.motor_side.refits import GAIN, Figures, Moves
+from elid_cli.estimation.motor_side.search import FALL, MISFIT
 from elid_cli.estimation.result import Verdict
 
 CRAWLS = 1e-4
