@@ -90,8 +90,9 @@ class ByMotion:
             for j, taps in ahead.items():
                 for k in self._problem.link.behind[j]:
                     loads = zip(self._loads(j, k), self._rates, strict=True)
-                    moved = sum((self._moved(taps, load, rate) for load, rate in loads), np.zeros(()))
-                    _add(reached, k, self._yielding(k, moved))
+                    moved = [self._moved(taps, load, rate) for load, rate in loads if load.any()]
+                    if moved:
+                        _add(reached, k, self._yielding(k, sum(moved[1:], moved[0])))
             for k, taps in reached.items():
                 _add(targets, ("spring", k), taps)
         return targets
@@ -128,13 +129,10 @@ class ByMotion:
 
     def _moved(self, taps: Array, share: Array, stencil: Array) -> Array:
         """Return rows of share (N,) times what a stencil gives, none near the ends, as rows of what it is given."""
-        reach, size = len(stencil) // 2, taps.shape[1]
+        reach = len(stencil) // 2
         inside = share.copy()
         inside[:reach] = inside[len(share) - reach :] = 0.0
-        found = np.zeros((len(taps), size + 2 * reach))
-        taps = taps * inside[self._samples(taps)]
-        for k, weight in enumerate(stencil):
-            found[:, k : k + size] += weight * taps
+        found: Array = (taps * inside[self._samples(taps)]) @ _shifts(stencil, taps.shape[1])
         return found
 
     def _samples(self, taps: Array) -> NDArray[np.intp]:
@@ -142,6 +140,13 @@ class ByMotion:
         problem = self._problem
         rows = problem.positions if len(taps) == problem.log.count else problem.torques
         return rows.samples(taps.shape[1])
+
+
+def _shifts(stencil: Array, size: int) -> Array:
+    """Return the matrix that turns `size` taps on a stencil's results into taps on what it is given."""
+    place, found = np.arange(size)[:, None], np.zeros((size, size + len(stencil) - 1))
+    found[place, place + np.arange(len(stencil))] = stencil
+    return found
 
 
 def _add(targets: dict[Any, Array], name: Any, taps: Array) -> None:

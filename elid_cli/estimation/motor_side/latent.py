@@ -267,12 +267,13 @@ class Latent:
         spring[:, at["p"]] = now.terms.columns[:, i]
         for j in self.link.behind[i]:
             speed, acceleration = now.terms.by_speed[:, i, j], now.terms.by_acceleration[:, i, j]
-            spring += x[at["J"][j]] * (
-                speed[:, None] * (first @ theta[:, j]) + acceleration[:, None] * (second @ theta[:, j])
-            )
+            used = np.flatnonzero(theta[:, j].any(axis=0))
+            for load, rate in ((speed, first), (acceleration, second)):
+                if load.any():
+                    spring[:, used] += (x[at["J"][j]] * load)[:, None] * (rate @ theta[:, j, used])
             spring[:, at["J"][j]] += speed * now.speed[:, j] + acceleration * now.acceleration[:, j]
-        used = [np.asarray([at[name][j] for name in ("J", "damping", "lost", "c")]) for j in range(i, self.log.n)]
-        return spring, np.concatenate([at["p"], *used])
+        own = [np.asarray([at[name][j] for name in ("J", "damping", "lost", "c")]) for j in range(i, self.log.n)]
+        return spring, np.concatenate([at["p"], *own])
 
     def _deflection_by_unknowns(self, now: Model, x: Array, spring: Array, theta: Array, i: int) -> None:
         """Write d θ_i / d x, (N, size), into `theta`."""
