@@ -121,7 +121,7 @@ def test_the_report_goes_from_the_residual_to_the_next_command(report) -> None:
         "Stribeck friction at joint1", "what to record next?",
         "missing from the model", "Stribeck friction of joint1", "amplitude", "No other effect does as well",
         "error on the held-out stretches", " → good", "before: residual where the model was fitted",
-        "parameters of drives and transmissions", "biased without it", "how it was computed", "recorded",
+        "parameters of drives and transmissions", "Without it these are biased", "how it was computed", "recorded",
         f"Next: elid diagnose stribeck.h5 --robot arm.yaml {' '.join(FEW)} --write-robot",
     )  # fmt: skip
     places = [text.find(words) for words in order]
