@@ -70,19 +70,22 @@ def line(name: str, logs: int, found: np.ndarray, more: str) -> None:
 
 
 def extra_of(effect: str, joint: int, drives: Drives, reach: float) -> Extra:
-    """Return an effect whose torque is of the size of the joint's Coulomb friction."""
-    size = float(drives.coulomb[joint])
+    """Return an effect whose torque is of the size of the joint's Coulomb friction.
+
+    What repeats with the angle does so within the motion: less than a period of it is any bend.
+    """
+    size, order = float(drives.coulomb[joint]), np.ceil(4 / reach)
 
     def push(s: State) -> float:
         return {
             "link_spring": 2.0 * size * s.x / reach,
             "quadratic_viscous": 0.5 * size * s.v * abs(s.v) / (2 * reach) ** 2,
-            "torque_ripple": 0.5 * size * np.sin(12 * s.x),
+            "torque_ripple": 0.5 * size * np.sin(order * s.x),
         }.get(effect, 0.0)
 
     def grip(s: State) -> float:
         return {
-            "position_friction": 0.6 * size * np.sin(4 * s.x + 1),
+            "position_friction": 0.6 * size * np.sin(order * s.x + 1),
             "stribeck": 1.2 * size * np.exp(-abs(s.v) / (0.2 * reach)),
             "load_friction": 0.2 * abs(s.load),
         }.get(effect, 0.0)
