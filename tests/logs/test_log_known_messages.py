@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import LogError
+from elid_cli.logs.mcap.ros_schema import KNOWN
 from elid_cli.robot.robot import Joint, Robot
 from tests.logs.made_logs import JOINTS, ROBOT, read, recording
-from tests.logs.mcap_made import DYNAMIC, HEADER, RULE, STAMP, Bag, joint_state
+from tests.logs.mcap_made import DYNAMIC, HEADER, RULE, STAMP, Bag, encoder, joint_state
 
 BASE = recording(700)
 RIGID = replace(ROBOT, joints=tuple(replace(joint, transmission="rigid") for joint in ROBOT.joints))
@@ -250,3 +252,52 @@ def test_dynamic_joint_states_are_like_joint_states_and_the_source_with_more_joi
     log = read(path, robot=RIGID)
     np.testing.assert_array_equal(log.q, BASE.q)
     np.testing.assert_array_equal(log.tau, BASE.tau)
+
+
+def bare_bag(folder: Path, kind: str, text: str, message: Any) -> Path:
+    """Write a bag as ROS 2 Humble does, in SQLite and without definitions of its messages."""
+    encode = encoder(kind, text)
+    with sqlite3.connect(path := folder / "run_0.db3") as base:
+        base.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
+        base.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+        base.execute("INSERT INTO topics VALUES(1, '/state', ?, 'cdr')", (kind,))
+        rows = [(10**18 + round(1e9 * t), encode(message(k))) for k, t in enumerate(BASE.t.tolist())]
+        base.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES(1, ?, ?)", rows)
+    base.close()
+    return path
+
+
+def test_unitrees_messages_are_read_from_a_bag_without_definitions(tmp_path: Path) -> None:
+    kind = "unitree_hg/LowState"
+    parts = [f"{RULE}\nMSG: unitree_hg/{name}\n{KNOWN[f'unitree_hg/{name}']}" for name in ("IMUState", "MotorState")]
+    imu = {"quaternion": [1.0, 0, 0, 0], "gyroscope": [0.0] * 3, "accelerometer": [0.0] * 3, "rpy": [0.0] * 3}
+    idle = {"mode": 1, "dq": 0.0, "ddq": 0.0, "temperature": [20, 20], "vol": 48.0, "sensor": [0, 0], "motorstate": 0}
+    rest = {"wireless_remote": [0] * 40, "reserve": [0] * 4, "crc": 0}
+
+    def message(row: int) -> dict[str, Any]:
+        at = np.zeros((2, 35))
+        at[:, 12:15] = BASE.q[row], BASE.tau[row]
+        motors = [{**idle, "q": q, "tau_est": tau, "reserve": [0] * 4} for q, tau in at.T.tolist()]
+        state = {"version": [0, 0], "mode_pr": 0, "mode_machine": 5, "tick": row, "motor_state": motors}
+        return {**state, "imu_state": {**imu, "temperature": 30}, **rest}
+
+    waist = tuple(Joint(f"waist_{name}_joint", transmission="rigid") for name in ("yaw", "roll", "pitch"))
+    path = bare_bag(tmp_path, "unitree_hg/msg/LowState", "".join([KNOWN[kind], *parts]), message)
+    log = read(path, robot=Robot("g1", waist))
+    np.testing.assert_allclose(log.q, BASE.q, atol=1e-6)
+    np.testing.assert_allclose(log.tau, BASE.tau, atol=1e-4)
+
+
+def test_a_bag_without_the_definition_of_its_messages_says_so(tmp_path: Path) -> None:
+    kind = "franka_msgs/msg/FrankaRobotState"
+    path = bare_bag(tmp_path, kind, "float64[3] q\n", lambda row: {"q": BASE.q[row].tolist()})
+    with pytest.raises(LogError, match="no position") as caught:
+        read(path, robot=RIGID)
+    assert f"not decoded: {kind}: the bag does not hold its definition" in caught.value.detail
+    assert "ros2 bag convert" in caught.value.hint
+    (tmp_path / "other").mkdir()
+    other = bare_bag(
+        tmp_path / "other", "unitree_go/msg/LowState", "float64[3] q\n", lambda row: {"q": BASE.q[row].tolist()}
+    )
+    with pytest.raises(LogError, match="no position"):  # of another version: of another length
+        read(other, robot=Robot("leg", LEG))

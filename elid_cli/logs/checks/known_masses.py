@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.logs.checks.described_torques import gravity_torques
 from elid_cli.logs.checks.encoder_pairs import as_yaml, proposed
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.torque_scale import LAG, WRONG_SCALE
 from elid_cli.logs.mapping.plan import ReadPlan
-from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import Robot
 
 INSTANTS = 400
@@ -82,7 +82,7 @@ def wrong_scales(
     idle = [s for s in scales if s.correlation < FAINT and abs(s.ratio) + SURE * s.deviation < 1 / WRONG_SCALE]
     if idle:
         yield (
-            f"{signal} of {_listed([names[s.joint] for s in idle])} {WEIGHTLESS} of the described bodies: gravity was "
+            f"{signal} of {listed([names[s.joint] for s in idle])} {WEIGHTLESS} of the described bodies: gravity was "
             f"taken out of it, something else carries them, or {WRONG}, or the masses or the gravity of {robot.name}"
         )
     opposed = [s for s in scales if s.correlation < -FAINT and s.ratio + SURE * s.deviation < -1 / WRONG_SCALE]
@@ -90,25 +90,27 @@ def wrong_scales(
         signs = ", ".join(f"{names[s.joint]}: -1" for s in opposed)
         key = "sign: -1" if len(opposed) == len(scales) else f"sign: {{{signs}}}"
         yield (
-            f"{signal} of {_listed([names[s.joint] for s in opposed])} {AGAINST} of the described bodies: a sign is "
+            f"{signal} of {listed([names[s.joint] for s in opposed])} {AGAINST} of the described bodies: a sign is "
             f"wrong, or the gravity of {robot.name} (a robot that hangs says gravity: [0, 0, 9.81]); "
             f"{proposed(plan, signal, key)}"
         )
     off = [s for s in scales if s.correlation > FAINT and _is_off(s)]
     if not off:
         return
-    sizes = _listed([f"{s.ratio:.2g}" for s in off])
+    sizes = listed([f"{s.ratio:.2g}" for s in off])
     said = (
-        f"{signal} of {_listed([names[s.joint] for s in off])} is {sizes} {BESIDE_WEIGHT} of the "
+        f"{signal} of {listed([names[s.joint] for s in off])} is {sizes} {BESIDE_WEIGHT} of the "
         f"described bodies: {WRONG}, or the masses of {robot.name}"
     )
+    if all(s.ratio > 1 for s in off):
+        said += ", or the positions, which may be too small"
     if computed:
         yield f"{said}; the torque is computed, so the gains kp and kd may be of the motor's side"
         return
     placement = plan.placements.get(signal)
     newtons = placement is None or placement.spec.unit in ("", "N.m", "N")
     if signal == "tau" and newtons and all(s.ratio < 1 for s in off):
-        ratios = _listed([_about(1 / s.ratio) for s in off])
+        ratios = listed([about(1 / s.ratio) for s in off])
         said += f"; a torque at the motor's shaft would mean gear ratios of about {ratios}"
     yield f"{said}; {proposed(plan, signal, _key(off, robot, plan, signal))}"
 
@@ -119,12 +121,13 @@ def _is_off(scale: Scale) -> bool:
     return (low > WRONG_SCALE and scale.correlation > FOLLOWS) or high < 1 / WRONG_SCALE
 
 
-def _about(size: float) -> str:
+def about(size: float) -> str:
     """Return a size with two digits, without an exponent where it needs none."""
     return f"{float(f'{size:.2g}'):g}"
 
 
-def _listed(words: Sequence[str]) -> str:
+def listed(words: Sequence[str]) -> str:
+    """Return words as a sentence lists them."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
@@ -143,8 +146,8 @@ def _key(off: Sequence[Scale], robot: Robot, plan: ReadPlan, signal: str) -> str
     if unit and not kept and set(before) == {1.0}:
         return unit
     if alike and len(set(before)) == 1:
-        return ", ".join([*kept, f"scale: {_about(before[0] / ratio)}"])
-    found = {s.joint: _about(before[s.joint] / s.ratio) for s in off}
+        return ", ".join([*kept, f"scale: {about(before[0] / ratio)}"])
+    found = {s.joint: about(before[s.joint] / s.ratio) for s in off}
     sizes = (f"{name}: {found.get(k, 'RATIO')}" for k, name in enumerate(robot.joint_names))
     return ", ".join([*kept, f"scale: {{{', '.join(sizes)}}}"])
 
@@ -168,10 +171,10 @@ def weight_scales(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[Sca
             continue
         chain = [k for k in range(robot.n) if k in robot.ancestors[j] or j in robot.ancestors[k]]
         own = np.column_stack([speed[:, j], np.sign(speed[:, j]), np.nan_to_num(bend[:, chain]), np.ones(at.size)])
-        yield Scale(j, *_ratio(own[used], weight[used, j], tau[at, j][used]))
+        yield Scale(j, *slope_beside(own[used], weight[used, j], tau[at, j][used]))
 
 
-def _ratio(own: Array, weight: Array, tau: Array) -> tuple[float, float, float]:
+def slope_beside(own: Array, weight: Array, tau: Array) -> tuple[float, float, float]:
     """Return slope of torque over weight beside other columns, its standard error, correlation; NaN: not shown."""
     sizes = np.linalg.norm(own, axis=0)
     own = own[:, sizes > 0] / sizes[sizes > 0]
@@ -188,47 +191,3 @@ def _ratio(own: Array, weight: Array, tau: Array) -> tuple[float, float, float]:
     ratio = float(whole[0] / whole[1])
     correlation = float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
     return ratio, float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((without - ratio) ** 2))), correlation
-
-
-def gravity_torques(robot: Robot, q: Array) -> Array:
-    """Return the torques, N·m (N), that hold the described bodies at rest at positions (N, n), rad (m); same shape.
-
-    NaN at joints whose load depends on a mass or first moment that is unknown.
-    """
-    known = np.array([[joint.parameters.get(kind, math.nan) for kind in LINK_PARAMETERS[:4]] for joint in robot.joints])
-    torques = _weights(robot, q, np.nan_to_num(known))
-    if np.isnan(known).any():
-        other = _weights(robot, q, np.nan_to_num(known, nan=1.0))
-        torques[:, (torques != other).any(axis=0)] = math.nan
-    return torques
-
-
-def _weights(robot: Robot, q: Array, bodies: Array) -> Array:
-    """Return the same for bodies of given mass and first moment, (n, 4)."""
-    gravity = np.array(robot.gravity)
-    mass, axes, origins = bodies[:, 0].copy(), [], []
-    first: list[Array] = []
-    frames = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
-    for k, (joint, (before, after)) in enumerate(zip(robot.joints, robot.placements(), strict=True)):
-        frame = frames[robot.parents[k] + 1] @ before
-        motion = np.broadcast_to(np.eye(4), frame.shape).copy()
-        if joint.revolute:
-            sin, cos = np.sin(q[:, k]), np.cos(q[:, k])
-            motion[:, 0, 0], motion[:, 0, 1], motion[:, 1, 0], motion[:, 1, 1] = cos, -sin, sin, cos
-        else:
-            motion[:, 2, 3] = q[:, k]
-        frame = frame @ motion
-        axes.append(frame[:, :3, 2])
-        origins.append(frame[:, :3, 3])
-        frames.append(frame @ after)
-        first.append(mass[k] * frames[-1][:, :3, 3] + frames[-1][:, :3, :3] @ bodies[k, 1:])
-    torques = np.empty_like(q)
-    for k in reversed(range(robot.n)):
-        if robot.joints[k].revolute:
-            torques[:, k] = -np.sum(axes[k] * np.cross(first[k] - mass[k] * origins[k], gravity), axis=1)
-        else:
-            torques[:, k] = -mass[k] * (axes[k] @ gravity)
-        if (parent := robot.parents[k]) >= 0:
-            mass[parent] += mass[k]
-            first[parent] = first[parent] + first[k]
-    return torques

@@ -117,6 +117,11 @@ class MissingSignal:
             return f"{before}--map {shlex.quote(line)}"
         taken = {pick.source for pick in placement.picks} if placement is not None else set()
         free = [c for c in self.raw.channels if c.width and c.source not in taken and not _about(c.field)]
+        if not free and placement is None and any("does not hold its definition" in c.kind for c in self.raw.channels):
+            return (
+                f"convert it where the package of its messages is installed: ros2 bag convert -i {self.name} -o "
+                "mcap.yaml (with storage_id: mcap); MCAP holds the definitions"
+            )
         units = getattr(self.raw, "units", {})
         wanted = (signal,) if placement is not None else needed(self.plan, self.robot, units)
         wanted = tuple(s for s in wanted if s != "t" or getattr(self.raw, "timeless", False))

@@ -14,8 +14,10 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.logs.checks.encoder_pairs import CLOSE, UNLIKE, Pair, as_yaml, plain, proposed, swap
+from elid_cli.logs.checks.known_inertias import wrong_times
 from elid_cli.logs.checks.known_masses import wrong_scales
 from elid_cli.logs.checks.limits import WRONG, beyond_limits
+from elid_cli.logs.checks.position_scale import wrong_positions
 from elid_cli.logs.checks.required import Checked
 from elid_cli.logs.checks.torque_scale import (
     FOLLOWS,
@@ -71,10 +73,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     whole = slice(start, min(stop, start + SAMPLES))
     sides = np.where(np.isnan(checked.q[whole]), checked.theta[whole], checked.q[whole])
     found.extend(beyond_limits(sides, checked.tau[whole], aligned.dt, robot))
-    found.extend(wrong_scales(sides, checked.tau[whole], aligned.dt, robot, plan, computed=bool(checked.computed)))
-    sensed = checked.optional.get("tau_link")
-    if sensed is not None and np.isnan(checked.tau).all():
-        found.extend(wrong_scales(sides, sensed[whole], aligned.dt, robot, plan, signal="tau_link"))
+    found.extend(_described(checked, sides, whole, aligned.dt, robot, plan))
     q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
     pairs = [Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
     tau: Array | None = None
@@ -104,6 +103,22 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     for pair in compared:
         found.extend(_scale(pair, scales.get(pair.j, math.nan), robot, plan, alone=right))
     return found
+
+
+def _described(
+    checked: Checked, positions: Array, part: slice, dt: float, robot: Robot, plan: ReadPlan
+) -> Iterator[str]:
+    """Compare torques with weight and inertia of the described bodies, by what the robot's file says of them."""
+    sensed = checked.optional.get("tau_link")
+    alone = sensed is not None and np.isnan(checked.tau).all()
+    signal, torque = ("tau_link", sensed) if sensed is not None and alone else ("tau", checked.tau)
+    tau = torque[part]
+    told = list(wrong_positions(positions, tau, dt, robot, plan))  # the torques would be blamed for the positions
+    computed = bool(checked.computed) and not alone
+    yield from told or wrong_scales(positions, tau, dt, robot, plan, signal=signal, computed=computed)
+    if not told:
+        motors = np.where(np.isnan(checked.theta[part]), positions, checked.theta[part])
+        yield from wrong_times(positions, motors, tau, dt, robot, signal=signal)
 
 
 def _amperes(plan: ReadPlan, robot: Robot) -> Iterator[str]:

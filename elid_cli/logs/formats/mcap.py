@@ -223,6 +223,10 @@ class McapLog:
         return self._decoders[key]
 
 
+UNDEFINED = "the bag does not hold its definition"
+"""What is said of messages that cannot be decoded without it."""
+
+
 def make_decoder(encoding: str, name: str, language: str, schema: bytes) -> tuple[CdrDecoder | FlatDecoder | None, str]:
     """Return the decoder of a channel, or None and the reason."""
     known = name or "no type"
@@ -233,6 +237,8 @@ def make_decoder(encoding: str, name: str, language: str, schema: bytes) -> tupl
         definitions = definitions_of(name, text)
         if definitions is not None:
             return CdrDecoder(short_name(name), definitions), ""
+        if not schema:  # bags before ROS 2 Iron
+            return None, f"{known}: {UNDEFINED}"
         return None, (
             f"{known}: its schema is {language or 'empty'}, expected ros2msg text or one of the types known by name, "
             f"{', '.join(NAMED)}"

@@ -24,6 +24,9 @@ PRIMITIVES: dict[str, str] = {
 
 TIME = "builtin_interfaces/Time"
 
+UNITREE_IMU = "float32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\nfloat32[3] rpy\n"
+UNITREE_MOTOR = "uint8 mode\nfloat32 q\nfloat32 dq\nfloat32 ddq\nfloat32 tau_est\n"
+UNITREE_COMMAND = "uint8 mode\nfloat32 q\nfloat32 dq\nfloat32 tau\nfloat32 kp\nfloat32 kd\n"
 KNOWN: dict[str, str] = {
     "sensor_msgs/JointState": (
         "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
@@ -39,8 +42,45 @@ KNOWN: dict[str, str] = {
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
     TIME: "int32 sec\nuint32 nanosec\n",
     "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec\n",
+    # of unitree_ros2, whose robots record bags that hold no definitions (ROS 2 Foxy and Humble)
+    "unitree_go/LowState": (
+        "uint8[2] head\nuint8 level_flag\nuint8 frame_reserve\nuint32[2] sn\nuint32[2] version\nuint16 bandwidth\n"
+        "IMUState imu_state\nMotorState[20] motor_state\nBmsState bms_state\nint16[4] foot_force\n"
+        "int16[4] foot_force_est\nuint32 tick\nuint8[40] wireless_remote\nuint8 bit_flag\nfloat32 adc_reel\n"
+        "int8 temperature_ntc1\nint8 temperature_ntc2\nfloat32 power_v\nfloat32 power_a\nuint16[4] fan_frequency\n"
+        "uint32 reserve\nuint32 crc\n"
+    ),
+    "unitree_go/LowCmd": (
+        "uint8[2] head\nuint8 level_flag\nuint8 frame_reserve\nuint32[2] sn\nuint32[2] version\nuint16 bandwidth\n"
+        "MotorCmd[20] motor_cmd\nBmsCmd bms_cmd\nuint8[40] wireless_remote\nuint8[12] led\nuint8[2] fan\nuint8 gpio\n"
+        "uint32 reserve\nuint32 crc\n"
+    ),
+    "unitree_go/IMUState": f"{UNITREE_IMU}int8 temperature\n",
+    "unitree_go/MotorState": (
+        f"{UNITREE_MOTOR}float32 q_raw\nfloat32 dq_raw\nfloat32 ddq_raw\nint8 temperature\nuint32 lost\n"
+        "uint32[2] reserve\n"
+    ),
+    "unitree_go/MotorCmd": f"{UNITREE_COMMAND}uint32[3] reserve\n",
+    "unitree_go/BmsState": (
+        "uint8 version_high\nuint8 version_low\nuint8 status\nuint8 soc\nint32 current\nuint16 cycle\nint8[2] bq_ntc\n"
+        "int8[2] mcu_ntc\nuint16[15] cell_vol\n"
+    ),
+    "unitree_go/BmsCmd": "uint8 off\nuint8[3] reserve\n",
+    "unitree_hg/LowState": (
+        "uint32[2] version\nuint8 mode_pr\nuint8 mode_machine\nuint32 tick\nIMUState imu_state\n"
+        "MotorState[35] motor_state\nuint8[40] wireless_remote\nuint32[4] reserve\nuint32 crc\n"
+    ),
+    "unitree_hg/LowCmd": "uint8 mode_pr\nuint8 mode_machine\nMotorCmd[35] motor_cmd\nuint32[4] reserve\nuint32 crc\n",
+    "unitree_hg/IMUState": f"{UNITREE_IMU}int16 temperature\n",
+    "unitree_hg/MotorState": (
+        f"{UNITREE_MOTOR}int16[2] temperature\nfloat32 vol\nuint32[2] sensor\nuint32 motorstate\nuint32[4] reserve\n"
+    ),
+    "unitree_hg/MotorCmd": f"{UNITREE_COMMAND}uint32 reserve\n",
 }
-"""Types known by name, for logs whose schemas are empty or in another language (ros2idl)."""
+"""Types known by name, for logs whose schemas are empty or in another language (ros2idl).
+
+A message of another length than its definition says is not decoded, so one of another version is refused.
+"""
 
 MOST_DEFINITIONS = 500
 MOST_FIELDS = 2000

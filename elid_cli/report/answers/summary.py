@@ -14,6 +14,7 @@ from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.sufficiency import ABOVE, MATTERS
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE, TORQUE_SHARE, WEAK
+from elid_cli.logs.checks.known_inertias import RUNS
 from elid_cli.logs.checks.known_masses import AGAINST
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.units_and_signs import AS_IT_IS, NOT_TORQUE
@@ -52,7 +53,7 @@ SYMBOLS = {
     "I": "inertia of the body about its joint's frame",
 }  # fmt: skip
 """Symbols of parameters in words; c and I have axes behind them, all of them the number of their joint."""
-DOUBTS = (WRONG, AGAINST, NOT_TORQUE, AS_IT_IS, "sign were wrong", "sign looks wrong", "look swapped")
+DOUBTS = (WRONG, RUNS, AGAINST, NOT_TORQUE, AS_IT_IS, "sign were wrong", "sign looks wrong", "look swapped")
 """What a warning says that doubts units, or signs."""
 NAMED = 6
 """Names in a sentence, beyond which they are counted."""
