@@ -88,6 +88,11 @@ def robot_as_logged(
     return replace(robot, joints=tuple(joints), notes=(*notes, *_ungeared(robot)))
 
 
+def joints_held(robot: Robot, log: str | Path, mapping: Mapping[str, Any] | None = None) -> frozenset[str]:
+    """Return the joints of which a log has positions, moving or not; none of one that cannot be read."""
+    return frozenset(name for part in _held(robot, log, mapping, ()) for name in part.link | part.motor)
+
+
 def _without_absent(robot: Robot, parts: Sequence[_Held]) -> tuple[Robot, list[str]]:
     """Return the robot with those joints locked that no part holds or moves, where others are left, and what to say."""
     places = {n: {part.still.get(n) for part in parts if n in part.link | part.motor} for n in robot.joint_names}

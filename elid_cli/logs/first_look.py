@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from elid_cli.logs.adapt import robot_as_logged
+from elid_cli.logs.adapt import joints_held, robot_as_logged
 from elid_cli.logs.inspect import LogInfo, inspect_log
 from elid_cli.robot.completion import Completion
 from elid_cli.robot.robot import Robot
@@ -41,6 +41,8 @@ def first_look(
     if unnamed:
         seen = robot_as_logged(robot, [log], mapping, hold | dict.fromkeys(unnamed, 0.0))
         info = inspect_log(log, seen, mapping)
+    left = [name for name in robot.joint_names if name not in seen.joint_names and name not in hold]
+    standing = joints_held(robot, log, mapping) if left and not unnamed else frozenset()
     return Completion(
         lock=hold,
         log={signal: spec for signal, spec in info.resolved.items() if signal in (mapping or {})},
@@ -49,7 +51,8 @@ def first_look(
         guesses=tuple(line for line in info.mapping.splitlines() if line),
         missing=info.missing,
         chain=info.chain,
-        absent=tuple(n for n in robot.joint_names if n not in seen.joint_names and n not in hold),
+        absent=tuple(name for name in left if name not in standing),
+        standing={name: seen.held[name] for name in left if name in standing},
     )
 
 

@@ -37,12 +37,14 @@ class Completion:
     """Signals that are needed and that that log does not show."""
     absent: tuple[str, ...] = ()
     """Joints that it does not hold."""
+    standing: Mapping[str, float] = field(default_factory=dict)
+    """Joints that stand still in it, and are locked there, rad or m."""
     chain: str = ""
     """Link whose chain has as many joints as that log, a table without names, has columns for; empty: not needed."""
 
     def unknown_ratios(self, robot: Robot) -> tuple[str, ...]:
         """Return the joints that move whose gear ratio neither the robot's file nor anybody has told."""
-        told = {*self.gear_ratios, *self.absent, *self.held(robot)}
+        told = {*self.gear_ratios, *self.absent, *self.standing, *self.held(robot)}
         return tuple(j.name for j in robot.joints if j.gear_ratio is None and j.name not in told)
 
     def held(self, robot: Robot) -> tuple[str, ...]:
@@ -117,10 +119,13 @@ def _kept(known: Completion) -> Iterator[str]:
     if known.lock:
         yield "lock:   # rad or m"
         yield from (f"  {quoted(name)}: {value!r}" for name, value in known.lock.items())
+    if known.standing:
+        where = inline({name: float(f"{value:.4g}") for name, value in known.standing.items()})
+        yield f"# lock: {where}   # as {visible(known.logged)} has them, which is done where nothing else is said"
     unheld = {name: 0 for name in known.absent if name not in known.lock}
     if unheld and not known.tip:
         yield f"# lock: {inline(unheld)}   # not in {visible(known.logged)}: held at 0 where nothing else is said"
-    if known.tip or known.chain or known.lock or unheld:
+    if known.tip or known.chain or known.lock or known.standing or unheld:
         yield ""
 
 

@@ -243,3 +243,17 @@ def test_what_the_file_holds_cannot_be_held_again(elid: Elid, arm: Path) -> None
     assert again.returncode == 2
     assert "already locked at 0.02" in again.stderr
     assert elid("classify", "--robot", str(arm), "--tip", "right_tip").returncode == 2
+
+
+def test_fingers_that_stand_still_in_the_log_are_not_said_to_be_absent(elid: Elid, arm: Path, logs: Path) -> None:
+    own = np.genfromtxt(logs / "link.csv", delimiter=",", names=True, deletechars="")
+    columns = {name: own[name] for name in own.dtype.names}
+    columns |= {f"q.{finger}": np.full(len(own), 0.02) for finger in ("left", "right")}
+    columns |= {f"tau.{finger}": np.zeros(len(own)) for finger in ("left", "right")}
+    log = arm.with_name("still.csv")
+    np.savetxt(log, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    done = elid("init", str(arm), str(log), "--json")
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert said["absent"] == []
+    assert "# lock: {left: 0.02, right: 0.02}   # as " in arm.with_suffix(".elid.yaml").read_text()

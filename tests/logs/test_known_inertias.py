@@ -14,6 +14,7 @@ from elid_cli.experiment.simulation.run import SimulationOptions, simulate
 from elid_cli.logs.checks.described_torques import inertial_torques
 from elid_cli.logs.checks.known_inertias import inertia_scales, wrong_times
 from elid_cli.logs.checks.known_masses import wrong_scales
+from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.position_scale import wrong_positions
 from elid_cli.logs.mapping.language import SignalMap
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
@@ -67,7 +68,7 @@ def test_a_vertical_axis_has_no_weight_and_shows_its_torque_by_inertia(tmp_path:
     tau = found.tau * np.array([0.01, 1])
     assert not list(wrong_scales(found.q, tau, found.dt, arm, PLAN))
     (said,) = wrong_times(found.q, found.q, tau, found.dt, arm)
-    assert "tau of joint1 is 0.01 times what moves the described bodies, and no weight shows its size: a unit" in said
+    assert f"tau of joint1 is 0.01 times what moves the described bodies, and no weight shows its size: {WRONG}" in said
 
 
 def test_a_torque_of_another_size_is_no_wrong_time(robot: Robot, log: Log) -> None:
@@ -85,7 +86,7 @@ def test_positions_of_another_size_are_doubted_and_not_the_torque(
     (said,) = wrong_positions(factor * log[0], log[1], DT, robot, PLAN)
     assert said.startswith(f"positions look {size}: ")
     assert said.endswith(f'if so, map it: q: {{from: "q.{{joint}}", {key}}}')
-    assert "a unit or side is wrong" in said
+    assert WRONG in said
 
 
 def test_positions_are_doubted_neither_as_they_are_nor_for_a_torque_of_another_size(robot: Robot, log: Log) -> None:
