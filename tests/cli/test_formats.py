@@ -107,6 +107,15 @@ def test_a_narrow_table_becomes_records(report: Report) -> None:
     assert "  unit: [N·m]" in lines
 
 
+def test_a_label_longer_than_a_line_is_folded_before_its_value() -> None:
+    label = "for " + ", ".join(f"m{k} with {k} others" for k in range(3, 12))
+    report = Report("identify", {}, (KeyValues("record", ((label, "stronger accelerations of all joints"),)),))
+    lines = formats.render(report, "terminal", formats.Style(width=80)).splitlines()
+    assert squeezed("".join(lines)) == squeezed(f"{label}:stronger accelerations of all joints")
+    assert 3 < len(lines) < 7
+    assert max(map(len, lines)) <= 80
+
+
 def test_long_tables_say_how_to_see_the_rest(report: Report) -> None:
     short = formats.render(report, "terminal", formats.Style())
     assert "row2" in short

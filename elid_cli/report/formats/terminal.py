@@ -40,6 +40,8 @@ PASTED = re.compile(r"--[a-z][a-z-]* (?=[\w./])|\w+: \{from: [^{}]*(?:\{[^{}]*\}
 """What a reader pastes out of a sentence: an option with its value, a line of a mapping."""
 INDENT = 2
 GAP = 2
+LABEL = 60
+"""Percent of the width that a label may take, its value behind it; a longer one is folded."""
 LONG, BESIDE = 10, 8
 """Rows from which on a table is two blocks side by side where the terminal is wide, and the columns between them."""
 _STYLE: dict[Tone, str] = {"plain": "", "good": "green", "warn": "yellow", "bad": "bold red", "dim": "dim"}
@@ -133,7 +135,11 @@ class _Writer:
             if side_by_side:
                 self._hanging(_pad(self._said(label), label_width + GAP), cell, INDENT + label_width + GAP)
             else:
-                self._hanging(f"{self._said(label)}{' ' if label.endswith('?') else ': '}", cell, 2 * INDENT)
+                whole = f"{label}{'' if label.endswith('?') else ':'}"
+                *lines, last = self._fold(whole, LABEL * self.style.width // 100)
+                for line in lines:
+                    self._line((" " * INDENT, ""), (line, "dim"))
+                self._hanging(f"{last} ", cell, 2 * INDENT)
 
     def _hanging(self, label: str, cell: Cell, indent: int) -> None:
         """Print ``label value``, the value folded and its further lines indented by `indent`."""
