@@ -28,8 +28,10 @@ from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.torque_scale import WRONG_SCALE
 from elid_cli.robot.robot import Robot
 
-INSTANTS = 1000
+INSTANTS = 600
 """Instants of a log that are looked at."""
+ROWS = 8192
+"""Samples in the middle of it by which a lag is chosen."""
 WRONG_INERTIA = WRONG_SCALE**2
 """Factor between a torque and that of the described inertia that no wrong reference value explains."""
 FOLLOWS = 0.5
@@ -137,6 +139,8 @@ def _lag(position: Array) -> int:
     the best one is that from which on they change least.
     """
     found, least = 0, STEADY
+    spare = max(0, len(position) - ROWS) // 2
+    position = position[spare : spare + ROWS]
     for lag in LAGS:
         if len(position) < 8 * lag + FEWEST:
             break
