@@ -26,6 +26,8 @@ class Case:
 
     kind: str = "cross"
     """``cross``: dither past the resonances; ``below``: to half the lowest antiresonance; ``smooth``: none."""
+    top: tuple[float, float] | None = None
+    """Highest line of the dither, Hz, from, to, in place of these."""
     signal_to_noise: float = 80.0
     """dB of each channel's own scatter."""
     rate: float = 1000.0
@@ -110,6 +112,8 @@ def _spectrum(arm: Arm, case: Case, generator: np.random.Generator, count: int, 
     spectrum = np.zeros((count // 2 + 1, arm.n), dtype=complex)
     locked = locked_frequencies(arm)
     top = {"cross": locked[-1] * generator.uniform(1.3, 2.2), "below": locked[0] * generator.uniform(0.4, 0.6)}
+    if case.top is not None:
+        top[case.kind] = generator.uniform(*case.top)
     for i in range(arm.n):
         turn = np.exp(2j * np.pi * generator.random(len(lines)))
         size = generator.uniform(0.3, 1.0, len(lines)) / (1 + lines / period) * turn

@@ -32,7 +32,7 @@ LOST_SHARE = 0.15
 """Torque over which lost motion is passed, share of the transmission's."""
 _PAYS = 20.0
 """Fall of the cost, per further unknown and unit of misfit, from which on a column stays."""
-_STRIBECK_FROM, _LOST_FROM, _CORNERED, _UNFIT = 1.1, 1.3, 2.5, 2.0
+_STRIBECK_FROM, _LOST_FROM, _CORNERED, UNFIT = 1.1, 1.3, 2.5, 2.0
 """Misfits from which on are tried: Stribeck's columns, lost motion, all from the start, a climb without load."""
 FURTHER, FALL, _RUNS = Iteration(20, 1e-4, least=1), 0.001, 4
 """How the best end is gone on from, the fall of its cost, share of it, that ends it, and the most times: a fit that
@@ -143,13 +143,13 @@ def search(setting: Setting) -> Search:
         further = fit(first.problem, first.x, first.coefficients, setting.unknowns.free(), FURTHER)
         fall, moved = (first.cost - further.cost) / further.cost, np.abs(further.compliance - first.compliance)
         first = further
-        if abs(fall) < FALL or further.chi > _UNFIT:
+        if abs(fall) < FALL or further.chi > UNFIT:
             break
     return Search(setting, (first, *others), fall, moved / np.maximum(np.abs(first.compliance), 1e-300))
 
 
 def _unfit(ends: Sequence[LatentFit]) -> bool:
-    return not ends or min(end.chi for end in ends) > _UNFIT
+    return not ends or min(end.chi for end in ends) > UNFIT
 
 
 def _lost(start: ClimbEnd) -> bool:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elid_cli.estimation.motor_side.refits import GAIN, Figures, Moves
-from elid_cli.estimation.motor_side.search import FALL, MISFIT
+from elid_cli.estimation.motor_side.search import FALL, MISFIT, UNFIT
 from elid_cli.estimation.result import Verdict
 
 CRAWLS = 1e-4
@@ -80,7 +80,7 @@ def verdict_of(failed: Sequence[str]) -> Verdict:
 
 def failed_gates(told: Figures, joint: int) -> list[str]:
     """Return the names of the gates that a joint does not pass, as in `WORDS`."""
-    stable = _stable(told.moves, joint) if told.moves else []
+    stable = _stable(told.moves, joint, told.chi) if told.moves else []
     return [*_seen(told, joint), *stable, *_possible(told, joint)]
 
 
@@ -101,8 +101,12 @@ def _seen(told: Figures, i: int) -> list[str]:
     return [name for name, passed in checks.items() if not passed]
 
 
-def _stable(asked: Moves, i: int) -> list[str]:
-    """Return failed gates about whether other rows, models and starts say the same."""
+def _stable(asked: Moves, i: int, chi: float) -> list[str]:
+    """Return failed gates about whether other rows, models and starts say the same.
+
+    Where the best end of a search is far from noise, its starts must agree, whatever the others cost: a search that
+    found nothing better may not have found the valley.
+    """
     moves = {"cut": asked.cut, "knots": asked.knots, "friction": asked.friction, "spring": asked.spring}
     failed = [name for name, move in moves.items() if not abs(move[i]) < MOVE]
     if asked.friction_gain > FRICTION_GAIN and not abs(asked.friction[i]) < FRICTION_MOVE and "friction" not in failed:
@@ -112,7 +116,7 @@ def _stable(asked: Moves, i: int) -> list[str]:
     if not (max(abs(one[i]), abs(two[i])) < HALVES and abs(one[i] - two[i]) < apart):
         failed.append("halves")
     far, cost = asked.other_end
-    if np.isfinite(far[i]) and far[i] > OTHER and cost < OTHER_COST:
+    if np.isfinite(far[i]) and far[i] > OTHER and (cost < OTHER_COST or chi > UNFIT):
         failed.append("other_end")
     return failed
 

@@ -9,7 +9,7 @@ import pytest
 
 from elid_cli.estimation.motor_side.estimate import motor_side
 from elid_cli.estimation.motor_side.link_side import LinkSide, reflected
-from elid_cli.estimation.motor_side.refits import Figures
+from elid_cli.estimation.motor_side.refits import Figures, Moves
 from elid_cli.estimation.motor_side.result import MotorSideJoint
 from elid_cli.estimation.motor_side.verdict import failed_gates
 from tests.system.motor_arms import Case, inertias, mass, motor_log, random_motor_arm, told_robot
@@ -120,6 +120,21 @@ def test_a_fit_with_a_negative_compliance_is_believed_at_no_joint() -> None:
     wrong = replace(told, compliance=np.array([1e-3, -3.5e-6]))
     assert failed_gates(wrong, 0) == ["negative"]
     assert "sign" in failed_gates(wrong, 1)
+
+
+def test_starts_that_end_apart_far_from_noise_are_believed_at_no_joint() -> None:
+    one, none = np.ones(1), np.zeros(1)
+    half = none, 0.001 * one
+    moves = Moves(none, none, (half, half), none, 1.0, none, (0.07 * one, 1.7))
+    told = Figures(
+        compliance=1e-3 * one, error=1e-6 * one, chi=1.0, delay=0.0, damping=none, rotor=one, rotor_pull=none,
+        rotor_sensitivity=none, load_friction=none, load_friction_error=0.01 * one, band=20 * one,
+        antiresonance=10 * one, least_mass=1.0, gain=50 * one, fall=0.0, moved=none, moves=moves,
+    )  # fmt: skip
+    assert failed_gates(told, 0) == []  # the other end costs too much to count
+    assert failed_gates(replace(told, chi=2.3), 0) == ["other_end"]
+    alone = replace(told, chi=2.3, moves=replace(moves, other_end=(np.full(1, np.inf), np.inf)))
+    assert failed_gates(alone, 0) == []
 
 
 def test_smooth_motion_under_noise_is_refused_and_told_what_would_show_it() -> None:

@@ -4,7 +4,8 @@
 
 LOGS logs (default 26), from number FIRST on (default 0), of planar arms that a second simulator moves
 (`tests/system/motor_arms.py`): every log has its own arm, motion, noise (80, 70, 60 dB in turn) and rotor inertias told
-up to 20 % wrongly. Takes some 2 s of processor time per log of two joints.
+up to 20 % wrongly. Takes some 2 to 8 s of processor time per log of two joints. Interrupted, it prints the table of the
+logs so far.
 
 --beyond: arms and logs other than those that the thresholds were set for: more joints, coarser encoders, other sample
 rates, gears with a kinematic error, links with a mode of their own.
@@ -16,6 +17,7 @@ import argparse
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,6 +74,7 @@ BEYOND = (
     Kind("link mode, 25 Hz", replace(CROSS, link_mode=(0.1, 25.0))),
     Kind("link mode, 60 Hz", replace(CROSS, link_mode=(0.1, 60.0))),
     Kind("six joints", CROSS, joints=6),
+    Kind("six, to 26-44 Hz", replace(CROSS, top=(26.0, 44.0)), joints=6),
 )
 
 
@@ -150,12 +153,13 @@ def main() -> None:
     kinds = BEYOND if told.beyond else KINDS
     joints: list[Joint] = []
     seconds: dict[str, list[float]] = {}
-    for number in range(told.first, told.first + told.logs):
-        found, spent = judged(number, kinds)
-        joints += found
-        seconds.setdefault(found[0].kind, []).append(spent)
-        said = ", ".join(f"{joint.verdict} {100 * joint.error:+.2f}%" for joint in found)
-        print(f"{number:4d} {found[0].kind:27} {spent:5.1f} s  {said}", file=sys.stderr, flush=True)
+    with suppress(KeyboardInterrupt):
+        for number in range(told.first, told.first + told.logs):
+            found, spent = judged(number, kinds)
+            joints += found
+            seconds.setdefault(found[0].kind, []).append(spent)
+            said = ", ".join(f"{joint.verdict} {100 * joint.error:+.2f}%" for joint in found)
+            print(f"{number:4d} {found[0].kind:27} {spent:5.1f} s  {said}", file=sys.stderr, flush=True)
     print(table(joints, seconds))
 
 
