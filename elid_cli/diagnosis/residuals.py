@@ -13,7 +13,7 @@ from elid_cli.diagnosis.fit.state import State
 from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.triangles import full_columns, to_triangles
-from elid_cli.estimation.validation.following import Followed, followed, in_bursts, motion_curves
+from elid_cli.estimation.validation.following import Followed, followed, in_bursts, motion_curves, slow_part
 from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Kind
 
 HIGH = 1.3
@@ -254,8 +254,11 @@ def variables(state: State, joint: int) -> dict[str, Array]:
 
 
 def follows_motion(state: State, row: EstimationRow) -> bool:
-    """Whether what a row leaves follows the motion, or came in bursts: noise, whatever its memory, does neither."""
-    return came_in_bursts(state, row) or followed_by(state, row).beyond
+    """Whether what a row leaves follows the motion, is as slow as it, or came in bursts: noise does none of these."""
+    if came_in_bursts(state, row) or followed_by(state, row).beyond:
+        return True
+    group = state.log.training.group(row)
+    return slow_part(_residual(state, row), group.target, group.use, group.columns[:0]) > 0
 
 
 def came_in_bursts(state: State, row: EstimationRow) -> bool:

@@ -3,7 +3,8 @@
 A residual that follows the motion is predicted, stretch by stretch, from what the other stretches show of smooth
 curves over it: a joint's speed, position, load, deflection, the other joints' speeds, and the course of the log. How
 much of it chance would predict is told by the same residual moved round in time against the motion: that keeps its
-memory and breaks the tie.
+memory and breaks the tie. A residual that remembers as long as the torque itself does is no noise of a sensor, whatever
+it follows.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.stretches import STRETCHES, stretch_of
+from elid_cli.model.effects.rows import derivative
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import Signals
@@ -28,6 +30,10 @@ PIECES = 4
 """Pieces per fold: what changes in the course of a log is predicted from before and after."""
 ALSO = 0.7
 """Part of the best group's prediction from which another group of curves is taken as possible, too."""
+PACE = "pace"
+"""What a residual follows that is as slow as the torque and follows no group of curves."""
+SLOW = 0.5
+"""Part of the torque's memory from which a residual is too slow for noise."""
 RIDGE = 1e-4
 """Damping of the curves' coefficients, of the strongest direction."""
 
@@ -68,6 +74,7 @@ def motion_curves(signals: Signals, joint: int, robot: Robot, load: Array) -> di
         "position": [np.cos(k * turn) for k in range(1, 9)] + [np.cos(k * turn) * sign for k in range(1, 4)],
         "load": [np.abs(size) * sign, size, np.abs(size), np.abs(size) * unit(speed)],
         "acceleration": bends(ddtheta[joint])[3:],
+        "rate of the torque": [unit(_rate(load, signals))],
     }
     if robot.joints[joint].elastic:
         deflection = place - q[joint]
@@ -79,6 +86,13 @@ def motion_curves(signals: Signals, joint: int, robot: Robot, load: Array) -> di
     if others:
         groups["other joints' speed"] = [unit(dtheta[k]) for k in others]
     return {name: np.array(values) for name, values in groups.items()}
+
+
+def _rate(load: Array, signals: Signals) -> Array:
+    """Return the rate of a torque at the fit's instants, (M,), segment by segment."""
+    steps = np.diff(signals.outputs)
+    starts = np.flatnonzero(steps > steps.min(initial=1)) + 1
+    return derivative(load, 1.0, starts.tolist())
 
 
 def _filtered(signals: Signals, part: Segment) -> Array:
@@ -202,3 +216,15 @@ def memory(residual: Array, use: NDArray[np.bool_], rate: float) -> float:
     last = int(below[0])
     before, after = correlation[last - 1], correlation[last]
     return float((last - 1 + (before - np.exp(-1.0)) / (before - after)) / rate)
+
+
+def slow_part(residual: Array, torque: Array, use: NDArray[np.bool_], columns: Array) -> float:
+    """Return the rms of what columns leave of a residual, if it remembers as long as the torque itself; else 0.
+
+    Noise of a sensor forgets sooner. Arguments as in `followed`; `torque` is that of the row, (M,).
+    """
+    own, left = _orthonormal(columns[:, use]), np.zeros_like(residual)
+    left[use] = residual[use] - (own @ residual[use]) @ own
+    if memory(left, use, 1.0) <= SLOW * memory(torque, use, 1.0):
+        return 0.0
+    return float(np.sqrt(np.mean(left[use] ** 2)))

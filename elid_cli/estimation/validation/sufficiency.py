@@ -23,7 +23,7 @@ from elid_cli.estimation.regression.observation import Observation, RowGroup
 from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.cross_validation import floored
-from elid_cli.estimation.validation.following import followed, memory, motion_curves
+from elid_cli.estimation.validation.following import PACE, followed, memory, motion_curves, slow_part
 from elid_cli.estimation.validation.noise_floor import Floor, propagated
 from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.estimation.validation.too_quiet import too_quiet
@@ -182,6 +182,9 @@ def _judged_rows(
         if found.beyond and seen > VISIBLE * least:
             said.insufficient.append(Insufficient(name, row.kind, ratio, found.groups[0], found.share))
             said.missing.append(_Missing(row, found.groups, seen))
+        elif (slow := slow_part(residual, group.target, use, own(group))) > ABOVE * least:
+            said.insufficient.append(Insufficient(name, row.kind, ratio, PACE, 0.0))
+            said.missing.append(_Missing(row, found.groups, slow))
     return said
 
 

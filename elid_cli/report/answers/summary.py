@@ -12,6 +12,7 @@ from math import isfinite
 
 from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
 from elid_cli.estimation.result import BaseEstimate, Identification
+from elid_cli.estimation.validation.following import PACE
 from elid_cli.estimation.validation.sufficiency import ABOVE, MATTERS
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE, TORQUE_SHARE, WEAK
 from elid_cli.logs.checks.known_inertias import RUNS
@@ -187,7 +188,8 @@ def rows_words(rows: Sequence[Insufficient]) -> str:
 
 def follows_words(variable: str) -> str:
     """Return that a residual follows a variable; what only time explains changes in the course of the log."""
-    return "changes in the course of the log" if variable == "time" else f"follows the {variable}"
+    words = {"time": "changes in the course of the log", PACE: "changes as slowly as the torque"}
+    return words.get(variable, f"follows the {variable}")
 
 
 def small_value(estimate: float, deviation: float, verdict: str) -> bool:
