@@ -10,6 +10,7 @@ from elid_cli._types import Progress
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.evidence.leftover import only_helps, silences
 from elid_cli.diagnosis.evidence.moments import friction_at_rest, one_of_many
+from elid_cli.diagnosis.evidence.pushing import impossible_with
 from elid_cli.diagnosis.evidence.quarters import Survival, judged
 from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
 from elid_cli.diagnosis.fit.divided_log import Log
@@ -77,6 +78,7 @@ def divided(robot: Robot, signals: Signals) -> Log:
         fold=search_folds(observation.instants),
         raw=signals,
         shifts=shifts,
+        seen=shifts,
         level=level,
         tilt=declared_tilt(level),
     )
@@ -234,7 +236,7 @@ def _unsupported(state: State, number: int, tried: Effect) -> float | None:
     What acts for a moment need not show in the held-out stretches, but it must stand out from all other moments, and
     not be a motor's sticking.
     """
-    if not sensible(state.effects[number], state.scene, state.named(number)):
+    if not sensible(state.effects[number], state.scene, state.named(number)) or impossible_with(state, number):
         return 0.0
     if tried.local:
         unlike = one_of_many(state, number) or friction_at_rest(state, number) or only_helps(state, number, 0.0)

@@ -152,12 +152,14 @@ def _identified_again(
     held, late = [], []
     for spec in described_.effects:
         kind = effect_classes()[spec.effect]
-        if kind.corrects == "link":
+        if kind.corrects in ("link", "position"):
             late.append(spec)
+        elif kind.nuisance == "delay" and next(iter(spec.parameters.values())) < 0:
+            late.append(spec)  # logged later than it acts: identification corrects the other sign
         # identification estimates offsets and delays of any size itself
         elif kind.nuisance != "delay" and (kind.nuisance != "offset" or (spec.effect, spec.joint) in own):
             held.append(spec)
-    # a late link encoder is put right as a prediction does it: its first order alone would bend the bodies' torques
+    # a late encoder is put right as a prediction does it: its first order alone would bend the bodies' torques
     moved = corrected(signals, declared_shifts(replace(described_, effects=tuple(late))))
     fitted = replace(described_, effects=tuple(held)), moved
     try:

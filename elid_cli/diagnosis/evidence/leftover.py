@@ -99,8 +99,12 @@ def silences(state: State, number: int) -> bool:
     """Whether effect `number` brings a row that obeys its model well below what its sensors' noise alone leaves.
 
     The noise of a row is believed as far as rows of its kind show it that the effect does not touch: where those are
-    below it without any fault, it is taken for too large in this one as well.
+    below it without any fault, it is taken for too large in this one as well. A channel that is moved in time hides no
+    noise, nor do a load or gravity, whose torque follows from the motion of all joints together: they leave no row of
+    their kind to ask.
     """
+    if state.effects[number].corrects is not None or state.effects[number].whole_robot:
+        return False
     lacking, touching = without(state, number), state.columns[number].rows
     rows = state.triangles.rows
     ratios = {row: lacking.rms(row) / lacking.floor.rms[row] for row in rows if lacking.floor.rms[row] > 0}

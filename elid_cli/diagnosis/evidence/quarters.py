@@ -138,7 +138,7 @@ def judged(found: Found, declared: int) -> tuple[Found, Survival | None]:
             return replace(rest, after=refreshed(without(state, declared + k))), worst
     k = next(k for k, item in enumerate(skews) if item is worst)
     gone, shifts = found.skews[k], state.log.shifts
-    log = state.log.shifted(shifts.moved("link", gone.joint, shifts.of("link", gone.joint) - gone.skew))
+    log = state.log.seen_late(gone.joint, shifts.of("link", gone.joint) - gone.skew)
     state = refreshed(fit(log, state.effects, state.scene))
     return replace(found, after=state, skews=(*found.skews[:k], *found.skews[k + 1 :])), worst
 

@@ -35,6 +35,8 @@ class Log:
     """The signals as logged; `signals` has late channels moved to where they belong."""
     shifts: Shifts
     """By how much channels were moved."""
+    seen: Shifts
+    """By how much the robot file and the positions say that channels are late: they go back there without an effect."""
     level: Robot
     """The robot as described; the model's has its gravity turned by `tilt`."""
     tilt: Array
@@ -46,6 +48,11 @@ class Log:
         if np.any(shifts.torque):
             signals = replace(signals, moved=shifts.torque)
         return replace(self, signals=signals, observation=observe(self.model, signals), shifts=shifts)
+
+    def seen_late(self, joint: int, skew: float) -> Log:
+        """Return the log with the link encoder of a joint moved, s, as far as the positions show it to be late."""
+        log = self.shifted(self.shifts.moved("link", joint, skew))
+        return replace(log, seen=self.seen.moved("link", joint, skew))
 
     def tilted(self, tilt: Array) -> Log:
         """Return the log with the model in gravity turned by other angles."""

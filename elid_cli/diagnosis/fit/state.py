@@ -291,8 +291,10 @@ def without(state: State, number: int) -> State:
     """
     effect = state.effects[number]
     log = state.log
-    if effect.corrects is not None and log.shifts.of(effect.corrects, effect.joint):
-        log = log.shifted(log.shifts.moved(effect.corrects, effect.joint, 0.0))
+    if effect.corrects is not None:
+        seen = log.seen.of(effect.corrects, effect.joint)
+        if log.shifts.of(effect.corrects, effect.joint) != seen:
+            log = log.shifted(log.shifts.moved(effect.corrects, effect.joint, seen))
     if effect.turns_gravity and np.any(log.tilt):
         log = log.tilted(np.zeros(2))
     but = state.but if effect.nuisance is None else state.but | {(effect.nuisance, effect.joint)}

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, fit, refreshed
 from elid_cli.diagnosis.search.acceptance import improves, predicted_better
 from elid_cli.diagnosis.search.encoder_skew import Skew, looked_again, visible_skew
@@ -20,6 +21,8 @@ APART = 0.02
 """Part by which errors left out must differ for the torques to decide between a skew and friction."""
 LOOKS, SETTLED = 4, 0.02
 """Times that a skew seen in the positions is looked at, and part of a sample within which it counts as settled."""
+LAST = 0.1
+"""Part of a sample up to which the torques may put right a skew that the positions show."""
 PAIR_GAIN = 0.1
 """Least part of the left-out motor row's error that both together must take away, also from either alone."""
 
@@ -55,21 +58,20 @@ def _between_encoders() -> list[type[Effect]]:
     return sorted(found, key=lambda kind: kind.corrects is None)
 
 
-def seen_in_positions(state: State, library: Mapping[str, type[Effect]]) -> tuple[State, tuple[Skew, ...]]:
-    """Move the link channels of joints whose skew only the positions show."""
+def seen_in_positions(
+    state: State, library: Mapping[str, type[Effect]], known: Collection[int] = ()
+) -> tuple[State, tuple[Skew, ...]]:
+    """Move the link channels of joints whose skew only the positions show, but not of those in `known`."""
     if effect_that(corrects="link").name not in library:
         return state, ()
-    present = {e.joint for e in state.effects if e.corrects == "link"}
+    present = {e.joint for e in state.effects if e.corrects == "link"} | set(known)
     seen = [visible_skew(state, k) for k in range(state.log.model.robot.n) if k not in present]
     skews = tuple(s for s in seen if s is not None)
     if not skews:
         return state, ()
-    before = state.log.shifts
+    before = state.log
     for _ in range(LOOKS):
-        shifts = before
-        for item in skews:
-            shifts = shifts.moved("link", item.joint, before.of("link", item.joint) + item.skew)
-        state = refreshed(fit(state.log.shifted(shifts), state.effects, state.scene))
+        state = refreshed(fit(_moved(before, skews), state.effects, state.scene))
         again = tuple(looked_again(state, item) for item in skews)
         change = max(abs(now.skew - then.skew) for now, then in zip(again, skews, strict=True))
         if change < SETTLED * state.log.signals.dt:
@@ -101,7 +103,8 @@ def against_friction(
             other = refreshed(fit(before.log, (*before.effects, kind(item.joint)), before.scene))
             values = other.named(len(other.effects) - 1)
             explains = visible_skew(other, item.joint) is None  # with its torque the positions show none
-            if explains and sensible(other.effects[-1], other.scene, values):
+            possible = other.impossible <= skewed.impossible and sensible(other.effects[-1], other.scene, values)
+            if explains and possible:
                 rivals.append((left(other), name, values))
         if any(error < (1 - APART) * least for error, _, _ in rivals):
             continue
@@ -109,11 +112,41 @@ def against_friction(
         kept.append(replace(item, rivals=as_good))
     if len(kept) == len(seen):
         return skewed, tuple(kept)
-    shifts = before.log.shifts
-    for item in kept:
-        shifts = shifts.moved("link", item.joint, before.log.shifts.of("link", item.joint) + item.skew)
-    state = refreshed(fit(before.log.shifted(shifts), before.effects, before.scene)) if kept else before
+    state = refreshed(fit(_moved(before.log, kept), before.effects, before.scene)) if kept else before
     return state, tuple(kept)
+
+
+def _moved(log: Log, skews: Sequence[Skew]) -> Log:
+    """Return a log with link channels moved by skews that the positions show, beyond what they are moved already."""
+    for item in skews:
+        log = log.seen_late(item.joint, log.shifts.of("link", item.joint) + item.skew)
+    return log
+
+
+def seen_again(
+    state: State, library: Mapping[str, type[Effect]], seen: tuple[Skew, ...]
+) -> tuple[State, tuple[Skew, ...]]:
+    """Move further link channels, whose skew the positions show now that another channel is where it belongs."""
+    skewed, more = seen_in_positions(state, library, {item.joint for item in seen})
+    if more:
+        state, more = against_friction(state, skewed, more, library)
+    return by_torques(state, more), (*seen, *more)
+
+
+def by_torques(state: State, seen: Sequence[Skew]) -> State:
+    """Return the state with skews that the positions show put right by the last part of a sample that the torques tell.
+
+    What the positions leave of a skew is a torque along the speed on one side of the spring: friction of the link.
+    """
+    kind = effect_that(corrects="link")
+    for item in seen:
+        grown = refreshed(fit(state.log, (*state.effects, kind(item.joint)), state.scene, but=state.but))
+        late = grown.named(len(grown.effects) - 1)[kind.amplitudes[0].name]
+        change = abs(late - state.log.shifts.of("link", item.joint))
+        rows = [row for row in state.triangles.rows if row.joint == item.joint]
+        if change < LAST * state.log.signals.dt and predicted_better(state, grown, rows) is not None:
+            state = refreshed(fit(state.log.seen_late(item.joint, late), state.effects, state.scene, but=state.but))
+    return state
 
 
 def _pair(state: State, joint: int, kinds: Sequence[type[Effect]]) -> tuple[State, list[Step]] | None:

@@ -13,7 +13,9 @@ from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import FLOOR_RATIO, predicted_better, touched, worthwhile
 from elid_cli.diagnosis.search.encoders_first import (
     against_friction,
+    by_torques,
     measurement_first,
+    seen_again,
     seen_in_positions,
 )
 from elid_cli.diagnosis.search.screening import Candidate, score, screen, sensible
@@ -74,6 +76,7 @@ def search(
     before = refreshed(fit(log, declared))
     state, seen = seen_in_positions(before, library)
     state, seen = against_friction(before, state, seen, library)
+    state = by_torques(state, seen)
     state, steps = measurement_first(state, library)
     remaining: list[Candidate] = []
     tried, partial = 0, False
@@ -86,13 +89,15 @@ def search(
             remaining = candidates
             if chosen is None:
                 break
-            grown = refreshed(fit(state.log, (*state.effects, chosen.candidate.effect), state.scene))
+            grown = by_torques(refreshed(fit(state.log, (*state.effects, chosen.candidate.effect), state.scene)), seen)
             if not worthwhile(state, grown, chosen.candidate):
                 refused.add(chosen.candidate.key)
                 if len(refused) > REFUSALS:
                     break
                 continue
             state, steps = grown, [*steps, chosen]
+            if chosen.candidate.effect.corrects is not None:
+                state, seen = seen_again(state, library, seen)
     except KeyboardInterrupt:  # whoever waits no longer gets what is found so far
         partial = True
     if not partial:

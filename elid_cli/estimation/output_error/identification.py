@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -97,7 +98,7 @@ def _identification(found: Identification, fit: OutputErrorFit, signals: Signals
     part = slice(0, own.base)
     estimate, spread = fit.z[part], fit.covariance[part, part]
     late = np.full(robot.n, fit.z[own.delay])
-    moved = corrected(signals, Shifts(np.zeros(robot.n), late))
+    moved = corrected(signals, replace(Shifts.none(robot.n), torque=late))
     left = [_robot(found, fit, z) for z in fit.left_out]
     rms, before = fit.last.rms, fit.rms_before
     count = fit.windows.count

@@ -27,6 +27,8 @@ LIKELY = 2.0
 """Standard deviations within which a delay agrees with others."""
 FAR = 8.0
 """The same for a delay longer than a sample."""
+ALIKE = 0.1
+"""Part of their mean by which delays of all channels, of torques logged later than they act, may differ."""
 LONGEST = 0.025
 """Longest delay of a torque channel, s, that is corrected."""
 DELAY = effect_that(nuisance="delay").name
@@ -176,5 +178,18 @@ def beyond_doubt(
         may &= np.any(agree, axis=0) if agree else False
         if alone:
             may &= size > LIKELY * deviations
+    may |= _all_alike(values, delays & sound & (size <= LONGEST) & (size > FAR * deviations), delays)
     kept[delays] = may[delays]
     return kept
+
+
+def _all_alike(values: Array, far: NDArray[np.bool_], delays: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the delays, (k,), where all channels of several are far out by about the same: a clock of their own.
+
+    Friction that builds up lags by another time at every joint.
+    """
+    none = np.zeros(len(values), dtype=bool)
+    if np.count_nonzero(delays) < 2 or not np.array_equal(far, delays):
+        return none
+    mean = float(values[far].mean())
+    return far if np.all(np.abs(values[far] - mean) <= ALIKE * abs(mean)) else none

@@ -29,8 +29,8 @@ Place = Literal["motor", "link", "spring", "chain", "torque", "encoder", "sensor
 """Where an effect acts: a motor row, a link row, both rows of the spring with opposite signs, the link rows of
 the whole chain, the torque channel, the position channels, or the reading of the joint torque sensor."""
 
-Channel = Literal["link", "torque"]
-"""Channels that may be late: positions and velocities of the link, torque of the motor."""
+Channel = Literal["link", "position", "torque"]
+"""Channels that may be late: positions and velocities of the link, or of link and motor, and torque of the motor."""
 Nuisance = Literal["delay", "offset", "reading gain", "reading offset"]
 """Faults of a motor's torque channel, and of a joint torque sensor, that every fit estimates along."""
 
@@ -137,6 +137,11 @@ class Effect(ABC):
     """Whether `Scene.predicted` has to hold the torque of the effects, too, its own among them."""
     of_motor_speed: ClassVar[bool] = False
     """Whether the columns follow from the speed of the joint's motor alone."""
+    takes_energy: ClassVar[bool] = False
+    """Whether it is a part of the friction of the joint's motor, which, all parts together, never drives it."""
+    either_sign: ClassVar[str] = ""
+    """Why physics allows amplitudes of both signs; empty: it allows those within their bounds, of friction those that
+    do not drive."""
     memory: ClassVar[bool] = False
     """Whether the effect has an internal state (see `MemoryEffect`)."""
     searched: ClassVar[bool] = True

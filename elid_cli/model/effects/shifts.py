@@ -31,24 +31,31 @@ class Shifts:
     """Age of the link encoder's reading beyond the motor encoder's."""
     torque: Array
     """How much later than logged the torque acts."""
+    position: Array
+    """Age of both encoders' readings beyond the other channels'."""
 
     @classmethod
     def none(cls, n: int) -> Shifts:
         """Return no shift for n joints."""
-        return cls(np.zeros(n), np.zeros(n))
+        return cls(np.zeros(n), np.zeros(n), np.zeros(n))
 
     def of(self, channel: Channel, joint: int) -> float:
         """Return how late a channel is, s."""
-        return float((self.link if channel == "link" else self.torque)[joint])
+        return float(self._late(channel)[joint])
 
     def moved(self, channel: Channel, joint: int, value: float) -> Shifts:
         """Return the shifts with one of them set to `value` (s)."""
-        late = (self.link if channel == "link" else self.torque).copy()
+        late = self._late(channel).copy()
         late[joint] = value
-        return replace(self, link=late) if channel == "link" else replace(self, torque=late)
+        changed: dict[str, Array] = {channel: late}
+        return replace(self, **changed)
+
+    def _late(self, channel: Channel) -> Array:
+        late: Array = getattr(self, channel)
+        return late
 
     def __bool__(self) -> bool:
-        return bool(np.any(self.link) or np.any(self.torque))
+        return bool(np.any(self.link) or np.any(self.torque) or np.any(self.position))
 
 
 def declared_shifts(robot: Robot) -> Shifts:
@@ -98,18 +105,20 @@ def corrected(signals: Signals, shifts: Shifts) -> Signals:
     motion, tau = signals.motion, signals.tau.copy()
     told = None if signals.told is None else signals.told.copy()
     link = [motion.q.copy(), motion.dq.copy(), motion.ddq.copy()]
+    motor = [motion.theta.copy(), motion.dtheta.copy(), motion.ddtheta.copy()] if np.any(shifts.position) else []
     for segment in signals.segments:
         part = slice(segment.start, segment.stop)
         for k in range(signals.n):
-            if shifts.link[k] and not signals.still[k]:
-                for channel in link:
-                    channel[part, k] = shifted(channel[part, k], float(shifts.link[k]) / signals.dt)
+            for channels, age in ((link, shifts.link[k] + shifts.position[k]), (motor, shifts.position[k])):
+                for channel in channels if age and not signals.still[k] else ():
+                    channel[part, k] = shifted(channel[part, k], float(age) / signals.dt)
             if shifts.torque[k]:
                 late = _later(signals.delayed[part, k], float(shifts.torque[k]) / signals.dt)
                 tau[part, k] = late if told is None else tau[part, k] + (late - told[part, k])
                 if told is not None:
                     told[part, k] = late
-    moved = Motion(motion.t, link[0], link[1], link[2], motion.theta, motion.dtheta, motion.ddtheta)
+    theta, dtheta, ddtheta = motor or (motion.theta, motion.dtheta, motion.ddtheta)
+    moved = Motion(motion.t, link[0], link[1], link[2], theta, dtheta, ddtheta)
     return replace(signals, motion=moved, tau=tau if told is None else _cut(signals.tau, tau), told=told)
 
 

@@ -269,6 +269,16 @@ def test_what_physics_forbids_is_not_plausible(name: str, values: dict[str, floa
     assert not LIBRARY[name].plausible(planar_scene, 0, values)
 
 
+@pytest.mark.parametrize("name", LIBRARY)
+def test_a_sign_that_physics_forbids_is_refused(name: str, planar_scene: Scene) -> None:
+    kind = LIBRARY[name]
+    bounded = [p for p in kind.amplitudes if np.isfinite(p.low) and p.name != "phase"]
+    assert bounded or kind.takes_energy or kind.either_sign
+    for parameter in bounded:
+        below = {**kind.example, parameter.name: parameter.low - 0.1}
+        assert not kind.plausible(planar_scene, 0, below), parameter.name
+
+
 @pytest.mark.parametrize("exponent", [1.0, 2.0, -1.0])
 @pytest.mark.parametrize("joint", [0, 1])
 def test_a_friction_curve_fades_within_the_speeds_of_the_log(exponent: float, joint: int, planar_scene: Scene) -> None:

@@ -33,14 +33,15 @@ def values_of(name: str, robot: Robot) -> dict[str, float]:
     return {**LIBRARY[name].example, **CHANGES.get(name, {})}
 
 
-def logged_motion(result: Simulation, values: Mapping[str, float]) -> Motion:
-    """Return the motion as the log shows it: positions of the log, rates of the exact motion (as late as q)."""
+def logged_motion(result: Simulation, name: str, values: Mapping[str, float]) -> Motion:
+    """Return the motion as the log shows it: positions of the log, rates of the exact motion (as late as these)."""
     exact, log = result.motion, result.recording
-    rates = [exact.dq, exact.ddq]
-    if "skew" in values:
-        earlier = np.clip(log.t - values["skew"], 0, None)
-        rates = [np.stack([CubicSpline(log.t, a[:, 0])(earlier), a[:, 1]], axis=1) for a in rates]
-    return Motion(log.t, log.q, *rates, log.theta, exact.dtheta, exact.ddtheta)
+    late = {"encoder_skew": ("dq", "ddq"), "position_delay": ("dq", "ddq", "dtheta", "ddtheta")}.get(name, ())
+    rates = {rate: getattr(exact, rate).copy() for rate in ("dq", "ddq", "dtheta", "ddtheta")}
+    for rate in late:
+        earlier = np.clip(log.t - next(iter(values.values())), 0, None)
+        rates[rate][:, 0] = CubicSpline(log.t, rates[rate][:, 0])(earlier)
+    return Motion(log.t, log.q, rates["dq"], rates["ddq"], log.theta, rates["dtheta"], rates["ddtheta"])
 
 
 @pytest.mark.parametrize("name", [n for n in LIBRARY if not n.startswith("sensor")])
@@ -50,7 +51,7 @@ def test_the_equations_hold_with_the_effect_and_fail_without(name: str) -> None:
     # held torques would make accelerations jump at every sample, which a log shows on one side only
     options = SimulationOptions(duration=LENGTH, rate=1 / DT, control=ControlOptions(continuous=True))
     result = run(replace(plain, effects=(spec,)), options)
-    motion = logged_motion(result, spec.parameters)
+    motion = logged_motion(result, name, spec.parameters)
     # the log's torque where it holds the effect, else what the motors delivered
     tau = result.recording.tau
     scene = scene_of(plain, motion=motion)

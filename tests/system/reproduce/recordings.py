@@ -93,16 +93,14 @@ def main() -> None:
     pooled = [values_of(identify_logs(LogRequest(chosen, robot)).found) for chosen in rest]
     print(f"{'share held, rms difference':44s}" + "  ".join(f"{kind:>13s}" for kind in (*KINDS, "all")) + "  count")
     for own in (False, True):
-        words = "and that of the unseen run" if own else ""
+        beside = " and that of the unseen run" if own else ""
         for name, given in (("HAC", plain), ("six blocks", blocks), ("the larger", larger)):
             pairs = [(given[i], given[j]) for i in range(RUNS) for j in range(RUNS) if i != j]
-            line(f"one run, {name} {words}", pairs, own=own)
+            line(f"one run, {name}{beside}", pairs, own=own)
         for name, given in (("HAC", plain), ("six blocks", blocks)):
-            line(
-                f"four runs, {name + ' of the unseen' if own else 'pooled'}",
-                list(zip(pooled, given, strict=True)),
-                own=own,
-            )
+            words = f"four runs, {name} of the unseen run" if own else "four runs"
+            if own or given is plain:
+                line(words, list(zip(pooled, given, strict=True)), own=own)
 
 
 if __name__ == "__main__":

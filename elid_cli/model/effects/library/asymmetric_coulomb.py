@@ -23,6 +23,7 @@ class AsymmetricCoulomb(Effect):
     fingerprint = "motor side and whole joint, a constant while the joint moves in either direction, gone at rest"
     record = "motion in both directions at several speeds, and a rest that holds the joint without load"
     place = "motor"
+    takes_energy = True
     of_motor_speed = True
     acts_as = "directed friction"
     amplitudes = (Parameter("difference", "N·m", "half the difference between forward and backward Coulomb friction"),)

@@ -29,6 +29,7 @@ class Contact(Effect):
     fingerprint = "whole joint only, for one short time"
     record = "the same motion again: what does not come again came from outside"
     place = "link"
+    either_sign = "What touches the link may resist or push on."
     amplitudes = (Parameter("torque", "N·m", "height of the bump that resists (positive) or pushes on (negative)"),)
     shapes = (
         Parameter("time", "s", "middle of the window"),

@@ -22,6 +22,7 @@ class CubicStiffness(Effect):
     fingerprint = "motor side only, odd in the deflection and curved, no plateau at zero"
     record = "loads up to the rated torque in both directions, slowly"
     place = "spring"
+    either_sign = "A transmission may stiffen or soften, as long as it pushes back."
     acts_as = "torque"
     elastic_only = True
     amplitudes = (Parameter("cubic", "N·m/rad³", "coefficient of the deflection's cube"),)

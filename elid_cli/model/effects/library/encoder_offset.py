@@ -28,6 +28,7 @@ class EncoderOffset(Effect):
     fingerprint = "a constant on the motor side only"
     record = "any motion; a torque offset would shift the whole joint as well"
     place = "encoder"
+    either_sign = "A zero is off either way."
     elastic_only = True
     amplitudes = (Parameter("offset", "rad", "what the motor encoder reads too much, the link's taken as true"),)
     in_deflection = "constant"

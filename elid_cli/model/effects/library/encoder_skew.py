@@ -35,6 +35,7 @@ class EncoderSkew(Effect):
     fingerprint = "motor side more than whole joint, along the link's velocity, not its deflection"
     record = "fast, lightly loaded motion next to slow, loaded motion"
     place = "encoder"
+    either_sign = "Either encoder may be read first."
     twins = ("link_viscous", "transmission_damping")
     elastic_only = True
     amplitudes = (

@@ -31,6 +31,7 @@ class FrictionDrift(Effect):
     fingerprint = "motor side and whole joint, the product of time and velocity or direction"
     record = "minutes of motion that repeat the first movement at the end; a temperature column"
     place = "motor"
+    takes_energy = True
     amplitudes = (
         Parameter("coulomb", "N·m", "change of Coulomb friction from the first to the last instant"),
         Parameter("viscous", "N·m·s/rad", "change of viscous friction from the first to the last instant"),

@@ -26,6 +26,7 @@ class GravityDirection(Effect):
     fingerprint = "whole joint only, of several joints; static, as weight in another direction leaves it"
     record = "rests in many poses, with links on all sides of the base"
     place = "chain"
+    either_sign = "A base leans either way."
     whole_robot = True
     from_model = True
     amplitudes = (

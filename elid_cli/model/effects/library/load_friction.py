@@ -20,6 +20,7 @@ class LoadFriction(Effect):
     fingerprint = "motor side and whole joint, the product of direction of motion and size of the load"
     record = "the same speeds under different gravity loads, in both directions"
     place = "motor"
+    takes_energy = True
     acts_as = "friction"
     amplitudes = (Parameter("coefficient", "1", "friction per transmitted torque", low=0.0, high=1.0),)
     example = {"coefficient": 0.1}

@@ -29,6 +29,7 @@ class Lookup(CurveEffect):
     fingerprint = "a residual that follows one variable"
     record = "more of the variable's range, then look for the cause"
     place = "motor"
+    either_sign = "A curve that describes what is left."
     amplitudes = tuple(
         Parameter(f"c{k}", "N·m", f"height of the curve's part {k} of {CURVES}") for k in range(1, CURVES + 1)
     )

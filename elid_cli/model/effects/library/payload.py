@@ -44,6 +44,7 @@ class Payload(Effect):
     )
     record = "the same motion before and after the change"
     place = "chain"
+    either_sign = "A load is gripped or dropped."
     whole_robot = True
     amplitudes = tuple(
         Parameter(name, unit, f"change of the last body's {name}")

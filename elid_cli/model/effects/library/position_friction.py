@@ -19,6 +19,7 @@ class PositionFriction(Harmonic):
     fingerprint = "motor side and whole joint, periodic in the angle, and its sign flips with the direction of motion"
     record = "whole turns of the joint, or its full range, in both directions at low speed"
     place = "motor"
+    takes_energy = True
     acts_as = "friction"
     amplitudes = (Parameter("amplitude", "N·m", "how far Coulomb friction swings about its mean", low=0.0), PHASE)
     shapes = (ORDER,)

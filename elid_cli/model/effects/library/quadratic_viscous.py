@@ -28,6 +28,7 @@ class QuadraticViscous(Effect):
     fingerprint = "motor side and whole joint, odd in velocity and curved, largest at top speed"
     record = "speeds that differ three times or more, the highest held for a while; else the power stays unknown"
     place = "motor"
+    takes_energy = True
     of_motor_speed = True
     acts_as = "torque"
     amplitudes = (Parameter("amplitude", "N·m·(s/rad)^power", "friction at 1 rad/s"),)

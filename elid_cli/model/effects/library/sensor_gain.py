@@ -27,6 +27,7 @@ class SensorGain(Effect):
     fingerprint = "sensor against motor torque and against deflection: a share of the load; nothing in the whole joint"
     record = "large loads of both signs, with motor torque and sensor logged together"
     place = "sensor"
+    either_sign = "A sensor reads too much or too little."
     elastic_only = True
     amplitudes = (Parameter("gain", "1", "share by which the sensor reads too much", low=-0.6, high=1.5),)
     nuisance = "reading gain"

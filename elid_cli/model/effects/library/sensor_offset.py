@@ -24,6 +24,7 @@ class SensorOffset(Effect):
     fingerprint = "sensor against motor torque and against deflection: a constant; nothing in the whole joint"
     record = "poses with load torques of both signs, warm and cold"
     place = "sensor"
+    either_sign = "A zero is off either way."
     elastic_only = True
     amplitudes = (Parameter("offset", "N·m", "what the sensor reads too much"),)
     nuisance = "reading offset"

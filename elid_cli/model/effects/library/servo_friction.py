@@ -49,6 +49,7 @@ class ServoFriction(Effect):
     fingerprint = "motor side and whole joint, odd in velocity, more under load and at low speed"
     record = "slow and fast motion in both directions under different loads, lifting as well as lowering"
     place = "motor"
+    either_sign = "Friction may grow or fall with a torque."
     acts_as = "friction"
     amplitudes = (
         Parameter("static", "N·m", "K_cs: friction beyond Coulomb's at zero speed", low=0.0),

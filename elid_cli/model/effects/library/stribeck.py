@@ -41,6 +41,7 @@ class Stribeck(Effect):
     fingerprint = "motor side and whole joint, odd in velocity, within three Stribeck velocities of standstill"
     record = "slow passes through zero speed in both directions, and steady slow motion"
     place = "motor"
+    takes_energy = True
     of_motor_speed = True
     acts_as = "friction"
     amplitudes = (Parameter("amplitude", "N·m", "friction beyond Coulomb and viscous, at zero speed"),)

@@ -12,8 +12,8 @@ from elid_cli.model.effects.rows import derivative, motor_row
 from elid_cli.model.effects.scene import Scene
 from elid_cli.signals.time_shift import shifted
 
-LATEST = -0.015
-"""s; a torque that seems logged later than that is friction that builds up over a distance, which lags by as much."""
+LATEST = -0.025
+"""s; a torque that seems logged later than that is none: no filter of a drive is so slow."""
 
 
 class TorqueDelay(Effect):
@@ -33,6 +33,7 @@ class TorqueDelay(Effect):
         "fast torque changes; a transmission damper shows on the motor side only, a delay in the whole joint as well"
     )
     place = "torque"
+    either_sign = "A torque is logged before or after it acts."
     amplitudes = (
         Parameter("delay", "s", "time from a logged torque to its effect, negative where it acts first", LATEST, 0.1),
     )

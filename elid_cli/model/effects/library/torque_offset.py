@@ -22,6 +22,7 @@ class TorqueOffset(Effect):
     fingerprint = "motor side and whole joint, constant in everything"
     record = "rests as well as motion in both directions: asymmetric friction vanishes at rest, an offset does not"
     place = "motor"
+    either_sign = "A zero is off either way."
     acts_as = "torque"
     of_channel = True
     amplitudes = (Parameter("offset", "N·m", "torque that the log holds beyond what the joint needs"),)

@@ -23,6 +23,7 @@ class VelocityCoupling(Effect):
     fingerprint = "motor side and whole joint, follows another joint's speed or direction, however this joint moves"
     record = "each joint moved alone, then both together"
     place = "motor"
+    either_sign = "The other motor drags one way or the other, as the gears run."
     amplitudes = (
         Parameter("viscous", "N·m·s/rad", "torque per speed of the other motor"),
         Parameter("coulomb", "N·m", "torque that follows the other motor's direction"),
