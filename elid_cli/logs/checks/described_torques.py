@@ -53,7 +53,7 @@ class _Body:
     pose: Array
     rate: Array
     change: Array
-    """Angular velocity and acceleration."""
+    """Angular velocity and acceleration; one array of zeros where neither body nor what carries it moves."""
     pull: Array
     """Acceleration of the origin."""
 
@@ -100,6 +100,8 @@ def _moved(parent: _Body, frame: Array, after: Array, revolute: bool, joint: tup
         shift[:, 2, 3] = position
         along = axis * bend[:, None] + 2.0 * spin(rate, axis * speed[:, None])
     pose = frame @ shift @ after
+    if parent.rate is parent.change and not np.any(speed) and not np.any(bend):  # at rest, as all before it
+        return _Body(pose, parent.rate, parent.change, parent.pull)
     place, origin = frame[:, :3, 3], pose[:, :3, 3]
     lever, arm = place - parent.pose[:, :3, 3], origin - place
     pull = parent.pull + spin(parent.change, lever) + spin(parent.rate, spin(parent.rate, lever)) + along
@@ -109,6 +111,8 @@ def _moved(parent: _Body, frame: Array, after: Array, revolute: bool, joint: tup
 def _load(body: _Body, ten: Array) -> tuple[Array, Array]:
     """Return force and moment about its frame's origin, (N, 3) each, that a body's motion needs."""
     turn = body.pose[:, :3, :3]
+    if body.rate is body.change:  # at rest
+        return ten[0] * body.pull, _cross(turn @ ten[1:4], body.pull)
     xx, yy, zz, xy, xz, yz = ten[4:]
     inertia = turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.transpose(0, 2, 1)
     first, spin = turn @ ten[1:4], _cross

@@ -50,7 +50,10 @@ def wrong_positions(q: Array, tau: Array, dt: float, robot: Robot, plan: ReadPla
     tried = [factor for factor in FACTORS if (factor > 1) != (far > FURTHEST) and factor * far < FURTHEST]
     if not tried:
         return
-    now = _left(list(weight_scales(q, tau, dt, robot)), robot.n)
+    seen = [scale for scale in weight_scales(q, tau, dt, robot) if math.isfinite(scale.ratio)]
+    if seen and all(1 / NEAR < scale.ratio < NEAR for scale in seen):
+        return
+    now = _left(seen, robot.n)
     best, least = 1.0, math.inf
     for factor in tried:
         scales = [s for s in weight_scales(np.where(turning, factor, 1.0) * q, tau, dt, robot) if s.ratio == s.ratio]
