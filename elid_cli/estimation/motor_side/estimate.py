@@ -180,7 +180,8 @@ def _judged(
         return judged
     c, error = float(told.compliance[place]), float(told.error[place])
     share = max(error / c, LEAST_ERROR if told.chi > WELL_FITTED or told.fall > FALL else 0.0)
-    systematic = float(np.hypot(ASYMMETRY * told.load_friction[place], OF_FORM * _form(told, place))) / c
+    parts = ASYMMETRY * told.load_friction[place], OF_FORM * _form(told, place), _of_damper(told, place)
+    systematic = float(np.linalg.norm(parts)) / c
     return replace(
         judged, stiffness=1 / c, std_error=float(np.hypot(share / c, systematic)), systematic=systematic,
         rotor=float(told.rotor[place]), antiresonance=fitted.antiresonance(place), resonance=fitted.resonance(place),
@@ -193,6 +194,14 @@ def _form(told: Figures, place: int) -> float:
     """Return how far other forms of friction and of lost motion moved a compliance at most, share of it."""
     moves = told.moves
     return 0.0 if moves is None else float(max(abs(moves.friction[place]), abs(moves.spring[place])))
+
+
+def _of_damper(told: Figures, place: int) -> float:
+    """Return the first order of a transmission's damper that its series leaves out, share of the compliance.
+
+    1 / (1 + iωT) = 1 - iωT + (iωT)² - …, at the antiresonance.
+    """
+    return abs(2 * np.pi * float(told.antiresonance[place]) * float(told.damping[place])) ** 3
 
 
 def _next_motion(robot: Robot, number: int, setting: Setting, place: int, total: Array) -> NextMotion:
