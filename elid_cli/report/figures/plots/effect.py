@@ -52,6 +52,12 @@ class EffectView:
     """Of a friction curve: motor velocity, the friction of the model before and after there."""
 
 
+SUMS = (
+    " The friction curve is the sum of Coulomb friction fs, viscous friction fv and the effect's terms, so it need not "
+    "show fs at any speed."
+)
+
+
 def figures(told: FigureInput) -> Iterator[Figure]:
     """Yield a figure of every effect and curve found; the terms of one curve are one."""
     caption = (
@@ -65,7 +71,8 @@ def figures(told: FigureInput) -> Iterator[Figure]:
     for k, view in enumerate(views, start=1):
         name = spoken(view.effect)
         title = f"{name[:1].upper()}{name[1:]} at {view.joint}: residual without and with it"
-        yield Figure(f"effect{k}", title, "effect", asdict(view), caption)
+        sums = "" if view.friction is None else SUMS
+        yield Figure(f"effect{k}", title, "effect", asdict(view), caption + sums)
 
 
 def effect_views(found: Diagnosis, parts: Sequence[Contribution]) -> tuple[EffectView, ...]:
