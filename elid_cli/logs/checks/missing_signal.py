@@ -117,7 +117,8 @@ class MissingSignal:
             return f"{before}--map {shlex.quote(line)}"
         taken = {pick.source for pick in placement.picks} if placement is not None else set()
         free = [c for c in self.raw.channels if c.width and c.source not in taken and not _about(c.field)]
-        if not free and placement is None and any("does not hold its definition" in c.kind for c in self.raw.channels):
+        undefined = any("does not hold its definition" in c.kind for c in self.raw.channels)
+        if undefined and not free and placement is None and not self.name.endswith(".mcap"):
             return (
                 f"convert it where the package of its messages is installed: ros2 bag convert -i {self.name} -o "
                 "mcap.yaml (with storage_id: mcap); MCAP holds the definitions"

@@ -238,7 +238,10 @@ def make_decoder(encoding: str, name: str, language: str, schema: bytes) -> tupl
         if definitions is not None:
             return CdrDecoder(short_name(name), definitions), ""
         if not schema:  # bags before ROS 2 Iron
-            return None, f"{known}: {UNDEFINED}"
+            return (
+                None,
+                f"{known}: {UNDEFINED}; expected ros2msg text or one of the types known by name, {', '.join(NAMED)}",
+            )
         return None, (
             f"{known}: its schema is {language or 'empty'}, expected ros2msg text or one of the types known by name, "
             f"{', '.join(NAMED)}"

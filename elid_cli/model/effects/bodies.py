@@ -6,18 +6,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.model.effects.scene import EquationRow
 from elid_cli.model.kinematics import JointState, chain
-from elid_cli.model.terms.base_term import ChainMotion
+from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, MotorState, Side
 from elid_cli.model.terms.rigid_body import RigidBody
+from elid_cli.model.terms.rotor import Rotor
+from elid_cli.model.terms.spring import Spring
+from elid_cli.model.terms.viscous import Viscous
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
+
+SMOOTH: tuple[BaseTerm, ...] = (RigidBody(), Rotor(), Viscous(), Spring())
+SIDES: tuple[Side, ...] = ("motor", "link")
 
 
 def gravity_torque(robot: Robot, q: Array, parameters: Array, gravity: Sequence[float]) -> Array:
@@ -38,6 +45,20 @@ def body_torque(robot: Robot, motion: Motion, parameters: Array) -> Array:
     for _, joint, name, value in RigidBody().entries(robot, _moving(robot, motion)):
         if values[name]:
             torque[joint] += np.asarray(value) * values[name]
+    return torque
+
+
+def model_torque(robot: Robot, motion: Motion, values: Mapping[StandardParameter, float]) -> dict[EquationRow, Array]:
+    """Return the torques (N,) of every motor and link equation: all of the model but Coulomb friction."""
+    motors = [
+        MotorState(v, a, np.zeros_like(v), d)
+        for v, a, d in zip(motion.dtheta.T, motion.ddtheta.T, (motion.q - motion.theta).T, strict=True)
+    ]
+    whole = ChainMotion(_moving(robot, motion).bodies, motors)
+    torque = {EquationRow(side, k): np.zeros(motion.samples) for side in SIDES for k in range(robot.n)}
+    for side, joint, name, value in (e for term in SMOOTH for e in term.entries(robot, whole)):
+        if values[name]:
+            torque[EquationRow(side, joint)] += np.asarray(value) * values[name]
     return torque
 
 

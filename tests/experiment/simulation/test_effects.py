@@ -40,6 +40,7 @@ CASES: dict[str, tuple[str | None, dict[str, float], float]] = {
     "link_viscous": ("joint2", {"friction": 2.0}, 1e-6),
     "load_friction": ("joint1", {"coefficient": 0.08}, 1e-6),
     "payload": (None, {"m": 2.0, "cx": -0.2, "cy": 0.1, "Izz": 0.3, "start": 0.9}, 1e-6),
+    "position_delay": ("joint1", {"delay": 5e-4}, 0.08),
     "position_friction": ("joint2", {"amplitude": 2.0, "phase": 0.5, "order": 12.0}, 1e-6),
     "quadratic_viscous": ("joint1", {"amplitude": 1.0, "power": 2.0}, 1e-6),
     "saturation": ("joint2", {"limit": 14.0}, 1e-6),

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.bodies import body_torque
+from elid_cli.model.effects.bodies import SIDES, model_torque
 from elid_cli.model.effects.effect import Columns, Effect, Parameter
-from elid_cli.model.effects.rows import derivative, motor_row, spring_rows
+from elid_cli.model.effects.rows import derivative, motor_row
 from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
@@ -19,7 +19,7 @@ from elid_cli.signals.time_shift import shifted
 LEAST = 0.01
 """Part of the sample time below which a delay is none."""
 STEP = 1e-4
-"""s; shift by which the derivative of the bodies' torques is taken."""
+"""s; shift by which the derivative of the torques is taken."""
 
 
 class PositionDelay(Effect):
@@ -59,42 +59,38 @@ class PositionDelay(Effect):
         return large and super().plausible(scene, joint, values)
 
     def columns(self, scene: Scene) -> Columns:
-        """Return the rate of the torques with this joint's motion: of bodies and spring, and of rotor and friction."""
-        j, motion = self.joint, scene.motion
-        known = dict(zip(scene.robot.parameter_names(), np.nan_to_num(scene.parameters).tolist(), strict=True))
-        jerk = derivative(motion.ddtheta[:, j], scene.dt, scene.starts)
-        own = known[StandardParameter("Jm", j)] * jerk + known[StandardParameter("fv", j)] * motion.ddtheta[:, j]
-        columns = dict(motor_row(j, own))
-        if scene.robot.joints[j].elastic:
-            rate = float(np.nan_to_num(scene.stiffness[j])) * (motion.dq[:, j] - motion.dtheta[:, j])
-            spring = spring_rows(j, rate)
-            columns = {row: values + spring[row] for row, values in columns.items()} | {
-                row: values for row, values in spring.items() if row not in columns
-            }
-        for joint, change in enumerate(self._bodies(scene)):
-            if np.any(change):
-                row = EquationRow("link", joint)
-                columns[row] = columns.get(row, np.zeros((1, scene.samples))) + change
-        return columns
-
-    def _bodies(self, scene: Scene) -> Array:
-        """Return d(bodies' torques)/d(shift of this joint's positions), (n, N)."""
+        """Return the rate of all torques of the model with this joint's motion alone."""
         if scene.samples < 3:
-            return np.zeros((scene.robot.n, scene.samples))
-        still = ("body torque",)
-        if still not in scene.cache:
-            scene.cache[still] = body_torque(scene.robot, scene.motion, scene.parameters)
-        moved = body_torque(scene.robot, self._moved(scene), scene.parameters)
-        change: Array = (moved - scene.cache[still]) / STEP
-        return change
+            return motor_row(self.joint, np.zeros(scene.samples))
+        key = ("model torques",)
+        if key not in scene.cache:
+            scene.cache[key] = self._torques(scene, scene.motion)
+        change = (self._torques(scene, self._moved(scene)) - scene.cache[key]) / STEP
+        rows = (EquationRow(side, k) for side in SIDES for k in range(scene.robot.n))
+        return {row: values[None] for row, values in zip(rows, change, strict=True) if np.any(values)}
+
+    @staticmethod
+    def _torques(scene: Scene, motion: Motion) -> Array:
+        """Return the torques of motor and link equations, (2n, N); friction keeps its direction: it is left out."""
+        values = dict(zip(scene.robot.parameter_names(), np.nan_to_num(scene.parameters).tolist(), strict=True))
+        for k, stiffness in enumerate(np.nan_to_num(scene.stiffness).tolist()):
+            if (name := StandardParameter("K", k)) in values:
+                values[name] = stiffness
+        found = model_torque(scene.robot, motion, values)
+        return np.array([found[EquationRow(side, k)] for side in SIDES for k in range(scene.robot.n)])
 
     def _moved(self, scene: Scene) -> Motion:
         motion, j = scene.motion, self.joint
-        q, dq, ddq = np.array(motion.q), np.array(motion.dq), np.array(motion.ddq)
-        q[:, j] += STEP * motion.dq[:, j]
-        dq[:, j] += STEP * motion.ddq[:, j]
-        ddq[:, j] += STEP * derivative(motion.ddq[:, j], scene.dt, scene.starts)
-        return Motion(motion.t, q, dq, ddq, motion.theta, motion.dtheta, motion.ddtheta)
+        sides = []
+        for position, speed, bend in (
+            (motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)
+        ):  # fmt: skip
+            moved = [np.array(position), np.array(speed), np.array(bend)]
+            rates = speed[:, j], bend[:, j], derivative(bend[:, j], scene.dt, scene.starts)
+            for values, rate in zip(moved, rates, strict=True):
+                values[:, j] += STEP * rate
+            sides += moved
+        return Motion(motion.t, *sides)
 
     def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the joint's position and speed channels as logged: each reading is `delay` old."""
