@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from elid_cli._types import Progress
+from elid_cli.diagnosis.evidence.driving_friction import impossible_with
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.evidence.leftover import only_helps, silences
 from elid_cli.diagnosis.evidence.moments import friction_at_rest, one_of_many
-from elid_cli.diagnosis.evidence.pushing import impossible_with
 from elid_cli.diagnosis.evidence.quarters import Survival, judged
 from elid_cli.diagnosis.evidence.usual_cutoff import helpful_there
 from elid_cli.diagnosis.fit.divided_log import Log

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import DataError, LogError
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.command_torque import command_torque
 from elid_cli.signals.excerpts import excerpts
 from elid_cli.signals.knots import channels_of, filtered, splined
 from elid_cli.signals.lowpass import LowPass, low_pass
@@ -21,7 +22,6 @@ from elid_cli.signals.moving_joints import at_rest, constant, extremes, held, st
 from elid_cli.signals.options import RATE_PER_CUTOFF
 from elid_cli.signals.options import SignalOptions as SignalOptions
 from elid_cli.signals.recording import Recording, Segment
-from elid_cli.signals.told import told_torque
 from elid_cli.signals.torque_sensors import sensors_of
 from elid_cli.tables import Brief
 
@@ -82,8 +82,8 @@ class Signals(Brief):
     """Joints whose `tau` is what the torque sensor in the transmission reads, for want of the motor's, (n,)."""
     doubts: tuple[str, ...] = ()
     """Why the torque sensors of other joints are not used, a sentence each."""
-    told: Array | None = None
-    """The part of the torques that a delay of the channel moves (`told_torque`), (N, n); None: all of them."""
+    command_torque: Array | None = None
+    """The part of the torques that a delay of the channel moves (`command_torque`), (N, n); None: all of them."""
     recording: Recording | None = None
     """What the signals were made from: estimators that model the raw samples start there."""
     cutoff_free: bool = False
@@ -99,7 +99,7 @@ class Signals(Brief):
     @property
     def delayed(self) -> Array:
         """What a delay of the torque channels moves, (N, n): torques, or what commands make of computed ones."""
-        return self.tau if self.told is None else self.told
+        return self.tau if self.command_torque is None else self.command_torque
 
     @property
     def missing_link(self) -> NDArray[np.bool_]:
@@ -137,7 +137,7 @@ class Signals(Brief):
         tau = np.concatenate([self.tau[part] for part in parts])
         return replace(
             self, motion=motion, tau=tau, tau_link=joined(self.tau_link), temperature=joined(self.temperature),
-            told=joined(self.told), segments=segments,
+            command_torque=joined(self.command_torque), segments=segments,
         )  # fmt: skip
 
     def decimate(self, rows: Array) -> Array:
@@ -212,7 +212,7 @@ def prepare(
     still |= constant(link, segments) | constant(motor, segments) | held(link, motor, robot, segments)
     sensed, doubts = sensors_of(recording, excerpts(segments, dt))
     behind = sensed & recording.link_torque
-    tau, told = told_torque(recording)
+    tau, commanded = command_torque(recording)
     sensed &= ~behind
     if behind.any() and recording.tau_link is not None:
         tau = np.where(behind, recording.tau_link, tau)
@@ -261,7 +261,7 @@ def prepare(
         sensed=sensed,
         link_torque=behind,
         doubts=doubts,
-        told=told,
+        command_torque=commanded,
         recording=recording,
         cutoff_free=options.cutoff is None,
     )

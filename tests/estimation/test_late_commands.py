@@ -9,22 +9,12 @@ import pytest
 
 from elid_cli.estimation.identify import identify
 from elid_cli.logs.checks.commanded import commanded_torque
-from elid_cli.robot.files import robot_from_text
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
+from tests.one_pendulum import ROBOT
 
 KP, KD, DT, FINE = 40.0, 1.5, 0.004, 40
 INERTIA, COULOMB, VISCOUS, WEIGHT = 0.05, 0.3, 0.25, 1.6
-ROBOT = robot_from_text(
-    """\
-name: swing
-gravity: [0, -9.81, 0]
-dh: standard
-joints:
-  - {name: j, transmission: rigid, a: 0.3, alpha: 0, d: 0, theta: 0}
-""",
-    "swing.yaml",
-)
 
 
 def swing(late: int, seconds: float = 16.0) -> Recording:

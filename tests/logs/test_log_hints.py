@@ -168,7 +168,8 @@ def test_commands_are_guessed_where_there_is_no_torque(tmp_path: Path) -> None:
     measured = columns | each("{j}_torque_Nm", TAU)
     lines = inspect_log(text(tmp_path, columns | each("{j}_cmd_torque", TAU)), RIGID).mapping.splitlines()
     found = {line.partition(":")[0]: line for line in lines}
-    assert "_cmd_torque" in found.pop("tau", "_cmd_torque")  # the nearest thing to one, if nothing else is
+    assert found["tau"].startswith('tau: {from: "{joint}_cmd_torque"')  # the nearest thing to one, if nothing else is
+    assert "q_des" not in found
     bare = {key: values for key, values in columns.items() if "torque" not in key}
     lines = inspect_log(text(tmp_path, bare), RIGID).mapping.splitlines()
     assert lines == [

@@ -16,8 +16,8 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import Candidate, View, edges_of, kinds_of, screened
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.refits import again, grown, without
+from elid_cli.diagnosis.by_motion.rivals import with_rivals
 from elid_cli.diagnosis.by_motion.steps import Named
-from elid_cli.diagnosis.by_motion.told_apart import told_apart
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.estimation.trajectory.fit import CYCLES, TrajectoryFit, fit_trajectory
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
@@ -109,7 +109,7 @@ def search(
         if named:
             # what a first effect left while its shape was on its way is none of its own
             fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, len(declared))
-            fit, named, swapped = told_apart(fit, named, len(declared))
+            fit, named, swapped = with_rivals(fit, named, len(declared))
             if swapped:
                 fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, len(declared))
     except KeyboardInterrupt:

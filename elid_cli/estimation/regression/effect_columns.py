@@ -69,7 +69,9 @@ def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
         motion=motion,
         dt=signals.dt,
         tau=np.where(np.isfinite(tau), tau, predicted),
-        told=None if signals.told is None else _joined_rows(signals.told, signals.segments),
+        command_torque=None
+        if signals.command_torque is None
+        else _joined_rows(signals.command_torque, signals.segments),
         load=load,
         predicted=predicted,
         parameters=np.nan_to_num(standard),

@@ -110,7 +110,9 @@ def observed_blocks(model: Regressor, signals: Signals, plan: RegressorPlan) -> 
                 filtered[:width],
                 place,
                 filter_.apply(torque, 1),
-                slope.apply(torque if signals.told is None else _wider(signals.told, segment, part)),
+                slope.apply(
+                    torque if signals.command_torque is None else _wider(signals.command_torque, segment, part)
+                ),
                 window.apply((np.abs(speeds) < signals.min_velocity[:, None]).astype(float)),
                 filtered[width:],
                 filter_.apply(nothing[:, part] if readings is None else np.ascontiguousarray(readings[part].T)),

@@ -17,10 +17,10 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation, RowGroup, observe
 from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Regressor
+from elid_cli.signals.command_torque import loop_gains
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.spline_fit import fit_spline
-from elid_cli.signals.told import loop_gains
 
 
 @dataclass(frozen=True)

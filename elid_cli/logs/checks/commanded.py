@@ -13,7 +13,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.logs.mapping.language import COMMANDS, GAINS
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.told import held_mean
+from elid_cli.signals.command_torque import held_mean
 
 DIFFERENT = 0.01
 """Relative difference of a gain in log and robot file that is worth a word."""

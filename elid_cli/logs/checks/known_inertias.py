@@ -17,15 +17,14 @@ from elid_cli._types import Array
 from elid_cli.logs.checks.described_torques import gravity_torques, inertial_torques
 from elid_cli.logs.checks.known_masses import (
     FEWEST,
-    SURE,
+    OWN,
     Scale,
     about,
     listed,
-    slope_beside,
     weight_scales,
 )
 from elid_cli.logs.checks.limits import WRONG
-from elid_cli.logs.checks.torque_scale import WRONG_SCALE
+from elid_cli.logs.checks.torque_scale import SURE, WRONG_SCALE, slope_beside
 from elid_cli.robot.robot import Robot
 
 INSTANTS = 600
@@ -119,7 +118,8 @@ def inertia_scales(q: Array, theta: Array, tau: Array, dt: float, robot: Robot) 
         if np.count_nonzero(used) < FEWEST or not inertia[used, j].any():
             continue
         own = [weight[:, j], spin[:, j], np.sign(spin[:, j]), bend[:, j], turn[:, j], np.ones(at.size)]
-        yield Scale(j, *slope_beside(np.nan_to_num(np.column_stack(own)[used]), inertia[used, j], tau[at, j][used]))
+        beside = np.nan_to_num(np.column_stack(own)[used])
+        yield Scale.of(j, slope_beside(beside, inertia[used, j], tau[at, j][used], OWN))
 
 
 def _rates(values: Array, at: NDArray[np.intp], lags: Sequence[int], dt: float) -> tuple[Array, Array]:

@@ -16,17 +16,13 @@ from elid_cli._types import Array
 from elid_cli.logs.checks.described_torques import gravity_torques
 from elid_cli.logs.checks.encoder_pairs import as_yaml, proposed
 from elid_cli.logs.checks.limits import WRONG
-from elid_cli.logs.checks.torque_scale import LAG, WRONG_SCALE
+from elid_cli.logs.checks.torque_scale import LAG, SURE, WRONG_SCALE, Slope, slope_beside
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.robot.robot import Robot
 
 INSTANTS = 400
 """Instants of a log that are looked at."""
 FEWEST = 60
-BLOCKS = 8
-"""Parts of a log that are left out in turn for the scale's standard error."""
-SURE = 4.0
-"""Standard errors by which a scale must be beyond `WRONG_SCALE`."""
 FAINT = 0.3
 """The same below which a torque does not hold the weight at all."""
 OWN = 0.2
@@ -55,6 +51,11 @@ class Scale(NamedTuple):
     deviation: float
     correlation: float
     """Of both, beside what the joint's speed and its chain's accelerations explain."""
+
+    @classmethod
+    def of(cls, joint: int, slope: Slope) -> Scale:
+        """Return the slope of a joint's torque."""
+        return cls(joint, slope.ratio, slope.deviation, slope.correlation)
 
 
 def wrong_scales(
@@ -171,23 +172,4 @@ def weight_scales(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[Sca
             continue
         chain = [k for k in range(robot.n) if k in robot.ancestors[j] or j in robot.ancestors[k]]
         own = np.column_stack([speed[:, j], np.sign(speed[:, j]), np.nan_to_num(bend[:, chain]), np.ones(at.size)])
-        yield Scale(j, *slope_beside(own[used], weight[used, j], tau[at, j][used]))
-
-
-def slope_beside(own: Array, weight: Array, tau: Array) -> tuple[float, float, float]:
-    """Return slope of torque over weight beside other columns, its standard error, correlation; NaN: not shown."""
-    sizes = np.linalg.norm(own, axis=0)
-    own = own[:, sizes > 0] / sizes[sizes > 0]
-    pairs = np.column_stack([weight, tau])
-    x, y = (pairs - own @ np.linalg.lstsq(own, pairs, rcond=None)[0]).T
-    if x.std() <= OWN * weight.std():
-        return math.nan, math.nan, math.nan
-    parts = np.array(
-        [(a @ b, a @ a) for a, b in zip(np.array_split(x, BLOCKS), np.array_split(y, BLOCKS), strict=True)]
-    )
-    whole = parts.sum(axis=0)
-    left = (whole - parts).T
-    without = left[0] / left[1]
-    ratio = float(whole[0] / whole[1])
-    correlation = float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
-    return ratio, float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((without - ratio) ** 2))), correlation
+        yield Scale.of(j, slope_beside(own[used], weight[used, j], tau[at, j][used], OWN))

@@ -13,8 +13,9 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.logs.checks.encoder_pairs import proposed
-from elid_cli.logs.checks.known_masses import SURE, Scale, weight_scales
+from elid_cli.logs.checks.known_masses import Scale, weight_scales
 from elid_cli.logs.checks.limits import WRONG
+from elid_cli.logs.checks.torque_scale import SURE
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.robot.robot import Robot
 
@@ -32,16 +33,7 @@ NEAR = 2.0
 def wrong_positions(q: Array, tau: Array, dt: float, robot: Robot, plan: ReadPlan) -> Iterator[str]:
     """Yield a sentence where torques hold the described bodies' weight at positions of another size.
 
-    Parameters
-    ----------
-    q, tau
-        Positions and torques at the joint, contiguous, (N, n).
-    dt
-        Sample time, s.
-    robot
-        The description; joints whose load is unknown are not looked at.
-    plan
-        Where the positions were read from.
+    Positions and torques at the joint are contiguous, (N, n), `dt` s apart; the plan says where they were read from.
     """
     turning = np.array([joint.revolute for joint in robot.joints])
     if not turning.any() or not np.isfinite(q[:, turning]).any():

@@ -64,10 +64,19 @@ def spring_slope(theta: Array, deflection: Array, tau: Array, dt: float) -> Slop
     ahead, behind = theta[2 * lag :], theta[: -2 * lag]
     speed, bend = ahead - behind, ahead - 2.0 * theta[here] + behind
     own = np.column_stack([np.ones_like(speed), speed, np.sign(speed), bend])
-    own /= np.maximum(np.linalg.norm(own, axis=0), 1e-300)
-    pairs = np.column_stack([deflection[here], tau[here]])
+    return slope_beside(own, deflection[here], tau[here], OWN)
+
+
+def slope_beside(own: Array, x: Array, y: Array, least: float) -> Slope:
+    """Return the slope of a torque y over x, (N,), beside other columns (N, c).
+
+    It does not show where these leave less than a part `least` of the spread of x.
+    """
+    sizes = np.linalg.norm(own, axis=0)
+    own = own[:, sizes > 0] / sizes[sizes > 0]
+    pairs = np.column_stack([x, y])
     alone, torque = (pairs - own @ np.linalg.lstsq(own, pairs, rcond=None)[0]).T
-    if alone.std() <= OWN * deflection[here].std() or not torque.any():
+    if alone.std() <= least * x.std() or not torque.any():
         return Slope()
     products = np.array(
         [(a @ b, a @ a) for a, b in zip(np.array_split(alone, BLOCKS), np.array_split(torque, BLOCKS), strict=True)]

@@ -52,7 +52,7 @@ class Scene:
     starts: Sequence[int] = (0,)
     """Indices at which a new segment begins; effects with memory start afresh there."""
     temperature: Array | None = None
-    told: Array | None = None
+    command_torque: Array | None = None
     """The part of the motor torques that a delay of the channel moves; None: all of them."""
     tau_link: Array | None = None
     """Measured torque in the transmission, where joint torque sensors exist."""

@@ -17,10 +17,10 @@ from elid_cli.errors import RobotError
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Channel, Effect
 from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.signals.command_torque import at_limit
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.time_shift import shifted
-from elid_cli.signals.told import at_limit
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def corrected(signals: Signals, shifts: Shifts) -> Signals:
     if not shifts:
         return signals
     motion, tau = signals.motion, signals.tau.copy()
-    told = None if signals.told is None else signals.told.copy()
+    commanded = None if signals.command_torque is None else signals.command_torque.copy()
     link = [motion.q.copy(), motion.dq.copy(), motion.ddq.copy()]
     motor = [motion.theta.copy(), motion.dtheta.copy(), motion.ddtheta.copy()] if np.any(shifts.position) else []
     for segment in signals.segments:
@@ -114,12 +114,14 @@ def corrected(signals: Signals, shifts: Shifts) -> Signals:
                     channel[part, k] = shifted(channel[part, k], float(age) / signals.dt)
             if shifts.torque[k]:
                 late = _later(signals.delayed[part, k], float(shifts.torque[k]) / signals.dt)
-                tau[part, k] = late if told is None else tau[part, k] + (late - told[part, k])
-                if told is not None:
-                    told[part, k] = late
+                tau[part, k] = late if commanded is None else tau[part, k] + (late - commanded[part, k])
+                if commanded is not None:
+                    commanded[part, k] = late
     theta, dtheta, ddtheta = motor or (motion.theta, motion.dtheta, motion.ddtheta)
     moved = Motion(motion.t, link[0], link[1], link[2], theta, dtheta, ddtheta)
-    return replace(signals, motion=moved, tau=tau if told is None else _cut(signals.tau, tau), told=told)
+    return replace(
+        signals, motion=moved, tau=tau if commanded is None else _cut(signals.tau, tau), command_torque=commanded
+    )
 
 
 def delivered(signals: Signals, drives: Sequence[tuple[Effect, Array]]) -> Signals:

@@ -47,8 +47,8 @@ class TorqueDelay(Effect):
         """Return the torque's derivative in the motor row: model + delay dτ/dt = τ."""
         key = ("torque rate", self.joint)
         if key not in scene.cache:
-            told = scene.tau if scene.told is None else scene.told
-            scene.cache[key] = derivative(told[:, self.joint], scene.dt, scene.starts)
+            delayed = scene.tau if scene.command_torque is None else scene.command_torque
+            scene.cache[key] = derivative(delayed[:, self.joint], scene.dt, scene.starts)
         return motor_row(self.joint, scene.cache[key])
 
     def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""The part of a torque that a drive was told: what a delay between commands and motion moves.
+"""The part of a torque that commands make: what a delay between commands and motion moves.
 
 A torque that was computed from commands, kp (q_des - q) + kd (dq_des - dq) + tau_ff, holds the measured position, which
 the drive has at once. Where its commands act later than they were logged, only they do: moved as a whole, the torque
@@ -16,26 +16,26 @@ from elid_cli._types import Array
 from elid_cli.signals.recording import Recording
 
 
-def told_torque(recording: Recording) -> tuple[Array, Array | None]:
-    """Return the torques, and the part of them that was told, (N, n) each, N·m (N); None: all torques were logged.
+def command_torque(recording: Recording) -> tuple[Array, Array | None]:
+    """Return the torques, and the part of them that commands make, (N, n) each, N·m (N); None: all were logged.
 
-    Of a torque that was computed that part is what its commands make of it at position and speed 0. Commands count for
-    what their stairs amount to below the sample rate (`smoothed_stairs`).
+    That part is the torque at position and speed 0; a logged torque is one as a whole. Commands count for what their
+    stairs amount to below the sample rate (`smoothed_stairs`).
     """
     computed = recording.commanded
     if not computed.any():
         return recording.tau, None
     commands = recording.commands
     bounds = [(segment.start, segment.stop) for segment in recording.segments]
-    told, finer = np.zeros((2, *recording.tau.shape))
+    part, finer = np.zeros((2, *recording.tau.shape))
     for gain, name in ((commands["kp"], "q_des"), (commands["kd"], "dq_des"), (1.0, "tau_ff")):
         if name in commands:
             held = held_mean(commands[name], bounds)
             stairs = smoothed_stairs(held, bounds)
-            told += gain * np.nan_to_num(stairs)
+            part += gain * np.nan_to_num(stairs)
             finer += gain * np.nan_to_num(stairs - held)
     free = ~at_limit(recording.tau)
-    return np.where(computed & free, recording.tau + finer, recording.tau), np.where(computed, told, recording.tau)
+    return np.where(computed & free, recording.tau + finer, recording.tau), np.where(computed, part, recording.tau)
 
 
 def loop_gains(recording: Recording | None) -> tuple[Array, Array]:

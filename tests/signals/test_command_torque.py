@@ -1,4 +1,4 @@
-"""What a drive was told: the stairs of held commands, and what of a torque a delay moves."""
+"""What commands make of a torque: the stairs of held commands, and what a delay moves."""
 
 from __future__ import annotations
 
@@ -6,26 +6,16 @@ import numpy as np
 import pytest
 
 from elid_cli.model.effects.shifts import Shifts, corrected
-from elid_cli.robot.files import robot_from_text
+from elid_cli.signals.command_torque import at_limit, command_torque, held_mean, smoothed_stairs
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
-from elid_cli.signals.told import at_limit, held_mean, smoothed_stairs, told_torque
+from tests.one_pendulum import ROBOT
 
 KP, KD, DT = 40.0, 1.5, 0.004
-ROBOT = robot_from_text(
-    """\
-name: swing
-gravity: [0, -9.81, 0]
-dh: standard
-joints:
-  - {name: j, transmission: rigid, a: 0.3, alpha: 0, d: 0, theta: 0}
-""",
-    "swing.yaml",
-)
 
 
-def commanded(late: float = 0.0) -> Recording:
-    """Return a log whose commands act `late` seconds after they were logged, by a torque that is smooth."""
+def commanded() -> Recording:
+    """Return a log of commands that make a smooth torque."""
     t = DT * np.arange(3000)
     q = (0.5 * np.sin(1.1 * t) + 0.2 * np.sin(4.3 * t + 1))[:, None]
     q_des = q + 0.1 * np.sin(2.0 * (t[:, None] + DT / 2) + 0.4)
@@ -55,7 +45,7 @@ def test_stretches_do_not_reach_into_each_other() -> None:
 
 def test_a_logged_torque_is_told_as_a_whole() -> None:
     log = commanded()
-    tau, told = told_torque(Recording(("j",), DT, log.t, log.q, log.q, log.tau, segments=log.segments))
+    tau, told = command_torque(Recording(("j",), DT, log.t, log.q, log.q, log.tau, segments=log.segments))
     assert told is None
     assert tau is log.tau
 
@@ -64,14 +54,14 @@ def test_a_delay_moves_the_commands_and_leaves_the_positions() -> None:
     signals = prepare(commanded(), ROBOT)
     late = 2.5 * DT
     moved = corrected(signals, Shifts.none(1).moved("torque", 0, late))
-    assert signals.told is not None
-    assert moved.told is not None
+    assert signals.command_torque is not None
+    assert moved.command_torque is not None
     inner = slice(20, -20)
     t = signals.motion.t
-    later = np.interp(t - late, t, signals.told[:, 0])
-    assert moved.told[inner, 0] == pytest.approx(later[inner], abs=2e-3)
-    at_once = signals.tau - signals.told
-    assert np.abs(moved.tau - moved.told - at_once).max() < 1e-12
+    later = np.interp(t - late, t, signals.command_torque[:, 0])
+    assert moved.command_torque[inner, 0] == pytest.approx(later[inner], abs=2e-3)
+    at_once = signals.tau - signals.command_torque
+    assert np.abs(moved.tau - moved.command_torque - at_once).max() < 1e-12
 
 
 def test_torques_at_a_limit() -> None:

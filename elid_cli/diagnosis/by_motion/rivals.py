@@ -23,7 +23,7 @@ MORE = 1.5
 """Times the squared error of another effect that is clearly more, where it is more in every block of time."""
 
 
-def told_apart(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tuple[TrajectoryFit, list[Named], bool]:
+def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tuple[TrajectoryFit, list[Named], bool]:
     """Return the fit and its effects with the rivals that do as well, and whether a rival took an effect's place.
 
     Parameters
