@@ -31,9 +31,10 @@ class Program:
     constants: tuple[tuple[int, float], ...]
     copies: tuple[tuple[int, int], ...]
 
-    def run(self, rows: Array, out: Array) -> None:
+    def run(self, rows: Array, out: Array, constants: Sequence[Array] = ()) -> None:
         """Evaluate on samples: `rows` (inputs, N), `out` (outputs, N), both C-contiguous in samples.
 
+        Inputs that follow those in `rows` may be the same at all samples: `constants`, arrays of no dimension.
         Memory beyond the arguments is one block of registers, which is kept for the next call.
         """
         samples = rows.shape[1]
@@ -49,7 +50,7 @@ class Program:
             stop = min(start + block, samples)
             if stop - start < block:
                 bound[self.inputs : self.inputs + self.registers] = [row[: stop - start] for row in registers]
-            bound[: self.inputs] = list(rows[:, start:stop])
+            bound[: self.inputs] = [*rows[:, start:stop], *constants]
             bound[self.inputs + self.registers :] = list(out[:, start:stop])
             self._blockwise(bound)
             for target, source in self.copies:

@@ -92,7 +92,8 @@ def _collocated(
     setup = Setup(fitted)
     if not setup.pieces:
         return None
-    outcome = from_start(setup, setup.start, FITTING) if alone is None else _from_terms(setup, alone)
+    # of the terms alone nothing but the trajectory and the cost is wanted
+    outcome = from_start(setup, setup.start, FITTING, roughly=True) if alone is None else _from_terms(setup, alone)
     if not np.isfinite(outcome.p).all() or not np.isfinite(outcome.covariance).all() or len(outcome.costs) < 2:
         return None
     training, noise = setup.common_cost(outcome.end), setup.noise_cost()

@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.collocation.normal_equations import normal_equations
 from elid_cli.estimation.collocation.problem import Further, Iterate, Problem
 from elid_cli.estimation.regression.long_run import NARROWEST, KernelSum
+from elid_cli.lapack import lapack
 from elid_cli.signals.splines import ORDER
 
 LEAST_LEFT = 0.5
@@ -85,8 +87,20 @@ class EliminatedTrajectory:
     """Q, (p + z + further, p + z + further)."""
     gradient: Array
     """g, (p + z + further,)."""
-    solved: list[Array]
-    """Per piece: what moves of x, and the gradient (last column), move the coefficients by, negated."""
+    factors: list[Array]
+    """Per piece: lower band of the Cholesky factor L of the coefficients' matrix."""
+    forward: list[Array]
+    """Per piece: L^-1 of the border, and of the gradient (last column)."""
+
+    @property
+    def solved(self) -> list[Array]:
+        """Per piece: what moves of x, and the gradient (last column), move the coefficients by, negated."""
+        return [self._back(number, series) for number, series in enumerate(self.forward)]
+
+    def _back(self, number: int, series: Array) -> Array:
+        """Return L^-T of series of a piece, (knots * C, columns)."""
+        found: Array = lapack().dtbtrs(self.factors[number], series, uplo="L", trans="T")[0]
+        return found
 
     def move(self, now: Iterate, longest: float) -> Iterate:
         """Return the move to the least of the quadratic with no shape z moved by more than `longest`.
@@ -95,10 +109,7 @@ class EliminatedTrajectory:
         """
         first, size = len(now.p), len(self.gradient)
         if not size:  # p and z are held
-            still = np.zeros_like(now.p), np.zeros_like(now.z)
-            return Iterate(
-                [-s[:, 0].reshape(c.shape) for s, c in zip(self.solved, now.coefficients, strict=True)], *still
-            )
+            return Iterate(self._trajectory(now, self.gradient), np.zeros_like(now.p), np.zeros_like(now.z))
         x: Array = -_inverse(self.matrix) @ self.gradient
         if size > first and np.max(np.abs(x[first:])) > longest:
             shapes = np.diag((np.arange(size) >= first) * float(np.median(np.diag(self.matrix)[first:])))
@@ -108,11 +119,12 @@ class EliminatedTrajectory:
                 x = -_inverse(self.matrix + 10.0**middle * shapes) @ self.gradient
                 low, high = (middle, high) if np.max(np.abs(x[first:])) > longest else (low, middle)
             x[first:] = np.clip(x[first:], -longest, longest)
-        trajectory = [
-            -(solved[:, size] + solved[:, :size] @ x).reshape(now.coefficients[k].shape)
-            for k, solved in enumerate(self.solved)
-        ]
-        return Iterate(trajectory, x[:first], x[first:])
+        return Iterate(self._trajectory(now, x), x[:first], x[first:])
+
+    def _trajectory(self, now: Iterate, x: Array) -> list[Array]:
+        """Return the move of the coefficients that goes with a move of x."""
+        moves = [-self._back(k, series[:, :-1] @ x + series[:, -1]) for k, series in enumerate(self.forward)]
+        return [move.reshape(own.shape) for move, own in zip(moves, now.coefficients, strict=True)]
 
 
 def eliminate_trajectory(
@@ -130,19 +142,20 @@ def eliminate_trajectory(
     further
         Columns of terms that are not in the model.
     """
-    from scipy.linalg import cho_solve_banded, cholesky_banded
-
     matrix, gradient = prior[0].copy(), prior[1].copy()
-    size = len(gradient)
-    solutions = []
+    factors, forward = [], []
     for number in range(len(problem.pieces)):
-        band, load, border, corner, edge = _normal(problem, number, now, size, further)
-        factor = cholesky_banded(band, lower=True, check_finite=False)
-        solved = cho_solve_banded((factor, True), np.column_stack([border, load]), check_finite=False)
-        matrix += corner - border.T @ solved[:, :size]
-        gradient += edge - border.T @ solved[:, size]
-        solutions.append(solved)
-    return EliminatedTrajectory(matrix, gradient, solutions)
+        piece = normal_equations(problem, number, now, len(gradient), further)
+        factor, failed = lapack().dpbtrf(piece.band.T, lower=1, overwrite_ab=1)
+        if failed:
+            raise np.linalg.LinAlgError("the trajectory's normal matrix is not positive definite")
+        series = lapack().dtbtrs(factor, piece.border, uplo="L")[0]
+        left = piece.corner - series.T @ series
+        matrix += left[:-1, :-1]
+        gradient += left[:-1, -1]
+        factors.append(factor)
+        forward.append(series)
+    return EliminatedTrajectory(matrix, gradient, factors, forward)
 
 
 def covariance_at(problem: Problem, now: Iterate, prior: tuple[Array, Array]) -> tuple[Array, list[Array]]:
@@ -194,57 +207,6 @@ def _inverse(matrix: Array) -> Array:
     return inverse
 
 
-def _normal(
-    problem: Problem, number: int, now: Iterate, size: int, further: Further | None
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Return (band, gradient, border, corner, corner's gradient) of one piece."""
-    piece, coefficients = problem.pieces[number], now.coefficients[number]
-    knots, channels = coefficients.shape
-    blocks = np.zeros((ORDER * channels, ORDER * channels, piece.intervals))
-    loads = np.zeros((ORDER * channels, piece.intervals))
-    border = np.zeros((knots * channels, size))
-    corner, edge = np.zeros((size, size)), np.zeros(size)
-    for part in problem.parts(piece):
-        G, P, r = problem.linearised(number, now, part, further, held=not size)
-        blocks[:, :, part] = np.einsum("jab->abj", np.matmul(G.transpose(0, 2, 1), G))
-        loads[:, part] = np.einsum("jra,jr->aj", G, r, optimize=True)
-        cross = np.matmul(G.transpose(0, 2, 1), P).reshape(len(G), ORDER, channels, size)
-        for k in range(ORDER):
-            place = (part.start + k) * channels
-            border[place : place + cross.shape[0] * channels] += cross[:, k].reshape(len(G) * channels, size)
-        flat = P.reshape(r.size, size)
-        corner += flat.T @ flat
-        edge += flat.T @ r.reshape(-1)
-    misfit = problem.misfit(piece, coefficients) * piece.weight
-    inner = np.einsum("cjs,sl,sm->lmcj", piece.weight**2, problem.samples, problem.samples, optimize=True)
-    pulls = np.einsum("cjs,sl->lcj", misfit, problem.samples, optimize=True)
-    index = np.arange(channels)
-    for k in range(ORDER):
-        loads[k * channels + index] -= pulls[k]
-        for m in range(ORDER):
-            blocks[k * channels + index, m * channels + index] += inner[k, m]
-    return (*_banded(blocks, loads, knots, channels), border, corner, edge)
-
-
-def _banded(blocks: Array, loads: Array, knots: int, channels: int) -> tuple[Array, Array]:
-    """Add interval blocks (6 C, 6 C, J) into lower band storage (6 C, knots * C), and loads into a vector."""
-    intervals = blocks.shape[2]
-    band = np.zeros((ORDER * channels, knots, channels))
-    gradient = np.zeros((knots, channels))
-    for k in range(ORDER):
-        for a in range(channels):
-            row = k * channels + a
-            gradient[k : k + intervals, a] += loads[row]
-            for m in range(k + 1):
-                for b in range(channels):
-                    offset = (k - m) * channels + a - b
-                    if offset >= 0:
-                        band[offset, m : m + intervals, b] += blocks[row, m * channels + b]
-    flat = band.reshape(ORDER * channels, knots * channels)
-    flat[0] += 1e-12 * flat[0].max()
-    return flat, gradient.reshape(-1)
-
-
 def _sandwich(
     problem: Problem, now: Iterate, solved: Sequence[Array], inverse: Array
 ) -> tuple[Array, list[Array], Array]:
@@ -259,7 +221,7 @@ def _sandwich(
     intervals = sum(piece.intervals for piece in problem.pieces)
     together = 1 + 4 * intervals * inverse.size // _HELD
     white = np.zeros_like(inverse)
-    sensed = np.repeat(problem.followed, problem.setting.points)[:, None]
+    sensed = np.tile(problem.followed, problem.setting.points)[:, None]
     for number, piece in enumerate(problem.pieces):
         channels = now.coefficients[number].shape[1]
         influence = solved[number].reshape(-1, channels, solved[number].shape[1])
@@ -267,10 +229,10 @@ def _sandwich(
         scores = np.zeros((piece.intervals, solved[number].shape[1]))
         held = np.zeros((-(-piece.intervals // together), *inverse.shape), dtype=np.float32)
         for part in problem.parts(piece):
-            G, P, r = problem.linearised(number, now, part)
-            local = windows[part].transpose(0, 3, 1, 2).reshape(len(G), -1, P.shape[2])
-            own = P - np.matmul(G, local)
-            scores[part] += np.einsum("jra,jr->ja", own, r, optimize=True)
+            slopes, columns = problem.linearised(number, now, part)
+            local = windows[part].transpose(0, 3, 1, 2).reshape(len(slopes), slopes.shape[2], -1)
+            own = columns[:, :, :-1] - np.matmul(slopes, local)
+            scores[part] += np.einsum("jra,jr->ja", own, columns[:, :, -1], optimize=True)
             _add(held, part, np.matmul(own.transpose(0, 2, 1), own), together)
             flat = (own * sensed).reshape(-1, own.shape[2])
             white += flat.T @ flat

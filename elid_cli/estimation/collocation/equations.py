@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.collocation.layout import Scanned, UnknownsLayout, shaped
 from elid_cli.estimation.collocation.problem import States
-from elid_cli.estimation.collocation.states import fill, moved_together, slots_of
+from elid_cli.estimation.collocation.states import Moved, fill, moved_together, slots_of
 from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect
@@ -29,6 +30,18 @@ Placed = tuple[Effect, list[int]]
 """An effect, and where its amplitudes stand in p; -1 where they do not."""
 
 
+@dataclass(frozen=True)
+class _Here:
+    """What the equations are computed from at given states."""
+
+    states: States
+    motion: Motion
+    inputs: Array
+    """Inputs of the traced programs, (inputs, instants)."""
+    scene: Scene | None
+    """What effects are computed from, where there are any."""
+
+
 class RobotEquations:
     """Link and motor rows of the robot at given states."""
 
@@ -43,13 +56,24 @@ class RobotEquations:
             for side in ("q", "theta")
             for k in np.flatnonzero(layout.fit.signals.still).tolist()
         }
-        self._folded: tuple[bytes, Program] | None = None
         self._widths = direction_widths(self._model.robot)
         self._slots = [
             [slots_of(side, k, d, elastic=self._model.robot.joints[k].elastic) for d in range(3)]
             for side, k in layout.channels
         ]
         self._kept: dict[tuple[int, int, int], tuple[Array, Array, Array]] = {}
+        self._known: _Here | None = None
+        if self._fit.effects is not None:
+            self._stiffness = np.nan_to_num(self._fit.effects.scene.stiffness)
+            self._rigid = ~np.isfinite(self._fit.effects.scene.stiffness)
+
+    def _here(self, states: States) -> _Here:
+        """Return what residual, slopes and columns at the same states share."""
+        if self._known is None or self._known.states is not states:
+            motion = self.motion(states)
+            scene = None if self._fit.effects is None else self._scene(motion, states)
+            self._known = _Here(states, motion, self._inputs(motion), scene)
+        return self._known
 
     def motion(self, states: States) -> Motion:
         """Return the motion of all joints at the collocation points."""
@@ -67,13 +91,11 @@ class RobotEquations:
 
     def residual(self, states: States, p: Array, z: Array) -> Array:
         """Return the model's torques in link and motor rows, (rows, instants)."""
-        motion = self.motion(states)
-        out = np.empty((len(self._layout.rows), motion.samples))
-        self._program(p).run(self._inputs(motion), out)
-        if self._fit.effects is not None:
-            scene = self._scene(motion, states)
-            for effect, places in self._placed(z):
-                self._add(out, effect, places, scene, p)
+        here = self._here(states)
+        out = np.empty((len(self._layout.rows), here.motion.samples))
+        self._program.run(here.inputs, out, list(map(np.asarray, p)))
+        for effect, places in self._placed(z):
+            self._add(out, effect, places, here.scene, p)
         for place, row, values in self._nuisances(states):
             out[row] += p[place] * values
         return out
@@ -84,18 +106,18 @@ class RobotEquations:
         States that no row of the robot depends on together are moved at once (Curtis, Powell and Reid 1974); effects
         may depend on any. Nuisances are the same at any state.
         """
-        motion, program = self.motion(states), self._program(p)
-        inputs = self._inputs(motion)
+        here, program, values = self._here(states), self._program, list(map(np.asarray, p))
+        motion, inputs = here.motion, here.inputs
         before, after = np.empty((2, len(self._layout.rows), motion.samples))
-        program.run(inputs, before)
+        program.run(inputs, before, values)
         found = np.zeros((3, len(before), len(self._layout.channels), motion.samples))
         present = np.empty_like(inputs)
-        for group in moved_together(program, self._slots):
+        for group in self._together:
             present[:] = inputs
             for c, d, _ in group:
                 with self._moved(motion, c, d, steps[d, c]) as joint:
                     fill(present, motion, joint, self._slots[c][d], self._widths[joint])
-            program.run(present, after)
+            program.run(present, after, values)
             for c, d, touched in group:
                 found[d, touched, c] = (after[touched] - before[touched]) / steps[d, c]
         by_speed, others = self._by_speed(self._placed(z))
@@ -105,9 +127,9 @@ class RobotEquations:
                 placed = [*others, *(by_speed.get(joint, []) if motor and d == 1 else [])]
                 if not placed:
                     continue
-                self._effects(motion, states, p, placed, before)
+                self._effects(here.scene, p, placed, before)
                 with self._moved(motion, c, d, steps[d, c]):
-                    self._effects(motion, states, p, placed, after)
+                    self._effects(self._scene(motion, states), p, placed, after)
                 found[d, :, c] += (after - before) / steps[d, c]
         return found
 
@@ -133,16 +155,16 @@ class RobotEquations:
         for column, values in zip(columns, held, strict=True):
             column[:] = values
 
-    def _effects(self, motion: Motion, states: States, p: Array, placed: Sequence[Placed], out: Array) -> None:
+    def _effects(self, scene: Scene | None, p: Array, placed: Sequence[Placed], out: Array) -> None:
         """Write the torques of effects alone, (rows, instants)."""
         out[:] = 0.0
-        scene = self._scene(motion, states)
         for effect, places in placed:
             self._add(out, effect, places, scene, p)
 
     def shape_slopes(self, states: States, p: Array, z: Array) -> Array:
         """Return the derivatives of `residual` by the logarithms of the effects' shapes, (rows, shapes, instants)."""
-        scene = self._scene(self.motion(states), states)
+        scene = self._here(states).scene
+        assert scene is not None
         found = np.zeros((len(self._layout.rows), len(z), scene.samples))
         before = self._placed(z)
         torques: dict[int, Array] = {}
@@ -176,8 +198,9 @@ class RobotEquations:
             column += len(effect.amplitudes)
         return found
 
-    def _add(self, out: Array, effect: Effect, places: Sequence[int], scene: Scene, p: Array) -> None:
+    def _add(self, out: Array, effect: Effect, places: Sequence[int], scene: Scene | None, p: Array) -> None:
         """Add an effect's torques to those of the rows (rows, instants)."""
+        assert scene is not None
         for key, rows in effect.columns(scene).items():
             row = self._row_of(key)
             for place, values in zip(places, rows, strict=True):
@@ -200,11 +223,10 @@ class RobotEquations:
 
     def columns(self, states: States, z: Array) -> Array:
         """Return the columns of all linear parameters, (rows, p, instants)."""
-        motion = self.motion(states)
-        plan = self._model.equations
-        columns = np.zeros((len(plan.rows), len(self._place), motion.samples))
-        out = np.empty((plan.program.outputs, motion.samples))
-        plan.program.run(self._inputs(motion), out)
+        here, plan = self._here(states), self._model.equations
+        columns = np.zeros((len(plan.rows), len(self._place), here.motion.samples))
+        out = np.empty((plan.program.outputs, here.motion.samples))
+        plan.program.run(here.inputs, out)
         rows = {item.row: out[item.slots] for item in plan.rows}
         for k, item in enumerate(plan.rows):
             for position, column in enumerate(item.columns):
@@ -212,31 +234,32 @@ class RobotEquations:
                     columns[k, self._place[int(column)]] = rows[item.row][position]
         for place, number, values in self._nuisances(states):
             columns[number, place] = values
-        if self._fit.effects is not None:
-            scene = self._scene(motion, states)
-            for effect, places in self._placed(z):
-                kept = [d for d, place in enumerate(places) if place >= 0]
-                columns[:, [places[d] for d in kept]] = self._effect_rows(effect, scene)[kept].swapaxes(0, 1)
+        for effect, places in self._placed(z):
+            kept = [d for d, place in enumerate(places) if place >= 0]
+            columns[:, [places[d] for d in kept]] = self._effect_rows(effect, here.scene)[kept].swapaxes(0, 1)
         return columns
 
-    def _program(self, p: Array) -> Program:
-        """Return the traced rows with the parameters folded in."""
-        key = p.tobytes()
-        if self._folded is None or self._folded[0] != key:
-            values = dict.fromkeys(self._model.names, 0.0)
-            for column, place in self._place.items():
-                if column < self._model.parameters:
-                    values[self._model.names[column]] = float(p[place])
-            graph = Graph(INPUTS * self._model.robot.n)
-            traced = self._model.trace(graph, paper=True)
-            outputs: list[Scalar] = []
-            for row in self._layout.rows:
-                total: Scalar = 0.0
-                for name, value in traced[row].items():
-                    total = total + value * values[name]
-                outputs.append(total)
-            self._folded = (key, compile_program(graph, outputs))
-        return self._folded[1]
+    @cached_property
+    def _program(self) -> Program:
+        """The traced rows; their inputs are those of `inputs_of`, then the parameters in the order of p."""
+        graph = Graph(INPUTS * self._model.robot.n + len(self._place))
+        traced = self._model.trace(graph, paper=True)
+        values = {
+            self._model.names[column]: graph.input(INPUTS * self._model.robot.n + place)
+            for column, place in self._place.items()
+            if column < self._model.parameters
+        }
+        outputs: list[Scalar] = []
+        for row in self._layout.rows:
+            total: Scalar = 0.0
+            for name, value in traced[row].items():
+                total = total + value * values.get(name, 0.0)
+            outputs.append(total)
+        return compile_program(graph, outputs)
+
+    @cached_property
+    def _together(self) -> list[list[Moved]]:
+        return moved_together(self._program, self._slots)
 
     def _nuisances(self, states: States) -> Iterator[tuple[int, int, Array | float]]:
         """Yield (place in p, row, values) of delays and offsets."""
@@ -251,8 +274,9 @@ class RobotEquations:
                     k = self._row[row]
                     yield self._place[number], k, 1.0 if rates is None else rates[k, here]
 
-    def _effect_rows(self, effect: Effect, scene: Scene) -> Array:
+    def _effect_rows(self, effect: Effect, scene: Scene | None) -> Array:
         """Return an effect's columns, (amplitudes, rows, instants)."""
+        assert scene is not None
         out = np.zeros((len(effect.amplitudes), len(self._layout.rows), scene.motion.samples))
         for key, rows in effect.columns(scene).items():
             out[:, self._row_of(key)] += rows
@@ -279,8 +303,7 @@ class RobotEquations:
     def dictionary(self, states: States, items: Sequence[Scanned], grids: Sequence[Array]) -> Array:
         """Return columns of effects at every shape of their grids of logarithms, (rows, columns, instants)."""
         assert self._fit.effects is not None
-        scene = self._scene(self.motion(states), states)
-        columns = []
+        scene, columns = self._here(states).scene, []
         for item, grid in zip(items, grids, strict=True):
             declared = self._fit.effects.effects[item.number]
             (free,) = (k for k in declared.free if declared.effect.shape[k] > 0)
@@ -300,8 +323,7 @@ class RobotEquations:
             index = np.minimum(begin + np.arange(motion.samples) * every, len(scene.tau) - 1)
             self._kept[where] = scene.tau[index], scene.predicted[index], scene.load[index]
         tau, predicted, known = self._kept[where]
-        stiffness = np.nan_to_num(scene.stiffness)
-        load = np.where(np.isfinite(scene.stiffness), stiffness * (motion.theta - motion.q), known)
+        load = known if self._rigid.all() else np.where(self._rigid, known, self._stiffness * (motion.theta - motion.q))
         return replace(
             scene, motion=motion, dt=scene.dt * every, tau=tau, load=load,
             predicted=predicted, starts=(0,), temperature=None, cache={},

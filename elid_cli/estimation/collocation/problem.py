@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -49,6 +50,21 @@ class CollocationSegment:
     def intervals(self) -> int:
         """Number of knot intervals."""
         return int(self.measured.shape[1])
+
+    @cached_property
+    def information(self) -> Array:
+        """What measured positions say of two coefficients of a channel, that many knots apart, (knots, channels, 6).
+
+        At a knot it is that of it and of the one so many knots further on.
+        """
+        channels, intervals, stride = self.weight.shape
+        weights = basis(np.arange(stride) / stride)
+        found = np.zeros((intervals + DEGREE, channels, ORDER))
+        for low in range(ORDER):
+            for high in range(low, ORDER):
+                between = self.weight**2 @ (weights[:, low] * weights[:, high])
+                found[low : low + intervals, :, high - low] += between.T
+        return found
 
 
 @dataclass(frozen=True)
@@ -100,14 +116,16 @@ class Setting:
         """Knot spacing, s."""
         return self.stride * self.dt
 
+    @cached_property
     def at_points(self) -> Array:
-        """Return basis weights at the collocation points, (3, points, 6)."""
+        """Basis weights at the collocation points, (3, points, 6)."""
         every = self.stride // self.points
         u = (np.arange(self.points) * every + 0.5 * (every - 1)) / self.stride
         return np.array([basis(u, d) / self.width**d for d in range(3)])
 
+    @cached_property
     def at_samples(self) -> Array:
-        """Return basis weights at the samples, (stride, 6)."""
+        """Basis weights at the samples, (stride, 6)."""
         return basis(np.arange(self.stride) / self.stride)
 
 
@@ -119,13 +137,23 @@ class Iterate:
     p: Array
     z: Array
 
+    def moved(self, size: float, by: Iterate) -> Iterate:
+        """Return the unknowns moved by so many times a move."""
+        coefficients = [own + size * move for own, move in zip(self.coefficients, by.coefficients, strict=True)]
+        return Iterate(coefficients, self.p + size * by.p, self.z + size * by.z)
+
 
 def coefficients_to_states(setting: Setting, coefficients: Array) -> Array:
     """Return states at the collocation points, (3, channels, intervals * points)."""
-    windows = np.lib.stride_tricks.sliding_window_view(coefficients, ORDER, axis=0)
-    weights = setting.at_points()
-    values = np.einsum("jcl,dpl->dcjp", windows, weights, optimize=True)
-    return np.ascontiguousarray(values.reshape(3, coefficients.shape[1], -1))
+    points = setting.at_points
+    values = _windows(coefficients) @ points.reshape(-1, ORDER).T
+    by_interval = values.reshape(-1, coefficients.shape[1], *points.shape[:2])
+    return np.ascontiguousarray(by_interval.transpose(2, 1, 0, 3)).reshape(3, coefficients.shape[1], -1)
+
+
+def _windows(coefficients: Array) -> Array:
+    """Return the coefficients that meet in each knot interval, channel by channel, (J * channels, 6)."""
+    return np.lib.stride_tricks.sliding_window_view(coefficients, ORDER, axis=0).reshape(-1, ORDER)
 
 
 class Problem:
@@ -142,14 +170,21 @@ class Problem:
         """Part of each row's assumed noise that is the sensors', the rest being assumed for what knots are too free to
         leave in the residual, (rows,)."""
         self._trust = [np.ones((len(rho), p.intervals * setting.points)) for p in self.pieces]
-        self._weights = setting.at_points()
-        self.samples = setting.at_samples()
+        self.samples = setting.at_samples
+        own = np.eye(setting.scale.shape[1])
+        self._turns = [np.kron(weights, own) for weights in setting.at_points.transpose(1, 0, 2)]
+        """What turns slopes by a point's states (3, channels) into those by coefficients (6, channels), per point."""
 
     def trust(self, *now: Iterate) -> None:
         """Decide anew where motors reverse, from the trajectory as it is now; of several, where any does."""
         for number in range(len(self.pieces)):
             states = (States(coefficients_to_states(self.setting, n.coefficients[number]), number, 0) for n in now)
             self._trust[number] = np.minimum.reduce([self.equations.trust(each) for each in states])
+
+    @property
+    def trusted(self) -> list[Array]:
+        """What was decided last of where motors reverse, (rows, instants) per piece: small there."""
+        return list(self._trust)
 
     def _mask(self, number: int) -> Array:
         mask: Array = self.pieces[number].mask.reshape(len(self.rho), -1) * self._trust[number]
@@ -196,8 +231,8 @@ class Problem:
 
     def misfit(self, piece: CollocationSegment, coefficients: Array) -> Array:
         """Return measured minus fitted positions over their noise, (channels, intervals, stride)."""
-        windows = np.lib.stride_tricks.sliding_window_view(coefficients, ORDER, axis=0)
-        fitted = np.einsum("jcl,sl->cjs", windows, self.samples, optimize=True)
+        fitted = _windows(coefficients) @ self.samples.T
+        fitted = fitted.reshape(-1, coefficients.shape[1], len(self.samples)).swapaxes(0, 1)
         misfit: Array = np.where(piece.weight > 0, piece.measured - fitted, 0.0) * piece.weight
         return misfit
 
@@ -214,37 +249,46 @@ class Problem:
 
     def linearised(
         self, number: int, now: Iterate, part: slice, further: Further | None = None, *, held: bool = False
-    ) -> tuple[Array, Array, Array]:
-        """Return (d residual / d coefficients, d residual / d (p, z), residual), all weighted, interval by interval.
+    ) -> tuple[Array, Array]:
+        """Return the weighted equations about the unknowns, knot interval by knot interval.
 
-        Shapes (J, rows * points, 6 * channels), (J, rows * points, p + z), (J, rows * points). Columns of `further`
-        terms follow those of p and z; no columns where these are `held`.
+        Columns of `further` terms follow those of p and z; no columns where these are `held`.
+
+        Returns
+        -------
+        tuple
+            d residual / d coefficients, (J, points * rows, 6 * channels); d residual / d (p, z) and last the residual
+            itself, (J, points * rows, p + z + 1).
+
         """
         setting, piece, rows = self.setting, self.pieces[number], len(self.rho)
-        coefficients = now.coefficients[number][part.start : part.stop + DEGREE]
-        count = part.stop - part.start
-        values = coefficients_to_states(setting, coefficients)
+        values = coefficients_to_states(setting, now.coefficients[number][part.start : part.stop + DEGREE])
         here = States(values, number, part.start * setting.points)
-        channels = values.shape[1]
-        residual = self.equations.residual(here, now.p, now.z)
-        torque = piece.torque[:, part].reshape(rows, -1)
+        error = self.equations.residual(here, now.p, now.z) - piece.torque[:, part].reshape(rows, -1)
         mask = self._mask(number)[:, part.start * setting.points : part.stop * setting.points]
-        error = residual - torque
         scaled = np.abs(error) * mask / self.rho[:, None]
         weight = mask / self.rho[:, None] * np.where(scaled > HUBER, np.sqrt(HUBER / np.maximum(scaled, 1e-300)), 1.0)
-        steps = np.array(_STEPS)[:, None] * setting.scale
-        slopes = self.equations.slopes(here, now.p, now.z, steps)
-        shaped = (slopes * weight[None, :, None]).reshape(3, rows, channels, count, setting.points)
-        G = np.einsum("drcjp,dpl->jrplc", shaped, self._weights, optimize=True)
-        columns = np.zeros((rows, 0, error.shape[1])) if held else self.equations.columns(here, now.z)
+        slopes = self.equations.slopes(here, now.p, now.z, np.array(_STEPS)[:, None] * setting.scale)
+        columns = []
+        if not held:
+            columns.append(self.equations.columns(here, now.z))
         if len(now.z) and not held:
-            columns = np.concatenate([columns, self.equations.shape_slopes(here, now.p, now.z)], axis=1)
+            columns.append(self.equations.shape_slopes(here, now.p, now.z))
         if further is not None:
-            columns = np.concatenate([columns, further(here)], axis=1)
-        P = (columns * weight[:, None]).reshape(rows, columns.shape[1], count, setting.points).transpose(2, 0, 3, 1)
-        r = (error * weight).reshape(rows, count, setting.points).transpose(1, 0, 2)
+            columns.append(further(here))
+        border = np.concatenate([*columns, error[:, None]], axis=1)
+        by_instant = weight.T[:, :, None]
         return (
-            G.reshape(count, rows * setting.points, ORDER * channels),
-            P.reshape(count, rows * setting.points, columns.shape[1]),
-            r.reshape(count, -1),
+            self._by_coefficients(slopes.transpose(3, 1, 0, 2) * by_instant[..., None]),
+            (border.transpose(2, 0, 1) * by_instant).reshape(part.stop - part.start, -1, border.shape[1]),
         )
+
+    def _by_coefficients(self, slopes: Array) -> Array:
+        """Return slopes by states (N, rows, 3, channels) as those by coefficients, (J, points * rows, 6 * channels)."""
+        (instants, rows, _, channels), points = slopes.shape, self.setting.points
+        slopes = np.ascontiguousarray(slopes).reshape(-1, points, rows, 3 * channels)
+        found = np.empty((instants // points, points, rows, ORDER * channels))
+        for point, turn in enumerate(self._turns):
+            for row in range(rows):
+                np.matmul(slopes[:, point, row], turn, out=found[:, point, row])
+        return found.reshape(len(found), points * rows, -1)

@@ -141,10 +141,10 @@ STEPS = 30
 """Most steps of an iteration: 16 were too few for arms in noise (errors of 2.2 standard errors instead of 0.8)."""
 
 
-def from_start(setup: Setup, start: Iterate, steps: int = STEPS) -> Outcome:
+def from_start(setup: Setup, start: Iterate, steps: int = STEPS, *, roughly: bool = False) -> Outcome:
     """Return the outcome of an iteration."""
     setup.problem.rho = setup.first_rho()
-    return iterate(setup.problem, start, setup.prior, steps)
+    return iterate(setup.problem, start, setup.prior, steps, roughly=roughly)
 
 
 def best_of(setup: Setup, *known: Outcome) -> tuple[Outcome, tuple[Outcome, ...]]:
