@@ -40,8 +40,9 @@ ROUNDING = 1e-12
 """A sum below this part of its terms is zero but for rounding."""
 _STATES = 60
 """Random states per structural question beyond one per parameter."""
-_ENOUGH = 200
-"""Parameters above which no more states are asked for: each state adds as many equations as there are rows."""
+_MANY = 100
+"""Parameters above which fewer states are asked for the more there are: each state adds as many equations as there are
+rows, five for each parameter in `_STATES` of them, and a larger robot's many rows are reduced together."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -214,7 +215,8 @@ def find_base(model: Regressor, seed: int = 0) -> BaseParameters:
 def _found(model: Regressor, seed: int) -> BaseParameters:
     robot = model.robot
     model = Regressor(robot.squared(), model.terms)
-    motion = random_motion(robot.n, robot.elastic, _STATES + min(model.parameters, _ENOUGH), seed)
+    further = min(model.parameters, _MANY**2 // max(model.parameters, 1))
+    motion = random_motion(robot.n, robot.elastic, _STATES + further, seed)
     triangles = []
     for _, columns, block in model.blocks(motion):
         triangle = np.asarray(np.linalg.qr(block, mode="r"))

@@ -195,12 +195,13 @@ class Regressor:
         """
         # arrays stand where traced values usually do: the recursion only adds and multiplies
         for row, values in self._coefficients(list(inputs_of(motion)), paper=False).items():
-            names = sorted((name for name, value in values.items() if np.any(value)), key=self.index.__getitem__)
+            names = sorted(values, key=self.index.__getitem__)
             columns = np.array([self.index[name] for name in names], dtype=np.intp)
-            block = np.empty((motion.samples, len(names)))
+            block = np.empty((len(names), motion.samples))
             for k, name in enumerate(names):
-                block[:, k] = values[name]
-            yield row, columns, block
+                block[k] = values[name]
+            shown = block.any(axis=1)
+            yield row, columns[shown], np.ascontiguousarray(block[shown].T)
 
     def _coefficients(
         self, inputs: Sequence[Any], *, paper: bool, gravity: bool = True, sensors: tuple[int, ...] = ()
@@ -215,13 +216,16 @@ class Regressor:
             else:
                 values[EstimationRow("sum", k)] = {}
             values |= {EstimationRow(kind, k): {} for kind in SENSOR_KINDS if k in sensors}
+        targets: dict[tuple[str, int], list[dict[StandardParameter, Any]]] = {}
         for term in self.terms:
             for side, number, name, value in term.entries(self.robot, motion):
                 spring = name.kind == "K" and name.joint == number
                 if side == "motor" and not spring and self.robot.joints[number].torque_at == "link":
                     continue
-                for row in self._targets(side, number, paper=paper):
-                    values[row][name] = values[row].get(name, 0.0) + value
+                if (side, number) not in targets:
+                    targets[side, number] = [values[row] for row in self._targets(side, number, paper=paper)]
+                for columns in targets[side, number]:
+                    columns[name] = columns[name] + value if name in columns else value
                 read = _read(side, number, spring=spring) if number in sensors else None
                 if read is not None:
                     values[read][name] = values[read].get(name, 0.0) + value

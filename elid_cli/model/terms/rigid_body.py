@@ -10,10 +10,8 @@ from collections.abc import Iterator
 
 from elid_cli.model.kinematics import Vector, acceleration_field, cross, dot
 from elid_cli.model.terms.base_term import ChainMotion, Entry
-from elid_cli.robot.parameter import StandardParameter
+from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
-
-_INERTIA = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 
 
 class RigidBody:
@@ -29,14 +27,15 @@ class RigidBody:
             a, omega, alpha = body.acceleration, body.omega, body.alpha
             field = acceleration_field(omega, alpha)
             moments = _moments(omega, alpha)
+            names = [StandardParameter(kind, i - 1) for kind in LINK_PARAMETERS]
             for j, (v, w) in body.twists:
-                yield Entry("link", j, StandardParameter("m", i - 1), dot(v, a))
+                yield Entry("link", j, names[0], dot(v, a))
                 lever = cross(a, w)
-                for axis, column in enumerate("xyz"):
+                for axis in range(3):
                     value = v[0] * field[0][axis] + v[1] * field[1][axis] + v[2] * field[2][axis] + lever[axis]
-                    yield Entry("link", j, StandardParameter(f"c{column}", i - 1), value)
-                for kind, moment in zip(_INERTIA, moments, strict=True):
-                    yield Entry("link", j, StandardParameter(kind, i - 1), dot(w, moment))
+                    yield Entry("link", j, names[1 + axis], value)
+                for name, moment in zip(names[4:], moments, strict=True):
+                    yield Entry("link", j, name, dot(w, moment))
 
 
 def _moments(omega: Vector, alpha: Vector) -> tuple[Vector, ...]:
