@@ -206,7 +206,7 @@ class Regressor:
     def _coefficients(
         self, inputs: Sequence[Any], *, paper: bool, gravity: bool = True, sensors: tuple[int, ...] = ()
     ) -> dict[EstimationRow, dict[StandardParameter, Any]]:
-        states, motors = _states(inputs, self.robot)
+        states, motors = states_of(inputs, self.robot)
         motion = ChainMotion(chain(self.robot, states, gravity=gravity), motors)
         values: dict[EstimationRow, dict[StandardParameter, Any]] = {}
         for k, joint in enumerate(self.robot.joints):
@@ -248,7 +248,8 @@ def _read(side: str, joint: int, *, spring: bool) -> EstimationRow | None:
     return EstimationRow("load" if side == "link" else "drive", joint)
 
 
-def _states(inputs: Sequence[Any], robot: Robot) -> tuple[list[JointState], list[MotorState]]:
+def states_of(inputs: Sequence[Any], robot: Robot) -> tuple[list[JointState], list[MotorState]]:
+    """Return what the terms see of joints and motors in the inputs of `inputs_of`, traced or arrays."""
     states, motors = [], []
     for k, joint in enumerate(robot.joints):
         sin, cos, q, dq, ddq, dtheta, ddtheta, direction, deflection = inputs[INPUTS * k : INPUTS * (k + 1)]

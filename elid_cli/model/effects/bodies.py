@@ -1,24 +1,27 @@
 """Torques of the rigid bodies on arrays of samples, for effects that turn gravity or change a body.
 
-`model.py` sits above the terms, so that this small evaluation uses the base terms directly, untraced.
+They use the base terms directly: what is asked for often is traced once, with the parameters among its inputs.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.scene import EquationRow
+from elid_cli.memory import Recent
 from elid_cli.model.kinematics import JointState, chain
-from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, MotorState, Side
+from elid_cli.model.program import Program, compile_program
+from elid_cli.model.regressor import INPUTS, inputs_of, states_of
+from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, Side
 from elid_cli.model.terms.rigid_body import RigidBody
 from elid_cli.model.terms.rotor import Rotor
 from elid_cli.model.terms.spring import Spring
 from elid_cli.model.terms.viscous import Viscous
+from elid_cli.model.tracing import Graph, Scalar
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
@@ -40,26 +43,41 @@ def gravity_torque(robot: Robot, q: Array, parameters: Array, gravity: Sequence[
 
 def body_torque(robot: Robot, motion: Motion, parameters: Array) -> Array:
     """Return the torques (n, N) that the bodies need from the link rows, rotors left out."""
-    values = dict(zip(robot.parameter_names(), np.nan_to_num(parameters).tolist(), strict=True))
-    torque = np.zeros((robot.n, motion.samples))
-    for _, joint, name, value in RigidBody().entries(robot, _moving(robot, motion)):
-        if values[name]:
-            torque[joint] += np.asarray(value) * values[name]
-    return torque
+    return _traced(robot, motion, np.nan_to_num(parameters), (RigidBody(),))[robot.n :]
 
 
-def model_torque(robot: Robot, motion: Motion, values: Mapping[StandardParameter, float]) -> dict[EquationRow, Array]:
-    """Return the torques (N,) of every motor and link equation: all of the model but Coulomb friction."""
-    motors = [
-        MotorState(v, a, np.zeros_like(v), d)
-        for v, a, d in zip(motion.dtheta.T, motion.ddtheta.T, (motion.q - motion.theta).T, strict=True)
-    ]
-    whole = ChainMotion(_moving(robot, motion).bodies, motors)
-    torque = {EquationRow(side, k): np.zeros(motion.samples) for side in SIDES for k in range(robot.n)}
-    for side, joint, name, value in (e for term in SMOOTH for e in term.entries(robot, whole)):
-        if values[name]:
-            torque[EquationRow(side, joint)] += np.asarray(value) * values[name]
-    return torque
+def model_torque(robot: Robot, motion: Motion, parameters: Array) -> Array:
+    """Return the torques of all motor equations, then of all link equations, (2n, N).
+
+    All of the model is in them but Coulomb friction; standard parameters (p,), NaN where unknown.
+    """
+    return _traced(robot, motion, np.nan_to_num(parameters), SMOOTH)
+
+
+_PROGRAMS: Recent[Program] = Recent(16)
+
+
+def _traced(robot: Robot, motion: Motion, parameters: Array, terms: tuple[BaseTerm, ...]) -> Array:
+    """Return the torques of some terms in motor and link equations, (2n, N)."""
+    key = (robot.structure, tuple(term.name for term in terms))
+    program = _PROGRAMS.of(key, lambda: _program(robot, terms))
+    out = np.empty((program.outputs, motion.samples))
+    program.run(inputs_of(motion), out, list(map(np.asarray, parameters)))
+    return out
+
+
+def _program(robot: Robot, terms: Sequence[BaseTerm]) -> Program:
+    """Trace terms; inputs are those of `inputs_of`, then the standard parameters."""
+    names = robot.parameter_names()
+    graph = Graph(INPUTS * robot.n + len(names))
+    values = {name: graph.input(INPUTS * robot.n + k) for k, name in enumerate(names)}
+    states, motors = states_of([graph.input(k) for k in range(INPUTS * robot.n)], robot)
+    moving = ChainMotion(chain(robot, states), motors)
+    torque: list[Scalar] = [0.0] * (2 * robot.n)
+    for side, joint, name, value in (entry for term in terms for entry in term.entries(robot, moving)):
+        place = SIDES.index(side) * robot.n + joint
+        torque[place] = torque[place] + value * values[name]
+    return compile_program(graph, torque)
 
 
 def last_body(robot: Robot, motion: Motion) -> Array:

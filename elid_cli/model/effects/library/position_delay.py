@@ -72,12 +72,12 @@ class PositionDelay(Effect):
     @staticmethod
     def _torques(scene: Scene, motion: Motion) -> Array:
         """Return the torques of motor and link equations, (2n, N); friction keeps its direction: it is left out."""
-        values = dict(zip(scene.robot.parameter_names(), np.nan_to_num(scene.parameters).tolist(), strict=True))
+        values = np.array(scene.parameters)
+        place = {name: k for k, name in enumerate(scene.robot.parameter_names())}
         for k, stiffness in enumerate(np.nan_to_num(scene.stiffness).tolist()):
-            if (name := StandardParameter("K", k)) in values:
-                values[name] = stiffness
-        found = model_torque(scene.robot, motion, values)
-        return np.array([found[EquationRow(side, k)] for side in SIDES for k in range(scene.robot.n)])
+            if (name := StandardParameter("K", k)) in place:
+                values[place[name]] = stiffness
+        return model_torque(scene.robot, motion, values)
 
     def _moved(self, scene: Scene) -> Motion:
         motion, j = scene.motion, self.joint
