@@ -198,7 +198,7 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None, *, but:
     if scene is None:
         plain = reweighted(data.triangles(()), log.base.count).values
         scene = scene_of(log.model, log.signals, plain[: log.model.parameters])
-    columns = tuple(extra_of(effect, scene, log.signals) for effect in effects)
+    columns = tuple(log.columns.of(effect, scene) for effect in effects)
     held = _held(log, effects, columns)
     channels, own = unknowns_of_channels(data, effects, columns, but), FittedEffects(held, columns, scene)
     found = solve_with(log.base, data, channels, own, alone=True)

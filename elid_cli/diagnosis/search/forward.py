@@ -78,12 +78,15 @@ def search(
     state, seen = against_friction(before, state, seen, library)
     state = by_torques(state, seen)
     state, steps = measurement_first(state, library)
-    remaining: list[Candidate] = []
+    candidates, remaining = list[Candidate](), list[Candidate]()
     tried, partial = 0, False
     refused: set[tuple[str, int]] = set()
+    screened: State | None = None
     try:
         for number in range(STEPS):
-            candidates = screen(state, library, progress, f"search {number + 1}", jobs)
+            if state is not screened:  # one that was refused leaves all as it was
+                candidates = screen(state, library, progress, f"search {number + 1}", jobs)
+                screened = state
             tried = max(tried, len(candidates))
             chosen = _choose(state, [c for c in candidates if c.key not in refused])
             remaining = candidates
