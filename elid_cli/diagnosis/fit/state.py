@@ -15,7 +15,7 @@ from elid_cli.diagnosis.fit.projection import Projected, project
 from elid_cli.diagnosis.fit.whitening import whiteners
 from elid_cli.estimation.data import sum_row
 from elid_cli.estimation.default_fit import solve_with
-from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of
+from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of
 from elid_cli.estimation.regression.least_squares import Solution, reweighted, solve
 from elid_cli.estimation.regression.standard_errors import covariance_with_shapes
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
