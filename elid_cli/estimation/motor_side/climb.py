@@ -20,6 +20,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.link_side import LinkTerms
 from elid_cli.estimation.motor_side.motor_log import MotorLog
 from elid_cli.estimation.motor_side.operators import KnotSpline, filtered
+from elid_cli.estimation.motor_side.rungs import FIRST_RUNG, RATIO, ClimbEnd, highest, met, rungs
 from elid_cli.estimation.motor_side.unknowns import (
     DAMPING_SPREAD,
     DELAY_SPREAD,
@@ -29,8 +30,8 @@ from elid_cli.estimation.motor_side.unknowns import (
 )
 from elid_cli.estimation.regression.normal_equations import descend
 
-FIRST_RUNG, RATIO, LAST_RUNG = 1.2, 1.4, 1.1
-"""Lowest cut-off, Hz; the least step between cut-offs; the last one over the end of the band."""
+LAST_RUNG = 1.1
+"""The last cut-off over the end of the band."""
 SOFT_START = 8.0
 """Locked frequency of all joints in a second climb, Hz."""
 _BEYOND = 1.35
@@ -39,25 +40,12 @@ _MODEL_ERROR = 0.003
 """Error of the equations, share of the torque."""
 _LEAST_MASS = 0.05
 """Least link inertia over the rotor's that weights assume."""
-_FITS = 4.0
-"""A rung above counts while its cost is within this many times the lowest below it."""
 _RATE = 12.0
 """Sample rate of the misfit over the signals' band limit: none of its products reach the half of it."""
 _STEPS = 6
 """Most steps of a rung, and most dampings that each tries."""
 _SAME = 0.10
 """Two ends are one where no compliance differs by more than this share."""
-
-
-@dataclass(frozen=True)
-class ClimbEnd:
-    """Where a climb ended."""
-
-    x: Array
-    cost: float
-    """Weighted squared residual per frequency and joint: 1 is noise."""
-    top: float
-    """Highest cut-off that still fitted, Hz."""
 
 
 @dataclass
@@ -91,6 +79,8 @@ class Climb:
         """Every `_stride`-th sample."""
         self.with_load = True
         """Whether load friction is an unknown."""
+        self._traces: dict[bool, list[list[ClimbEnd]]] = {True: [], False: []}
+        """Rungs of all climbs, with load friction and without."""
         self.tops: list[ClimbEnd] = []
         """Last rungs of all climbs, whether they fit or not: what dither rectifies is missing from all below."""
 
@@ -290,15 +280,19 @@ class Climb:
         if locked is not None:
             x[unknowns["c"]] = np.where(elastic, 1 / (self.mass(x) * (2 * np.pi * locked) ** 2), 0.0)
         cost, trace = 1.0, []
-        for cutoff in _rungs(LAST_RUNG * self._end):
+        for cutoff in rungs(LAST_RUNG * self._end):
             held = cutoff < 3 * FIRST_RUNG and locked is None
             soft = 0.5 * self.mass(x) * (2 * np.pi * cutoff) ** 2 if held else None
             rows = 2 * self.link.n * max(8, int(np.searchsorted(self._frequencies, 1.5 * cutoff)))
             strength = float(np.sqrt(max(1.0, cost) * max(rows, 20) / 20))
             x, cost = self.rung(x, cutoff, unknowns.free(*idle), strength, soft)
             trace.append(ClimbEnd(x, cost, float(cutoff)))
+            if earlier := met(trace[-1], self._traces[self.with_load], unknowns.apart):
+                trace = earlier
+                break
+        self._traces[self.with_load].append(trace)
         self.tops.append(trace[-1])
-        return _highest(trace)
+        return highest(trace)
 
     def ends(self) -> list[ClimbEnd]:
         """Return the distinct ends of climbs from rigid and from soft joints, the best first."""
@@ -327,18 +321,6 @@ class Climb:
         place = np.clip(np.arange(len(q)), inside[0], inside[-1])
         theta = self._whole.theta[0]
         return self._spline.at(t, self._spline.fit(theta + (q - theta)[place]))
-
-
-def _rungs(top: float) -> Array:
-    count = max(3, int(np.ceil(np.log(top / FIRST_RUNG) / np.log(RATIO))) + 1)
-    found: Array = np.exp(np.linspace(np.log(FIRST_RUNG), np.log(top), count))
-    return found
-
-
-def _highest(trace: list[ClimbEnd]) -> ClimbEnd:
-    """Return the highest rung that still fits: above it rectified noise rules."""
-    lowest = np.minimum.accumulate([max(1.0, rung.cost) for rung in trace])
-    return [rung for rung, least in zip(trace, lowest, strict=True) if rung.cost <= _FITS * least][-1]
 
 
 def _chain(motions: Array, moves: list[Array]) -> Array:

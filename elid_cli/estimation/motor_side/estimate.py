@@ -15,7 +15,8 @@ from elid_cli.estimation.motor_side.refits import Figures, first_figures, fricti
 from elid_cli.estimation.motor_side.response import Response, responses_of
 from elid_cli.estimation.motor_side.result import PAST, MotorSide, MotorSideJoint, NextMotion, why
 from elid_cli.estimation.motor_side.rotors import rotors_of
-from elid_cli.estimation.motor_side.search import FALL, Search, Setting, search
+from elid_cli.estimation.motor_side.search import EXPLAINED, FALL, RESTS, Search, search
+from elid_cli.estimation.motor_side.setting import Setting
 from elid_cli.estimation.motor_side.stretch import stretch_of
 from elid_cli.estimation.motor_side.verdict import CRAWLS, MOVE, RISES, TIGHT, failed_gates, verdict_of
 from elid_cli.estimation.motor_side.vibration import Vibration
@@ -123,12 +124,17 @@ def _failed(found: Search, told: Figures) -> list[tuple[str, ...]]:
             widths = friction_width(found) if widths is None else widths
             if not widths[k] < MOVE:
                 names.append("friction")
-        loose = told.error[k] > TIGHT * told.compliance[k] or told.fall > CRAWLS
+        loose = told.error[k] > TIGHT * told.compliance[k] or _crawls(told, k, CRAWLS)
         if verdict_of(names) != "refused" and (loose or verdict == "weak"):
             share, least = RISES[verdict]
             if not rise(found, k, share, least) > least:
                 names.append("valley")
     return [tuple(names) for names in failed]
+
+
+def _crawls(told: Figures, joint: int, fall: float) -> bool:
+    """Return whether further steps lower the cost by more than a share, unless the compliance rests, at noise."""
+    return told.fall > fall and not (told.chi <= EXPLAINED and told.moved[joint] < RESTS)
 
 
 def _as_moving(robot: Robot, recording: Recording, moving: Sequence[int], asked: Sequence[int]) -> Robot:
@@ -179,7 +185,7 @@ def _judged(
     if verdict == "refused":
         return judged
     c, error = float(told.compliance[place]), float(told.error[place])
-    share = max(error / c, LEAST_ERROR if told.chi > WELL_FITTED or told.fall > FALL else 0.0)
+    share = max(error / c, LEAST_ERROR if told.chi > WELL_FITTED or _crawls(told, place, FALL) else 0.0)
     parts = ASYMMETRY * told.load_friction[place], OF_FORM * _form(told, place), _of_damper(told, place)
     systematic = float(np.linalg.norm(parts)) / c
     return replace(

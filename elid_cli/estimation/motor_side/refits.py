@@ -22,8 +22,8 @@ WIDTHS = (0.4, 2.5)
 """Factors on the speed within which friction changes its sign, of refits of motion below an antiresonance."""
 PATIENT = Iteration(60, 1e-5)
 """How a fit iterates along a flat valley, where the cost falls little in a step."""
-MOVED = Iteration(15, np.inf, settle=True, least=3)
-ROUGHLY = replace(MOVED, near=0.003)
+MOVED = Iteration(15, np.inf, settle=True, least=3, near=2e-4)
+ROUGHLY = replace(MOVED, near=0.003, least=2)
 """How a fit iterates of which the compliances alone are asked, and where they are held against a gate of percents."""
 CLEAR = 3.0
 """Least rise of a foreseen cost over the one that is asked about that settles the question."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.climb import FIRST_RUNG, Climb
+from elid_cli.estimation.motor_side.climb import Climb
 from elid_cli.estimation.motor_side.link_side import LinkSide, reflected
 from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples
+from elid_cli.estimation.motor_side.rungs import FIRST_RUNG
 from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns
 from elid_cli.robot.robot import Robot
 

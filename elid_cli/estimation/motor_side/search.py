@@ -6,96 +6,66 @@ than they could by chance.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.climb import FIRST_RUNG, RATIO, Climb, ClimbEnd
-from elid_cli.estimation.motor_side.latent import Latent
+from elid_cli.estimation.motor_side.climb import Climb
 from elid_cli.estimation.motor_side.latent_fit import Iteration, LatentFit, fit
-from elid_cli.estimation.motor_side.link_side import LinkSide
-from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples, band_of
-from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns
+from elid_cli.estimation.motor_side.motor_log import MotorLog
+from elid_cli.estimation.motor_side.rungs import FIRST_RUNG, RATIO, ClimbEnd
+from elid_cli.estimation.motor_side.setting import Setting
 
-LOWEST_BAND = 4.0
-"""Hz; knots for less would not follow friction."""
-FLOORS = ((0.03, 10), (0.01, 10), (0.003, 15))
-"""Least noise of the torque rows, share of the torque, and most steps with it: with none the fit crawls."""
-TORQUE_CUT = 1.2
-"""Cut-off of the torque rows over the end of the band."""
-KNOT_SHARE, KNOTS = 0.2, (0.003, 0.012)
-"""Distance of knots in periods of the band's end, and its limits, s."""
+COARSEST, COARSE = (0.1, 10), (0.03, 40)
+FLOORS = ((0.01, 10), (0.003, 15))
+"""Least noise of the torque rows, share of the torque, and most steps with it: with none the fit crawls. The coarsest
+tells which starts are worth it; the coarse one finds the valley, and a fit that goes on before its compliances have
+settled there crawls beside it."""
+_FEW = ((FLOORS[-1][0], 5),)
+"""The last one, to see what is left: a fit that lacks a friction crawls."""
+_ON_THE_WAY = 0.01
+"""Fall of the cost in a step that ends all floors but the last one, once the compliances have settled."""
 LOST_SHARE = 0.15
 """Torque over which lost motion is passed, share of the transmission's."""
 _PAYS = 20.0
 """Fall of the cost, per further unknown and unit of misfit, from which on a column stays."""
-_STRIBECK_FROM, _LOST_FROM, _CORNERED, UNFIT = 1.1, 1.3, 2.5, 2.0
-"""Misfits from which on are tried: Stribeck's columns, lost motion, all from the start, a climb without load."""
+EXPLAINED = 1.1
+"""Misfit up to which a fit leaves the sensors' noise alone: no other start can end lower. Measured: simulated logs at
+their true unknowns 0.5 to 1.0."""
+_STRIBECK_FROM, _LOST_FROM, _CORNERED, UNFIT = 1.1, 1.1, 2.5, 2.0
+"""Misfits from which on are tried: Stribeck's columns, lost motion, all from the start; that of a fit far off."""
+_OTHER_CLIMBS = ((True, 16.0), (False, None))
+"""Further climbs where no start leads to noise: whether with load friction, from which locked frequency, Hz."""
+_SETTLING = Iteration(settle=True, least=3)
 FURTHER, FALL, _RUNS = Iteration(20, 1e-4, least=1), 0.001, 4
 """How the best end is gone on from, the fall of its cost, share of it, that ends it, and the most times: a fit that
 crawls has not found its valley's bottom, whatever it looks like."""
+CREEPS, RESTS = 0.03, 1e-4
+"""Most that further steps may lower the cost of a fit that leaves noise alone and whose compliances move by less than
+this share: friction's kinks settle last."""
 LOST, LOST_AT_ONCE = 5000.0, 100.0
-"""Cost from which on a climb leads nowhere, and that of one that gets no further than its first rung: what follows
-mends friction, and not equations that fail. Measured: simulated logs with every friction up to 115, 14."""
+"""Cost from which on a climb's best rung leads nowhere, and that of one that gets no further than its first: what
+follows mends friction, and not equations that fail. Measured: simulated logs with every friction up to 115, 14. Last
+rungs are looked at in any case: one at 5655 led to the truth."""
 HOPELESS = 15.0
 """Misfit at the first floor from which on no more is tried: equations that leave over a tenth of the torque lack more
 than a shape of friction. Measured: simulated logs with every friction up to 3.4, a flexible arm that refuses 20."""
 NO_PATH = 50.0
 """Misfit of a start's path, to a tenth of the torque, from which on its parameters explain nothing. Measured: starts
 that led somewhere up to 5, arms whose motion goes on far above the highest band 100 to 10^6."""
+CLOSE = 0.03
+"""Standard error over the compliance, at most, of one that is told."""
 MISFIT = 3.0
 """Most cost per degree of freedom of a model that is believed."""
-_SAME_COST, _SAME_PLACE = 1e-3, 0.003
-"""Share of the cost, and logarithm of the compliances, within which two ends are one."""
+_SAME_COST, _SAME_PLACE, _ELSEWHERE = 1e-3, 0.003, 0.03
+"""Share of the cost, and logarithm of the compliances, within which two ends are one; the latter for starts."""
 _ENDS = 2
 _CLIMB_RATE = 16.0
 """Sample rate of the climb over the end of the band."""
-
-
-@dataclass(frozen=True)
-class Setting:
-    """A stretch of log, its robot's link side and what is known of the rotors."""
-
-    samples: Samples
-    link: LinkSide
-    rotors: RotorPrior
-
-    @cached_property
-    def bands(self) -> Array:
-        """Highest frequency at which each joint's position exceeds its noise, Hz, (n,)."""
-        return band_of(self.samples)
-
-    @property
-    def band(self) -> float:
-        """The highest of them, Hz, for knots and filters."""
-        return max(float(self.bands.max()), LOWEST_BAND)
-
-    @property
-    def spacing(self) -> float:
-        """Distance of knots, s."""
-        return float(np.clip(KNOT_SHARE / self.band, *KNOTS))
-
-    @property
-    def cutoff(self) -> float:
-        """Cut-off of the torque rows, Hz."""
-        return TORQUE_CUT * self.band
-
-    @cached_property
-    def log(self) -> MotorLog:
-        """The stretch with two samples per knot."""
-        return MotorLog(self.samples, 2 / self.spacing)
-
-    @cached_property
-    def unknowns(self) -> Unknowns:
-        """The unknowns."""
-        return Unknowns(self.link)
-
-    def problem(self, parts: Sequence[str], lost_scale: Array | None = None) -> Latent:
-        """Return the latent problem with some of the columns that are optional."""
-        return Latent(self.log, self.unknowns, self.spacing, self.rotors, parts, lost_scale)
 
 
 @dataclass(frozen=True)
@@ -125,81 +95,111 @@ def search(setting: Setting) -> Search:
     """
     climb_log = MotorLog(setting.samples, _CLIMB_RATE * setting.band)
     climb = Climb(climb_log, setting.unknowns, setting.rotors, setting.band)
-    starts = [start for start in climb.ends() if not _lost(start)][:_ENDS]
     fits = _Fits(setting, climb)
-    for start in starts:
-        fits.add(start)
-    tops = [top for top in climb.tops[:1] if not _lost(top) and all(top is not start for start in starts)]
-    if _unfit(fits.ends) and tops:
-        fits.add(tops[0])
-    if _unfit(fits.ends) and fits.hopeful:
-        climb.with_load = False
-        _without_load(fits, starts)
+    for start in [start for start in climb.ends() if not _lost(start)][:_ENDS]:
+        fits.look_at(start)
+    fits.go_on()
+    for start in _others(fits):
+        fits.look_at(start)
+        fits.go_on()
+    fits.take_the_best()
     if not fits.ends:
         raise np.linalg.LinAlgError("no start leads to a fit")
     first, *others = sorted(fits.ends, key=lambda end: end.cost)
     fall, moved = 0.0, np.zeros(setting.link.n)
     for _ in range(0 if any(first is end for end in fits.hopeless) else _RUNS):
         further = fit(first.problem, first.x, first.coefficients, setting.unknowns.free(), FURTHER)
-        fall, moved = (first.cost - further.cost) / further.cost, np.abs(further.compliance - first.compliance)
+        fall = (first.cost - further.cost) / further.cost
+        moved = np.abs(further.compliance - first.compliance) / np.maximum(np.abs(first.compliance), 1e-300)
         first = further
-        if abs(fall) < FALL or further.chi > UNFIT:
+        rests = first.chi <= EXPLAINED and fall < CREEPS and moved.max() < RESTS
+        if abs(fall) < FALL or first.chi > UNFIT or rests:
             break
-    return Search(setting, (first, *others), fall, moved / np.maximum(np.abs(first.compliance), 1e-300))
-
-
-def _unfit(ends: Sequence[LatentFit]) -> bool:
-    return not ends or min(end.chi for end in ends) > UNFIT
+    return Search(setting, (first, *others), fall, moved)
 
 
 def _lost(start: ClimbEnd) -> bool:
     return start.cost > (LOST_AT_ONCE if start.top < RATIO * FIRST_RUNG else LOST)
 
 
-def _without_load(fits: _Fits, starts: Sequence[ClimbEnd]) -> None:
-    """Add the fit from a climb without load friction, where it ends elsewhere."""
-    try:
-        start = fits.climb.ascend()
-    except (np.linalg.LinAlgError, ValueError):
-        return
-    known = [fits.setting.unknowns.apart(start.x, other.x) for other in starts]
-    if np.all(np.isfinite(start.x)) and all(distance >= 0.03 for distance in known):
-        fits.add(start)
+def _others(fits: _Fits) -> Iterator[ClimbEnd]:
+    """Yield starts as long as none led to noise: a climb's last rung, ends of other climbs."""
+    climb, apart = fits.climb, fits.setting.unknowns.apart
+    starts = [start.end for start in fits.seen]
+    if not fits.explained:
+        yield from (top for top in climb.tops[:1] if all(top is not start for start in starts))
+    for load, locked in _OTHER_CLIMBS:
+        if fits.explained or not fits.seen:
+            return
+        climb.with_load = load
+        try:
+            end = climb.ascend(locked)
+        except (np.linalg.LinAlgError, ValueError):
+            continue
+        if np.all(np.isfinite(end.x)) and all(apart(end.x, other.x) >= _ELSEWHERE for other in starts):
+            starts.append(end)
+            yield end
 
 
 class _Fits:
-    """Ends of fits from the starts of a climb."""
+    """Ends of fits from the starts of climbs."""
 
     def __init__(self, setting: Setting, climb: Climb) -> None:
         self.setting, self.climb = setting, climb
+        self.seen: list[_Columns] = []
+        """Starts that were looked at with the coarsest floor, and explain anything."""
         self.ends: list[LatentFit] = []
         self.hopeless: list[LatentFit] = []
         """Those of `ends` that were not gone on with."""
-        self.hopeful = False
-        """Whether the log follows from any start's parameters at all."""
+        self._waiting: list[_Columns] = []
         self._plain: list[LatentFit] = []
-        """With load friction alone, and the first floors of those, too."""
+        """With load friction alone, and the coarse floor of those, too."""
 
-    def add(self, start: ClimbEnd) -> None:
-        """Fit from a start, unless that fails or comes to where another one came."""
-        try:
+    @property
+    def explained(self) -> bool:
+        """Whether an end leaves the sensors' noise alone."""
+        return any(end.chi <= EXPLAINED for end in self.ends)
+
+    def look_at(self, start: ClimbEnd) -> None:
+        """Fit from a start with the coarsest floor."""
+        with suppress(np.linalg.LinAlgError, ValueError):
             columns = _Columns(self.setting, self.climb, start)
-            if columns.misfit > NO_PATH:
-                return
-            self.hopeful = True
-            first = columns.level(("load",), columns.x, columns.coefficients, FLOORS[:1])
+            if columns.misfit <= NO_PATH and np.isfinite(columns.coarsest.cost):
+                self.seen.append(columns)
+                self._waiting.append(columns)
+
+    def go_on(self) -> None:
+        """Fit from the starts that leave noise with the coarsest floor, the best first, until one tells everything."""
+        for columns in sorted(self._waiting, key=lambda start: start.coarsest.cost):
+            told = any(end.chi <= EXPLAINED and _close(end) for end in self.ends)
+            if columns.coarsest.chi <= EXPLAINED and not told:
+                self._waiting.remove(columns)
+                self._add(columns)
+
+    def take_the_best(self) -> None:
+        """Fit from the best start where none led anywhere: what refuses wants its figures, too."""
+        for columns in sorted(self._waiting, key=lambda start: start.coarsest.cost):
+            if self.ends:
+                break
+            if columns.coarsest.chi <= UNFIT:
+                self._add(columns)
+            elif columns.coarsest.chi > MISFIT:
+                self._give_up(columns.coarsest)
+
+    def _add(self, columns: _Columns) -> None:
+        """Fit from a start, unless that fails or comes to where another one came."""
+        with suppress(np.linalg.LinAlgError, ValueError):
+            first = columns.level(("load",), columns.coarsest.x, columns.coarsest.coefficients, (COARSE,))
             if first.chi > HOPELESS or (first.chi > MISFIT and not columns.may_fit(first)):
-                self.hopeless.append(first)
-                self.ends.append(first)
-                return
-            if self._known(first):
-                return
-            plain = columns.level(("load",), first.x, first.coefficients, FLOORS[1:])
-            if self._known(plain):
-                return
-            self.ends.append(columns.best(plain))
-        except (np.linalg.LinAlgError, ValueError):
-            return
+                self._give_up(first)
+            elif not self._known(first):
+                fine = columns.level(("load",), first.x, first.coefficients, FLOORS[:1])
+                if not self._known(fine):
+                    self.ends.append(columns.best(fine))
+
+    def _give_up(self, first: LatentFit) -> None:
+        self.hopeless.append(first)
+        self.ends.append(first)
 
     def _known(self, found: LatentFit) -> bool:
         known = any(self._same(found, other) for other in self._plain)
@@ -214,10 +214,17 @@ class _Fits:
 class _Columns:
     """Fits from one start, with more and with fewer columns."""
 
-    def __init__(self, setting: Setting, climb: Climb, start: ClimbEnd) -> None:
-        self.setting, self.unknowns = setting, setting.unknowns
-        held = self._motion_first(start.x, climb.motion(start, setting.log.t))
+    def __init__(self, setting: Setting, climb: Climb, end: ClimbEnd) -> None:
+        self.setting, self.unknowns, self.end = setting, setting.unknowns, end
+        held = self._motion_first(end.x, climb.motion(end, setting.log.t))
         self.x, self.coefficients, self.misfit = held.x, held.coefficients, held.chi
+
+    @cached_property
+    def coarsest(self) -> LatentFit:
+        """With load friction alone and the coarsest floor, no further than is needed to tell whether it fits."""
+        return self.level(
+            ("load",), self.x, self.coefficients, (COARSEST,), asked=replace(_SETTLING, above=UNFIT * self.freedom)
+        )
 
     def _motion_first(self, x: Array, q: Array) -> LatentFit:
         """Return the start with the links' motion fitted and the parameters held: else the fit leaves a good start."""
@@ -225,52 +232,71 @@ class _Columns:
         problem.filter_torque(self.setting.cutoff, 0.1)
         only = np.zeros(self.unknowns.size, dtype=bool)
         only[self.unknowns["offset"]] = True
+        self.freedom = (problem.log.count + len(problem.centres) - problem.spline.count) * problem.log.n
         return fit(problem, x, problem.spline.fit(q), only, Iteration(8, 0.05, robust=False))
 
     def level(
         self, parts: Sequence[str], x: Array, coefficients: Array, floors: Sequence[tuple[float, int]],
-        lost_scale: Array | None = None, high: float = np.inf,
+        lost_scale: Array | None = None, asked: Iteration = _SETTLING,
     ) -> LatentFit:  # fmt: skip
-        """Return the fit with some columns, floor by floor; `high`: the cost that is asked about."""
+        """Return the fit with some columns, floor by floor; `asked`: with the costs that are asked about."""
         problem = self.setting.problem(parts, lost_scale)
         x = x.copy()
         for name in {"load", "bumps", "lost"} - set(parts):
             x[self.unknowns[name]] = 0.0
         for floor, steps in floors:
             problem.filter_torque(self.setting.cutoff, floor)
-            found = fit(
-                problem, x, coefficients, self.unknowns.free(), Iteration(steps, settle=True, least=3, high=high)
-            )
+            tolerance = 1e-3 if floor == FLOORS[-1][0] else _ON_THE_WAY
+            how = replace(asked, steps=steps, tolerance=tolerance)
+            found = fit(problem, x, coefficients, self.unknowns.free(), how)
             x, coefficients = found.x, found.coefficients
         return found
 
     def may_fit(self, first: LatentFit) -> bool:
         """Return whether all columns from the start foresee a misfit that is believed: later floors only raise it."""
         scale = LOST_SHARE * first.model.spring.std(axis=0)
-        found = self.level(("load", "bumps", "lost"), self.x, self.coefficients, FLOORS[:1], scale)
+        found = self.level(("load", "bumps", "lost"), self.x, self.coefficients, (COARSEST, COARSE), scale)
         return found.foreseen <= MISFIT * found.freedom
 
-    def best(self, found: LatentFit) -> LatentFit:
-        """Return the fit with the columns that pay, from the one with load friction alone."""
+    def best(self, fine: LatentFit) -> LatentFit:
+        """Return the fit with the columns that pay, from the floor before the last with load friction alone."""
+        found = self.level(("load",), fine.x, fine.coefficients, _FEW)
+        if found.chi > _STRIBECK_FROM and (richer := self._with_bumps(found)) is not found:
+            return self._with_lost_motion(richer)
+        if found.steps == _FEW[0][1]:
+            found = self.level(("load",), found.x, found.coefficients, FLOORS[-1:])
         # no further than is needed to tell which of the two pays
         high = found.cost + _PAYS * self.unknowns.link.n * max(1.0, found.chi)
-        plain = self.level((), found.x, found.coefficients, FLOORS[-1:], high=high)
-        if found.chi > _STRIBECK_FROM * min(1.0, plain.chi) or _pays(plain, found):
-            richer = self.level(("load", "bumps"), found.x, found.coefficients, FLOORS[-2:])
-            found = richer if _pays(found, richer) else found
-        found = found if _pays(plain, found) else plain
-        return self._with_lost_motion(found) if found.chi > _LOST_FROM else found
+        plain = self.level((), found.x, found.coefficients, FLOORS[-1:], asked=replace(_SETTLING, high=high))
+        if found.chi <= _STRIBECK_FROM and _pays(plain, found):
+            found = self._with_bumps(found)
+        return self._with_lost_motion(found if _pays(plain, found) else plain)
+
+    def _with_bumps(self, found: LatentFit) -> LatentFit:
+        """Return the fit with Stribeck's columns, or the given one where they do not pay."""
+        richer = self.level(("load", "bumps"), found.x, found.coefficients, FLOORS)
+        return richer if _pays(found, richer) else found
 
     def _with_lost_motion(self, found: LatentFit) -> LatentFit:
+        """Return the fit with lost motion, or the given one where noise is all that is left or it does not pay."""
+        if found.chi <= _LOST_FROM:
+            return found
         scale = LOST_SHARE * found.model.spring.std(axis=0)
         richer = self.level((*found.problem.parts, "lost"), found.x, found.coefficients, FLOORS[-1:], scale)
         if _pays(found, richer) and not _gains_motion(richer):
             found = richer
         if found.chi > _CORNERED:
-            fresh = self.level(("load", "bumps", "lost"), self.x, self.coefficients, FLOORS, scale)
+            fresh = self.level(("load", "bumps", "lost"), self.x, self.coefficients, (COARSEST, COARSE, *FLOORS), scale)
             if _pays(found, fresh) and fresh.cost < 0.8 * found.cost and not _gains_motion(fresh):
                 found = fresh
         return found
+
+
+def _close(found: LatentFit) -> bool:
+    """Return whether every compliance's standard error is what a gate allows."""
+    elastic = found.problem.link.elastic
+    error = found.errors[found.problem.unknowns["c"]]
+    return bool(np.all(error[elastic] <= CLOSE * np.abs(found.compliance[elastic])))
 
 
 def _pays(fewer: LatentFit, more: LatentFit) -> bool:

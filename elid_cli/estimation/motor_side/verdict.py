@@ -10,16 +10,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from elid_cli.estimation.motor_side.refits import GAIN, Figures, Moves
-from elid_cli.estimation.motor_side.search import FALL, MISFIT, UNFIT
+from elid_cli.estimation.motor_side.search import CLOSE, CREEPS, EXPLAINED, FALL, MISFIT, UNFIT
 from elid_cli.estimation.result import Verdict
 
 CRAWLS = 1e-4
 """Fall of the cost in further steps, share of it, that asks for a look at the valley; `FALL` is the most allowed."""
-CREEPS, STILL = 0.03, 0.1
-"""Most that they may lower it where the compliance has settled already, to this share of `MOVE`: friction's kinks
-settle last. Such a fit's valley is looked at, too."""
-SURE, CLOSE = 5.0, 0.03
-"""Compliance over its standard error, at least, and standard error over the compliance, at most."""
+STILL = 0.1
+"""Share of `MOVE` to which a compliance has settled where they may lower it by `CREEPS`. Such a fit's valley is looked
+at, too."""
+SURE = 5.0
+"""Compliance over its standard error, at least; the standard error over the compliance, at most: `CLOSE`."""
 NEGATIVE = 3.0
 """Standard errors beyond which a compliance below zero is impossible, as for all parameters (`validation.verdicts`)."""
 LOWEST = 0.98
@@ -66,6 +66,7 @@ WORDS = {
     "damping": "the transmission's damping is too strong",
     "load": "load friction has no possible value",
     "mass": "the links' inertia is not positive",
+    "others": "another joint moves with the part of the log that is used, so the fit as a whole is not the best",
     "negative": "a joint's compliance comes out negative beyond its error, so the fit as a whole is wrong",
 }
 """Why a gate was not passed, the weightiest first."""
@@ -81,7 +82,7 @@ def verdict_of(failed: Sequence[str]) -> Verdict:
 def failed_gates(told: Figures, joint: int) -> list[str]:
     """Return the names of the gates that a joint does not pass, as in `WORDS`."""
     stable = _stable(told.moves, joint, told.chi) if told.moves else []
-    return [*_seen(told, joint), *stable, *_possible(told, joint)]
+    return [*_seen(told, joint), *stable, *_possible(told, joint), *_shared(told, joint)]
 
 
 def _seen(told: Figures, i: int) -> list[str]:
@@ -107,18 +108,37 @@ def _stable(asked: Moves, i: int, chi: float) -> list[str]:
     Where the best end of a search is far from noise, its starts must agree, whatever the others cost: a search that
     found nothing better may not have found the valley.
     """
-    moves = {"cut": asked.cut, "knots": asked.knots, "friction": asked.friction, "spring": asked.spring}
-    failed = [name for name, move in moves.items() if not abs(move[i]) < MOVE]
+    moves = {"friction": asked.friction, "spring": asked.spring}
+    failed = _rows_disagree(asked, i) + [name for name, move in moves.items() if not abs(move[i]) < MOVE]
     if asked.friction_gain > FRICTION_GAIN and not abs(asked.friction[i]) < FRICTION_MOVE and "friction" not in failed:
         failed.append("friction")
-    (one, one_error), (two, two_error) = asked.halves
-    apart = max(HALVES, 4 * float(np.hypot(one_error[i], two_error[i])))
-    if not (max(abs(one[i]), abs(two[i])) < HALVES and abs(one[i] - two[i]) < apart):
-        failed.append("halves")
     far, cost = asked.other_end
     if np.isfinite(far[i]) and far[i] > OTHER and (cost < OTHER_COST or chi > UNFIT):
         failed.append("other_end")
     return failed
+
+
+def _rows_disagree(asked: Moves, i: int) -> list[str]:
+    """Return failed gates about whether other rows of the same model say the same."""
+    failed = [name for name, move in {"cut": asked.cut, "knots": asked.knots}.items() if not abs(move[i]) < MOVE]
+    (one, one_error), (two, two_error) = asked.halves
+    apart = max(HALVES, 4 * float(np.hypot(one_error[i], two_error[i])))
+    if not (max(abs(one[i]), abs(two[i])) < HALVES and abs(one[i] - two[i]) < apart):
+        failed.append("halves")
+    return failed
+
+
+def _shared(told: Figures, i: int) -> list[str]:
+    """Return the failed gate about the other joints.
+
+    Where a fit leaves more than noise and a joint that is elastic beyond doubt moves with the rows that are used, the
+    whole is not the valley's bottom, and the others have made up for it.
+    """
+    if told.moves is None or told.chi <= EXPLAINED:
+        return []
+    sure = told.compliance >= SURE * told.error
+    others = [k for k in np.flatnonzero(sure).tolist() if k != i]
+    return ["others"] if any(_rows_disagree(told.moves, k) for k in others) else []
 
 
 def _possible(told: Figures, i: int) -> list[str]:

@@ -91,6 +91,13 @@ def test_a_hidden_joint_behind_a_rigid_one_with_coupled_rotors() -> None:
     assert joint.stiffness == pytest.approx(arm.stiffness[1], rel=0.005)
 
 
+def test_a_climb_that_no_rung_of_fits_still_leads_to_the_stiffness() -> None:
+    arm = arm_of(4317, 2, rigid=(0,))
+    (joint,) = found_of(arm, 4317, Case(signal_to_noise=60.0))
+    assert joint.verdict == "supported"
+    assert joint.stiffness == pytest.approx(arm.stiffness[1], rel=0.005)
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.05])
 def test_a_rigid_arm_is_refused_without_a_number(friction: float) -> None:
     arm = arm_of(2, rigid=(0,))
@@ -135,6 +142,21 @@ def test_starts_that_end_apart_far_from_noise_are_believed_at_no_joint() -> None
     assert failed_gates(replace(told, chi=2.3), 0) == ["other_end"]
     alone = replace(told, chi=2.3, moves=replace(moves, other_end=(np.full(1, np.inf), np.inf)))
     assert failed_gates(alone, 0) == []
+
+
+def test_a_sure_neighbour_that_moves_with_the_rows_refuses_a_joint_where_more_than_noise_is_left() -> None:
+    one, none = np.ones(2), np.zeros(2)
+    still, moving = (none, 0.01 * one), (np.array([0.0, 0.25]), 0.01 * one)
+    moves = Moves(none, np.array([0.0, -0.1]), (still, moving), none, 1.0, none, (np.full(2, np.inf), np.inf))
+    told = Figures(
+        compliance=np.array([3e-4, 5e-5]), error=np.array([1e-6, 4e-6]), chi=1.4, delay=0.0, damping=none, rotor=one,
+        rotor_pull=none, rotor_sensitivity=none, load_friction=none, load_friction_error=0.01 * one, band=30 * one,
+        antiresonance=10 * one, least_mass=1.0, gain=9 * one, fall=0.0, moved=none, moves=moves,
+    )  # fmt: skip
+    assert failed_gates(told, 0) == ["others"]
+    assert failed_gates(replace(told, chi=1.0), 0) == []
+    unsure = replace(told, error=np.array([1e-6, 2e-5]))
+    assert failed_gates(unsure, 0) == []
 
 
 def test_smooth_motion_under_noise_is_refused_and_told_what_would_show_it() -> None:

@@ -14,7 +14,7 @@ from elid_cli.estimation.motor_side.climb import Climb
 from elid_cli.estimation.motor_side.latent import Latent
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.pieces import Pieces
-from elid_cli.estimation.motor_side.search import Setting
+from elid_cli.estimation.motor_side.setting import Setting
 from elid_cli.estimation.motor_side.stretch import stretch_of
 from elid_cli.estimation.motor_side.unknowns import RotorPrior
 from tests.system.motor_arms import Case, inertias, motor_log, random_motor_arm, told_robot

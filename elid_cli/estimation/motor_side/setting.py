@@ -1,0 +1,65 @@
+"""One fit's stretch of log: what it reaches, and the knots, filters and problems that follow from that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.estimation.motor_side.latent import Latent
+from elid_cli.estimation.motor_side.link_side import LinkSide
+from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples, band_of
+from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns
+
+LOWEST_BAND = 4.0
+"""Hz; knots for less would not follow friction."""
+TORQUE_CUT = 1.2
+"""Cut-off of the torque rows over the end of the band."""
+KNOT_SHARE, KNOTS = 0.2, (0.003, 0.012)
+"""Distance of knots in periods of the band's end, and its limits, s."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A stretch of log, its robot's link side and what is known of the rotors."""
+
+    samples: Samples
+    link: LinkSide
+    rotors: RotorPrior
+
+    @cached_property
+    def bands(self) -> Array:
+        """Highest frequency at which each joint's position exceeds its noise, Hz, (n,)."""
+        return band_of(self.samples)
+
+    @property
+    def band(self) -> float:
+        """The highest of them, Hz, for knots and filters."""
+        return max(float(self.bands.max()), LOWEST_BAND)
+
+    @property
+    def spacing(self) -> float:
+        """Distance of knots, s."""
+        return float(np.clip(KNOT_SHARE / self.band, *KNOTS))
+
+    @property
+    def cutoff(self) -> float:
+        """Cut-off of the torque rows, Hz."""
+        return TORQUE_CUT * self.band
+
+    @cached_property
+    def log(self) -> MotorLog:
+        """The stretch with two samples per knot."""
+        return MotorLog(self.samples, 2 / self.spacing)
+
+    @cached_property
+    def unknowns(self) -> Unknowns:
+        """The unknowns."""
+        return Unknowns(self.link)
+
+    def problem(self, parts: Sequence[str], lost_scale: Array | None = None) -> Latent:
+        """Return the latent problem with some of the columns that are optional."""
+        return Latent(self.log, self.unknowns, self.spacing, self.rotors, parts, lost_scale)
