@@ -10,9 +10,10 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.estimation.data import FitData, sum_row
 from elid_cli.estimation.default_fit import DefaultFit
-from elid_cli.estimation.judgement import JointError
+from elid_cli.estimation.judgement import JointError, Judgement
+from elid_cli.estimation.regression.long_run import at_least
 from elid_cli.estimation.regression.other_shapes import sentences
-from elid_cli.estimation.regression.standard_errors import freedom
+from elid_cli.estimation.regression.standard_errors import by_stretches, freedom
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, records
 from elid_cli.estimation.stiffness.link_equation import with_both_regressions, with_link_stiffness
 from elid_cli.estimation.stiffness.noise import stiffness_in_noise, with_pull
@@ -39,6 +40,13 @@ def judged(fit: DefaultFit, options: EstimateOptions) -> tuple[DefaultFit, dict[
     return fit, refused, assemble(fit, options, refused)
 
 
+def with_scatter(fit: DefaultFit, *said: Judgement | None) -> DefaultFit:
+    """Return a fit whose errors are at least those of leaving stretches out, where its model does not suffice."""
+    if not any(one is not None and one.insufficient for one in said):
+        return fit
+    return replace(fit, scatter=by_stretches(fit.triangles, fit.solution))
+
+
 def assemble(
     fit: DefaultFit,
     options: EstimateOptions,
@@ -54,7 +62,10 @@ def assemble(
     transform = fit.transform
     known = solution.estimable(transform)
     estimate = transform @ solution.values
-    spread = transform[:, solution.basis] @ fit.covariance @ transform[:, solution.basis].T
+    own = transform[:, solution.basis]
+    spread = own @ fit.covariance @ own.T
+    if fit.scatter is not None:
+        spread = at_least(spread, np.diag(own @ fit.scatter @ own.T))
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
     values = Estimates(base, estimate, deviation, torque_scale(base, fit.triangles), known)
     facts = fit.data.facts
@@ -115,7 +126,10 @@ def _of_delivered(fit: DefaultFit, errors: Mapping[str, JointError]) -> dict[str
 
 def _deviation(fit: DefaultFit, column: int) -> float:
     where = np.flatnonzero(fit.solution.basis == column)
-    return float(np.sqrt(max(fit.covariance[where[0], where[0]], 0.0))) if len(where) else float("nan")
+    if not len(where):
+        return float("nan")
+    spreads = (fit.covariance,) if fit.scatter is None else (fit.covariance, fit.scatter)
+    return float(np.sqrt(max(0.0, *(spread[where[0], where[0]] for spread in spreads))))
 
 
 def _nuisances(fit: DefaultFit) -> tuple[tuple[Nuisance, ...], Array]:

@@ -59,6 +59,8 @@ class DefaultFit:
     """Covariance of the basis of `solution`, shapes of effects accounted for, (r, r)."""
     scored: tuple[Scored, ...] = ()
     """The solutions whose covariance the fit asked for, the first with all nuisances there may be, the last its own."""
+    scatter: Array | None = None
+    """Covariance of the basis by leaving stretches out, (r, r), below which no error goes; None: the model suffices."""
 
     @property
     def model(self) -> Regressor:

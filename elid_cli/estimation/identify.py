@@ -16,7 +16,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
-from elid_cli.estimation.assembly import assemble, judged, with_unseen
+from elid_cli.estimation.assembly import assemble, judged, with_scatter, with_unseen
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
 from elid_cli.estimation.judgement import JointError, Judgement
@@ -126,10 +126,13 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
     whole, robot = robot, as_observed(robot, signals)
     fit, tilt = _levelled_fit(robot, signals, options)
     fit, refused, answer = judged(fit, options)
+    judgement = judge_model(fit) if options.guards else None
+    fit = with_scatter(fit, judgement)
+    if fit.scatter is not None:
+        answer = assemble(fit, options, refused)
     found = with_unseen(_as_described(answer, robot, tilt), whole)
     if options.guards:
         found = replace(found, warnings=(*found.warnings, *physics_warnings(fit, found)))
-    judgement = judge_model(fit) if options.guards else None
     found = judged_model(found, judgement)
     if options.fit == "trajectory":
         from elid_cli.estimation.trajectory.identification import by_trajectory
@@ -305,6 +308,7 @@ def _accurate(
     if answer.widened > 1.05:
         note += f", standard errors widened by {answer.widened:.2g}"
     # the residual of the default fit's rows says of the model what it says of this one's
+    better = with_scatter(better, judgement)
     result = judged_model(assemble(better, options, refused, before=own), judgement)
     worst, label = _worsening(found, result)
     if worst > (NO_WORSE if answer.far else WORSE):

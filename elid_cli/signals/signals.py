@@ -216,7 +216,11 @@ def prepare(
     sensed &= ~behind
     if behind.any() and recording.tau_link is not None:
         tau = np.where(behind, recording.tau_link, tau)
-    read = _torque_noise(recording.tau_link, segments, dt) if sensed.any() and recording.tau_link is not None else None
+    read = (
+        noise_between_jumps(recording.tau_link, segments, dt)
+        if sensed.any() and recording.tau_link is not None
+        else None
+    )
     motion = at_rest(smooth.motion, still, mean)
     if still.all():
         ranges = zip(robot.joint_names, high[0] - low[0], strict=True)
@@ -245,7 +249,7 @@ def prepare(
         noise=Noise(
             smooth.noise[0],
             smooth.noise[1],
-            _torque_noise(tau, segments, dt),
+            noise_between_jumps(tau, segments, dt),
             np.zeros(0) if read is None else read,
         ),
         knots=knots,
@@ -267,15 +271,15 @@ def prepare(
     )
 
 
-def _torque_noise(tau: Array, segments: tuple[Segment, ...], dt: float) -> Array:
-    """Return the standard deviation of white torque noise from sixth differences, (n,) (sum of squares 924).
+def noise_between_jumps(values: Array, segments: tuple[Segment, ...], dt: float) -> Array:
+    """Return the standard deviation of white noise in channels (N, n) from sixth differences, (n,) (squares' sum 924).
 
-    The median tells it from jumps, which friction and controllers make and which are no noise; of a torque in coarse
-    steps the median may be 0, and the mean square is taken.
+    The median tells it from jumps, which friction, controllers and gaps make and which are no noise; of a channel in
+    coarse steps the median may be 0, and the mean square is taken.
     """
-    sixth = np.concatenate([np.diff(tau[s.start : s.stop], 6, axis=0) for s in excerpts(segments, dt)])
-    result = np.full(tau.shape[1], np.nan)
-    for k in range(tau.shape[1]):
+    sixth = np.concatenate([np.diff(values[s.start : s.stop], 6, axis=0) for s in excerpts(segments, dt)])
+    result = np.full(values.shape[1], np.nan)
+    for k in range(values.shape[1]):
         known = sixth[np.isfinite(sixth[:, k]), k]
         if not len(known):
             continue

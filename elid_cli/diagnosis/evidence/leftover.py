@@ -99,9 +99,9 @@ def silences(state: State, number: int) -> bool:
     """Whether effect `number` brings a row that obeys its model well below what its sensors' noise alone leaves.
 
     The noise of a row is believed as far as rows of its kind show it that the effect does not touch: where those are
-    below it without any fault, it is taken for too large in this one as well. A channel that is moved in time hides no
-    noise, nor do a load or gravity, whose torque follows from the motion of all joints together: they leave no row of
-    their kind to ask.
+    below it without any fault, it is taken for too large in this one as well. Motors that jump through a gap are no
+    noise. A channel that is moved in time hides none either, nor do a load or gravity, whose torque follows from the
+    motion of all joints together: they leave no row of their kind to ask.
     """
     if state.effects[number].corrects is not None or state.effects[number].whole_robot:
         return False
@@ -113,7 +113,7 @@ def silences(state: State, number: int) -> bool:
             others = [value for other, value in ratios.items() if other.kind == row.kind and other not in touching]
             least = LEAST * min([1.0, *others])
             if state.rms(row) / state.floor.rms[row] < least <= ratios[row]:
-                return True
+                return state.rms(row) < least * state.log.noise_alone.floor(state.standard).rms[row]
     return False
 
 

@@ -21,6 +21,7 @@ from elid_cli.diagnosis.evidence.moments import acting
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import touched
 from elid_cli.diagnosis.search.encoder_skew import link_load
+from elid_cli.diagnosis.search.event_times import INSTANT
 from elid_cli.diagnosis.search.steps import Found
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.covariance import long_run, residuals
@@ -150,7 +151,7 @@ def survival(state: State, number: int, fits: Sequence[Solution | None]) -> Surv
         return _in_positions(state, type(effect), effect.joint, fits)
     lacking = without(state, number)
     rows = touched(lacking, state, state.columns[number].rows)
-    fold = quarter_of(state.log.observation.instants)
+    fold = _quarters(state)
     if effect.local:
         fold = _acting(state, number)
         fits = left_out(state, fold)
@@ -182,10 +183,26 @@ def _acting(state: State, number: int) -> NDArray[np.intp]:
     return fold
 
 
+def _quarters(state: State) -> NDArray[np.intp]:
+    """Return the quarter of every instant, (M,), -1 within reach of the filter from a change of the whole robot.
+
+    A load that is gripped makes torques and deflections jump, which no smoothed motion does: what is left there says
+    nothing of the other effects.
+    """
+    log, signals = state.log, state.log.signals
+    fold = quarter_of(log.observation.instants)
+    reach = signals.dt * (signals.margin + signals.filter.half)
+    for effect in state.effects:
+        for value, shape in zip(effect.shape, effect.shapes, strict=True):
+            if shape.name == INSTANT and effect.whole_robot:
+                fold[np.abs(log.observation.t - value) < reach] = -1
+    return fold
+
+
 def left_out(state: State, fold: NDArray[np.intp] | None = None) -> list[Solution | None]:
     """Return the state's model fitted without each quarter in turn; None where the rest of the log holds nothing."""
     log = state.log
-    fold = quarter_of(log.observation.instants) if fold is None else fold
+    fold = _quarters(state) if fold is None else fold
     triangles = replace(to_triangles(log.observation, state.extras, fold), prior=state.triangles.prior)
     found: list[Solution | None] = []
     for quarter in range(QUARTERS):

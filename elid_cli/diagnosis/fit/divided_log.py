@@ -18,7 +18,7 @@ from elid_cli.model.effects.shifts import Shifts, corrected
 from elid_cli.model.effects.tilt import tilted
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.signals import Signals
+from elid_cli.signals.signals import Signals, noise_between_jumps
 
 
 @dataclass(frozen=True)
@@ -80,3 +80,15 @@ class Log:
     def noise(self) -> PropagatedNoise:
         """What sensor noise changes in the equations, whatever the parameters."""
         return propagated(self.model, self.signals, self.observation)
+
+    @cached_property
+    def noise_alone(self) -> PropagatedNoise:
+        """The same without what the splines cut off the motion; jumps of positions count as no noise."""
+        signals, recording = self.signals, self.signals.recording
+        if recording is not None:
+            link, motor = (
+                np.fmin(noise, noise_between_jumps(channel, signals.segments, signals.dt))
+                for noise, channel in ((signals.noise.q, recording.q), (signals.noise.theta, recording.theta))
+            )
+            signals = replace(signals, noise=replace(signals.noise, q=link, theta=motor))
+        return propagated(self.model, signals, self.observation, cut=False)

@@ -21,8 +21,8 @@ INSTANT = "start"
 """Name of the shape that is the instant of a change."""
 BESIDE = 0.1
 """Distance from a held-out stretch, s, up to which an instant counts as within it."""
-TRIED = 41
-"""Instants that are tried in a stretch."""
+TRIED, CLOSER = 41, 9
+"""Instants that are tried in a stretch, and then around the best of them."""
 
 
 def retimed(found: Found, declared: int) -> Found:
@@ -36,10 +36,22 @@ def retimed(found: Found, declared: int) -> Found:
         gap = None if place is None else _around(gaps, float(effect.shape[place]))
         if place is None or gap is None:
             continue
-        trials = [_moved(state, number, place, float(t)) for t in np.linspace(gap[0] - BESIDE, gap[1] + BESIDE, TRIED)]
-        state = min((state, *trials), key=_cost)
+        state = _best(state, number, place, (gap[0] - BESIDE, gap[1] + BESIDE))
         changed = True
     return replace(found, after=refreshed(state)) if changed else found
+
+
+def _best(state: State, number: int, place: int, between: tuple[float, float]) -> State:
+    """Return the state with an effect's change at the instant within a span, s, that fits best, to one sample."""
+    tried, (first, last) = TRIED, between
+    while True:
+        instants = np.linspace(first, last, tried)
+        state = min((state, *(_moved(state, number, place, float(t)) for t in instants)), key=_cost)
+        step = float(instants[1] - instants[0])
+        if step <= state.log.signals.dt:
+            return state
+        best = float(state.effects[number].shape[place])
+        tried, first, last = CLOSER, best - step, best + step
 
 
 def _around(gaps: tuple[tuple[float, float], ...], t: float) -> tuple[float, float] | None:

@@ -47,6 +47,8 @@ REFUSALS = 8
 """… and most that may turn out not to be worth their parameters."""
 EVEN = 0.5
 """Difference in log-likelihood that says nothing."""
+AGAIN = 2.0
+"""Growth of its net gain, after others were accepted, from which an effect that was not worth it is tried again."""
 POSSIBLE = 6
 """Supported candidates that are fitted where the present model has impossible parameters."""
 
@@ -79,8 +81,8 @@ def search(
     state = by_torques(state, seen)
     state, steps = measurement_first(state, library)
     candidates, remaining = list[Candidate](), list[Candidate]()
-    tried, partial = 0, False
-    refused: set[tuple[str, int]] = set()
+    tried, refusals, partial = 0, 0, False
+    refused: dict[tuple[str, int], float] = {}
     screened: State | None = None
     try:
         for number in range(STEPS):
@@ -88,14 +90,14 @@ def search(
                 candidates = screen(state, library, progress, f"search {number + 1}", jobs)
                 screened = state
             tried = max(tried, len(candidates))
-            chosen = _choose(state, [c for c in candidates if c.key not in refused])
+            chosen = _choose(state, [c for c in candidates if c.net > AGAIN * refused.get(c.key, -np.inf)])
             remaining = candidates
             if chosen is None:
                 break
             grown = by_torques(refreshed(fit(state.log, (*state.effects, chosen.candidate.effect), state.scene)), seen)
             if not worthwhile(state, grown, chosen.candidate):
-                refused.add(chosen.candidate.key)
-                if len(refused) > REFUSALS:
+                refused[chosen.candidate.key], refusals = chosen.candidate.net, refusals + 1
+                if refusals > REFUSALS:
                     break
                 continue
             state, steps = grown, [*steps, chosen]

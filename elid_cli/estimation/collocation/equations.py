@@ -23,6 +23,9 @@ from elid_cli.model.tracing import Graph, Scalar
 from elid_cli.signals.motion import Motion
 
 _SLOW_WEIGHT = 0.05
+REVERSES = 2.0
+"""Samples before and after a reversal in which torques count as little: a delay that is no whole number of samples
+smears the step of Coulomb friction over as many."""
 _SHAPE_STEP = 1e-4
 """Step of differences in a shape's logarithm."""
 
@@ -217,7 +220,8 @@ class RobotEquations:
         weight = np.ones((len(self._layout.rows), motion.samples))
         for k, row in enumerate(self._layout.rows):
             if row.kind != "link" and not signals.still[row.joint]:
-                slow = np.abs(motion.dtheta[:, row.joint]) < signals.min_velocity[row.joint]
+                soon = REVERSES * signals.dt * np.abs(motion.ddtheta[:, row.joint])
+                slow = np.abs(motion.dtheta[:, row.joint]) < signals.min_velocity[row.joint] + soon
                 weight[k] = np.where(slow, _SLOW_WEIGHT, 1.0)
         return weight
 

@@ -75,13 +75,15 @@ def steps_without(matrix: Array, load: Array, more: float) -> Array:
     return np.array([step_of(whole - m, pull - g, more) for m, g in zip(matrix, load, strict=True)])
 
 
-def jackknife(left_out: Array) -> Array:
+def jackknife(left_out: Array, about: float | None = None) -> Array:
     """Return the covariance (U, U) of unknowns from their values without each of B blocks in turn, (B, U).
+
+    Deviations are those from their mean, or from `about`.
 
     The residual's own memory is in what a block changes. Few blocks tell a variance badly: it is that of a normal
     distribution whose 95 % interval is Student's.
     """
     count = len(left_out)
-    offset = left_out - left_out.mean(axis=0)
+    offset = left_out - (left_out.mean(axis=0) if about is None else about)
     found: Array = beyond_normal(count - 1) ** 2 * (count - 1) / count * offset.T @ offset
     return found

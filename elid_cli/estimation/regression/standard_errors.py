@@ -15,10 +15,13 @@ from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.estimation.regression.effect_shapes import SHAPE_SPREAD, shape_columns
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.long_run import beyond_normal
+from elid_cli.estimation.regression.normal_equations import jackknife
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
 
 SHORT = 400.0
 """Independent instants below which a log is short."""
+LEAST_LEFT = 1e-3
+"""Share of the information on a direction that a stretch is taken to leave to the others at least."""
 
 
 def covariance_of(
@@ -102,4 +105,22 @@ def amplitudes_of(
     for extra in effects.extras if effects else ():
         found.append(solution.values[place : place + extra.width])
         place += extra.width
+    return found
+
+
+def by_stretches(triangles: Triangles, solution: Solution) -> Array:
+    """Return the covariance of the solution's basis by leaving out each stretch of the log in turn, (r, r).
+
+    What a model lacks lasts as long as the motion that shows it, and the kernel of a long-run covariance is shorter:
+    estimates then differ between recordings by more than that covariance says (`tests.system.reproduce.recordings`).
+    """
+    steps = []
+    for fold in range(triangles.folds):
+        part = replace(triangles, prior=None).stacked(solution.weights, [fold])
+        white = part[:, solution.basis] @ solution.inverse
+        score = white.T @ (part[:, -1] - part[:, :-1] @ solution.values)
+        share, direction = np.linalg.eigh(white.T @ white)  # of all that is known, the part that this stretch says
+        steps.append(direction @ ((direction.T @ score) / np.maximum(1.0 - share, LEAST_LEFT)))
+    # about the estimate of all, not their mean: a stretch that alone shows a direction moves all the others one way
+    found: Array = solution.inverse @ jackknife(np.array(steps), about=0.0) @ solution.inverse.T
     return found

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
-from elid_cli.estimation.assembly import judged, with_unseen
+from elid_cli.estimation.assembly import assemble, judged, with_scatter, with_unseen
 from elid_cli.estimation.default_fit import DefaultFit, fit_data
 from elid_cli.estimation.facts import joined_facts
 from elid_cli.estimation.regression.least_squares import Solution
@@ -60,7 +60,10 @@ def identify_reduced(
     fit = fit_data(base, data, options)
     if len(logs) > 1:
         fit = replace(fit, covariance=_together(data, logs, fit).of_few)
-    fit, _, found = judged(fit, options)
+    fit, refused, found = judged(fit, options)
+    fit = with_scatter(fit, *(log.judgement for log in logs))
+    if fit.scatter is not None:
+        found = assemble(fit, options, refused)
     found = with_unseen(found, whole)
     if any("tau_link" in log.recording.sources and not log.facts.link_torque.all() for log in logs):
         found = replace(found, notes=(*found.notes, UNREAD))

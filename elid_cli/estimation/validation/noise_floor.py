@@ -73,7 +73,13 @@ def noise_floor(model: Regressor, signals: Signals, observation: Observation, st
 
 
 def propagated(
-    model: Regressor, signals: Signals, observation: Observation, replicates: int = 3, seed: int = 0
+    model: Regressor,
+    signals: Signals,
+    observation: Observation,
+    replicates: int = 3,
+    seed: int = 0,
+    *,
+    cut: bool = True,
 ) -> PropagatedNoise:
     """Send sensor noise through splines, regressor and filter.
 
@@ -87,12 +93,14 @@ def propagated(
         Independent noise histories.
     seed
         Seed of the noise; the same seed gives the same floor.
+    cut
+        Whether what the splines cut off the motion counts as well (`perturbed`), or noise alone.
     """
     signals, generator = signals.alone(), np.random.default_rng(seed)
     sensed = any(group.row.kind in SENSOR_KINDS for group in observation.groups)
     changes, torques, readings = [], [], []
     for number in range(replicates):
-        aside = 1 if number % 2 == 0 else -1
+        aside = (1 if number % 2 == 0 else -1) if cut else 0
         noisy = observe(model, replace(signals, motion=perturbed(signals, generator, aside)), mask=False)
         torque = np.nan_to_num(signals.decimate(_torque_noise(signals, generator).T))
         read = np.nan_to_num(signals.decimate(_reading_noise(signals, generator).T)) if sensed else 0.0 * torque

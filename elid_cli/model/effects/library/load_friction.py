@@ -8,6 +8,10 @@ from elid_cli.model.effects.effect import Columns, Effect, Parameter
 from elid_cli.model.effects.rows import motor_row
 from elid_cli.model.effects.scene import Scene
 
+MOST = 0.8
+"""Largest coefficient: a gear that loses more than 45 % of what it transmits. Near one, a joint would hold any load by
+itself, and what a fit finds there is torque that the model lacks."""
+
 
 class LoadFriction(Effect):
     """Coulomb friction proportional to the transmitted torque."""
@@ -22,7 +26,7 @@ class LoadFriction(Effect):
     place = "motor"
     takes_energy = True
     acts_as = "friction"
-    amplitudes = (Parameter("coefficient", "1", "friction per transmitted torque", low=0.0, high=1.0),)
+    amplitudes = (Parameter("coefficient", "1", "friction per transmitted torque", low=0.0, high=MOST),)
     example = {"coefficient": 0.1}
     from_model = True
 

@@ -35,7 +35,8 @@ class Stribeck(Effect):
     equation = "motor equation: amplitude sign(θ') exp(-(|θ'|/velocity)^exponent)"
     physics = (
         "At low speed the surfaces touch (boundary lubrication); as the speed rises a film forms between them and the"
-        " friction drops to the Coulomb and viscous level (Stribeck 1902)."
+        " friction drops to the Coulomb and viscous level (Stribeck 1902). Friction that falls towards zero speed has a"
+        " negative amplitude: simulators that smooth its sign (tanh) or let a joint creep have it."
     )
     typical = "10-100 % of the Coulomb friction; velocity 0.01-0.3 rad/s at the joint"
     fingerprint = "motor side and whole joint, odd in velocity, within three Stribeck velocities of standstill"

@@ -28,7 +28,7 @@ class TorqueOffset(Effect):
     amplitudes = (Parameter("offset", "N·m", "torque that the log holds beyond what the joint needs"),)
     nuisance = "offset"
     example = {"offset": 0.9}
-    twins = ("asymmetric_coulomb",)
+    twins = ("asymmetric_coulomb", "encoder_offset")
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the offset in the motor row."""
