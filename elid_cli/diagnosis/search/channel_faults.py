@@ -26,6 +26,8 @@ from elid_cli.model.regressor import EstimationRow
 
 TWIN_TAKES = 0.98
 """Part of what a fault takes from left-out folds that a twin must take in its place, to be as possible."""
+LEAVES = 1.05
+"""Left-out error of any one row, over that with the fault, from which a twin is not as possible."""
 SHORT = 1.05
 """Samples up to which a delay is one of the sampling, which every log has, and no effect."""
 
@@ -90,6 +92,8 @@ def _as_possible(state: State, lacking: State, effect: Effect, rows: Sequence[Es
         other = refreshed(fit(lacking.log, (*lacking.effects, candidate.effect), lacking.scene, but=lacking.but))
         values = other.named(len(other.effects) - 1)
         nothing, by_fault, by_twin = (left_out_error(s, state, rows) for s in (lacking, state, other))
-        if sensible(candidate.effect, other.scene, values) and nothing - by_twin >= TWIN_TAKES * (nothing - by_fault):
+        worse = any(left_out_error(other, state, [r]) > LEAVES * left_out_error(state, state, [r]) for r in rows)
+        takes = not worse and nothing - by_twin >= TWIN_TAKES * (nothing - by_fault)
+        if takes and sensible(candidate.effect, other.scene, values):
             found.append(replace(candidate, values=values))
     return tuple(found)

@@ -24,8 +24,8 @@ from elid_cli.signals.motion import Motion
 
 _SLOW_WEIGHT = 0.05
 REVERSES = 2.0
-"""Samples before and after a reversal in which torques count as little: a delay that is no whole number of samples
-smears the step of Coulomb friction over as many."""
+"""Samples before and after a reversal in which torques that were moved in time count as little: where the delay is no
+whole number of samples, the step of Coulomb friction is smeared over as many."""
 _SHAPE_STEP = 1e-4
 """Step of differences in a shape's logarithm."""
 
@@ -220,8 +220,10 @@ class RobotEquations:
         weight = np.ones((len(self._layout.rows), motion.samples))
         for k, row in enumerate(self._layout.rows):
             if row.kind != "link" and not signals.still[row.joint]:
-                soon = REVERSES * signals.dt * np.abs(motion.ddtheta[:, row.joint])
-                slow = np.abs(motion.dtheta[:, row.joint]) < signals.min_velocity[row.joint] + soon
+                least: Array | float = signals.min_velocity[row.joint]
+                if signals.moved.any() and signals.moved[row.joint]:
+                    least = np.maximum(least, REVERSES * signals.dt * np.abs(motion.ddtheta[:, row.joint]))
+                slow = np.abs(motion.dtheta[:, row.joint]) < least
                 weight[k] = np.where(slow, _SLOW_WEIGHT, 1.0)
         return weight
 

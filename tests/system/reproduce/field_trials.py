@@ -5,7 +5,8 @@
     python -m tests.system.reproduce.field_trials --foreign
     python -m tests.system.reproduce.field_trials --robot planar2 --arms 1 2 --db 75 --torque-noise 0.003
 
-One line per trial: what was said, and the held-out error over that of a fit which is told the truth's name and place.
+One line per trial: what was said, and with `--told` the held-out error over that of a fit which is told the truth's
+name and place; what is not named though that fit predicts no better is `faint`.
 """
 
 from __future__ import annotations
@@ -33,6 +34,9 @@ TOLD = {
     "stribeck_gauss": {"amplitude": 0.1, "velocity": 0.1, "exponent": 2.0},
 }
 """What a fit that is told the effect must be told of its form, too."""
+FAINT = 1.05
+"""Held-out error over that of the told fit below which an effect that was not named cannot be seen: nothing false was
+named, and who knows the effect predicts no better."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +93,11 @@ def one(trial: Trial) -> tuple[Trial, str, str, float, float, float]:
     word = verdict(found, specs) if len(specs) == len(trial.effects) else foreign(found)
     share = float("nan")
     if trial.told and specs and len(specs) == len(trial.effects):
-        told = diagnose(replace(made.robot, effects=tuple(specs)), prepared, DiagnoseOptions(only=("none",)))
+        told = diagnose(replace(made.robot, effects=tuple(specs)), prepared, DiagnoseOptions(only=("torque_offset",)))
         share = max(found.after[j].rms / told.before[j].rms for j in names)
+        true = {(spec.effect, spec.joint) for spec in specs}
+        if word in ("silent", "wrong") and share < FAINT and {(e.effect, e.joint) for e in found.effects} <= true:
+            word = "faint"
     ratio = max(row.ratio for row in found.rows_after)
     return trial, word, said(found), seconds, ratio, share
 
