@@ -2,11 +2,11 @@
 
     python -m tests.system.reproduce.recordings [--data FOLDER]
 
-The torque of the runs is computed from their commands and gains. Standard errors from one run, by the long-run
+The torque of the runs is computed from their commands and gains. Standard errors from one run: by the long-run
 covariance of its scores (HAC), by identifying without each of six blocks of time in turn, by the larger of the two, and
-as identification gives them (the larger of HAC and of leaving out stretches, as its model does not suffice here), and
-those of four runs together: printed is how often a 95 % interval holds what an unseen run gives, without and with that run's own error, and the
-root mean square of the differences in standard errors, by kind of parameter.
+as identification gives them (the larger of HAC and of leaving out stretches, as its model does not suffice here); and
+those of four runs together. Printed is how often a 95 % interval holds what an unseen run gives, without and with that
+run's own error, and the root mean square of the differences in standard errors, by kind of parameter.
 """
 
 from __future__ import annotations
