@@ -13,7 +13,7 @@ from elid_cli.estimation.judgement import JointError
 from elid_cli.experiment.simulation.run import SimulationOptions, simulate
 from elid_cli.logs.checks.described_torques import inertial_torques
 from elid_cli.logs.checks.known_inertias import inertia_scales, wrong_times
-from elid_cli.logs.checks.known_masses import wrong_scales
+from elid_cli.logs.checks.known_masses import Weighed, wrong_scales
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.position_scale import wrong_positions
 from elid_cli.logs.mapping.language import SignalMap
@@ -43,13 +43,13 @@ def test_the_torque_that_moves_the_bodies_is_that_of_dynamics(seed: int) -> None
 
 
 def test_a_log_at_its_own_time_is_not_doubted(robot: Robot, log: Log) -> None:
-    assert not list(wrong_times(log[0], log[0], log[1], DT, robot))
+    assert not list(wrong_times(Weighed(log[0], log[1], DT, robot), log[0]))
     assert {s.joint for s in inertia_scales(log[0], log[0], log[1], DT, robot) if 0.7 < s.ratio < 1.4} >= {1, 2}
 
 
 @pytest.mark.parametrize(("factor", "way"), [(10.0, "slow"), (0.1, "fast")])
 def test_time_in_another_unit_is_doubted_where_the_weight_fits(robot: Robot, log: Log, factor: float, way: str) -> None:
-    (said,) = wrong_times(log[0], log[0], log[1], factor * DT, robot)
+    (said,) = wrong_times(Weighed(log[0], log[1], factor * DT, robot), log[0])
     assert "but holds their weight: the time of the log runs about" in said
     found = re.search(rf"about ([\d.]+) times too {way}", said)
     assert found is not None
@@ -64,15 +64,15 @@ def test_a_vertical_axis_has_no_weight_and_shows_its_torque_by_inertia(tmp_path:
     driven = {"Ja": 0.1, "fs": 0.5, "fv": 0.3}
     joints = (replace(j, transmission="rigid", parameters={**j.parameters, **driven}) for j in described.joints)
     found = simulate(arm := replace(described, joints=tuple(joints)), SimulationOptions(duration=20, rate=125))
-    assert not list(wrong_times(found.q, found.q, found.tau, found.dt, arm))
+    assert not list(wrong_times(Weighed(found.q, found.tau, found.dt, arm), found.q))
     tau = found.tau * np.array([0.01, 1])
-    assert not list(wrong_scales(found.q, tau, found.dt, arm, PLAN))
-    (said,) = wrong_times(found.q, found.q, tau, found.dt, arm)
+    assert not list(wrong_scales(Weighed(found.q, tau, found.dt, arm), PLAN))
+    (said,) = wrong_times(Weighed(found.q, tau, found.dt, arm), found.q)
     assert f"tau of joint1 is 0.01 times what moves the described bodies, and no weight shows its size: {WRONG}" in said
 
 
 def test_a_torque_of_another_size_is_no_wrong_time(robot: Robot, log: Log) -> None:
-    assert not list(wrong_times(log[0], log[0], 100 * log[1], DT, robot))
+    assert not list(wrong_times(Weighed(log[0], 100 * log[1], DT, robot), log[0]))
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_a_torque_of_another_size_is_no_wrong_time(robot: Robot, log: Log) -> No
 def test_positions_of_another_size_are_doubted_and_not_the_torque(
     robot: Robot, log: Log, factor: float, size: str, key: str
 ) -> None:
-    (said,) = wrong_positions(factor * log[0], log[1], DT, robot, PLAN)
+    (said,) = wrong_positions(Weighed(factor * log[0], log[1], DT, robot), PLAN)
     assert said.startswith(f"positions look {size}: ")
     assert said.endswith(f'if so, map it: q: {{from: "q.{{joint}}", {key}}}')
     assert WRONG in said
@@ -91,4 +91,4 @@ def test_positions_of_another_size_are_doubted_and_not_the_torque(
 
 def test_positions_are_doubted_neither_as_they_are_nor_for_a_torque_of_another_size(robot: Robot, log: Log) -> None:
     for scale in (1.0, 0.01, 100.0):
-        assert not list(wrong_positions(log[0], scale * log[1], DT, robot, PLAN))
+        assert not list(wrong_positions(Weighed(log[0], scale * log[1], DT, robot), PLAN))

@@ -10,7 +10,7 @@ import pytest
 
 from elid_cli.estimation.drive_gains.identification import TORQUE_SIZE
 from elid_cli.estimation.judgement import JointError
-from elid_cli.logs.checks.known_masses import gravity_torques, weight_scales, wrong_scales
+from elid_cli.logs.checks.known_masses import Weighed, gravity_torques, wrong_scales
 from elid_cli.logs.checks.units_and_signs import _of_motors
 from elid_cli.logs.mapping.language import SignalMap
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
@@ -53,14 +53,14 @@ def test_the_weight_of_the_bodies_is_what_dynamics_makes_of_it() -> None:
 
 
 def test_a_torque_at_the_joint_is_not_doubted(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
-    assert not list(wrong_scales(*log, DT, robot, PLAN))
-    assert {scale.joint for scale in weight_scales(*log, DT, robot)} >= {1, 2}
+    assert not list(wrong_scales(Weighed(*log, DT, robot), PLAN))
+    assert {scale.joint for scale in Weighed(*log, DT, robot).scales} >= {1, 2}
 
 
 def test_gear_ratios_are_proposed_of_a_torque_at_the_motors_shaft(
     robot: Robot, log: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    said = next(iter(wrong_scales(log[0], log[1] / GEARS, DT, robot, PLAN)))
+    said = next(iter(wrong_scales(Weighed(log[0], log[1] / GEARS, DT, robot), PLAN)))
     assert "the unit or the side (motor or joint) is wrong, or the masses of puma560" in said
     found = re.search(r'tau: {from: "motor{i}_torque", scale: {joint1: RATIO, joint2: (\S+), joint3: (\S+),', said)
     assert found is not None
@@ -68,14 +68,14 @@ def test_gear_ratios_are_proposed_of_a_torque_at_the_motors_shaft(
 
 
 def test_one_factor_is_proposed_for_all_joints(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
-    said = next(iter(wrong_scales(log[0], log[1] / 100.0, DT, robot, PLAN)))
+    said = next(iter(wrong_scales(Weighed(log[0], log[1] / 100.0, DT, robot), PLAN)))
     factor = re.search(r"scale: ([\d.]+)}", said)
     assert factor is not None
     assert abs(float(factor[1]) / 100.0 - 1) < 0.15
 
 
 def test_millinewton_metres_are_proposed_as_a_unit(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
-    said = next(iter(wrong_scales(log[0], 1000.0 * log[1], DT, robot, PLAN)))
+    said = next(iter(wrong_scales(Weighed(log[0], 1000.0 * log[1], DT, robot), PLAN)))
     assert said.endswith("unit: mN.m}")
 
 
@@ -83,25 +83,25 @@ def test_known_gear_ratios_are_named_as_the_motors_side(robot: Robot, log: tuple
     geared = replace(
         robot, joints=tuple(replace(j, gear_ratio=g) for j, g in zip(robot.joints, GEARS.tolist(), strict=True))
     )
-    said = next(iter(wrong_scales(log[0], log[1] / GEARS, DT, geared, PLAN)))
+    said = next(iter(wrong_scales(Weighed(log[0], log[1] / GEARS, DT, geared), PLAN)))
     assert said.endswith('tau: {from: "motor{i}_torque", side: motor}')
 
 
 def test_a_torque_of_friction_alone_is_doubted(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
     speed = np.gradient(log[0], DT, axis=0)
-    said = next(iter(wrong_scales(log[0], 2.0 * np.sign(speed) + speed, DT, robot, PLAN)))
+    said = next(iter(wrong_scales(Weighed(log[0], 2.0 * np.sign(speed) + speed, DT, robot), PLAN)))
     assert said.startswith("tau of joint2 and joint3 does not follow the weight of the described bodies")
 
 
 def test_unknown_masses_doubt_nothing(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
     bare = replace(robot, joints=tuple(replace(j, parameters={}) for j in robot.joints))
-    assert not list(wrong_scales(log[0], log[1] / GEARS, DT, bare, PLAN))
+    assert not list(wrong_scales(Weighed(log[0], log[1] / GEARS, DT, bare), PLAN))
 
 
 def test_a_torque_that_pulls_with_the_weight_is_doubted(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
     one = np.array([1, 1, -1, 1, 1, 1])
     for signs, key in ((-np.ones(6), "sign: -1}"), (one, "sign: {joint3: -1}}")):
-        (said,) = wrong_scales(log[0], log[1] * signs, DT, robot, PLAN)
+        (said,) = wrong_scales(Weighed(log[0], log[1] * signs, DT, robot), PLAN)
         assert "runs against the weight of the described bodies" in said
         assert said.endswith(key)
 
@@ -127,5 +127,5 @@ def test_trust_is_doubted_where_a_torque_runs_against_the_weight() -> None:
 
 
 def test_a_known_payload_answers_the_doubt(robot: Robot, log: tuple[np.ndarray, np.ndarray]) -> None:
-    said = next(iter(wrong_scales(log[0], log[1] / GEARS, DT, robot, PLAN)))
+    said = next(iter(wrong_scales(Weighed(log[0], log[1] / GEARS, DT, robot), PLAN)))
     assert any(words in said for words in TORQUE_SIZE)

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.logs.checks.described_torques import gravity_torques, inertial_torques
+from elid_cli.logs.checks.described_torques import ROUNDING, gravity_torques, inertial_torques
 from elid_cli.logs.checks.known_masses import (
     FEWEST,
     OWN,
     Scale,
+    Weighed,
     about,
     listed,
-    weight_scales,
 )
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.torque_scale import SURE, WRONG_SCALE, slope_beside
@@ -43,24 +43,23 @@ RUNS = "the time of the log runs"
 """What every doubt of a log's time says."""
 
 
-def wrong_times(q: Array, theta: Array, tau: Array, dt: float, robot: Robot, *, signal: str = "tau") -> Iterator[str]:
+def wrong_times(log: Weighed, theta: Array, *, signal: str = "tau") -> Iterator[str]:
     """Yield a sentence where torques hold the described weight, but another inertia than the described.
 
     Parameters
     ----------
-    q, theta, tau
-        Positions of links and motors and torques at the joint, contiguous, (N, n).
-    dt
-        Sample time, s.
-    robot
-        The description; joints whose load is unknown are not looked at.
+    log
+        Positions of links, torques and description.
+    theta
+        Positions of motors at the joint, (N, n).
     signal
         ``tau``, or ``tau_link`` where that is the only torque.
     """
-    moved = [s for s in inertia_scales(q, theta, tau, dt, robot) if math.isfinite(s.ratio)]
+    robot = log.robot
+    moved = [s for s in inertia_scales(log.q, theta, log.tau, log.dt, robot) if math.isfinite(s.ratio)]
     if not any(_is_off(s) for s in moved):
         return
-    weights = [s for s in weight_scales(q, tau, dt, robot) if math.isfinite(s.ratio)]
+    weights = log.scales
     ranges = [_range(s) for s in weights]
     if any(high < 1 / WRONG_SCALE or low > WRONG_SCALE for low, high in ranges):
         return  # the torque itself is of another size
@@ -106,16 +105,17 @@ def inertia_scales(q: Array, theta: Array, tau: Array, dt: float, robot: Robot) 
     The torque is fitted by it beside the weight, an offset, friction and the accelerations of the joint's own link and
     motor, which the rotor's inertia follows.
     """
-    lags = [_lag(values) for values in q.T]
+    lags = _lags(q)
     most = max(lags, default=0)
     if not most or len(q) < 2 * most + FEWEST:
         return
     at = np.unique(np.linspace(most, len(q) - 1 - most, INSTANTS).astype(int))
     (speed, bend), (spin, turn) = (_rates(values, at, lags, dt) for values in (q, theta))
     inertia, weight = inertial_torques(robot, q[at], speed, bend), gravity_torques(robot, q[at])
+    least = ROUNDING * float(np.nanmax(np.abs(inertia), initial=0.0))
     for j in range(robot.n):
-        used = np.isfinite(np.column_stack([tau[at, j], inertia[:, j], speed[:, j]])).all(axis=1)
-        if np.count_nonzero(used) < FEWEST or not inertia[used, j].any():
+        used = np.isfinite(tau[at, j]) & np.isfinite(inertia[:, j]) & np.isfinite(speed[:, j])
+        if np.count_nonzero(used) < FEWEST or not np.abs(inertia[used, j]).max() > least:
             continue
         own = [weight[:, j], spin[:, j], np.sign(spin[:, j]), bend[:, j], turn[:, j], np.ones(at.size)]
         beside = np.nan_to_num(np.column_stack(own)[used])
@@ -132,25 +132,32 @@ def _rates(values: Array, at: NDArray[np.intp], lags: Sequence[int], dt: float) 
     return speed, bend
 
 
-def _lag(position: Array) -> int:
-    """Return over how many samples accelerations are best told, whatever the time is; 0: over none.
+def _lags(positions: Array) -> list[int]:
+    """Return over how many samples each joint's accelerations are best told, whatever the time is; 0: over none.
 
     A short lag leaves noise in them, whose part is four times smaller over twice the lag, and a long one smooths them:
     the best one is that from which on they change least.
     """
-    found, least = 0, STEADY
-    spare = max(0, len(position) - ROWS) // 2
-    position = position[spare : spare + ROWS]
-    for lag in LAGS:
-        if len(position) < 8 * lag + FEWEST:
-            break
-        size, twice = (_bend(position, lags) for lags in (lag, 2 * lag))
-        if 0 < size < least * twice:
-            found, least = lag, size / twice
+    spare = max(0, len(positions) - ROWS) // 2
+    middle = np.ascontiguousarray(positions[spare : spare + ROWS].T)
+    lags = [lag for lag in LAGS if middle.shape[1] >= 8 * lag + FEWEST]
+    sizes = [_bends(middle, lag) for lag in (*lags, 2 * lags[-1])] if lags else []
+    found = []
+    for own in np.array(sizes).reshape(-1, len(middle)).T.tolist():
+        best, least = 0, STEADY
+        for lag, size, twice in zip(lags, own[:-1], own[1:], strict=True):
+            if 0 < size < least * twice:
+                best, least = lag, size / twice
+        found.append(best)
     return found
 
 
-def _bend(position: Array, lag: int) -> float:
-    """Return the rms of a position's second differences over a lag, by the square of that."""
-    second = position[2 * lag :] - 2.0 * position[lag:-lag] + position[: -2 * lag]
-    return float(np.sqrt(np.nanmean(second**2))) / lag**2
+def _bends(positions: Array, lag: int) -> Array:
+    """Return the rms of every position's second differences over a lag, by the square of that; (n, N) to (n,)."""
+    second = positions[:, 2 * lag :] - 2.0 * positions[:, lag:-lag] + positions[:, : -2 * lag]
+    second *= second
+    mean = second.mean(axis=1)
+    if np.isnan(mean).any():
+        known = np.isfinite(second)
+        mean = np.where(known, second, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    return np.asarray(np.sqrt(mean) / lag**2)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +18,7 @@ from elid_cli._types import Array
 from elid_cli.logs.checks.described_torques import gravity_torques
 from elid_cli.logs.checks.encoder_pairs import as_yaml, proposed
 from elid_cli.logs.checks.limits import WRONG
-from elid_cli.logs.checks.torque_scale import LAG, SURE, WRONG_SCALE, Slope, slope_beside
+from elid_cli.logs.checks.torque_scale import LAG, SURE, WRONG_SCALE, Slope, slopes_beside
 from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.robot.robot import Robot
 
@@ -58,19 +60,33 @@ class Scale(NamedTuple):
         return cls(joint, slope.ratio, slope.deviation, slope.correlation)
 
 
-def wrong_scales(
-    q: Array, tau: Array, dt: float, robot: Robot, plan: ReadPlan, *, signal: str = "tau", computed: bool = False
-) -> Iterator[str]:
+@dataclass(frozen=True)
+class Weighed:
+    """Torques of a log beside the weight of the bodies that the robot's file describes."""
+
+    q: Array
+    """Positions at the joint, contiguous, (N, n)."""
+    tau: Array
+    """Torques at the joint, (N, n)."""
+    dt: float
+    """Sample time, s."""
+    robot: Robot
+    """The description; joints whose load is unknown are not looked at."""
+
+    @cached_property
+    def scales(self) -> list[Scale]:
+        """How many times the weight each joint's torque holds, where that shows (`weight_scales`)."""
+        (found,) = weight_scales(self.q, self.tau, self.dt, self.robot, np.ones((1, self.robot.n)))
+        return found
+
+
+def wrong_scales(log: Weighed, plan: ReadPlan, *, signal: str = "tau", computed: bool = False) -> Iterator[str]:
     """Yield a sentence where the torques are not of the size that the described bodies' weight makes them.
 
     Parameters
     ----------
-    q, tau
-        Positions and torques at the joint, contiguous, (N, n).
-    dt
-        Sample time, s.
-    robot
-        The description; joints whose load is unknown are not looked at.
+    log
+        Positions, torques and description.
     plan
         Where the torque was read from.
     signal
@@ -78,7 +94,7 @@ def wrong_scales(
     computed
         Whether the torque is computed from commands and gains.
     """
-    scales = [scale for scale in weight_scales(q, tau, dt, robot) if math.isfinite(scale.ratio)]
+    scales, robot = log.scales, log.robot
     names = robot.joint_names
     idle = [s for s in scales if s.correlation < FAINT and abs(s.ratio) + SURE * s.deviation < 1 / WRONG_SCALE]
     if idle:
@@ -153,23 +169,43 @@ def _key(off: Sequence[Scale], robot: Robot, plan: ReadPlan, signal: str) -> str
     return ", ".join([*kept, f"scale: {{{', '.join(sizes)}}}"])
 
 
-def weight_scales(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[Scale]:
-    """Yield how many times the weight of what it carries each joint's torque holds, NaN where that does not show.
+def weight_scales(q: Array, tau: Array, dt: float, robot: Robot, factors: Array) -> list[list[Scale]]:
+    """Return how many times the weight of what it carries each joint's torque holds, where that shows.
 
     The torque is fitted by the weight beside an offset, the joint's friction and the accelerations of its chain.
+
+    Parameters
+    ----------
+    q, tau
+        Positions and torques at the joint, contiguous, (N, n).
+    dt
+        Sample time, s.
+    robot
+        The description.
+    factors
+        What to multiply the positions by, (F, n), each in turn: there is one list for each.
     """
+    found: list[list[Scale]] = [[] for _ in factors]
     lag = max(1, round(LAG / dt))
     if len(q) < 2 * lag + FEWEST or not any(robot.gravity):
-        return
+        return found
     at = np.unique(np.linspace(lag, len(q) - 1 - lag, INSTANTS).astype(int))
-    here, ahead, behind = q[at], q[at + lag], q[at - lag]
+    here, ahead, behind, torque = q[at], q[at + lag], q[at - lag], tau[at]
     speed, bend = ahead - behind, ahead - 2.0 * here + behind
-    weight = gravity_torques(robot, here)
-    least = NOTHING * float(np.nanmax(np.abs(weight), initial=0.0))
+    weight = gravity_torques(robot, (factors[:, None] * here).reshape(-1, robot.n)).reshape(len(factors), *here.shape)
+    least = NOTHING * np.nanmax(np.abs(weight), axis=(1, 2), initial=0.0)
     for j in range(robot.n):
-        used = np.isfinite(np.column_stack([tau[at, j], weight[:, j], speed[:, j]])).all(axis=1)
-        if np.count_nonzero(used) < FEWEST or not np.ptp(weight[used, j]) > least:
+        used = np.isfinite(torque[:, j]) & np.isfinite(speed[:, j]) & np.isfinite(weight[:, :, j]).all(axis=0)
+        if np.count_nonzero(used) < FEWEST:
+            continue
+        own_weight = weight[:, used, j]
+        shown = np.flatnonzero(np.ptp(own_weight, axis=1) > least)
+        if not shown.size:
             continue
         chain = [k for k in range(robot.n) if k in robot.ancestors[j] or j in robot.ancestors[k]]
         own = np.column_stack([speed[:, j], np.sign(speed[:, j]), np.nan_to_num(bend[:, chain]), np.ones(at.size)])
-        yield Scale.of(j, slope_beside(own[used], weight[used, j], tau[at, j][used], OWN))
+        slopes = slopes_beside(own[used], own_weight[shown].T, torque[used, j], OWN)
+        for k, slope in zip(shown.tolist(), slopes, strict=True):
+            if math.isfinite(slope.ratio):
+                found[k].append(Scale.of(j, slope))
+    return found

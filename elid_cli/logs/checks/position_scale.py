@@ -13,11 +13,10 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.logs.checks.encoder_pairs import proposed
-from elid_cli.logs.checks.known_masses import Scale, weight_scales
+from elid_cli.logs.checks.known_masses import Scale, Weighed, weight_scales
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.torque_scale import SURE
 from elid_cli.logs.mapping.plan import ReadPlan
-from elid_cli.robot.robot import Robot
 
 UNITS = {math.pi / 180: "unit: deg", 2 * math.pi: "unit: rev"}
 FACTORS = (10.0, 100.0, 1000.0, 2 * math.pi, 180 / math.pi, 0.1, 0.01, 1e-3, 0.5 / math.pi, math.pi / 180)
@@ -30,11 +29,12 @@ NEAR = 2.0
 """Factor up to which the torque must then be of the size of the weight."""
 
 
-def wrong_positions(q: Array, tau: Array, dt: float, robot: Robot, plan: ReadPlan) -> Iterator[str]:
+def wrong_positions(log: Weighed, plan: ReadPlan) -> Iterator[str]:
     """Yield a sentence where torques hold the described bodies' weight at positions of another size.
 
-    Positions and torques at the joint are contiguous, (N, n), `dt` s apart; the plan says where they were read from.
+    The plan says where they were read from.
     """
+    q, robot = log.q, log.robot
     turning = np.array([joint.revolute for joint in robot.joints])
     if not turning.any() or not np.isfinite(q[:, turning]).any():
         return
@@ -42,13 +42,13 @@ def wrong_positions(q: Array, tau: Array, dt: float, robot: Robot, plan: ReadPla
     tried = [factor for factor in FACTORS if (factor > 1) != (far > FURTHEST) and factor * far < FURTHEST]
     if not tried:
         return
-    seen = [scale for scale in weight_scales(q, tau, dt, robot) if math.isfinite(scale.ratio)]
+    seen = log.scales
     if seen and all(1 / NEAR < scale.ratio < NEAR for scale in seen):
         return
     now = _left(seen, robot.n)
     best, least = 1.0, math.inf
-    for factor in tried:
-        scales = [s for s in weight_scales(np.where(turning, factor, 1.0) * q, tau, dt, robot) if s.ratio == s.ratio]
+    factors = np.where(turning, np.array(tried)[:, None], 1.0)
+    for factor, scales in zip(tried, weight_scales(q, log.tau, log.dt, robot, factors), strict=True):
         margins = [SURE * s.deviation for s in scales]
         may = all(1 / NEAR - m < s.ratio < NEAR + m for s, m in zip(scales, margins, strict=True))
         if not may or not any(1 / NEAR < s.ratio < NEAR for s in scales):

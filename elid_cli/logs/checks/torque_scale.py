@@ -72,19 +72,28 @@ def slope_beside(own: Array, x: Array, y: Array, least: float) -> Slope:
 
     It does not show where these leave less than a part `least` of the spread of x.
     """
+    return slopes_beside(own, x[:, None], y, least)[0]
+
+
+def slopes_beside(own: Array, several: Array, y: Array, least: float) -> list[Slope]:
+    """Return the slopes of a torque y, (N,), over each of several columns, (N, k), beside others as `slope_beside`."""
     sizes = np.linalg.norm(own, axis=0)
     own = own[:, sizes > 0] / sizes[sizes > 0]
-    pairs = np.column_stack([x, y])
-    alone, torque = (pairs - own @ np.linalg.lstsq(own, pairs, rcond=None)[0]).T
-    if alone.std() <= least * x.std() or not torque.any():
+    both = np.column_stack([several, y])
+    *alone, torque = np.ascontiguousarray((both - own @ np.linalg.lstsq(own, both, rcond=None)[0]).T)
+    return [_slope(x, torque, least * float(spread)) for x, spread in zip(alone, several.std(axis=0), strict=True)]
+
+
+def _slope(x: Array, y: Array, least: float) -> Slope:
+    """Return the slope of y over x, (N,); it does not show where the spread of x is at most `least`."""
+    if x.std() <= least or not y.any():
         return Slope()
-    products = np.array(
-        [(a @ b, a @ a) for a, b in zip(np.array_split(alone, BLOCKS), np.array_split(torque, BLOCKS), strict=True)]
-    )
-    product, power = products.sum(axis=0).tolist()
-    without = (product - products[:, 0]) / (power - products[:, 1])
-    deviation = float(np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((without - product / power) ** 2)))
-    return Slope(product / float(np.sqrt(power * (torque @ torque))), product / power, deviation)
+    starts = np.arange(BLOCKS) * x.size // BLOCKS
+    products, powers = np.add.reduceat(x * y, starts), np.add.reduceat(x * x, starts)
+    product, power = float(products.sum()), float(powers.sum())
+    without = (product - products) / (power - powers)
+    deviation = math.sqrt((BLOCKS - 1) / BLOCKS * float(np.sum((without - product / power) ** 2)))
+    return Slope(product / math.sqrt(power * float(y @ y)), product / power, deviation)
 
 
 def is_spring(deflection: Array, tau: Array, own: Slope, stiffness: float) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.logs.checks.encoder_pairs import CLOSE, UNLIKE, Pair, as_yaml, plain, proposed, swap
 from elid_cli.logs.checks.known_inertias import wrong_times
-from elid_cli.logs.checks.known_masses import wrong_scales
+from elid_cli.logs.checks.known_masses import Weighed, wrong_scales
 from elid_cli.logs.checks.limits import WRONG, beyond_limits
 from elid_cli.logs.checks.position_scale import wrong_positions
 from elid_cli.logs.checks.required import Checked
@@ -112,13 +112,13 @@ def _described(
     sensed = checked.optional.get("tau_link")
     alone = sensed is not None and np.isnan(checked.tau).all()
     signal, torque = ("tau_link", sensed) if sensed is not None and alone else ("tau", checked.tau)
-    tau = torque[part]
-    told = list(wrong_positions(positions, tau, dt, robot, plan))  # the torques would be blamed for the positions
+    log = Weighed(positions, torque[part], dt, robot)
+    told = list(wrong_positions(log, plan))  # the torques would be blamed for the positions
     computed = bool(checked.computed) and not alone
-    yield from told or wrong_scales(positions, tau, dt, robot, plan, signal=signal, computed=computed)
+    yield from told or wrong_scales(log, plan, signal=signal, computed=computed)
     if not told:
         motors = np.where(np.isnan(checked.theta[part]), positions, checked.theta[part])
-        yield from wrong_times(positions, motors, tau, dt, robot, signal=signal)
+        yield from wrong_times(log, motors, signal=signal)
 
 
 def _amperes(plan: ReadPlan, robot: Robot) -> Iterator[str]:
