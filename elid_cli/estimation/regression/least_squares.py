@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,8 +168,17 @@ def reweighted(triangles: Triangles, rank: int | None = None, folds: Sequence[in
     """Solve with each row group weighted by its own residual, iterated.
 
     Only rows with a measured right-hand side may be weighted so: a homogeneous row group would drive its own weight
-    to infinity and every parameter to zero.
+    to infinity and every parameter to zero. Triangles keep the solution of all their folds: it is asked for again.
     """
+    if folds is not None:
+        return _reweighted(triangles, rank, folds)
+    solved = cast(dict[int | None, Solution], triangles.solved)
+    if rank not in solved:
+        solved[rank] = _reweighted(triangles, rank, None)
+    return solved[rank]
+
+
+def _reweighted(triangles: Triangles, rank: int | None, folds: Sequence[int] | None) -> Solution:
     whole = triangles.joined(folds)
     scales = {row: whole.torque_rms(row) for row in whole.rows}
     weights = {row: 1.0 / scale for row, scale in scales.items() if np.isfinite(scale) and scale > 0}

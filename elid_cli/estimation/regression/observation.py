@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.regression.filtered_rows import observed_blocks
+from elid_cli.estimation.regression.filtered_rows import FilteredBlock, observed_blocks
 from elid_cli.model.regressor import SENSOR_KINDS, EstimationRow, Regressor, RegressorPlan, RowPlan
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -63,6 +63,8 @@ class Observation:
     """Instants at which a joint's motor reverses or sticks, (n, M); masked in `groups` unless unmasked."""
     known: NDArray[np.bool_]
     """Instants at which a joint's torque is known, (n, M)."""
+    blocks: tuple[FilteredBlock, ...] = ()
+    """What `groups` were made of, where one block held it all; else none is kept."""
     reductions: list[object] = field(init=False, default_factory=list, repr=False, compare=False)
     """What `reduction.reduce` made of it last: with some of those columns only, or more instants, it need not be made
     again."""
@@ -147,7 +149,9 @@ def observe(model: Regressor, signals: Signals, plan: RegressorPlan | None = Non
     rate = np.empty((n, len(outputs)))
     reversal = np.zeros((n, len(outputs)))
     segment = np.zeros(len(outputs), dtype=np.intp)
+    blocks: tuple[FilteredBlock, ...] = ()
     for block in observed_blocks(model, signals, plan):
+        blocks = (block,) if block.last - block.first == len(outputs) else ()
         here = slice(block.first, block.last)
         for output, row in enumerate(block.place.tolist()):  # all at once would take another array of their size
             columns[output, here] = block.rows[row]
@@ -169,6 +173,7 @@ def observe(model: Regressor, signals: Signals, plan: RegressorPlan | None = Non
         signals.rate,
         reversing,
         known,
+        blocks,
     )
 
 

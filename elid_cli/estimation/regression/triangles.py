@@ -82,6 +82,8 @@ class Triangles:
     prior: Array | None = None
     """Further equations [columns | target] in units of their standard deviation, (k, p + e + 1): what is known of
     columns before the data speak."""
+    solved: dict[int | None, object] = field(init=False, default_factory=dict, repr=False, compare=False)
+    """Solutions with weights by the residuals, by the largest rank (`least_squares.reweighted`)."""
 
     @property
     def width(self) -> int:
@@ -210,6 +212,8 @@ def _grown(before: _Reduction, observation: Observation) -> _Reduction | None:
                 item = Triangle(group.row, number, index, factor, count, power)
             if item is not None:
                 items.append(item)
+    if len(items) == len(before.triangles.items) and all(item is known.get((item.row, item.fold)) for item in items):
+        return before
     rows = tuple(group.row for group in observation.groups if group.count)
     triangles = replace(before.triangles, items=tuple(items), rows=rows)
     return replace(before, triangles=triangles, groups=observation.groups)
@@ -232,6 +236,8 @@ def _power(observation: Observation, group: RowGroup, use: NDArray[np.intp]) -> 
 
 def _with_fewer(triangles: Triangles, given: Sequence[ExtraColumns], extras: Sequence[ExtraColumns]) -> Triangles:
     """Return triangles with some of the extra columns only: those of the data need not be made again for that."""
+    if list(map(id, given)) == list(map(id, extras)):
+        return triangles
     number = np.full(triangles.width, -1, dtype=np.intp)
     number[: triangles.parameters] = np.arange(triangles.parameters)
     places = dict(zip(map(id, given), np.cumsum([0, *(extra.width for extra in given)])[:-1], strict=True))

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli._types import Progress
+from elid_cli._types import Array, Progress
 from elid_cli.estimation.cutoff import at_best_cutoff
 from elid_cli.estimation.default_fit import DefaultFit, Scored, fit_data
 from elid_cli.estimation.facts import facts_of
@@ -28,7 +28,8 @@ from elid_cli.estimation.streaming.reduced_log import ReducedLog, hollow
 from elid_cli.estimation.streaming.scores import LogScores
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.sufficiency import judge_model
-from elid_cli.model.base_parameters import find_base
+from elid_cli.memory import Recent
+from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.regressor import EstimationRow, Regressor, RegressorPlan
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.text import fingerprint
@@ -86,22 +87,21 @@ def reduce_log(
     progress
         Told the share of the log that is done.
     """
-    model = Regressor(robot.stiffened(signals.missing_link).read_behind(signals.link_torque))
-    base = find_base(model)
+    _, model, base, reference = _model_of(robot, signals)
     signals, shown = at_best_cutoff(model, base, signals, EstimateOptions())
     judgement = None if shown is None else judge_model(shown)
     whole = shown if shown is not None and _fits_all(shown, signals) else None
     asked = [] if whole is None else [_Asked.of(one, whole.observation) for one in whole.scored]
     facts = None if whole is None else whole.data.facts
+    seen = () if whole is None else whole.observation.blocks
     del shown, whole  # they hold their columns
     plan = model.estimation
     layout = _layout(model, plan)
     pile = TriangleAccumulator(layout, len(signals.outputs), STRETCHES)
     blocks: list[ReductionBlock] = []
-    reference = model.robot.reference()
     single = plan.program.outputs * len(signals.outputs) * 8 > SINGLE
     links = LinkSums(model, base, reference, plan, single=single)
-    for block in observed_blocks(model, signals, plan):
+    for block in seen or observed_blocks(model, signals, plan):
         rows = kept(block, plan, signals)
         pile.add(rows)
         links.add(block)
@@ -129,6 +129,20 @@ def reduce_log(
         reference,
         judgement,
     )
+
+
+_MODELS: Recent[tuple[Robot, Regressor, BaseParameters, Array]] = Recent(4)
+"""Models by robot, which is kept with them so that its identity stands for it, and by what the logs lack."""
+
+
+def _model_of(robot: Robot, signals: Signals) -> tuple[Robot, Regressor, BaseParameters, Array]:
+    """Return a robot, its model as a log shows it, base parameters and reference values; logs of one robot share it."""
+
+    def made() -> tuple[Robot, Regressor, BaseParameters, Array]:
+        model = Regressor(robot.stiffened(signals.missing_link).read_behind(signals.link_torque))
+        return robot, model, find_base(model), model.robot.reference()
+
+    return _MODELS.of((id(robot), signals.missing_link.tobytes(), signals.link_torque.tobytes()), made)
 
 
 class _Asked(NamedTuple):

@@ -164,7 +164,7 @@ def _moved(body: _Body, state: Array, joint: Sequence[Array]) -> Array:
         columns[k, j] -= change[i]
     if not body.revolute:
         pull += columns[2] * position
-    return columns.reshape(3, -1)
+    return np.asarray(columns.reshape(3, -1))
 
 
 def _load(body: _Body, pull: Array, bend: Array | None) -> Array:

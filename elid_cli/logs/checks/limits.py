@@ -42,7 +42,9 @@ def beyond_limits(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[str
             if not limit:
                 continue
             known = np.abs(values[np.isfinite(values)])
-            largest = float(np.percentile(known, MOST)) if known.size else 0.0
+            if not known.max(initial=0.0) > BEYOND * limit:
+                continue  # as in all but a few logs: no need of the percentile
+            largest = float(np.percentile(known, MOST))
             if largest > BEYOND * limit:
                 yield (
                     f"{joint.name}: {signal} reaches {largest:.4g} {units[signal]}, {largest / limit:.3g} times the "
@@ -53,6 +55,8 @@ def beyond_limits(q: Array, tau: Array, dt: float, robot: Robot) -> Iterator[str
             continue
         low, high = limits.position
         slack = OUTSIDE * (high - low)
+        if known.min() >= low - slack and known.max() <= high + slack:
+            continue
         least, most = np.percentile(known, (100 - MOST, MOST)).tolist()
         if least < low - slack or most > high + slack:
             unit = "rad" if turns else "m"

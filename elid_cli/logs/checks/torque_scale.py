@@ -77,8 +77,8 @@ def slope_beside(own: Array, x: Array, y: Array, least: float) -> Slope:
 
 def slopes_beside(own: Array, several: Array, y: Array, least: float) -> list[Slope]:
     """Return the slopes of a torque y, (N,), over each of several columns, (N, k), beside others as `slope_beside`."""
-    sizes = np.linalg.norm(own, axis=0)
-    own = own[:, sizes > 0] / sizes[sizes > 0]
+    sizes = np.sqrt(np.einsum("ij,ij->j", own, own))
+    own = own / sizes if sizes.all() else own[:, sizes > 0] / sizes[sizes > 0]
     both = np.column_stack([several, y])
     *alone, torque = np.ascontiguousarray((both - own @ np.linalg.lstsq(own, both, rcond=None)[0]).T)
     return [_slope(x, torque, least * float(spread)) for x, spread in zip(alone, several.std(axis=0), strict=True)]
@@ -88,7 +88,8 @@ def _slope(x: Array, y: Array, least: float) -> Slope:
     """Return the slope of y over x, (N,); it does not show where the spread of x is at most `least`."""
     if x.std() <= least or not y.any():
         return Slope()
-    starts = np.arange(BLOCKS) * x.size // BLOCKS
+    blocks = np.arange(BLOCKS)
+    starts = blocks * (x.size // BLOCKS) + np.minimum(blocks, x.size % BLOCKS)
     products, powers = np.add.reduceat(x * y, starts), np.add.reduceat(x * x, starts)
     product, power = float(products.sum()), float(powers.sum())
     without = (product - products) / (power - powers)

@@ -11,6 +11,7 @@ from elid_cli._types import Array
 from elid_cli.logs.repair.grid import Grid, interpolate
 from elid_cli.logs.repair.timeline import fill_limit
 from elid_cli.memory import extremes, let_go, writable
+from elid_cli.quantiles import quantiles
 
 
 def fill(
@@ -91,10 +92,11 @@ def without_glitches(signal: str, joints: Sequence[str], values: Array, repairs:
     held = np.isfinite(glance)
     if not held.any(axis=0).all():
         return values
-    usual: Array = np.percentile(glance, [1, 99], axis=0) if held.all() else np.nanpercentile(glance, [1, 99], axis=0)
-    low, high = usual[0], usual[1]
-    reach = BEYOND * (high - low) + AT_LEAST
     least, most = extremes(values)
+    if not (most - least > AT_LEAST).any():
+        return values
+    low, high = quantiles(glance.T, (0.01, 0.99)) if held.all() else np.nanpercentile(glance, [1, 99], axis=0)
+    reach = BEYOND * (high - low) + AT_LEAST
     suspects = np.flatnonzero((least < low - reach) | (most > high + reach))
     mended = values
     for k in suspects.tolist():
