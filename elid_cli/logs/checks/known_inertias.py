@@ -118,7 +118,8 @@ def inertia_scales(q: Array, theta: Array, tau: Array, dt: float, robot: Robot) 
         if np.count_nonzero(used) < FEWEST or not np.abs(inertia[used, j]).max() > least:
             continue
         own = [weight[:, j], spin[:, j], np.sign(spin[:, j]), bend[:, j], turn[:, j], np.ones(at.size)]
-        beside = np.nan_to_num(np.column_stack(own)[used])
+        beside = np.column_stack(own)[used]
+        beside = beside if np.isfinite(beside).all() else np.nan_to_num(beside)
         yield Scale.of(j, slope_beside(beside, inertia[used, j], tau[at, j][used], OWN))
 
 

@@ -81,12 +81,14 @@ def slopes_beside(own: Array, several: Array, y: Array, least: float) -> list[Sl
     own = own / sizes if sizes.all() else own[:, sizes > 0] / sizes[sizes > 0]
     both = np.column_stack([several, y])
     *alone, torque = np.ascontiguousarray((both - own @ np.linalg.lstsq(own, both, rcond=None)[0]).T)
-    return [_slope(x, torque, least * float(spread)) for x, spread in zip(alone, several.std(axis=0), strict=True)]
+    spreads = np.ascontiguousarray(several.T).std(axis=1)  # along memory: three times as fast
+    return [_slope(x, torque, least * float(spread)) for x, spread in zip(alone, spreads, strict=True)]
 
 
 def _slope(x: Array, y: Array, least: float) -> Slope:
-    """Return the slope of y over x, (N,); it does not show where the spread of x is at most `least`."""
-    if x.std() <= least or not y.any():
+    """Return the slope of y over x, (N,); it does not show where the rms of x is at most `least`."""
+    size = math.sqrt(float(x @ x)) * math.sqrt(float(y @ y))
+    if math.sqrt(float(x @ x) / x.size) <= least or not size > 0:
         return Slope()
     blocks = np.arange(BLOCKS)
     starts = blocks * (x.size // BLOCKS) + np.minimum(blocks, x.size % BLOCKS)
@@ -94,7 +96,7 @@ def _slope(x: Array, y: Array, least: float) -> Slope:
     product, power = float(products.sum()), float(powers.sum())
     without = (product - products) / (power - powers)
     deviation = math.sqrt((BLOCKS - 1) / BLOCKS * float(np.sum((without - product / power) ** 2)))
-    return Slope(product / math.sqrt(power * float(y @ y)), product / power, deviation)
+    return Slope(product / size, product / power, deviation)
 
 
 def is_spring(deflection: Array, tau: Array, own: Slope, stiffness: float) -> bool:
@@ -115,10 +117,12 @@ def off(ratio: float) -> int:
 
 
 def correlation_of(deflection: Array, tau: Array) -> float:
-    """Return the correlation of torque and deflection; 0 where one is unknown or stands still."""
-    if not np.isfinite(tau).all() or tau.std() == 0 or deflection.std() == 0:
+    """Return the correlation of torque and deflection; 0 where the torque is unknown or one stands still."""
+    if not np.isfinite(tau).all():
         return 0.0
-    return float(np.corrcoef(deflection, tau)[0, 1])
+    one, other = deflection - deflection.mean(), tau - tau.mean()
+    size = math.sqrt(float(one @ one)) * math.sqrt(float(other @ other))
+    return float(one @ other) / size if size else 0.0
 
 
 def scale_of(deflection: Array, tau: Array, own: Slope, stiffness: float | None) -> float:
