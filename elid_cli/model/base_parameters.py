@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
+from elid_cli.lapack import lapack
 from elid_cli.memory import Recent
 from elid_cli.model.regressor import BASE_TERMS, Regressor
 from elid_cli.robot.parameter import StandardParameter
@@ -39,10 +40,10 @@ ZERO_COEFFICIENT = 1e-8
 ROUNDING = 1e-12
 """A sum below this part of its terms is zero but for rounding."""
 _STATES = 60
-"""Random states per structural question beyond one per parameter."""
-_MANY = 100
-"""Parameters above which fewer states are asked for the more there are: each state adds as many equations as there are
-rows, five for each parameter in `_STATES` of them, and a larger robot's many rows are reduced together."""
+"""Random states per structural question beyond one per parameter, up to 100 parameters …"""
+_FEWEST, _SHARED = 40, 12_000
+"""… and, with more, the fewest states, and how many parameters times further states there are: a state adds as many
+equations as there are rows, so that a large robot has four or more for each parameter in fewer states."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -176,7 +177,8 @@ def leftmost(columns: Array, tolerance: float, *, null: float | None = None) -> 
             dropped = max(dropped, distance)
     solution: Array = np.zeros((len(leaders), len(followers)))
     if leaders and followers:
-        solution[:] = np.linalg.lstsq(unit[:, leaders], unit[:, followers], rcond=None)[0]
+        known = basis[: len(leaders)]  # on which the leaders are a triangle
+        solution[:] = lapack().dtrtrs(known @ unit[:, leaders], known @ unit[:, followers])[0]
         solution[np.abs(solution) < ZERO_COEFFICIENT] = 0.0
         solution *= norms[followers][None] / norms[leaders][:, None]
     margin = kept / max(dropped, float(np.finfo(float).eps)) if leaders else 0.0
@@ -215,8 +217,8 @@ def find_base(model: Regressor, seed: int = 0) -> BaseParameters:
 def _found(model: Regressor, seed: int) -> BaseParameters:
     robot = model.robot
     model = Regressor(robot.squared(), model.terms)
-    further = min(model.parameters, _MANY**2 // max(model.parameters, 1))
-    motion = random_motion(robot.n, robot.elastic, _STATES + further, seed)
+    states = min(_STATES + model.parameters, _FEWEST + _SHARED // max(model.parameters, 1))
+    motion = random_motion(robot.n, robot.elastic, states, seed)
     triangles = []
     for _, columns, block in model.blocks(motion):
         triangle = np.asarray(np.linalg.qr(block, mode="r"))
