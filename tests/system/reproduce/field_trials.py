@@ -6,7 +6,8 @@
     python -m tests.system.reproduce.field_trials --robot planar2 --arms 1 2 --db 75 --torque-noise 0.003
 
 One line per trial: what was said, and with `--told` the held-out error over that of a fit which is told the truth's
-name and place; what is not named though that fit predicts no better is `faint`.
+name and place. What is not named though that fit predicts no better is `faint`, or `unexplained` where it is said that
+something is missing.
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ def one(trial: Trial) -> tuple[Trial, str, str, float, float, float]:
         share = max(found.after[j].rms / told.before[j].rms for j in names)
         true = {(spec.effect, spec.joint) for spec in specs}
         if word in ("silent", "wrong") and share < FAINT and {(e.effect, e.joint) for e in found.effects} <= true:
-            word = "faint"
+            word = "unexplained" if found.unexplained else "faint"
     ratio = max(row.ratio for row in found.rows_after)
     return trial, word, said(found), seconds, ratio, share
 
