@@ -25,6 +25,9 @@ _BAND = 0.2
 """Frequency below which rates are compared, in units of one over the knot spacing."""
 _AGREES = 1.3
 """Disagreement over what noise explains, up to which the rate's white noise is believed."""
+FINEST = 2e-4
+"""Least noise of a rate that is believed, as a part of its spread: by rates without any noise, as simulators log them,
+positions would be known but for an error that lasts as long as the log, which no residual shows."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,7 @@ def rate_of(
         drawn = fit_spline(noise * generator.standard_normal((1, len(longest))), stride, dt)
         propagated = _rms(band.apply(drawn.spline.evaluate(derivative)[0]))
         if difference <= _AGREES * np.hypot(white, propagated) + 1e-4 * spread:
-            ratio[k] = noise / max(white, 1e-9 * spread)
+            ratio[k] = noise / max(white, FINEST * spread)
         elif difference <= GROSS * spread:
             ratio[k] = noise / difference
         else:
