@@ -118,6 +118,8 @@ def plant_of(name: str) -> Plant:
         spec.delete(item)
     for joint in spec.joints:
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+    # fused into the body that they are fixed to, massless links (a foot of bolt) would lose their inertia
+    spec.compiler.fusestatic = False
     spec.option.timestep = STEP
     spec.option.gravity = list(robot.gravity)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
