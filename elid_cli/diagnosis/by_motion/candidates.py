@@ -30,6 +30,8 @@ STILL = 1e-9
 """Speed, rad/s (m/s), below which a simulated joint sticks."""
 WORTH = 0.03
 """Least gain of a shape that is refined."""
+MORE = 1.5
+"""Times the squared error that something else leaves which is clearly more."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,19 @@ def screened(
         if best is not None and _plausible(best, views[0].scene):
             found.append(best)
     return sorted(found, key=lambda c: -c.gain)
+
+
+def best_of(simulated: Sequence[Candidate], measured: Sequence[Candidate]) -> list[Candidate]:
+    """Return the best candidate of every effect, best first, as seen from the simulated and the measured motion.
+
+    Along the measured motion the neighbours' errors are those of their encoders, and what a joint shares with them
+    looks like effects of its own: it counts where it leaves clearly less than anything does from the simulated motion.
+    """
+    left, least = (1.0 - max((c.gain for c in of), default=0.0) for of in (simulated, measured))
+    found: dict[str, Candidate] = {}
+    for c in sorted([*simulated, *(measured if left > MORE * least else ())], key=lambda c: -c.gain):
+        found.setdefault(c.effect.name, c)
+    return list(found.values())
 
 
 def _refined(best: Candidate, judged: Callable[[Effect], Candidate | None]) -> Candidate:

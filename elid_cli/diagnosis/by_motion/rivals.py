@@ -12,15 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.candidates import Candidate
+from elid_cli.diagnosis.by_motion.candidates import MORE, Candidate
 from elid_cli.diagnosis.by_motion.refits import again, known_of
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.unknowns import Unknowns
-
-MORE = 1.5
-"""Times the squared error of another effect that is clearly more, where it is more in every block of time."""
 
 
 def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tuple[TrajectoryFit, list[Named], bool]:
@@ -58,7 +55,7 @@ def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tu
 
 
 def _clearly_more(error: Array, other: Array) -> bool:
-    """Whether a squared error (B,) is clearly more than another one."""
+    """Whether a squared error (B,) is clearly more than another one, and more in every block of time."""
     return bool(error.sum() > MORE * other.sum() and (error > other).all())
 
 

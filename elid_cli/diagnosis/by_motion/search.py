@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
-from elid_cli.diagnosis.by_motion.candidates import Candidate, View, edges_of, kinds_of, screened
+from elid_cli.diagnosis.by_motion.candidates import Candidate, View, best_of, edges_of, kinds_of, screened
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
+from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
 from elid_cli.diagnosis.by_motion.refits import again, grown, without
 from elid_cli.diagnosis.by_motion.rivals import with_rivals
 from elid_cli.diagnosis.by_motion.steps import Named
@@ -165,12 +166,16 @@ def _best(
     if tell is not None:
         tell("simulating", 0.0)
     views = views_of(fit)
+    measured = measured_views(fit, views)
     found, left, tried = list[Named](), list[Candidate](), 0
     for joint, name in enumerate(names):
         if tell is not None:
             tell(f"{len(kinds)} effects at {name} ({joint + 1} of {len(names)})", joint / len(names))
-        candidates = screened(by_recording(views, own_unknowns(fit.unknowns, joint), joint), joint, kinds,
-                              fit.effects)  # fmt: skip
+        unknown = own_unknowns(fit.unknowns, joint)
+        seen = views, measured if is_clean(views, measured, joint) else ()
+        candidates = best_of(
+            *(screened(by_recording(of, unknown, joint), joint, kinds, fit.effects) if of else [] for of in seen)
+        )
         tried += len(candidates)
         if not candidates:
             continue

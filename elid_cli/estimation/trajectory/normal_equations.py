@@ -136,7 +136,7 @@ def simulated(
     equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, parameters: Array, *, plain: bool = False
 ) -> Moved:
     """Simulate a stretch, and move on what its equations are linearised about; `plain`: without columns."""
-    run, n = _as_late(item, unknowns, z), unknowns.robot.n
+    run, n = as_late(item, unknowns, z), unknowns.robot.n
     for _ in range(AGREEING):
         # effects act along a motion, which they move; equations are those about a motion near the one that comes out
         before = item.x
@@ -164,14 +164,14 @@ def refine(equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, p
     A delay is nearly viscous friction: twenty microseconds were up to a twentieth of it.
     """
     moved = [
-        _stepped(equations, replace(item), _as_late(item, unknowns, z, finer), unknowns, z, parameters, ())[0]
+        _stepped(equations, replace(item), as_late(item, unknowns, z, finer), unknowns, z, parameters, ())[0]
         for finer in (1, FINER)
     ]
     change = moved[1] - moved[0]
     item.finer = np.where(np.abs(change) < COARSEST, change, 0.0)[:, 0, : unknowns.robot.n]
 
 
-def _as_late(item: Tracked, unknowns: Unknowns, z: Array, finer: int = 1) -> Run:
+def as_late(item: Tracked, unknowns: Unknowns, z: Array, finer: int = 1) -> Run:
     """Return the run with the delay that its recording has among unknowns (U,)."""
     return item.run.delayed(np.full(unknowns.robot.n, z[unknowns.delays][item.run.source]), finer=finer)
 

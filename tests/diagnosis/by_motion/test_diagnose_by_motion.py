@@ -11,12 +11,17 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from elid_cli.cli import main
+from elid_cli.diagnosis.by_motion.candidates import best_of, kinds_of, screened
+from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
 from elid_cli.diagnosis.by_motion.refits import grown
+from elid_cli.diagnosis.by_motion.search import by_recording, own_unknowns
+from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.estimation.trajectory.fit import fit_trajectory
 from elid_cli.estimation.trajectory.found_effects import fitted_effects
 from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
 from elid_cli.logs import robot_as_logged
 from elid_cli.logs.reading import read_recording
+from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.library.stribeck import Stribeck
 from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, OFFSET, VISCOUS, moved, robot, written
@@ -102,6 +107,25 @@ def test_a_shape_and_its_amplitude_are_fitted_with_joint_errors(tmp_path: Path) 
     without = np.linalg.pinv(alone[np.ix_(kept, kept)])[fit.unknowns.drives, fit.unknowns.drives]
     # a shape that is not known leaves the amplitude less certain
     assert np.linalg.pinv(alone)[fit.unknowns.drives, fit.unknowns.drives] > 2 * without
+
+
+def test_what_is_large_is_seen_from_the_measured_motion(tmp_path: Path) -> None:
+    log = written(tmp_path, "log.h5", moved(1, 8.0, push=lambda x, v, load: np.array([0.0, 1.2, 0.0]) * v * np.abs(v)))
+    arm = robot_as_logged(robot(tmp_path), [log], None, {})
+    signals = prepare(read_recording([log], arm), arm)
+    assert signals.recording is not None
+    fit = fit_trajectory(arm, commanded_runs(signals.recording, arm), started_from(arm, signals))
+    assert fit.values[1, 1] < 0.1 * COULOMB[1]  # far from the truth: Coulomb friction is gone
+    views = views_of(fit)
+    measured = measured_views(fit, views)
+    assert is_clean(views, measured, 1)
+    kinds, unknown = kinds_of(effect_classes(), ()), own_unknowns(fit.unknowns, 1)
+    simulated, seen = (screened(by_recording(of, unknown, 1), 1, kinds, ()) for of in (views, measured))
+    assert "quadratic_viscous" not in {c.effect.name for c in simulated if c.gain > 0.5}
+    best = best_of(simulated, seen)[0]
+    assert best.effect.name == "quadratic_viscous"
+    assert best.effect.shape[0] == pytest.approx(2.0, abs=0.05)
+    assert best.amplitudes[0] == pytest.approx(1.2, rel=0.03)
 
 
 def test_from_python_and_as_tables(tmp_path: Path) -> None:
