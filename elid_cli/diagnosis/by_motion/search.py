@@ -172,7 +172,9 @@ def _best(
         if tell is not None:
             tell(f"{len(kinds)} effects at {name} ({joint + 1} of {len(names)})", joint / len(names))
         unknown = own_unknowns(fit.unknowns, joint)
-        seen = views, measured if is_clean(views, measured, joint) else ()
+        further = any(effect.joint == joint for effect in fit.unknowns.effects)
+        # with an effect that was taken the motion is near
+        seen = views, measured if not further and is_clean(views, measured, joint) else ()
         candidates = best_of(
             *(screened(by_recording(of, unknown, joint), joint, kinds, fit.effects) if of else [] for of in seen)
         )
@@ -182,7 +184,6 @@ def _best(
         top = candidates[0].gain
         alike = [c for c in candidates if c.gain >= ALIKE * top]
         best = min(alike, key=lambda c: (c.price, -c.gain))
-        further = any(effect.joint == joint for effect in fit.unknowns.effects)
         little = best.gain < max(FURTHER if further else LEAST, best.effect.least_gain) or best.helped < HOPEFUL
         if little or (best.effect.name, joint) in dropped:
             left.append(best)

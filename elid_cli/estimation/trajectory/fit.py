@@ -31,8 +31,8 @@ REFINED = 2
 SHOWN = 3.0
 """Standard errors from which a delay is an unknown: in slow motion viscous friction and a delay are one, and a delay
 that the log does not show would only take the friction's precision."""
-COARSE = 1e-4
-"""Part of itself to which the steps of the simulation give a value …"""
+COARSE = 3e-5
+"""Part of itself to which the steps of the simulation give a value: without noise, errors are half of that …"""
 PROMPT = 1e-6
 """… and time to which they give a delay, s."""
 WEAKLY = 1e-3

@@ -20,6 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
+from elid_cli.estimation.regression.long_run import student_quantile
+
 DATA = Path(__file__).parents[4] / "shared" / "data"
 ROWS: dict[str, tuple[tuple[str, ...], tuple[int, ...], tuple[int, ...]]] = {
     "least squares": (("identify", "--physical"), (0,), (3, 4)),
@@ -81,7 +83,16 @@ def pairs(data: Path) -> None:
         ("another_recording", another),
     ):
         held = (gap < 1.96 * wide[:, None])[apart].mean(axis=(0, 1))
-        print(f"{words:38}" + "".join(f"{100 * share:7.0f}%" for share in (*held, held.mean())))
+        shares(words, held)
+    # offsets are set when encoders start: of one run no interval can know it, of several their scatter does
+    others = np.array([np.delete(z, k, axis=0) for k in range(len(z))])
+    reach = student_quantile(others.shape[1] - 1, 0.975) * np.sqrt(1 + 1 / others.shape[1])
+    held = np.abs(z - others.mean(axis=1)) < reach * others.std(axis=1, ddof=1)
+    shares("mean and scatter of the four others", held.mean(axis=(0, 1)))
+
+
+def shares(words: str, held: np.ndarray) -> None:
+    print(f"{words:38}" + "".join(f"{100 * share:7.0f}%" for share in (*held, held.mean())))
 
 
 def trends(data: Path, folder: Path) -> None:
