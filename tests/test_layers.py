@@ -97,6 +97,21 @@ def test_distributions_come_from_scipy_special() -> None:
     assert not [(path, line) for path in MODULES for line, name in imports(path) if name.startswith("scipy.stats")]
 
 
+HEAVY = ("scipy", "h5py", "mcap", "matplotlib", "pandas", "polars", "pyarrow", "numba", "dask", "mujoco")
+LIGHT = ("scipy.special",)
+
+
+def test_heavy_packages_are_imported_where_they_are_used() -> None:
+    """One import at the top of a file cost every diagnosis most of a second."""
+    heavy = []
+    for path in MODULES:
+        for node in ast.parse(path.read_text("utf-8")).body:
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            heavy += [(path, name) for name in names if name.split(".")[0] in HEAVY and name not in LIGHT]
+    assert not heavy
+
+
 def test_the_tests_mirror_the_rooms() -> None:
     here = Path(__file__).parent
     folders = {path.name for path in here.iterdir() if path.is_dir() and path.name != "__pycache__"}

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.by_motion.candidates import View, moved_by
@@ -78,6 +77,8 @@ def _along(fit: TrajectoryFit, equations: Linearised, view: View, item: Tracked)
 
 def _smoothed(q: Array, dt: float) -> tuple[Array, Array]:
     """Return positions and velocities of cubics through the neighbours of every instant, (N, n)."""
+    from scipy.signal import savgol_filter  # most of a second
+
     window = min(max(2 * round(WINDOW / dt) + 1, 5), (len(q) - 1) // 2 * 2 + 1)
     x, v = (savgol_filter(q, window, 3, deriv=k, delta=dt, axis=0) for k in (0, 1))
     return x, v

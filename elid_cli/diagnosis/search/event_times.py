@@ -21,7 +21,7 @@ INSTANT = "start"
 """Name of the shape that is the instant of a change."""
 BESIDE = 0.1
 """Distance from a held-out stretch, s, up to which an instant counts as within it."""
-TRIED, CLOSER = 41, 9
+TRIED, CLOSER = 21, 9
 """Instants that are tried in a stretch, and then around the best of them."""
 
 
