@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
-from elid_cli.lapack import lapack
 from elid_cli.memory import Recent
 from elid_cli.model.regressor import BASE_TERMS, Regressor
 from elid_cli.robot.parameter import StandardParameter
@@ -178,7 +177,7 @@ def leftmost(columns: Array, tolerance: float, *, null: float | None = None) -> 
     solution: Array = np.zeros((len(leaders), len(followers)))
     if leaders and followers:
         known = basis[: len(leaders)]  # on which the leaders are a triangle
-        solution[:] = lapack().dtrtrs(known @ unit[:, leaders], known @ unit[:, followers])[0]
+        solution[:] = np.linalg.solve(np.triu(known @ unit[:, leaders]), known @ unit[:, followers])
         solution[np.abs(solution) < ZERO_COEFFICIENT] = 0.0
         solution *= norms[followers][None] / norms[leaders][:, None]
     margin = kept / max(dropped, float(np.finfo(float).eps)) if leaders else 0.0
