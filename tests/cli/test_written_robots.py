@@ -11,9 +11,10 @@ import pytest
 
 from elid_cli.cli import main
 from elid_cli.cli.robot_files import stays_aside
+from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.logs.writing import write_recording
 from elid_cli.robot.files import read_robot
-from elid_cli.signals.recording import Recording
+from elid_cli.robot.robot import Robot
 
 ROOT = Path(__file__).parents[2]
 
@@ -25,11 +26,12 @@ ARM = """<mujoco model="arm"><compiler angle="radian"/><option gravity="0 -9.81 
 
 
 def test_a_stiffness_that_the_users_mjcf_cannot_hold_is_said(
-    noisy: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    planar: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log, arm, out = tmp_path / "log.csv", tmp_path / "arm.xml", tmp_path / "out.xml"
     arm.write_text(ARM)
-    write_recording(noisy, log)
+    sensors = SensorOptions(position_noise=3e-5, torque_noise_relative=0.03)
+    write_recording(simulate(planar, SimulationOptions(duration=8.0, rate=500.0, seed=3, sensors=sensors)), log)
     words = ["identify", str(log), "--robot", str(arm), "--write-robot", str(out), "--json"]
     assert main(words) == 2  # the bodies nearest to least squares are no real ones: no simulator would load the file
     refused = capsys.readouterr().err
