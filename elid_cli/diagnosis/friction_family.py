@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.special import stdtrit
 
 from elid_cli._types import Array, Progress
@@ -20,7 +21,6 @@ from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.diagnosis.summary import channel_specs
 from elid_cli.errors import DataError, UsageError
 from elid_cli.estimation.judgement import JointError
-from elid_cli.estimation.minima import between
 from elid_cli.estimation.refined_robot import representative
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of, with_effects
 from elid_cli.estimation.regression.least_squares import reweighted
@@ -48,8 +48,6 @@ START = 0.1
 """Stribeck velocity of members that have none, as a part of the joint's top speed."""
 SLOWEST, FASTEST, PLACES = 0.015, 0.6, 12
 """Stribeck velocities that are tried first, as parts of the top speed, and how many."""
-LOOKS = 50
-"""Most of them between two of those."""
 EVEN = 0.5
 """Last shape to start from: as much of the motor's torque as of the load."""
 AGREED, AGREEING = 3e-4, 8
@@ -206,7 +204,10 @@ def _shaped(plain: State, scene: Scene, joint: int, member: Member, speed: float
     grid = np.log(speed) + np.linspace(np.log(SLOWEST), np.log(FASTEST), PLACES)
     _, form, place = min((loss(x, form), form, x) for form in member.forms for x in grid.tolist())
     step = float(grid[1] - grid[0])
-    return effect(between(lambda x: loss(x, form), place - step, place + step, LOOKS, apart=1e-3), form)
+    found = minimize_scalar(
+        lambda x: loss(x, form), bounds=(place - step, place + step), method="bounded", options={"xatol": 1e-3}
+    )
+    return effect(float(found.x), form)
 
 
 def agreed(state: State) -> tuple[State, bool]:

@@ -11,7 +11,6 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.fit.gain import JUDGED, Gain, settled
 from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.diagnosis.search.side_by_side import side_by_side
-from elid_cli.estimation.minima import between, by_simplex
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
 from elid_cli.estimation.regression.known_columns import Fresh
 from elid_cli.estimation.regression.triangles import ExtraColumns
@@ -271,6 +270,8 @@ def _beyond(state: State, candidate: Candidate, groups: int) -> bool:
 
 def _refined(state: State, candidate: Candidate, groups: int) -> Candidate:
     """Return the candidate with its positive shapes refined by a bounded search around the grid's best."""
+    from scipy.optimize import minimize, minimize_scalar
+
     kind, joint = type(candidate.effect), candidate.effect.joint
     start = np.array(candidate.effect.shape)
     free = np.array([s > 0 and not _whole(kind, k) for k, s in enumerate(start)])
@@ -295,10 +296,11 @@ def _refined(state: State, candidate: Candidate, groups: int) -> Candidate:
         return -trial.rank[1]
 
     if int(free.sum()) == 1:
-        between(lambda z: cost(np.array([z])), -span, span, 14)
+        minimize_scalar(lambda z: cost(np.array([z])), bounds=(-span, span), method="bounded", options={"maxiter": 14})
     else:
         size = int(free.sum())
-        by_simplex(cost, np.vstack([np.zeros(size), 0.35 * span * np.eye(size)]), 40)
+        simplex = np.vstack([np.zeros(size), 0.35 * span * np.eye(size)])
+        minimize(cost, np.zeros(size), method="Nelder-Mead", options={"maxfev": 40, "initial_simplex": simplex})
     return best
 
 

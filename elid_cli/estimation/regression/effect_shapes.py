@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.minima import least_squares
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of
 from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.other_shapes import APART
@@ -37,8 +36,6 @@ _ALIKE = 60.0
 """Cost above the least up to which a valley is worth a look (`valleys.told_apart`)."""
 _STEP = 1e-3
 """Relative step of the shapes' finite differences."""
-_STEPS = 25
-"""Most steps that are tried of one refinement."""
 
 
 def fit_declared(
@@ -150,7 +147,11 @@ def _among(point: Array, others: Sequence[Array]) -> bool:
 
 
 def _refine(cost: Callable[[Array], Array], start: Array, bounds: tuple[Array, Array]) -> tuple[Array, float]:
-    return least_squares(cost, start, bounds, _STEP, _STEPS)
+    from scipy.optimize import least_squares
+
+    step = np.full(len(start), _STEP)
+    found = least_squares(cost, start, bounds=bounds, diff_step=step, x_scale=0.3, max_nfev=25)
+    return np.asarray(found.x), float(found.cost)
 
 
 def _valleys(cost: Callable[[Array], Array], begin: Array, bounds: tuple[Array, Array]) -> list[Array]:
