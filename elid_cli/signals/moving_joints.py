@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.memory import let_go
-from elid_cli.quantiles import quantiles
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts, in_parts
 from elid_cli.signals.motion import Motion, SplineMotion
@@ -80,7 +79,7 @@ def held(link: Array, motor: Array, robot: Robot, segments: Sequence[Segment]) -
             held &= high - low < JOLT
             if not held.any():
                 break
-            inner, outer = quantiles(values.T, (0.02, 0.98))
+            inner, outer = np.quantile(values, (0.02, 0.98), axis=0)
         else:
             filled = np.where(there, values, np.where(there.any(axis=0), np.nan, 0.0))
             low, inner, outer, high = np.nanpercentile(filled, [0, 2, 98, 100], axis=0)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.logs.repair.scattered import bridged, scattered
 from elid_cli.memory import let_go
-from elid_cli.quantiles import quantiles
 
 Rows = NDArray[np.intp]
 
@@ -113,8 +112,8 @@ class _Usual:
         largest = np.abs(seen).max(axis=(1, 2))  # NaN where a sample is missing
         if not (steps.min(axis=1, initial=np.inf) > FINEST * largest).all() or not bends.size:
             return [_Usual._of(*column) for column in zip(seen, bends, steps, strict=True)]
-        fine, coarse = quantiles(steps, (0.02, 0.999))  # as good as every log: all columns at once
-        (bend,) = quantiles(bends, (0.7,))
+        fine, coarse = np.quantile(steps, (0.02, 0.999), axis=1)  # as good as every log: all columns at once
+        bend = np.quantile(bends, 0.7, axis=1)
         return [_Usual(*sizes) for sizes in zip(bend.tolist(), coarse.tolist(), (2 * fine).tolist(), strict=True)]
 
     @staticmethod

@@ -11,7 +11,6 @@ from elid_cli._types import Array
 from elid_cli.logs.repair.grid import Grid, interpolate
 from elid_cli.logs.repair.timeline import fill_limit
 from elid_cli.memory import extremes, let_go, writable
-from elid_cli.quantiles import quantiles
 
 
 def fill(
@@ -95,7 +94,7 @@ def without_glitches(signal: str, joints: Sequence[str], values: Array, repairs:
     least, most = extremes(values)
     if not (most - least > AT_LEAST).any():
         return values
-    low, high = quantiles(glance.T, (0.01, 0.99)) if held.all() else np.nanpercentile(glance, [1, 99], axis=0)
+    low, high = np.quantile(glance, (0.01, 0.99), axis=0) if held.all() else np.nanpercentile(glance, [1, 99], axis=0)
     reach = BEYOND * (high - low) + AT_LEAST
     suspects = np.flatnonzero((least < low - reach) | (most > high + reach))
     mended = values
