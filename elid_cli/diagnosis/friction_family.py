@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 from scipy.special import stdtrit
 
 from elid_cli._types import Array, Progress
@@ -190,6 +189,8 @@ def _settled(plain: State, joint: int, member: Member, speed: float) -> tuple[St
 
 def _shaped(plain: State, scene: Scene, joint: int, member: Member, speed: float, lean: float = EVEN) -> Effect:
     """Return the member in the shape that explains most of what the plain model leaves of the search's stretches."""
+    from scipy.optimize import minimize_scalar
+
     kind = family()
 
     def effect(logarithm: float, form: float) -> Effect:
