@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.model.coordinates import coordinates_of
+from elid_cli.model.coordinates import chains_of, coordinates_of, side_by_side
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.regressor import inputs_of
 from elid_cli.model.rollout_loops import SWEEPS, compiled_steps
@@ -104,6 +104,7 @@ class Linearised:
         self._program = dynamics.inverse_program
         self.robot = robot
         self.coordinates = coordinates_of(robot)
+        self._chain = chains_of(robot)
 
     def about(self, x: Array, v: Array) -> Local:
         """Return the equations about a motion x (N, S, m) with velocities v."""
@@ -112,13 +113,15 @@ class Linearised:
         still, none = np.zeros_like(flat), np.zeros_like(flat)
         force = self._torques(flat, speed, none)
         rest = self._torques(flat, still, none)
-        mass = np.empty((*flat.shape, count))
-        slope = np.empty((*flat.shape, count))
-        for k in range(count):
+        mass, slope = np.empty((2, *flat.shape, count))
+        for moved in side_by_side(self._chain):
             unit = np.zeros_like(flat)
-            unit[:, k] = 1.0
-            mass[:, :, k] = self._torques(flat, still, unit) - rest
-            slope[:, :, k] = (self._torques(flat + SLIGHT * unit, still, none) - rest) / SLIGHT
+            unit[:, moved] = 1.0
+            pulled = self._torques(flat, still, unit) - rest
+            bent = (self._torques(flat + SLIGHT * unit, still, none) - rest) / SLIGHT
+            for k in moved:
+                own = self._chain == self._chain[k]
+                mass[:, :, k], slope[:, :, k] = np.where(own, pulled, 0.0), np.where(own, bent, 0.0)
         shape = x.shape
         return Local(mass.reshape(*shape, count), force.reshape(shape), slope.reshape(*shape, count), x)
 
@@ -270,11 +273,12 @@ def _advance(part: _Part, start: tuple[Array, Array], drives: Drives, joints: Jo
         return advance_arrays(part, start, drives, joints, dt)
     shape = np.broadcast_shapes(joints.coulomb.shape, part.force.shape[1:])
     x, v = np.empty((2, len(part.force), *shape))
-    flat = [np.ascontiguousarray(np.broadcast_to(values, shape)) for values in (
+    flat = [np.broadcast_to(values, shape) for values in (
         joints.inertia, joints.coulomb, joints.viscous, joints.offset, drives.limit)]  # fmt: skip
-    flat += [np.ascontiguousarray(np.broadcast_to(values, (len(values), *shape))) for values in _over_time(joints)]
+    flat += [np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints)]
     arrays = (part.mass, part.force, part.slope, part.place, drives.told, drives.kp, drives.kd, *start)
-    compiled(*map(np.ascontiguousarray, arrays), *flat, dt, x, v)
+    # contiguous and writable, as a broadcast view is not: of every other kind of array Numba compiles the loops anew
+    compiled(*(np.require(values, requirements=("C", "W")) for values in (*arrays, *flat)), dt, x, v)
     return x, v
 
 

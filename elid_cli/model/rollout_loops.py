@@ -41,9 +41,11 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
     instants, variants, stretches, chains, size = xs.shape
     each = len(told) // (instants - 1)
     h = dt / each
-    inverse = np.empty((size, size))
+    inverse, bend = np.empty((size, size)), np.empty((size, size))
     x, v, held, middle, rhs, faster = (np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
                                        np.empty(size))  # fmt: skip
+    pulled, pull, where, move, off, pushed, bound = (np.empty(size), np.empty(size), np.empty(size), np.empty(size),
+                                                     np.empty(size), np.empty(size), np.empty(size))  # fmt: skip
     for a in range(variants):
         for s in range(stretches):
             for c in range(chains):
@@ -52,10 +54,12 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                     xs[0, a, s, c, i], vs[0, a, s, c, i] = x[i], v[i]
                 for k in range(instants - 1):
                     for i in range(size):
+                        # force and slope between two instants, and how they change, about where the motion is
+                        pulled[i], pull[i] = force[k, s, c, i], force[k + 1, s, c, i] - force[k, s, c, i]
                         for m in range(size):
-                            bend = 0.5 * (slope[k, s, c, i, m] + slope[k + 1, s, c, i, m])
-                            full = 0.5 * (mass[k, s, c, i, m] + mass[k + 1, s, c, i, m]) + 0.25 * h * h * bend
-                            inverse[i, m] = full
+                            half = 0.5 * (slope[k, s, c, i, m] + slope[k + 1, s, c, i, m])
+                            full = 0.5 * (mass[k, s, c, i, m] + mass[k + 1, s, c, i, m]) + 0.25 * h * h * half
+                            bend[i, m], inverse[i, m] = half, full
                         damping = viscous[a, s, c, i] + kd[s, c, i]
                         inverse[i, i] += inertia[a, s, c, i] + 0.5 * h * damping + 0.25 * h * h * kp[s, c, i]
                     for n in range(size):  # Gauss-Jordan in place; a mass matrix needs no pivots
@@ -70,33 +74,39 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                                 for m in range(size):
                                     inverse[i, m] -= factor * inverse[n, m]
                     p, g = k if len(push) > 1 else 0, k if len(grip) > 1 else 0
+                    for i in range(size):
+                        pushed[i] = push[p, a, s, c, i]
+                        bound[i] = h * max(coulomb[a, s, c, i] + grip[g, a, s, c, i], 0.0)
+                        where[i], move[i] = place[k, s, c, i], place[k + 1, s, c, i] - place[k, s, c, i]
                     for j in range(each):
                         w = (j + 0.5) / each
                         for i in range(size):
                             middle[i] = x[i] + 0.5 * h * v[i]
+                            off[i] = middle[i] - (where[i] + w * move[i])
                         for i in range(size):
                             drive = told[k * each + j, s, c, i] - kp[s, c, i] * middle[i] - kd[s, c, i] * v[i]
                             drive = min(max(drive, -limit[a, s, c, i]), limit[a, s, c, i]) - offset[a, s, c, i]
-                            drive -= viscous[a, s, c, i] * v[i] + push[p, a, s, c, i]
-                            one, other = force[k, s, c, i], force[k + 1, s, c, i]
-                            drive -= one + w * (other - one)
+                            drive -= viscous[a, s, c, i] * v[i] + pushed[i]
+                            drive -= pulled[i] + w * pull[i]
                             for m in range(size):
-                                bend = 0.5 * (slope[k, s, c, i, m] + slope[k + 1, s, c, i, m])
-                                one, other = place[k, s, c, m], place[k + 1, s, c, m]
-                                drive -= bend * (middle[m] - (one + w * (other - one)))
+                                drive -= bend[i, m] * off[m]
                             rhs[i] = h * drive - held[i]
                         for i in range(size):
                             faster[i] = v[i]
                             for m in range(size):
                                 faster[i] += inverse[i, m] * rhs[m]
                         for _ in range(SWEEPS):
+                            settled = True
                             for i in range(size):
-                                bound = h * max(coulomb[a, s, c, i] + grip[g, a, s, c, i], 0.0)
-                                new = min(max(held[i] + faster[i] / inverse[i, i], -bound), bound)
+                                new = min(max(held[i] + faster[i] / inverse[i, i], -bound[i]), bound[i])
                                 change = new - held[i]
-                                for m in range(size):
-                                    faster[m] -= inverse[m, i] * change
-                                held[i] = new
+                                if change != 0.0:
+                                    settled = False
+                                    for m in range(size):
+                                        faster[m] -= inverse[m, i] * change
+                                    held[i] = new
+                            if settled:  # the usual case of joints that move: friction is as it was
+                                break
                         for i in range(size):
                             x[i] += 0.5 * h * (v[i] + faster[i])
                             v[i] = faster[i]

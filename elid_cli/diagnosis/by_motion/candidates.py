@@ -24,6 +24,8 @@ from elid_cli.model.effects.scene import Scene
 
 FINEST = 160
 """Shapes of one effect that are tried at a joint."""
+TOGETHER = 2e6
+"""Numbers of each array that effects are judged by at a time."""
 REFINED = (0.2, 0.1, 0.05, 0.02)
 """Parts of itself by which a shape is moved, one after the other, while that helps."""
 STILL = 1e-9
@@ -97,27 +99,12 @@ def screened(
     kinds, present
         Effects to try, and those that the model holds.
     """
-    fixed = [view.columns for view in views]
-    recordings = 1 + max(view.source for view in views)
-    edges = edges_of(views)
-    error = np.concatenate([view.error[:, joint] for view in views])
-    plain = Blocks.of(np.concatenate(fixed), error, edges).left()
-
-    def judged(effect: Effect) -> Candidate | None:
-        columns = [_placed(responses(effect, view, joint), view.source, recordings) for view in views]
-        if not all(np.isfinite(c).all() for c in columns) or not any(c.any() for c in columns):
-            return None
-        design = np.concatenate([np.concatenate([a, c], axis=1) for a, c in zip(fixed, columns, strict=True)])
-        blocks = Blocks.of(design, error, edges)
-        share, helped = gain(plain, blocks.left())
-        return Candidate(effect, share, helped, _amplitudes(blocks, fixed[0].shape[1], len(effect.amplitudes)))
-
+    recordings = [_Recording.of(own, joint) for own in recordings_of(views)]
     found = []
     for kind in kinds:
-        tried = [judged(effect) for effect in _shapes(kind, views[0].scene, joint, present)]
-        best = max((c for c in tried if c is not None), key=lambda c: c.gain, default=None)
+        best = _best(recordings, list(_shapes(kind, views[0].scene, joint, present)))
         if best is not None and best.gain > WORTH:
-            best = _refined(best, judged)
+            best = _refined(best, lambda effect: _best(recordings, [effect]))
         if best is not None and _plausible(best, views[0].scene):
             found.append(best)
     return sorted(found, key=lambda c: -c.gain)
@@ -162,12 +149,66 @@ def _shapes(kind: type[Effect], scene: Scene, joint: int, present: Sequence[Effe
             yield kind(joint, shape)
 
 
-def responses(effect: Effect, view: View, joint: int) -> Array:
-    """Return what amplitudes of 1 do to a joint's position, weighted, (N, d)."""
-    done = acting((effect,), view.scene)
+@dataclass(frozen=True)
+class _Recording:
+    """The stretches of one recording, one after the other, as effects at a joint are judged in them."""
+
+    views: Sequence[View]
+    joint: int
+    known: Array
+    """Columns of what is fitted beside each effect, and the error, (N, c + 1)."""
+    edges: NDArray[np.intp]
+    plain: Blocks
+    left: Array
+    """Squared error of every block without an effect, (B,)."""
+
+    @classmethod
+    def of(cls, views: Sequence[View], joint: int) -> _Recording:
+        columns = np.concatenate([view.columns for view in views])
+        error = np.concatenate([view.error[:, joint] for view in views])
+        edges = edges_of(views)
+        plain = Blocks.of(columns, error, edges)
+        return cls(views, joint, np.concatenate([columns, error[:, None]], axis=1), edges, plain, plain.left())
+
+    def beside(self, effects: Sequence[Effect]) -> Blocks:
+        """Return the normal equations of E effects of one kind, each alone beside what is known."""
+        moved = np.concatenate([responses(effects, view, self.joint) for view in self.views])
+        return self.plain.beside(self.known, moved.reshape(len(moved), len(effects), -1), self.edges)
+
+
+def _best(recordings: Sequence[_Recording], effects: Sequence[Effect]) -> Candidate | None:
+    """Return the effect of one kind that takes away most; None where none does anything."""
+    each = max(1, int(TOGETHER / sum(len(own.known) for own in recordings)))
+    parts = [_best_of_few(recordings, effects[k : k + each]) for k in range(0, len(effects), each)]
+    return max((c for c in parts if c is not None), key=lambda c: c.gain, default=None)
+
+
+def _best_of_few(recordings: Sequence[_Recording], effects: Sequence[Effect]) -> Candidate | None:
+    count = len(effects[0].amplitudes)
+    blocks = [own.beside(effects) for own in recordings]
+    # an effect that does nothing, or runs away, is none
+    sizes = sum(np.einsum("ebii->e", own.matrix[..., -count:, -count:]) for own in blocks)
+    possible = np.flatnonzero(np.isfinite(sizes) & (sizes > 0))
+    if not len(possible):
+        return None
+    blocks = [Blocks(own.matrix[possible], own.load[possible], own.square) for own in blocks]
+    plain = np.concatenate([own.left for own in recordings])
+    gains = [gain(plain, left) for left in np.concatenate([own.left() for own in blocks], axis=1)]
+    best = max(range(len(gains)), key=lambda k: gains[k][0])
+    # each recording has amplitudes of its own
+    steps = [step_of(own.matrix[best].sum(axis=0), own.load[best].sum(axis=0), DAMPING)[-count:] for own in blocks]
+    return Candidate(effects[possible[best]], *gains[best], np.median(steps, axis=0))
+
+
+def responses(effects: Sequence[Effect], view: View, joint: int) -> Array:
+    """Return what amplitudes of 1 of effects do to a joint's position, weighted, (N, D)."""
     speed = view.scene.motion.dtheta[:, joint]
-    torque = done.push[:, :, joint] + done.grip[:, :, joint] * np.sign(speed)
-    moved: Array = moved_by(torque, view.response[joint], np.abs(speed) < STILL).T * view.weight[:, [joint]]
+    torques = []
+    for effect in effects:
+        done = acting((effect,), view.scene)
+        torques.append(done.push[:, :, joint] + done.grip[:, :, joint] * np.sign(speed))
+    sticks = np.abs(speed) < STILL
+    moved: Array = moved_by(np.concatenate(torques), view.response[joint], sticks).T * view.weight[:, [joint]]
     return moved
 
 
@@ -195,6 +236,15 @@ def moved_by(torque: Array, response: tuple[Array, Array], sticks: NDArray[np.bo
     return moved
 
 
+def recordings_of(views: Sequence[View]) -> list[list[View]]:
+    """Return the stretches of every recording.
+
+    Friction follows the temperature: what differs between recordings is not to be taken for an effect. So each has
+    values of its own, and nothing of one recording says anything of another.
+    """
+    return [[view for view in views if view.source == source] for source in sorted({view.source for view in views})]
+
+
 def edges_of(views: Sequence[View]) -> NDArray[np.intp]:
     """Return where the blocks of all stretches, one after the other, begin."""
     from elid_cli.estimation.trajectory.normal_equations import BLOCKS
@@ -204,20 +254,6 @@ def edges_of(views: Sequence[View]) -> NDArray[np.intp]:
         starts.append(first + np.linspace(0, len(view.error), BLOCKS + 1).astype(np.intp)[:-1])
         first += len(view.error)
     return np.concatenate(starts)
-
-
-def _placed(columns: Array, source: int, recordings: int) -> Array:
-    """Return the columns of an effect whose amplitudes each recording has for itself."""
-    wide = np.zeros((len(columns), recordings * columns.shape[1]))
-    wide[:, source * columns.shape[1] : (source + 1) * columns.shape[1]] = columns
-    return wide
-
-
-def _amplitudes(blocks: Blocks, first: int, count: int) -> Array:
-    """Return the amplitudes of the linear step, the median of the recordings'."""
-    whole, pull = blocks.matrix.sum(axis=0), blocks.load.sum(axis=0)
-    step = step_of(whole, pull, DAMPING)
-    return np.asarray(np.median(step[first:].reshape(-1, count), axis=0))
 
 
 def _plausible(candidate: Candidate, scene: Scene) -> bool:

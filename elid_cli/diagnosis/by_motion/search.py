@@ -13,7 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
-from elid_cli.diagnosis.by_motion.candidates import Candidate, View, best_of, edges_of, kinds_of, screened
+from elid_cli.diagnosis.by_motion.candidates import (
+    Candidate,
+    View,
+    best_of,
+    edges_of,
+    kinds_of,
+    recordings_of,
+    screened,
+)
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
 from elid_cli.diagnosis.by_motion.refits import again, grown, without
@@ -176,7 +184,7 @@ def _best(
         # with an effect that was taken the motion is near
         seen = views, measured if not further and is_clean(views, measured, joint) else ()
         candidates = best_of(
-            *(screened(by_recording(of, unknown, joint), joint, kinds, fit.effects) if of else [] for of in seen)
+            *(screened(seen_by(of, unknown, joint), joint, kinds, fit.effects) if of else [] for of in seen)
         )
         tried += len(candidates)
         if not candidates:
@@ -200,20 +208,9 @@ def own_unknowns(unknowns: Unknowns, joint: int) -> NDArray[np.intp]:
     return np.concatenate([np.arange(kinds * joint, kinds * (joint + 1)), effects, delays])
 
 
-def by_recording(views: Sequence[View], unknown: NDArray[np.intp], joint: int) -> list[View]:
-    """Return views whose columns are some unknowns, each recording with values of its own.
-
-    Friction follows the temperature: what differs between recordings is not to be taken for an effect.
-    """
-    recordings = 1 + max(view.source for view in views)
-    found = []
-    for view in views:
-        own = view.columns[:, joint, unknown]
-        used = own.any(axis=0)
-        spread = np.zeros((len(own), recordings * own.shape[1]))
-        spread[:, view.source * own.shape[1] : (view.source + 1) * own.shape[1]] = np.where(used, own, 0.0)
-        found.append(replace(view, columns=spread))
-    return found
+def seen_by(views: Sequence[View], unknown: NDArray[np.intp], joint: int) -> list[View]:
+    """Return views whose columns are those of some unknowns at a joint."""
+    return [replace(view, columns=view.columns[:, joint, unknown]) for view in views]
 
 
 def _kept(
@@ -263,14 +260,14 @@ def _judged(fit: TrajectoryFit, views: Sequence[View], place: int, item: Named) 
     unknown = own_unknowns(fit.unknowns, joint)
     part = fit.unknowns.amplitudes_of(place)
     z = fit.z[part]
-    own = by_recording(views, unknown, joint)
-    count = len(unknown)
-    recordings = own[0].columns.shape[1] // count
     shapes, _ = fit.unknowns.shapes_of(place)
-    of_effect = np.tile(((unknown >= part.start) & (unknown < part.stop)) | np.isin(unknown, shapes), recordings)
-    columns = np.concatenate([view.columns for view in own])
-    # the error that would be there without it
-    bare = np.concatenate([view.error[:, joint] - view.columns[:, joint, part] @ z for view in views])
-    blocks = Blocks.of(columns, bare, edges_of(views))
-    share, helped = gain(blocks.left(~of_effect), blocks.left())
+    of_effect = ((unknown >= part.start) & (unknown < part.stop)) | np.isin(unknown, shapes)
+    left = []
+    for own in recordings_of(views):
+        columns = np.concatenate([view.columns[:, joint, unknown] for view in own])
+        # the error that would be there without it
+        bare = np.concatenate([view.error[:, joint] - view.columns[:, joint, part] @ z for view in own])
+        blocks = Blocks.of(columns, bare, edges_of(own))
+        left.append((blocks.left(~of_effect), blocks.left()))
+    share, helped = gain(*np.concatenate(left, axis=1))
     return replace(item, effect=fit.effects[place], gain=share, helped=helped)

@@ -138,10 +138,15 @@ def acting(effects: Sequence[Effect], scene: Scene) -> Acting:
 
 def _creeping(scene: Scene) -> tuple[Scene, Array]:
     """Return the scene with joints that stick moving slowly as they moved last, and the direction of all, (N, n)."""
+    if "creeping" in scene.cache:
+        known: tuple[Scene, Array] = scene.cache["creeping"]
+        return known
     v = scene.motion.dtheta
     moving = np.abs(v) > 1e-9
     latest = np.maximum.accumulate(np.where(moving, np.arange(len(v))[:, None], 0), axis=0)
     direction = np.sign(np.take_along_axis(v, latest, axis=0))
     direction[direction == 0] = 1.0
     speed = direction * np.maximum(np.abs(v), CREEP)
-    return replace(scene, motion=replace(scene.motion, dtheta=speed), cache={}), direction
+    found = replace(scene, motion=replace(scene.motion, dtheta=speed), cache={}), direction
+    scene.cache["creeping"] = found
+    return found

@@ -188,11 +188,11 @@ def _stepped(
     done = _acting(unknowns, item, local, z, parameters)
     stiffness, damping = _resisting(unknowns, item, local, z, parameters)
     strength, still = np.zeros(0), np.zeros(0, dtype=np.intp)
-    if done is not None:
+    if done is not None and groups:
         strength = np.sqrt(np.mean((done.push + done.grip) ** 2, axis=1).sum(axis=-1))
         spread = np.ptp(done.push, axis=1).max(axis=-1)
         still = np.flatnonzero((spread <= CONSTANT * np.abs(done.push).max(axis=(1, 2))) & ~done.grip.any(axis=(1, 2)))
-    steps = steps_of(unknowns, z, strength)
+    steps = steps_of(unknowns, z, strength) if groups else np.zeros(0)
     joints = _variants(unknowns, z, steps, groups, done)
     if groups and joints.push is not None:
         _bend_shapes(unknowns, z, steps, groups, _scene(unknowns, item, local, parameters), joints)
@@ -299,7 +299,7 @@ def passed(
     seen = [weighed(own.error, item.usual, item.counts) for item, own in zip(tracked, moved, strict=True)]
     bend = np.sqrt(bent(seen))
     found = [
-        _summed(item.run, own, slopes, weights, bend, whole=whole)
+        _summed(item.run, own, slopes, weights, bend, unknowns, whole=whole)
         for item, own, slopes in zip(tracked, seen, columns, strict=True)
     ]
     sums = {field.name: np.concatenate([getattr(item, field.name) for item in found])
@@ -307,25 +307,36 @@ def passed(
     return Equations(**sums, spans=tuple(span for item in found for span in item.spans)), columns
 
 
-def _summed(run: Run, seen: Weighed, columns: Array, weights: Array, bend: Array, *, whole: bool) -> Equations:
+def _summed(
+    run: Run, seen: Weighed, columns: Array, weights: Array, bend: Array, unknowns: Unknowns, *, whole: bool
+) -> Equations:
     """Return the sums over every block of one stretch."""
     edges = np.linspace(0, len(seen.error), BLOCKS + 1).astype(int)
     scale, count = seen.light * weights, columns.shape[2]
-    straight, matrices, loads = np.zeros((BLOCKS, count, count)), [], []
-    for k, (a, b) in enumerate(pairwise(edges)):
-        light = columns[a:b] * scale[a:b, :, None]
-        flat, bending = (part.reshape(-1, count) for part in (light, light * bend[:, None]))
-        loads.append(flat.T @ (seen.error[a:b] * scale[a:b]).ravel())
-        matrices.append(bending.T @ bending)
-        if whole:
-            straight[k] = flat.T @ flat
+    straight, matrices, loads = (
+        np.zeros((BLOCKS, count, count)),
+        np.zeros((BLOCKS, count, count)),
+        np.zeros((BLOCKS, count)),
+    )
+    for chain, joints in enumerate(unknowns.chains):  # their unknowns and the delays move them, no others
+        own = np.flatnonzero(np.isin(unknowns.chain_of, (chain, len(unknowns.chains))))
+        both = np.ix_(own, own)
+        light = columns[:, joints[:, None], own] * scale[:, joints, None]
+        force = seen.error[:, joints] * scale[:, joints]
+        for k, (a, b) in enumerate(pairwise(edges)):
+            flat = light[a:b].reshape(-1, len(own))
+            bending = (light[a:b] * bend[joints, None]).reshape(-1, len(own))
+            loads[k, own] += flat.T @ force[a:b].ravel()
+            matrices[k][both] += bending.T @ bending
+            if whole:
+                straight[k][both] += flat.T @ flat
 
     def by_block(values: Array) -> Array:
         found: Array = np.add.reduceat(values, edges[:-1], axis=0)
         return found
 
     return Equations(
-        np.array(matrices), straight, np.array(loads), by_block(seen.error**2), by_block(seen.loss),
+        matrices, straight, loads, by_block(seen.error**2), by_block(seen.loss),
         by_block((seen.error * seen.light**2) ** 2), by_block(seen.bend), by_block(np.abs(seen.error)), np.diff(edges),
         tuple((run.source, float(run.t[a]), float(run.t[b - 1])) for a, b in pairwise(edges)),
     )  # fmt: skip

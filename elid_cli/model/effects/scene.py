@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -56,7 +56,7 @@ class Scene:
     """The part of the motor torques that a delay of the channel moves; None: all of them."""
     tau_link: Array | None = None
     """Measured torque in the transmission, where joint torque sensors exist."""
-    cache: dict[object, Array] = field(default_factory=dict, compare=False, repr=False)
+    cache: dict[object, Any] = field(default_factory=dict, compare=False, repr=False)
     """Results that several effects share, keyed by (name, …)."""
 
     @property

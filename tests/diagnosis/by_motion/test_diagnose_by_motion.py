@@ -14,7 +14,7 @@ from elid_cli.cli import main
 from elid_cli.diagnosis.by_motion.candidates import best_of, kinds_of, screened
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
 from elid_cli.diagnosis.by_motion.refits import grown
-from elid_cli.diagnosis.by_motion.search import by_recording, own_unknowns
+from elid_cli.diagnosis.by_motion.search import own_unknowns, seen_by
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.estimation.trajectory.fit import fit_trajectory
 from elid_cli.estimation.trajectory.found_effects import fitted_effects
@@ -120,7 +120,7 @@ def test_what_is_large_is_seen_from_the_measured_motion(tmp_path: Path) -> None:
     measured = measured_views(fit, views)
     assert is_clean(views, measured, 1)
     kinds, unknown = kinds_of(effect_classes(), ()), own_unknowns(fit.unknowns, 1)
-    simulated, seen = (screened(by_recording(of, unknown, 1), 1, kinds, ()) for of in (views, measured))
+    simulated, seen = (screened(seen_by(of, unknown, 1), 1, kinds, ()) for of in (views, measured))
     assert "quadratic_viscous" not in {c.effect.name for c in simulated if c.gain > 0.5}
     best = best_of(simulated, seen)[0]
     assert best.effect.name == "quadratic_viscous"

@@ -113,7 +113,8 @@ def _columns(scene: Scene) -> Array:
     key = ("last body",)
     if key not in scene.cache:
         scene.cache[key] = last_body(scene.robot, scene.motion) * independent(scene.robot)[:, None]
-    return scene.cache[key]
+    found: Array = scene.cache[key]
+    return found
 
 
 def _gain(rows: Array, missing: Array) -> Array:
