@@ -148,6 +148,16 @@ class Column:
     align: Literal["left", "right"] = "left"
     span: bool = False
 
+    @classmethod
+    def texts(cls, **titles: str) -> tuple[Column, ...]:
+        """Return columns of words, flush left: key=title."""
+        return tuple(cls(key, title) for key, title in titles.items())
+
+    @classmethod
+    def numbers(cls, unit: str = "", /, **titles: str) -> tuple[Column, ...]:
+        """Return columns of numbers, flush right: key=title; `unit` where all rows of all of them have the same."""
+        return tuple(cls(key, title, unit, "right") for key, title in titles.items())
+
     @property
     def head(self) -> str:
         """Title with unit."""

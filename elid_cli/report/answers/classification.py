@@ -144,13 +144,13 @@ def reasons_table(found: Identification, shown: int = 12, hiding: Collection[int
             groups.setdefault((kind, reason), []).append(name)
     if not groups:
         return []
-    columns = (Column("parameter", "parameter"), Column("this_log", "this log"), Column("reason", "why"))
+    columns = Column.texts(parameter="parameter", this_log="this log", reason="why")
     rows = tuple((" ".join(names), Mark(*WORDS[kind]), reason) for (kind, reason), names in groups.items())
     return [Table("reasons", columns, rows, title="what this log cannot show", shown=shown)]
 
 
 def _base_table(base: BaseParameters, found: Identification | None) -> Table:
-    columns = [Column("name", "base parameter"), Column("unit", "unit")]
+    columns = [*Column.texts(name="base parameter", unit="unit")]
     if found is not None:
         columns.append(Column("verdict", "this log"))
     rows: list[tuple[Cell, ...]] = []

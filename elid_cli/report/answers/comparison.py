@@ -85,10 +85,7 @@ def _moved(comparison: Comparison, number: int, sigmas: float) -> list[Section]:
     title = f"{against}: {len(moved)} of {count} base parameters moved by more than {threshold} sd"
     columns = (
         Column("name", "base parameter"),
-        Column("before", "result 1", align="right"),
-        Column("after", f"result {number}", align="right"),
-        Column("change", "change", align="right"),
-        Column("deviations", "in sd", align="right"),
+        *Column.numbers(before="result 1", after=f"result {number}", change="change", deviations="in sd"),
         Column("unit", "unit"),
     )
     rows = tuple(_row(change) for change in moved)

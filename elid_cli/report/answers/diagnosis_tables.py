@@ -62,11 +62,8 @@ SAME = "does as well: this log cannot tell it apart"
 def residual_table(found: Diagnosis) -> Table:
     """Return the table of what the model leaves in every row, and what it follows."""
     columns = (
-        Column("joint", "joint"),
-        Column("rows", "equation"),
-        Column("rms", "residual", align="right"),
-        Column("share", "of torque", align="right"),
-        Column("ratio", "× noise", align="right"),
+        *Column.texts(joint="joint", rows="equation"),
+        *Column.numbers(rms="residual", share="of torque", ratio="× noise"),
         Column("follows", "follows"),
     )
     rows: list[tuple[Cell, ...]] = []
@@ -114,12 +111,8 @@ def effect_sections(told: DiagnosisInput) -> list[Section]:
 def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contribution]) -> list[Section]:
     """Return a table of effects with the error without and with each, and what each means."""
     columns = [
-        Column("effect", "effect"),
-        Column("joint", "joint"),
-        Column("rows", "equation"),
-        Column("error", "held-out error", align="right"),
-        Column("gain", "explains", align="right"),
-        Column("worst_quarter", "worst stretch", align="right"),
+        *Column.texts(effect="effect", joint="joint", rows="equation"),
+        *Column.numbers(error="held-out error", gain="explains", worst_quarter="worst stretch"),
     ]
     robot, poor = found.robot, poorly_fitted(found)
     rows: list[tuple[Cell, ...]] = []
@@ -203,12 +196,9 @@ def before_after_table(
 ) -> Table:
     """Return the error of every row before and after; `changed` False: nothing was added, both are the same."""
     columns = [
-        Column("joint", "joint"),
-        Column("rows", "equation"),
-        Column("trust", "model"),
+        *Column.texts(joint="joint", rows="equation", trust="model"),
         *((Column("before", "before", align="right"),) if changed else ()),
-        Column("after", "after" if changed else "error", align="right"),
-        Column("relative", "of torque", align="right"),
+        *Column.numbers(after="after" if changed else "error", relative="of torque"),
     ]
     floors = any(e.floor for e in after.values())
     if floors:

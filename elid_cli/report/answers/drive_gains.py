@@ -21,11 +21,9 @@ def gains_table(gains: Sequence[DriveGain]) -> list[Section]:
     """Return the gains with their intervals; nothing where none was asked for."""
     columns = (
         Column("joint", "joint"),
-        Column("gain", "gain", align="right"),
-        Column("std_error", "± sd", align="right"),
+        *Column.numbers(gain="gain", std_error="± sd"),
         Column("relative", "± sd", "%", align="right"),
-        Column("low", "95 % from", align="right"),
-        Column("high", "to", align="right"),
+        *Column.numbers(low="95 % from", high="to"),
         Column("verdict", "verdict"),
     )
     rows: list[tuple[Cell, ...]] = []

@@ -18,7 +18,7 @@ WHERE = {
 
 def effects_report(library: Mapping[str, type[Effect]]) -> Report:
     """Return the list of effects."""
-    columns = (Column("effect", "effect"), Column("summary", "what it is"), Column("twins", "easily confused with"))
+    columns = Column.texts(effect="effect", summary="what it is", twins="easily confused with")
     rows = tuple((name, kind.summary, ", ".join(twins_of(kind))) for name, kind in library.items())
     return Report(
         command="effects",
@@ -42,7 +42,7 @@ def effect_report(kind: type[Effect]) -> Report:
         ("confused with", ", ".join(twins_of(kind)) or "nothing"),
         ("record", kind.record),
     )
-    columns = (Column("parameter", "parameter"), Column("unit", "unit"), Column("meaning", "meaning"))
+    columns = Column.texts(parameter="parameter", unit="unit", meaning="meaning")
     parameters = tuple((p.name, p.unit, p.meaning) for p in (*kind.amplitudes, *kind.shapes))
     where = "" if kind.whole_robot else ", joint: joint1"
     values = ", ".join(f"{p.name}: …" for p in (*kind.amplitudes, *kind.shapes))

@@ -47,9 +47,7 @@ def error_table(
         Column("joint", "joint"),
         *((Column("rows", "equation"),) if with_spring else ()),
         Column("trust", "model"),
-        Column("torque_rms", "torque rms", align="right"),
-        Column("rms", "held-out error" if fitted else "error", align="right"),
-        Column("relative", "of torque", align="right"),
+        *Column.numbers(torque_rms="torque rms", rms="held-out error" if fitted else "error", relative="of torque"),
     ]
     with_floor = any(e.floor is not None for e in error.values())
     if with_floor:
@@ -80,12 +78,14 @@ def sensor_table(key: str, robot: Robot, error: Mapping[str, JointError]) -> lis
     """Return how well each joint torque sensor is predicted, side by side; nothing without sensors."""
     columns = (
         Column("joint", "joint"),
-        Column("reading_rms", "sensor rms", align="right"),
-        Column("load_rms", "bodies", align="right"),
-        Column("load_share", "share", align="right"),
-        Column("spring_rms", "spring", align="right"),
-        Column("spring_share", "share", align="right"),
-        Column("drive_rms", "motor side", align="right"),
+        *Column.numbers(
+            reading_rms="sensor rms",
+            load_rms="bodies",
+            load_share="share",
+            spring_rms="spring",
+            spring_share="share",
+            drive_rms="motor side",
+        ),
     )
     rows: list[tuple[Cell, ...]] = []
     for name, e in error.items():

@@ -118,9 +118,7 @@ def expected_table(found: Excitation) -> Table:
     """Return the standard errors to expect, those aimed at where there are aims."""
     columns = (
         Column("name", "base parameter"),
-        Column("std_error", "expected ± sd", align="right"),
-        Column("relative", "rel", align="right"),
-        Column("random", "random splines ± sd", align="right"),
+        *Column.numbers(std_error="expected ± sd", relative="rel", random="random splines ± sd"),
         Column("unit", "unit"),
     )
     rows: list[tuple[Cell, ...]] = []

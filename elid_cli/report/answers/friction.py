@@ -104,8 +104,8 @@ def _sentence(found: FrictionFamily) -> str:
 def _errors(found: FrictionFamily) -> Table:
     units = {torque_unit(found.robot, joint) for joint in found.fits}
     unit = units.pop() if len(units) == 1 else ""
-    columns = [Column("joint", "joint"), Column("supported", "chosen"),
-               *(Column(name, name, align="right", unit=unit) for name in found.members)]  # fmt: skip
+    columns = [*Column.texts(joint="joint", supported="chosen")]
+    columns += [Column(name, name, unit, "right") for name in found.members]
     rows: list[tuple[Cell, ...]] = []
     for joint, fits in found.fits.items():
         own = torque_unit(found.robot, joint)
@@ -124,7 +124,7 @@ def _errors(found: FrictionFamily) -> Table:
 
 def _members(found: FrictionFamily) -> Table:
     rows = tuple((name, m.title, m.formula) for name, m in found.members.items())
-    columns = (Column("member", "member"), Column("title", "adds"), Column("formula", "largest friction torque"))
+    columns = Column.texts(member="member", title="adds", formula="largest friction torque")
     note = (
         "τm: motor torque as the model predicts it; τe: minus what the bodies beyond the joint need, so that |τm - τe| "
         "is about twice the load; e = exp(-(|v|/vs)^α). Names as in arXiv 2410.08650 (BAM)"

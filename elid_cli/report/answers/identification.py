@@ -156,8 +156,7 @@ def _base_table(found: Identification, key: str, title: str, members: Sequence[i
     doubtful = any(_mark(found.parameters[k]) for k in members)
     columns = [
         Column("name", "base parameter", span=True),
-        Column("estimate", "value", align="right"),
-        Column("std_error", "± sd", align="right"),
+        *Column.numbers(estimate="value", std_error="± sd"),
         Column("relative", "± sd", "%", align="right"),
         Column("unit", "unit"),
         *((Column("reference", "file", align="right"), Column("off", "differs", "%", align="right")) if known else ()),

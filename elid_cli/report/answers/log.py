@@ -57,11 +57,7 @@ def _answer(recording: Recording, robot: Robot, moved: Mapping[str, Mapping[str,
 def _table(robot: Robot, moved: dict[str, dict[str, Any]]) -> Table:
     columns = (
         Column("joint", "joint"),
-        Column("least", "from", align="right"),
-        Column("most", "to", align="right"),
-        Column("speed", "speed, 99 %", align="right"),
-        Column("torque", "torque rms", align="right"),
-        Column("deflection", "deflection rms", align="right"),
+        *Column.numbers(least="from", most="to", speed="speed, 99 %", torque="torque rms", deflection="deflection rms"),
     )
     rows: list[tuple[Cell, ...]] = []
     for joint in robot.joints:

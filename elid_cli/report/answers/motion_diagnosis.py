@@ -176,7 +176,7 @@ def _effect_sections(found: MotionDiagnosis) -> list[Section]:
         if found.partial:
             return [*waiting]
         return [Text("effects", "No effect that a simulated motion can hold explains what is left.")]
-    columns = (Column("effect", "effect"), Column("joint", "joint"), Column("gain", "explains", align="right"))
+    columns = (*Column.texts(effect="effect", joint="joint"), Column("gain", "explains", align="right"))
     rows: list[tuple[Cell, ...]] = [(e.effect, e.joint, percent(e.gain)) for e in found.effects]
     note = "explains: share of the joint's squared error, " + METHOD
     meanings: list[tuple[str, Cell]] = [
@@ -197,9 +197,9 @@ def _effect_sections(found: MotionDiagnosis) -> list[Section]:
 
 def _position_table(found: MotionDiagnosis) -> Table:
     columns = (
-        Column("joint", "joint"), Column("trust", "motion"), Column("before", "before", align="right"),
-        Column("after", "after", align="right"), Column("torque", "torque error after", align="right"),
-    )  # fmt: skip
+        *Column.texts(joint="joint", trust="motion"),
+        *Column.numbers(before="before", after="after", torque="torque error after"),
+    )
     rows: list[tuple[Cell, ...]] = []
     left = {item.joint for item in found.unexplained}
     for joint in found.robot.joints:

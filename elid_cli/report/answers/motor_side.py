@@ -24,13 +24,9 @@ def motor_side_sections(found: Identification) -> list[Section]:
         return []
     joints = found.motor_side.joints
     columns = (
-        Column("joint", "joint"),
-        Column("verdict", "verdict"),
-        Column("stiffness", "K", align="right"),
-        Column("std_error", "± sd", align="right"),
-        Column("rigid_to", "rigid to", "Hz", "right"),
-        Column("antiresonance", "antires.", "Hz", "right"),
-        Column("resonance", "resonance", "Hz", "right"),
+        *Column.texts(joint="joint", verdict="verdict"),
+        *Column.numbers(stiffness="K", std_error="± sd"),
+        *Column.numbers("Hz", rigid_to="rigid to", antiresonance="antires.", resonance="resonance"),
     )
     rows = tuple(_row(found, joint) for joint in joints)
     said = [Text(f"motor_side{joint.number}", f"{joint.parameter}: {joint.says}") for joint in joints if joint.says]

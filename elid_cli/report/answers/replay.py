@@ -138,9 +138,7 @@ def _unit(robot: Robot, joint: str) -> tuple[str, float]:
 def _table(robot: Robot, error: Mapping[str, PositionError], other: Mapping[str, PositionError] | None) -> Table:
     columns = [
         Column("joint", "joint"),
-        Column("mean_abs", "mean absolute error", align="right"),
-        Column("rms", "rms", align="right"),
-        Column("offset", "constant part", align="right"),
+        *Column.numbers(mean_abs="mean absolute error", rms="rms", offset="constant part"),
         *((Column("against", "mean absolute error of the other robot", align="right"),) if other else ()),
     ]
     rows: list[tuple[Cell, ...]] = []

@@ -55,11 +55,8 @@ def resolution_sections(found: Resolution) -> list[Section]:
 def pairs_table(found: Resolution) -> Table:
     """Return a line per pair of effects."""
     columns = (
-        Column("first", "is it"),
-        Column("second", "or"),
-        Column("last", "last log", "σ", "right"),
-        Column("random", "random", "σ", "right"),
-        Column("planned", "planned", "σ", "right"),
+        *Column.texts(first="is it", second="or"),
+        *Column.numbers("σ", last="last log", random="random", planned="planned"),
         Column("decides", "decides", align="right"),
     )
     rows: list[tuple[Cell, ...]] = [

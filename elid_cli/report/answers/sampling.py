@@ -30,10 +30,7 @@ def sampling_report(sets: ParameterSets, written: Sequence[str] = ()) -> Report:
     marked = any(entry["origin"] != "drawn" or entry["bias_possible"] for entry in entries)
     columns = (
         Column("name", "parameter", span=True),
-        Column("mean", "mean", align="right"),
-        Column("std", "± sd", align="right"),
-        Column("low", "2.5 %", align="right"),
-        Column("high", "97.5 %", align="right"),
+        *Column.numbers(mean="mean", std="± sd", low="2.5 %", high="97.5 %"),
         *((Column("between", "between recordings", align="right"),) if several else ()),
         Column("unit", "unit"),
         *((Column("origin", "origin"),) if marked else ()),

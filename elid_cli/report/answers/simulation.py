@@ -70,11 +70,9 @@ def _effect_text(spec: EffectSpec) -> str:
 def _motion_table(robot: Robot, result: Simulation) -> Table:
     columns = (
         Column("joint", "joint"),
-        Column("range", "range", align="right"),
-        Column("speed", "top speed", align="right"),
-        Column("deflection", "deflection", align="right"),
-        Column("tau", "torque rms", align="right"),
-        Column("tracking", "tracking rms", align="right"),
+        *Column.numbers(
+            range="range", speed="top speed", deflection="deflection", tau="torque rms", tracking="tracking rms"
+        ),
     )
     rows = []
     for joint, facts in zip(robot.joints, result.facts, strict=True):

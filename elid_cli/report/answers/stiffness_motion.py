@@ -39,8 +39,7 @@ def _multisines(found: StiffnessMotion) -> Table:
         Column("joint", "joint"),
         Column("antiresonance", "antiresonance up to", "Hz", "right"),
         Column("from", "from"),
-        Column("acceleration", "multisine, rms", align="right"),
-        Column("torque", "as torque, rms", align="right"),
+        *Column.numbers(acceleration="multisine, rms", torque="as torque, rms"),
     )
     rows: list[tuple[Cell, ...]] = []
     for shown in found.shown:

@@ -95,13 +95,10 @@ def _disagreeing(found: Trends) -> str:
 def _table(found: Trends) -> Table:
     columns = (
         Column("name", "base parameter", span=True),
-        Column("mean", "mean", align="right"),
-        Column("within", "± within", align="right"),
-        Column("between", "± between", align="right"),
-        Column("slope", f"slope per {found.axis}", align="right"),
-        Column("reach", "± 95 %", align="right"),
-        Column("unit", "unit"),
-        Column("word", "verdict"),
+        *Column.numbers(
+            mean="mean", within="± within", between="± between", slope=f"slope per {found.axis}", reach="± 95 %"
+        ),
+        *Column.texts(unit="unit", word="verdict"),
     )
     order = sorted(found.trends, key=lambda item: list(WORDS).index(item.word))
     rows: list[tuple[Cell, ...]] = []

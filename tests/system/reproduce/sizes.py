@@ -35,29 +35,31 @@ LATER: dict[str, str] = {
     "friction family": "diagnosis/friction_family cli/verbs/friction report/answers/friction "
     "model/effects/library/servo_friction model/effects/breakaway",
     "actuators for simulators": "estimation/actuators estimation/actuator_text experiment/replay/actuators",
-    "commands as torque, sample times": "logs/checks/commanded logs/repair/sample_times",
+    "commands as torque, sample times": "logs/checks/commanded logs/repair/sample_times signals/command_torque",
     "stiffness from the motor side": "estimation/motor_side experiment/stiffness_motion report/answers/motor_side "
     "report/answers/stiffness_motion report/figures/plots/response",
     "excite --resolve": "experiment/resolve report/answers/resolution",
     "trend": "estimation/trend cli/verbs/trend report/answers/trend report/answers/trend_families "
     "report/figures/plots/trended",
-    "sample": "estimation/sampling cli/verbs/sample report/answers/sampling",
+    "sample": "estimation/sampling cli/verbs/sample report/answers/sampling report/figures/plots/drawn_sets",
     "gains of drives from a payload": "estimation/drive_gains report/answers/drive_gains",
     "does the model suffice": "estimation/validation/following estimation/validation/sufficiency "
     "estimation/validation/too_quiet estimation/regression/known_columns signals/repeating "
     "diagnosis/search/channel_faults diagnosis/search/one_for_two diagnosis/evidence/usual_cutoff "
-    "diagnosis/evidence/leftover diagnosis/written report/answers/missing",
+    "diagnosis/evidence/leftover diagnosis/evidence/driving_friction diagnosis/written report/answers/missing "
+    "model/effects/library/position_delay",
     "MJCF, patched files, trees": "robot/mjcf robot/patch robot/xml_edit robot/beside robot/frames robot/locking "
     "experiment/real_bodies",
     "init, incomplete robots": "cli/asking cli/verbs/init robot/completion robot/ideal report/answers/completion "
     "logs/first_look",
     "further log formats": "logs/formats/db3 logs/formats/json_lines logs/formats/long_form logs/formats/mat5 "
     "logs/formats/npz logs/formats/packed logs/formats/parquet logs/formats/ros2_echo logs/mapping/long_table "
-    "logs/mapping/profiles",
-    "elastic by the log, doubted units": "logs/adapt logs/checks/deflection logs/checks/known_masses "
-    "logs/checks/limits",
-    "hostile files, dropouts": "budget logs/repair/dropouts logs/repair/scattered",
-    "the page, plot": "cli/verbs/plot report/answers/log report/answers/summary report/glossary "
+    "logs/mapping/nameless logs/mapping/profiles logs/formats/csv_times",
+    "elastic by the log, doubted units": "logs/adapt logs/checks/deflection logs/checks/described_torques "
+    "logs/checks/known_inertias logs/checks/known_masses logs/checks/limits logs/checks/position_scale",
+    "hostile files, dropouts": "budget estimation/saved_numbers logs/repair/dropouts logs/repair/scattered",
+    "the page, plot": "cli/verbs/plot report/answers/known report/answers/log report/answers/summary "
+    "report/glossary "
     "report/figures/drawing report/figures/raster report/figures/svg report/figures/timeline "
     "report/figures/plots/change report/figures/plots/errors report/figures/plots/signals",
     "results in Python": "tables report/present",
