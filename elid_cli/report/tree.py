@@ -240,6 +240,11 @@ class Report:
         return tuple(section for section in self.sections if isinstance(section, Figure))
 
 
+def picked(record: object, names: str) -> dict[str, Any]:
+    """Return attributes of a record by their names, which stand in one text, for a payload that calls them the same."""
+    return {name: getattr(record, name) for name in names.split()}
+
+
 def shown(report: Report) -> Report:
     """Return the report with every text as people may see it (`visible`); the payload, which JSON escapes, as it is."""
     return replace(report, sections=tuple(_seen(s) for s in report.sections), invocation=visible(report.invocation))

@@ -9,7 +9,7 @@ import click
 
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
-from elid_cli.cli.options import FIT, GATES, Files, Gates, Output, Source, gathered
+from elid_cli.cli.options import FIT, GATES, Files, Gates, Output, Source
 from elid_cli.cli.values import completing, effects
 
 if TYPE_CHECKING:
@@ -45,47 +45,25 @@ class Limits(Gates):
     "elid diagnose run07.mcap --robot puma560 --check run08.mcap --write-robot refined.yaml",
 )
 @options.source()
-@gathered(
-    "search",
-    Search,
+@options.gathered(
+    "search", Search,
     options.check,
-    options.option(
-        FIT,
-        "--only",
-        multiple=True,
-        metavar="EFFECT",
-        shell_complete=completing(effects),
-        help="Try this effect and no other. Repeatable.",
-    ),
+    options.option(FIT, "--only", multiple=True, metavar="EFFECT", shell_complete=completing(effects),
+                   help="Try this effect and no other. Repeatable."),
     options.option(FIT, "--lookup", is_flag=True, help="Fit a smooth curve to what no effect explains."),
-    options.option(
-        FIT,
-        "--accurate",
-        is_flag=True,
-        help="Look for a second term of friction curves by spline collocation, however long it takes. On short "
-        "logs of small robots this is always done.",
-    ),
-    options.option(
-        FIT,
-        "--jobs",
-        type=click.IntRange(min=1),
-        default=1,
-        metavar="N",
-        help="Processes that try effects in parallel (on Linux); the result does not depend on N.",
-    ),
-)
-@gathered(
-    "gates",
-    Limits,
+    options.option(FIT, "--accurate", is_flag=True,
+                   help="Look for a second term of friction curves by spline collocation, however long it takes. On "
+                   "short logs of small robots this is always done."),
+    options.option(FIT, "--jobs", type=click.IntRange(min=1), default=1, metavar="N",
+                   help="Processes that try effects in parallel (on Linux); the result does not depend on N."),
+)  # fmt: skip
+@options.gathered(
+    "gates", Limits,
     options.max_error,
     options.option(GATES, "--fail-on-effect", is_flag=True, help="Fail when the model lacks an effect."),
-    options.option(
-        GATES,
-        "--fail-on-unexplained",
-        is_flag=True,
-        help="Fail when part of the residual is more than noise and no effect explains it.",
-    ),
-)
+    options.option(GATES, "--fail-on-unexplained", is_flag=True,
+                   help="Fail when part of the residual is more than noise and no effect explains it."),
+)  # fmt: skip
 @options.files
 @options.output
 def diagnose(source: Source, search: Search, gates: Limits, files: Files, output: Output) -> None:

@@ -49,78 +49,30 @@ class MotionChoice:
 @options.robot
 @options.reading
 @options.gathered(
-    "motion",
-    MotionChoice,
-    options.option(
-        MOTION,
-        "--for",
-        "aims",
-        multiple=True,
-        metavar="NAME",
-        help="Parameter that the log must show above all, such as Izz6. Repeatable.",
-    ),
-    options.option(
-        MOTION,
-        "--after",
-        type=File(),
-        metavar="LOG",
-        help="The last log, or its result saved with --json. The trajectory aims at what that log could not show; "
-        "residuals of the same size are expected.",
-    ),
-    options.option(
-        MOTION,
-        "--resolve",
-        type=File(),
-        metavar="FILE",
-        help="A diagnosis saved with --json: plan the motion that decides between the effects that it "
-        "could not tell apart.",
-    ),
-    options.option(
-        MOTION,
-        "--show-stiffness",
-        multiple=True,
-        metavar="JOINT[:HZ]",
-        help="Plan the motion from which this joint's stiffness is found without a sensor on the link: slow motion, "
-        "and a multisine with frequencies up to beyond the antiresonance. HZ: the highest antiresonance to expect. "
-        "Default: from the stiffness in the robot file. Repeatable.",
-    ),
-    options.option(
-        MOTION,
-        "--duration",
-        type=Number(above=0),
-        default=20.0,
-        show_default=True,
-        metavar="S",
-        help="Length of the trajectory.",
-    ),
-    options.option(
-        MOTION,
-        "--rate",
-        type=Number(above=0),
-        default=250.0,
-        show_default=True,
-        metavar="HZ",
-        help="Samples per second in the file.",
-    ),
-    options.option(
-        MOTION,
-        "--interval",
-        type=Number(above=0),
-        metavar="S",
-        help="Time between the splines' way-points. Default: from each joint's limits.",
-    ),
-    options.option(
-        MOTION,
-        "--residual",
-        type=Share(above=0),
-        default="2%",
-        show_default=True,
-        metavar="SHARE",
-        help="Torque residual to expect after filtering, as a share of the torque. The expected standard errors grow "
-        "with it.",
-    ),
+    "motion", MotionChoice,
+    options.option(MOTION, "--for", "aims", multiple=True, metavar="NAME",
+                   help="Parameter that the log must show above all, such as Izz6. Repeatable."),
+    options.option(MOTION, "--after", type=File(), metavar="LOG",
+                   help="The last log, or its result saved with --json. The trajectory aims at what that log could not "
+                   "show; residuals of the same size are expected."),
+    options.option(MOTION, "--resolve", type=File(), metavar="FILE",
+                   help="A diagnosis saved with --json: plan the motion that decides between the effects that it "
+                   "could not tell apart."),
+    options.option(MOTION, "--show-stiffness", multiple=True, metavar="JOINT[:HZ]",
+                   help="Plan the motion from which this joint's stiffness is found without a sensor on the link: slow "
+                   "motion, and a multisine with frequencies up to beyond the antiresonance. HZ: the highest "
+                   "antiresonance to expect. Default: from the stiffness in the robot file. Repeatable."),
+    options.option(MOTION, "--duration", type=Number(above=0), default=20.0, show_default=True, metavar="S",
+                   help="Length of the trajectory."),
+    options.option(MOTION, "--rate", type=Number(above=0), default=250.0, show_default=True, metavar="HZ",
+                   help="Samples per second in the file."),
+    options.option(MOTION, "--interval", type=Number(above=0), metavar="S",
+                   help="Time between the splines' way-points. Default: from each joint's limits."),
+    options.option(MOTION, "--residual", type=Share(above=0), default="2%", show_default=True, metavar="SHARE",
+                   help="Torque residual to expect after filtering, as a share of the torque. The expected standard "
+                   "errors grow with it."),
     options.seed,
-)
+)  # fmt: skip
 @options.out("The trajectory to write, CSV: t, q, dq, ddq of every joint.", metavar="TRAJ.csv")
 @options.output
 def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output: Output) -> None:

@@ -13,12 +13,9 @@ from elid_cli.cli.options import Output
 @options.optional_robot
 @options.maps
 @options.option(
-    options.OUTPUT,
-    "--write-map",
-    type=values.File(),
-    metavar="FILE.yaml",
+    options.OUTPUT, "--write-map", type=values.File(), metavar="FILE.yaml",
     help="Write a mapping for --map: what was found, and what is guessed and must be checked.",
-)
+)  # fmt: skip
 @options.output
 def info(
     logs: tuple[str, ...], robot: str | None, maps: tuple[str, ...], write_map: str | None, output: Output

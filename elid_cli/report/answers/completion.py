@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from typing import Any
 
-from elid_cli.report.tree import Cell, KeyValues, Report, Section, Text
+from elid_cli.report.tree import Cell, KeyValues, Report, Section, Text, picked
 from elid_cli.robot.completion import Completion
 from elid_cli.robot.files import fingerprint
 from elid_cli.robot.robot import Robot
@@ -29,14 +29,9 @@ def completion_report(robot: Robot, known: Completion, robot_argument: str, file
         "robot_fingerprint": fingerprint(robot),
         "joints": list(robot.joint_names),
         "file": file,
-        "tip": known.tip,
-        "lock": dict(known.lock),
-        "gear_ratios": dict(known.gear_ratios),
-        "transmissions": dict(known.transmissions),
+        **picked(known, "tip lock gear_ratios transmissions"),
         "signals": {**known.found, **{signal: str(spec.get("from", "")) for signal, spec in known.log.items()}},
-        "guesses": list(known.guesses),
-        "missing": list(known.missing),
-        "absent": list(known.absent),
+        **picked(known, "guesses missing absent"),
         "open": list(questions),
     }
     facts: list[tuple[str, Cell]] = [("joints", ", ".join(robot.joint_names))]

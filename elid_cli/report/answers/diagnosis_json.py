@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isnan
 from typing import Any
 
 from elid_cli.diagnosis import Diagnosis
@@ -16,54 +15,44 @@ from elid_cli.report.answers.identification_json import error_payload as errors
 from elid_cli.report.answers.identification_json import identification_payload
 from elid_cli.report.answers.inputs import log_payload, nuisance_payload
 from elid_cli.report.answers.missing import curve_words
+from elid_cli.report.tree import picked
 
 
 def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
     """Return the JSON object of a diagnosis (docs/reference/json.md)."""
     found = told.found
-    published = found.left_out
+    before, after = found.left_out
     return {
         **identification_payload(told.after, told.recording),
         "declared": nuisance_payload(told.after.effects),
-        "before": _side(found.before, found.rows_before, told.before, published[0]),
-        "after": _side(found.after, found.rows_after, told.after, published[1]),
+        "before": _side(found.before, found.rows_before, told.before, before),
+        "after": _side(found.after, found.rows_after, told.after, after),
         "effects": [_effect_payload(c, certain=found.certain(c.effect)) for c in told.contributions],
         "nuisances": nuisance_payload(found.nuisances),
         "also_possible": [
-            {"effect": r.effect, "joint": r.joint, "gain": r.gain, "instead_of": r.instead_of,
-             "parameters": dict(r.parameters), "std_error": dict(r.std_error), "behind": r.behind,
-             "separate": r.separate}
-            for r in found.also_possible
+            picked(r, "effect joint gain instead_of parameters std_error behind separate") for r in found.also_possible
         ],
         "unexplained": [
-            {"joint": u.joint, "rows": u.rows, "variable": u.variable, "share": u.share, "rms": u.rms, "ratio": u.ratio,
-             "nearest": [
-                 {"effect": n.effect, "joint": n.joint, "gain": n.gain, "parameters": dict(n.parameters)}
-                 for n in u.nearest
-             ]}
+            {**picked(u, "joint rows variable share rms ratio"),
+             "nearest": [picked(n, "effect joint gain parameters") for n in u.nearest]}
             for u in found.unexplained
         ],
         "refuted": [
-            {"effect": s.effect, "joint": s.joint, "quarters": _quarters(s.gains), "gain": s.whole, "kept": s.kept,
-             "cutoff": s.cutoff}
+            {"effect": s.effect, "joint": s.joint, "quarters": s.gains, "gain": s.whole, **picked(s, "kept cutoff")}
             for s in found.refuted
         ],
         "row_noise": _noise_payload(found),
-        "triage": list(found.triage),
+        "triage": found.triage,
         "organised": [
-            {"joint": joint, "rows": rows, "variable": o.variable, "share": o.share}
+            {"joint": joint, "rows": rows, **picked(o, "variable share")}
             for (joint, rows), entries in found.organised.items()
             for o in entries
         ],
         **({"partial": True} if found.partial else {}),
         "sufficient": found.sufficient,
         "motion_repeats": found.repeats,
-        "predicted_worse": list(found.predicted_worse),
-        "tried": found.tried,
-        "held_out": [list(span) for span in found.held_out],
-        "moved": [
-            {"name": m.name, "before": m.before, "after": m.after, "deviations": m.deviations} for m in found.moved
-        ],
+        **picked(found, "predicted_worse tried held_out"),
+        "moved": [picked(m, "name before after deviations") for m in found.moved],
         "checks": [
             {"log": log_payload(c.recording), "before": {"error": errors(c.before)},
              "after": {"error": errors(c.after)}}
@@ -81,7 +70,7 @@ def _noise_payload(found: Diagnosis) -> dict[str, Any]:
         "share": model.share,
         "joints": [
             {"joint": found.robot.joint_names[w.rows[0].joint], "rows": [row.kind for row in w.rows],
-             "lags": w.lags.tolist(), "mix": w.mix.tolist()}
+             **picked(w, "lags mix")}
             for w in model.joints
         ],
     }  # fmt: skip
@@ -95,7 +84,7 @@ def _side(
 ) -> dict[str, Any]:
     return {
         "error": errors(error),
-        "rows": [{"joint": r.joint, "rows": r.rows, "rms": r.rms, "share": r.share, "ratio": r.ratio} for r in rows],
+        "rows": [picked(r, "joint rows rms share ratio") for r in rows],
         "published": errors(published),
         "normalised_mean_error": model.normalised_mean_error() if referenced(model) else None,
     }
@@ -104,17 +93,9 @@ def _side(
 def _effect_payload(contribution: Contribution, *, certain: bool) -> dict[str, Any]:
     effect = contribution.effect
     payload = {
-        "effect": effect.effect,
-        "joint": effect.joint,
-        "parameters": dict(effect.parameters),
-        "std_error": dict(effect.std_error),
-        "gain": effect.gain,
+        **picked(effect, "effect joint parameters std_error gain"),
         "certain": certain,
-        "summary": effect.summary,
-        "folds": list(effect.folds),
-        "quarters": _quarters(effect.quarters),
-        "local": effect.local,
-        "collocated": effect.collocated,
+        **picked(effect, "summary folds quarters local collocated"),
         "error": {
             "joint": contribution.joint,
             "rows": contribution.rows,
@@ -124,7 +105,3 @@ def _effect_payload(contribution: Contribution, *, certain: bool) -> dict[str, A
     }
     curve = curve_words(effect)
     return {**payload, "curve": curve} if curve else payload
-
-
-def _quarters(gains: Sequence[float]) -> list[float | None]:
-    return [None if isnan(gain) else gain for gain in gains]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 from elid_cli.estimation.result import DriveGain
@@ -42,6 +41,4 @@ def gains_table(gains: Sequence[DriveGain]) -> list[Section]:
 
 def gains_payload(gains: Sequence[DriveGain]) -> dict[str, Any]:
     """Return the key ``drive_gains`` of JSON; nothing where none was asked for."""
-    if not gains:
-        return {}
-    return {"drive_gains": [asdict(item) for item in gains]}
+    return {"drive_gains": gains} if gains else {}

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from elid_cli.model.effects import twins_of
-from elid_cli.model.effects.effect import Effect, Parameter
-from elid_cli.report.tree import Column, KeyValues, Report, Table, Text
+from elid_cli.model.effects.effect import Effect
+from elid_cli.report.tree import Column, KeyValues, Report, Table, Text, picked
 
 WHERE = {
     "motor": "motor side", "link": "link side", "spring": "transmission: link and motor side",
@@ -61,20 +61,10 @@ def effect_report(kind: type[Effect]) -> Report:
 def _payload(kind: type[Effect]) -> dict[str, Any]:
     return {
         "effect": kind.name,
-        "summary": kind.summary,
-        "equation": kind.equation,
-        "place": kind.place,
-        "physics": kind.physics,
-        "typical": kind.typical,
-        "fingerprint": kind.fingerprint,
-        "record": kind.record,
+        **picked(kind, "summary equation place physics typical fingerprint record"),
         "twins": list(twins_of(kind)),
         "parameters": [
-            {**_parameter(p), "kind": "amplitude" if p in kind.amplitudes else "shape"}
+            {**picked(p, "name unit meaning"), "kind": "amplitude" if p in kind.amplitudes else "shape"}
             for p in (*kind.amplitudes, *kind.shapes)
         ],
     }
-
-
-def _parameter(parameter: Parameter) -> dict[str, Any]:
-    return {"name": parameter.name, "unit": parameter.unit, "meaning": parameter.meaning}

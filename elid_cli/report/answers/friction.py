@@ -18,7 +18,7 @@ from elid_cli.report.answers.inputs import (
     span_words,
 )
 from elid_cli.report.answers.summary import listed
-from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text
+from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, picked
 from elid_cli.signals.recording import Recording
 
 
@@ -60,13 +60,13 @@ def friction_payload(found: FrictionFamily, recording: Recording) -> dict[str, A
     return {
         **robot_payload(found.robot),
         "log": log_payload(recording),
-        "members": {name: {"title": m.title, "formula": m.formula} for name, m in found.members.items()},
-        "held_out": [list(span) for span in found.held_out],
+        "members": {name: picked(m, "title formula") for name, m in found.members.items()},
+        "held_out": found.held_out,
         "friction": {
             joint: {
                 "supported": found.supported[joint],
-                "parameters": dict(final.get(joint, {})),
-                "std_error": dict(found.std_error.get(joint, {})),
+                "parameters": final.get(joint, {}),
+                "std_error": found.std_error.get(joint, {}),
                 "members": {name: _fit(fit) for name, fit in fits.items()},
             }
             for joint, fits in found.fits.items()
@@ -76,12 +76,7 @@ def friction_payload(found: FrictionFamily, recording: Recording) -> dict[str, A
 
 
 def _fit(fit: MemberFit) -> dict[str, Any]:
-    return {
-        "error": error_payload({"": fit.error})[""],
-        "folds": fit.folds.tolist(),
-        "parameters": dict(fit.parameters),
-        "possible": fit.possible,
-    }
+    return {"error": error_payload({"": fit.error})[""], **picked(fit, "folds parameters possible")}
 
 
 def _final(found: FrictionFamily) -> dict[str, Mapping[str, float]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
@@ -12,6 +11,7 @@ from elid_cli.report.answers.classification import class_payload
 from elid_cli.report.answers.drive_gains import gains_payload
 from elid_cli.report.answers.inputs import log_payload, nuisance_payload, robot_payload
 from elid_cli.report.answers.motor_side import motor_side_payload, stiffness_record
+from elid_cli.report.tree import picked
 from elid_cli.signals.recording import Recording
 
 
@@ -21,12 +21,9 @@ def identification_payload(found: Identification, recording: Recording | None = 
     return {
         **robot_payload(found.robot),
         **({} if recording is None else {"log": log_payload(recording)}),
-        "estimator": found.estimator,
-        "settings": dict(found.settings),
+        **picked(found, "estimator settings"),
         **class_payload(found.base, found),
-        "condition": found.condition,
-        "rank": found.rank,
-        "rank_margin": found.rank_margin,
+        **picked(found, "condition rank rank_margin"),
         "base_parameters": listed,
         "covariance": covariance_payload(found, len(listed)),
         "error": error_payload(found.error),
@@ -35,8 +32,7 @@ def identification_payload(found: Identification, recording: Recording | None = 
         "nuisances": nuisance_payload(found.nuisances),
         "effects": nuisance_payload(found.effects),
         **gains_payload(found.drive_gains),
-        "notes": list(found.notes),
-        "warnings": list(found.warnings),
+        **picked(found, "notes warnings"),
     }
 
 
@@ -86,15 +82,14 @@ def covariance_payload(found: Identification, count: int) -> list[list[float | N
 
 def model_payload(model: str, noise: Sequence[RowNoise], insufficient: Sequence[Insufficient]) -> dict[str, Any]:
     """Return what JSON says of the model: ``model``, ``noise`` and ``insufficient``."""
-    return {"model": model, "noise": noise_payload(noise), "insufficient": [asdict(item) for item in insufficient]}
+    return {"model": model, "noise": noise_payload(noise), "insufficient": insufficient}
 
 
 def noise_payload(noise: Sequence[RowNoise]) -> dict[str, Any]:
     """Return the object ``noise`` of JSON: by joint and row."""
     joints: dict[str, dict[str, Any]] = {}
     for item in noise:
-        entry = {"floor": item.floor, "ratio": item.ratio, "correlation": item.correlation}
-        joints.setdefault(item.joint, {})[item.rows] = entry
+        joints.setdefault(item.joint, {})[item.rows] = picked(item, "floor ratio correlation")
     return joints
 
 
@@ -102,14 +97,8 @@ def error_payload(error: Mapping[str, JointError]) -> dict[str, Any]:
     """Return an object ``error`` of JSON."""
     return {
         joint: {
-            "rms": e.rms,
-            "relative": e.relative,
-            "spring_rms": e.spring_rms,
-            "spring_relative": e.spring_relative,
-            "torque_rms": e.torque_rms,
-            "floor": e.floor,
-            "spring_floor": e.spring_floor,
-            **({} if e.sensor is None else {"sensor": asdict(e.sensor)}),
+            **picked(e, "rms relative spring_rms spring_relative torque_rms floor spring_floor"),
+            **({} if e.sensor is None else {"sensor": e.sensor}),
         }
         for joint, e in error.items()
     }

@@ -8,7 +8,7 @@ from typing import Any
 
 from elid_cli.logs import ChannelInfo, LogInfo
 from elid_cli.report.answers.summary import listed
-from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
+from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked
 from elid_cli.robot.files import fingerprint
 from elid_cli.robot.robot import Robot
 
@@ -157,28 +157,10 @@ def _log(infos: Sequence[LogInfo]) -> dict[str, Any]:
 def inspected_payload(info: LogInfo) -> dict[str, Any]:
     """Return the JSON object of one log."""
     return {
-        "file": info.file,
-        "sha256": info.sha256,
-        "format": info.format,
-        "parts": info.parts,
-        "joints": list(info.joints),
+        **picked(info, "file sha256 format parts joints"),
         "channels": [
-            {
-                "name": c.name,
-                "kind": c.kind,
-                "labels": list(c.labels),
-                "samples": c.count,
-                "rate": c.rate,
-                "gaps": c.gaps,
-                "span": c.span,
-                "signals": list(c.signals),
-            }
+            {**picked(c, "name kind labels"), "samples": c.count, **picked(c, "rate gaps span signals")}
             for c in info.channels
         ],
-        "taken": dict(info.taken),
-        "missing": list(info.missing),
-        "reasons": dict(info.reasons),
-        "mapping": info.mapping,
-        "losses": list(info.losses),
-        "notes": list(info.notes),
+        **picked(info, "taken missing reasons mapping losses notes"),
     }

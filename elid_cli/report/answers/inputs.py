@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from elid_cli.model.effects import effect_classes
-from elid_cli.report.tree import Cell, KeyValues, Section, Text, number_text
+from elid_cli.report.tree import Cell, KeyValues, Section, Text, number_text, picked
 from elid_cli.robot.files import fingerprint
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
@@ -31,16 +31,9 @@ def log_payload(recording: Recording) -> dict[str, Any]:
     """Return the object ``log`` of JSON."""
     means = recording.mean_temperatures()
     return {
-        "files": list(recording.files),
-        "sha256": list(recording.sha256),
-        "samples": recording.samples,
-        "duration": recording.duration,
-        "rate": recording.rate,
+        **picked(recording, "files sha256 samples duration rate"),
         "segments": len(recording.segments),
-        "sources": dict(recording.sources),
-        "repairs": list(recording.repairs),
-        "notes": list(recording.notes),
-        "warnings": list(recording.warnings),
+        **picked(recording, "sources repairs notes warnings"),
         **({"temperature": means} if means else {}),
     }
 
@@ -121,10 +114,7 @@ def nuisance_items(robot: Robot, nuisances: Sequence[Any]) -> Items:
 
 def nuisance_payload(nuisances: Sequence[Any]) -> list[dict[str, Any]]:
     """Return the list ``nuisances`` of JSON."""
-    return [
-        {"effect": n.effect, "joint": n.joint, "parameters": dict(n.parameters), "std_error": dict(n.std_error)}
-        for n in nuisances
-    ]
+    return [picked(n, "effect joint parameters std_error") for n in nuisances]
 
 
 def span_words(spans: Sequence[tuple[float, float]]) -> str:

@@ -21,7 +21,7 @@ def log_report(recording: Recording, robot: Robot, robot_argument: str | None) -
         **robot_payload(robot),
         "log": log_payload(recording),
         "moved": moved,
-        "gaps": [list(gap) for gap in gaps(recording)],
+        "gaps": gaps(recording),
     }
     if robot_argument is None:
         payload |= {"robot": None, "robot_fingerprint": None}

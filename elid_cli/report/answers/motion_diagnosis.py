@@ -8,7 +8,6 @@ from typing import Any
 
 from elid_cli.diagnosis.by_motion.diagnose import ABOVE
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
-from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers.diagnosis_tables import SAME
@@ -38,6 +37,7 @@ from elid_cli.report.tree import (
     Text,
     number_text,
     percent,
+    picked,
 )
 
 SCALES = {True: ("mrad", 1e3), False: ("mm", 1e3)}
@@ -98,20 +98,12 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         "before": {"error": error_payload(found.before.error), "published": {}, "mean_abs": before},
         "after": {"error": error_payload(found.after.error), "published": {}, "mean_abs": after},
         "position": {name: {"before": p.before, "after": p.after} for name, p in found.position.items()},
-        "effects": [_effect_payload(effect) for effect in found.effects],
+        "effects": [picked(e, "effect joint parameters std_error gain summary") for e in found.effects],
         "nuisances": nuisance_payload(found.after.nuisances),
-        "also_possible": [
-            {"effect": r.effect, "joint": r.joint, "gain": r.gain, "instead_of": r.instead_of,
-             "parameters": dict(r.parameters), "separate": r.separate}
-            for r in found.also_possible
-        ],
-        "unexplained": [
-            {"joint": u.joint, "rows": u.rows, "variable": u.variable, "share": u.share, "rms": u.rms, "ratio": u.ratio,
-             "nearest": []}
-            for u in found.unexplained
-        ],
+        "also_possible": [picked(r, "effect joint gain instead_of parameters separate") for r in found.also_possible],
+        "unexplained": [{**picked(u, "joint rows variable share rms ratio"), "nearest": []} for u in found.unexplained],
         "differing": [
-            {"name": d.name, "joint": d.joint, "unit": d.unit, "values": list(d.values), "std_error": list(d.std_error),
+            {**picked(d, "name joint unit values std_error"),
              "changed_at": None if d.changed_at is None else found.recording.files[d.changed_at]}
             for d in found.differing
         ],
@@ -119,13 +111,6 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         **({"partial": True} if found.partial else {}),
         "sufficient": not found.effects and not found.unexplained,
         "tried": found.tried,
-    }  # fmt: skip
-
-
-def _effect_payload(effect: FoundEffect) -> dict[str, Any]:
-    return {
-        "effect": effect.effect, "joint": effect.joint, "parameters": dict(effect.parameters),
-        "std_error": dict(effect.std_error), "gain": effect.gain, "summary": effect.summary,
     }  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from elid_cli.estimation.motor_side.result import MotorSideJoint
 from elid_cli.estimation.result import Identification
 from elid_cli.report.answers.classification import verdict_mark
-from elid_cli.report.tree import Cell, Column, Quantity, Section, Table, Text, Tone
+from elid_cli.report.tree import Cell, Column, Quantity, Section, Table, Text, Tone, picked
 
 TITLE = "stiffness from motor position and torque alone (no link position in this log)"
 NOTE = (
@@ -60,8 +60,8 @@ def stiffness_record(found: Identification, joint: MotorSideJoint) -> dict[str, 
     """Return a stiffness as an entry of ``base_parameters`` of JSON; the estimate of a refused one is null."""
     return {
         "name": joint.parameter, "terms": {joint.parameter: 1}, "unit": stiffness_unit(found, joint),
-        "class": "independent", "estimate": joint.stiffness, "std_error": joint.std_error,
-        "reference": joint.reference, "relative_error": joint.relative_error, "verdict": joint.verdict,
+        "class": "independent", "estimate": joint.stiffness,
+        **picked(joint, "std_error reference relative_error verdict"),
     }  # fmt: skip
 
 
@@ -76,23 +76,11 @@ def motor_side_payload(found: Identification) -> dict[str, Any]:
 
 def _joint_payload(joint: MotorSideJoint) -> dict[str, Any]:
     motion = joint.motion
-    logs = {name: {"verdict": own.verdict, "stiffness": own.stiffness, "std_error": own.std_error, "reason": own.reason}
-            for name, own in joint.by_log}  # fmt: skip
+    logs = {name: picked(own, "verdict stiffness std_error reason") for name, own in joint.by_log}
     return {
-        "verdict": joint.verdict,
-        "stiffness": joint.stiffness,
-        "std_error": joint.std_error,
+        **picked(joint, "verdict stiffness std_error"),
         "systematic": joint.systematic if joint.verdict != "refused" else None,
-        "rotor": joint.rotor,
-        "rigid_to": joint.rigid_to,
-        "antiresonance": joint.antiresonance,
-        "resonance": joint.resonance,
-        "band": joint.band,
-        "reason": joint.reason,
-        "failed": list(joint.failed),
-        "gates": dict(joint.gates),
-        "next_motion": None if motion is None else {
-            "torque": list(motion.torque), "top": motion.top, "words": motion.words,
-        },
+        **picked(joint, "rotor rigid_to antiresonance resonance band reason failed gates"),
+        "next_motion": None if motion is None else picked(motion, "torque top words"),
         **({"by_log": logs} if logs else {}),
-    }  # fmt: skip
+    }

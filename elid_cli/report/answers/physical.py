@@ -19,6 +19,7 @@ from elid_cli.report.tree import (
     Text,
     Tone,
     number_text,
+    picked,
 )
 
 SHOWN = 28
@@ -66,17 +67,14 @@ def physical_payload(physical: PhysicalParameters, base: BaseParameters) -> dict
     """Return the JSON object ``physical``."""
     names = physical.robot.parameter_names()
     return {
-        "parameters": dict(zip(names, (float(v) for v in physical.values), strict=True)),
+        "parameters": dict(zip(names, physical.values, strict=True)),
         "origin": dict(zip(names, physical.origin, strict=True)),
-        "base_parameters": dict(zip(base.names, (float(v) for v in physical.base), strict=True)),
-        "moved": dict(zip(base.names, (float(z) for z in physical.moved), strict=True)),
-        "impossible": [
-            {"name": i.name, "estimate": i.estimate, "std_error": i.std_error, "value": i.value}
-            for i in physical.impossible
-        ],
+        "base_parameters": dict(zip(base.names, physical.base, strict=True)),
+        "moved": dict(zip(base.names, physical.moved, strict=True)),
+        "impossible": [picked(i, "name estimate std_error value") for i in physical.impossible],
         "chi2": {"before": physical.chi2_before, "after": physical.chi2_after},
         "loss": physical.loss,
-        "error": {joint: {"rms": e.rms, "relative": e.relative} for joint, e in physical.error_after.items()},
+        "error": {joint: picked(e, "rms relative") for joint, e in physical.error_after.items()},
         "contradiction": physical.contradiction,
     }
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from math import isfinite
 from typing import Any
 
 from elid_cli.experiment.replay.errors import PositionError, overall, runaways
 from elid_cli.experiment.replay.replay import TORQUE_HORIZON, Replay, pooled
 from elid_cli.report.answers.inputs import log_payload, robot_payload
-from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
+from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked
 from elid_cli.robot.robot import Robot
 
 SHORT_HORIZON = 0.1
@@ -56,20 +55,17 @@ def replay_payload(replays: Sequence[Replay], against: Sequence[Replay] = ()) ->
     payload = {
         **robot_payload(first.robot),
         "log": _logs(replays),
-        "driven_by": first.driven_by,
-        "engine": first.engine,
-        "horizon": first.horizon,
-        "left_out": list(first.left_out),
-        "error": _errors(error),
-        "mean_abs": _known(overall(error)),
-        "error_by_log": [{"file": item.recording.files[0], "error": _errors(item.error)} for item in replays],
+        **picked(first, "driven_by engine horizon left_out"),
+        "error": error,
+        "mean_abs": overall(error),
+        "error_by_log": [{"file": item.recording.files[0], "error": item.error} for item in replays],
     }
     if against:
         other = pooled(against)
         payload |= {
             "against": against[0].robot.name,
-            "before": {"error": _errors(error), "mean_abs": _known(overall(error))},
-            "after": {"error": _errors(other), "mean_abs": _known(overall(other))},
+            "before": {"error": error, "mean_abs": overall(error)},
+            "after": {"error": other, "mean_abs": overall(other)},
         }
     return payload
 
@@ -83,14 +79,6 @@ def _logs(replays: Sequence[Replay]) -> dict[str, Any]:
         "samples": sum(log["samples"] for log in logs),
         "duration": sum(log["duration"] for log in logs),
     }
-
-
-def _errors(error: Mapping[str, PositionError]) -> dict[str, dict[str, float | None]]:
-    return {name: {k: _known(v) for k, v in asdict(e).items()} for name, e in error.items()}
-
-
-def _known(value: float) -> float | None:
-    return value if isfinite(value) else None
 
 
 def _sentence(

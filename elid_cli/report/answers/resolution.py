@@ -19,6 +19,7 @@ from elid_cli.report.tree import (
     Text,
     number_text,
     percent,
+    picked,
 )
 
 NOTE = (
@@ -117,10 +118,10 @@ def _pair_payload(pair: Pair) -> dict[str, Any]:
         "second": {"effect": pair.second.effect, "joint": pair.second.joint},
         "named": pair.named,
         "behind": pair.behind,
-        "sigma": {"last": pair.last, "random": pair.random, "planned": pair.planned},
+        "sigma": picked(pair, "last random planned"),
         "probability": {"random": pair.chance, "planned": pair.probability},
         "verdict": pair.verdict,
         "otherwise": [
-            {"kind": r.kind, "words": r.words, "probability": r.probability} for r in pair.otherwise
+            picked(r, "kind words probability") for r in pair.otherwise
         ],
     }  # fmt: skip

@@ -9,7 +9,7 @@ from typing import Any
 from elid_cli.estimation.sampling.pool import Distribution
 from elid_cli.estimation.sampling.sets import ParameterSets
 from elid_cli.report.answers.summary import BIASED, listed, share_text
-from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text
+from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, picked
 
 SHOWN = 20
 WIDEST = 3
@@ -86,9 +86,7 @@ def _mark(entry: dict[str, Any]) -> Cell:
 def _payload(sets: ParameterSets, written: Sequence[str]) -> dict[str, Any]:
     found = sets.distribution
     return {
-        "robot": found.robot,
-        "joints": list(found.joints),
-        "files": list(found.files),
+        **picked(found, "robot joints files"),
         "count": len(sets.values),
         "seed": sets.seed,
         "parameters": parameter_payload(sets),

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 from elid_cli.experiment.simulation import Simulation, SimulationOptions
 from elid_cli.report.answers.inputs import command, heading, log_payload, recorded_items, robot_payload
 from elid_cli.report.answers.missing import whose
 from elid_cli.report.answers.summary import listed
-from elid_cli.report.tree import Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
+from elid_cli.report.tree import Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked
 from elid_cli.robot.robot import EffectSpec, Robot
 
 
@@ -24,12 +23,10 @@ def simulation_report(robot: Robot, result: Simulation, options: SimulationOptio
         "continuous": options.control.continuous,
         "feedforward": options.control.feedforward,
         "friction_width": options.friction_width,
-        "sensors": asdict(options.sensors),
-        "motion": {joint: asdict(facts) for joint, facts in zip(robot.joint_names, result.facts, strict=True)},
+        "sensors": options.sensors,
+        "motion": dict(zip(robot.joint_names, result.facts, strict=True)),
     }
-    payload["effects"] = [
-        {"effect": spec.effect, "joint": spec.joint, "parameters": dict(spec.parameters)} for spec in robot.effects
-    ]
+    payload["effects"] = [picked(spec, "effect joint parameters") for spec in robot.effects]
     sections: list[Section] = [
         heading(robot, result.recording),
         Text("answer", _answer(robot, result)),

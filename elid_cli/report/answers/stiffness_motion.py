@@ -8,7 +8,7 @@ from typing import Any
 from elid_cli.experiment.stiffness_motion import LOWEST, StiffnessMotion
 from elid_cli.report.answers.excitation import limits_payload, use_of_limits
 from elid_cli.report.answers.inputs import heading, robot_payload
-from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text
+from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked
 
 LOG_RATE = 1000
 """Samples per second to log with, at least `PER_PERIOD` per period."""
@@ -59,10 +59,7 @@ def stiffness_motion_payload(found: StiffnessMotion, **written: str | float) -> 
         **robot_payload(found.robot),
         "trajectory": {**written, "duration": found.duration},
         "show_stiffness": {
-            names[shown.joint]: {
-                "antiresonance": shown.antiresonance, "told": shown.told, "acceleration": shown.acceleration,
-                "torque": shown.torque,
-            }
+            names[shown.joint]: picked(shown, "antiresonance told acceleration torque")
             for shown in found.shown
         },
         "top": found.top,

@@ -36,7 +36,7 @@ def trend_payload(found: Trends) -> dict[str, Any]:
     """Return the JSON object of a trend."""
     return {
         "robot": found.robot,
-        "files": list(found.files),
+        "files": found.files,
         "slope_per": found.axis,
         "parameters": [_entry(item, found.files) for item in found.trends],
         "families": family_entries(found),
@@ -54,7 +54,7 @@ def _entry(item: Trend, files: tuple[str, ...]) -> dict[str, Any]:
         "within_session": s.within,
         "between_sessions": s.between,
         "slope": s.slope,
-        "slope_interval": [v if isfinite(v) else None for v in s.interval],
+        "slope_interval": s.interval,
         "slope_p": s.slope_p,
         "step": step,
         "stands_out": None if s.stands_out is None else files[s.stands_out],

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import Any
 
 from elid_cli.estimation.trend.families import Family
 from elid_cli.estimation.trend.trends import Trends
 from elid_cli.report.answers.summary import share_text, signed_share
+from elid_cli.report.tree import picked
 
 KINDS = {
     "fv": "viscous friction",
@@ -35,16 +35,11 @@ def family_entries(found: Trends) -> list[dict[str, Any]]:
 
 def _entry(item: Family) -> dict[str, Any]:
     return {
-        "kind": item.kind,
-        "names": list(item.names),
-        "means": item.means.tolist(),
-        "slope": item.slope,
-        "std_error": item.std_error,
-        "slope_interval": [v if isfinite(v) else None for v in item.interval],
-        "slope_p": item.slope_p,
-        "together_p": item.together_p,
+        **picked(item, "kind names means slope std_error"),
+        "slope_interval": item.interval,
+        **picked(item, "slope_p together_p"),
         "verdict": item.word,
-        "explained": [{"by": e.by, "share": e.share, "p": e.p, "ruled_out": e.ruled_out} for e in item.explained],
+        "explained": [picked(e, "by share p ruled_out") for e in item.explained],
     }
 
 

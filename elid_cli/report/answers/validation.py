@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 from elid_cli.estimation.judgement import Judgement
@@ -53,7 +52,7 @@ def validation_report(
     payload = {
         **validation_payload(found, said),
         "log": log_payload(recording),
-        "held_out": [list(s) for s in held_out],
+        "held_out": held_out,
     }
     if cases:
         payload["error_by_log"] = [{"file": case.file, "error": error_payload(case.error)} for case in cases]
@@ -84,10 +83,10 @@ def validation_payload(found: Validation, said: Judgement | None = None) -> dict
     said = said or Judgement((), ())
     return {
         **robot_payload(found.robot),
-        "settings": dict(found.settings),
+        "settings": found.settings,
         "error": error_payload(above_noise(found.error, found.robot, said.noise)),
         **model_payload(said.model, said.noise, said.insufficient),
-        "misfitted": [asdict(item) for item in said.misfitted],
+        "misfitted": said.misfitted,
         "nuisances": nuisance_payload(_corrected(found.robot)),
     }
 
