@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from itertools import islice
 from typing import ClassVar
@@ -138,11 +138,16 @@ def _closest(name: str, names: tuple[str, ...]) -> str | None:
     return known[found[0]] if found else None
 
 
+def first_of(names: Sequence[str], most: int, between: str = ", ") -> str:
+    """Return the first `most` names in one text, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return between.join(names[:most]) + more
+
+
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """Return ``did you mean 'x'?``, or the list of valid names where none is near."""
     valid = [str(candidate) for candidate in names]
     near = nearest(name, valid)
     if near is not None:
         return f"did you mean {near!r}?"
-    more = f" and {len(valid) - LISTED} more" if len(valid) > LISTED else ""
-    return f"known: {', '.join(valid[:LISTED])}{more}" if valid else ""
+    return f"known: {first_of(valid, LISTED)}" if valid else ""

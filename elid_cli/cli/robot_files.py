@@ -35,6 +35,11 @@ class Written(NamedTuple):
     files: tuple[str, ...]
     refusal: ElidError | None
 
+    @property
+    def own(self) -> str | None:
+        """The first file in elid's own form, which holds effects."""
+        return next((path for path in self.files if not _foreign(path)), None)
+
 
 def write_found(
     files: Files,
@@ -221,7 +226,7 @@ def _named(lost: Sequence[EffectSpec]) -> str:
 
 def _lost(robot: Robot, path: str) -> list[EffectSpec]:
     """Return the effects that a file of this name cannot hold."""
-    if Path(path).suffix.lower() not in FOREIGN:
+    if not _foreign(path):
         return []
     from elid_cli.robot.mjcf.read import SPRING
 

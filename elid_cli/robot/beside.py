@@ -16,15 +16,7 @@ from pathlib import Path
 from elid_cli.errors import RobotError, UsageError, did_you_mean
 from elid_cli.files import read_text
 from elid_cli.robot.robot import Robot
-from elid_cli.robot.schema import (
-    MOTOR_KEYS,
-    read_control,
-    read_effects,
-    read_log,
-    read_payload,
-    read_vector,
-    with_motor,
-)
+from elid_cli.robot.schema import MOTOR_KEYS, read_further, read_log, read_vector, with_motor
 from elid_cli.robot.yaml import Value, parse_yaml
 
 SUFFIX = ".elid.yaml"
@@ -62,18 +54,9 @@ def completed(robot: Robot, text: str, file: str) -> Robot:
                 raise key.error(f"no joint {key.text()!r}", hint=did_you_mean(key.text(), robot.joint_names))
             index = robot.joint_names.index(key.text())
             joints[index] = with_motor(joints[index], value.within(key.text()).fields((), MOTOR_KEYS))
-    robot = replace(robot, joints=tuple(joints))
-    if "gravity" in top:
-        robot = replace(robot, gravity=read_vector(top["gravity"]))
-    if "description" in top:
-        robot = replace(robot, description=top["description"].text())
-    if "effects" in top:
-        robot = replace(robot, effects=read_effects(top["effects"], joints))
-    if "control" in top:
-        robot = replace(robot, control=read_control(top["control"], robot.joint_names))
-    if "payload" in top:
-        robot = replace(robot, payload=read_payload(top["payload"], robot.joint_names))
-    robot = _held(robot, top, file)
+    gravity = read_vector(top["gravity"]) if "gravity" in top else robot.gravity
+    robot = replace(robot, joints=tuple(joints), gravity=gravity)
+    robot = _held(replace(robot, **read_further(top, joints)), top, file)
     return replace(robot, log=read_log(top["log"])) if "log" in top else robot
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from elid_cli.errors import visible
+from elid_cli.errors import first_of, visible
 from elid_cli.robot.locking import beside_chain
 from elid_cli.robot.robot import Robot, Transmission
 from elid_cli.robot.yaml import emit, inline, quoted
+
+LISTED = 8
+"""Joints that a sentence names."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,9 @@ class Completion:
     def open_questions(self, robot: Robot) -> tuple[str, ...]:
         """Return what is not known, in sentences."""
         unknown = self.unknown_ratios(robot)
-        said = [f"gear ratio of {_listed(unknown)}: the rotor is its inertia at the joint, Ja"] if unknown else []
+        said = (
+            [f"gear ratio of {first_of(unknown, LISTED)}: the rotor is its inertia at the joint, Ja"] if unknown else []
+        )
         said += [f"{line.partition(':')[0]}: guessed from names, a comment to be checked" for line in self.guesses]
         if self.chain and not self.tip:
             said.append(f"tip: {self.chain} if {visible(self.logged)} holds the joints that carry it alone")
@@ -69,14 +74,6 @@ class Completion:
         """Whether the torque is to be computed from commands and the gains are not known."""
         known = set(self.found) | set(self.log)
         return "q_des" in known and not known & {"tau", "tau_link", "kp"} and "kp" not in self.control
-
-
-LISTED = 8
-"""Joints that a sentence names."""
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")
 
 
 def completion_text(robot: Robot, known: Completion) -> str:

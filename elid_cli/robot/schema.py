@@ -7,7 +7,7 @@ stand in place of ``a alpha d theta``.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
 
@@ -47,12 +47,21 @@ def robot_of_yaml(text: str, file: str) -> Robot:
         joints=joints,
         gravity=read_vector(top["gravity"]),
         dh=convention,
-        description=top["description"].text() if "description" in top else "",
-        effects=read_effects(top["effects"], joints) if "effects" in top else (),
         log=read_log(top["log"]) if "log" in top else {},
-        control=read_control(top["control"], [joint.name for joint in joints]) if "control" in top else {},
-        payload=read_payload(top["payload"], [joint.name for joint in joints]) if "payload" in top else None,
+        **read_further(top, joints),
     )
+
+
+def read_further(top: Mapping[str, Value], joints: Sequence[Joint]) -> dict[str, Any]:
+    """Return what a file says beyond joints, gravity and log, as `Robot` has it, for the keys that it has."""
+    names = [joint.name for joint in joints]
+    readers: dict[str, Callable[[Value], Any]] = {
+        "description": Value.text,
+        "effects": lambda value: read_effects(value, joints),
+        "control": lambda value: read_control(value, names),
+        "payload": lambda value: read_payload(value, names),
+    }
+    return {key: read(top[key]) for key, read in readers.items() if key in top}
 
 
 def _joints(value: Value, convention: Convention) -> tuple[Joint, ...]:

@@ -41,10 +41,10 @@ from elid_cli.report.figures.build import (
 from elid_cli.report.figures.drawing import CYCLE, PALETTE, Drawing, Line, Panel, Spans, decades, tick_texts, ticks
 from elid_cli.report.figures.input import FigureInput
 from elid_cli.report.figures.joint_views import joint_views, organised
-from elid_cli.report.figures.paint import bands, cloud, envelope
+from elid_cli.report.figures.paint import bands, cloud, envelope, thinned
 from elid_cli.report.figures.plots.spring import spring_views
 from elid_cli.report.figures.svg import panels
-from elid_cli.report.figures.timeline import packed, thinned
+from elid_cli.report.figures.timeline import packed
 from elid_cli.report.tree import Figure, Report, cell_text
 from elid_cli.robot.robot import Array, EffectSpec, Robot
 from elid_cli.signals.recording import Recording, Segment

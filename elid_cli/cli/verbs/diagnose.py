@@ -75,7 +75,7 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
     from elid_cli.cli.inputs import check_effects, load_recording, load_robot, load_signals, sharp
     from elid_cli.cli.output import check_output, emit, note, pictures_wanted
     from elid_cli.cli.progress import progress
-    from elid_cli.cli.robot_files import FOREIGN, check_described, write_found
+    from elid_cli.cli.robot_files import check_described, write_found
 
     check_output(output)
     check_described(files)
@@ -123,8 +123,7 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
         )  # fmt: skip
         told = DiagnosisInput(
             found, found.identified_before, published, found.contributions, recording, source.robot, judged,
-            next((path for path in written.files if not path.lower().endswith(FOREIGN)), None),
-            search.lookup, search.only,
+            written.own, search.lookup, search.only,
         )  # fmt: skip
         report = diagnosis_report(told)
         if pictures_wanted(output):
@@ -141,7 +140,7 @@ def _tell_motion(
     """Report and write what the motion simulated under a log's commands says."""
     from elid_cli.cli.gates import broken_gates
     from elid_cli.cli.output import emit, pictures_wanted
-    from elid_cli.cli.robot_files import FOREIGN, write_found
+    from elid_cli.cli.robot_files import write_found
     from elid_cli.diagnosis.by_motion.diagnose import least_squares
     from elid_cli.estimation.refined_robot import remarks
     from elid_cli.estimation.trajectory.identification import by_trajectory
@@ -152,8 +151,7 @@ def _tell_motion(
         found.after, found.after.error,
         lambda other: by_trajectory(least_squares(other, signals), signals, delays=False), output,
     )  # fmt: skip
-    ours = next((path for path in written.files if not path.lower().endswith(FOREIGN)), None)
-    report = motion_diagnosis_report(found, robot, ours)
+    report = motion_diagnosis_report(found, robot, written.own)
     if pictures_wanted(output):
         from elid_cli.report.figures.build import motion_figures, with_figures
 

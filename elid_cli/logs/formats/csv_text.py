@@ -11,7 +11,7 @@ from typing import IO, Any
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError
+from elid_cli.errors import LogError, first_of
 from elid_cli.logs.formats.csv_dialect import COMMENTS, LONGEST_LINE, Dialect, number_of, split
 from elid_cli.memory import MappedRows
 
@@ -200,12 +200,7 @@ class _Care:
         """What was wrong, a sentence each."""
         said = []
         if self._ragged:
-            said.append(f"{len(self._ragged)} CSV rows left out: {_named(self._ragged)}")
+            said.append(f"{len(self._ragged)} CSV rows left out: {first_of(self._ragged, REPORTED)}")
         if self._unreadable:
-            said.append(f"text in place of numbers, taken as missing: {_named(self._unreadable)}")
+            said.append(f"text in place of numbers, taken as missing: {first_of(self._unreadable, REPORTED)}")
         return said
-
-
-def _named(places: Sequence[str]) -> str:
-    more = f" and {len(places) - REPORTED} more" if len(places) > REPORTED else ""
-    return f"{', '.join(places[:REPORTED])}{more}"

@@ -21,7 +21,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.budget import Budget
-from elid_cli.errors import LogError
+from elid_cli.errors import LogError, first_of
 from elid_cli.logs.contract import LogFormat
 from elid_cli.logs.formats.csv import CUT, GZIP, MOST_COLUMNS, TIME_NAMES, CsvLog, unpack
 from elid_cli.logs.formats.csv_dialect import LONGEST_LINE, Dialect, without_units
@@ -181,7 +181,7 @@ class JsonLinesLog(CsvLog):
         stamped = STAMP in names and np.isfinite(self._table.column(STAMP)).all()
         self._time = STAMP if stamped else next((name for name in (*CLOCKS, STAMP) if name in names), "")
         if faulty:
-            listed = ", ".join(faulty[:REPORTED]) + (f" and {len(faulty) - REPORTED} more" * (len(faulty) > REPORTED))
+            listed = first_of(faulty, REPORTED)
             self.losses.append(f"{len(faulty)} lines without a JSON object left out: {listed}")
         if not whole:
             self.losses.append(CUT)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from elid_cli.errors import UsageError, nearest
+from elid_cli.errors import UsageError, first_of, nearest
 from elid_cli.logs.contract import Channel, Pick
 from elid_cli.logs.mapping.find import ABSENT, LISTED, find
 from elid_cli.logs.mapping.language import SIGNALS, SignalMap, TimeMap, parse_mapping
@@ -267,9 +267,7 @@ def _columns(spec: SignalMap, channel: Channel, robot: Robot) -> tuple[tuple[int
 
 
 def _listed(names: Sequence[object]) -> str:
-    known = [str(name) for name in names if name is not None]
-    more = f" and {len(known) - LISTED} more" if len(known) > LISTED else ""
-    return " ".join(known[:LISTED]) + more
+    return first_of([str(name) for name in names if name is not None], LISTED, " ")
 
 
 def _place_time(

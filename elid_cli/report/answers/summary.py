@@ -10,6 +10,7 @@ import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from math import isfinite
 
+from elid_cli.errors import first_of
 from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.following import PACE
@@ -337,5 +338,4 @@ def listed(names: Sequence[str]) -> str:
 
 def counted(names: Sequence[str], between: str = " ") -> str:
     """Return names, or those of the first few with the number of the others."""
-    said = between.join(names[:NAMED])
-    return said if len(names) <= NAMED else f"{said} and {len(names) - NAMED} more"
+    return first_of(names, NAMED, between)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -20,26 +21,36 @@ DRAWN = 400
 """Points of a cloud that are drawn: its mean and its band say the rest."""
 
 
+def thinned(series: Sequence[Array], most: int) -> NDArray[np.intp]:
+    """Return indices, at most about `most`, that keep every series' extremes and gaps; all of them where they are few.
+
+    Of every block of instants those are kept at which any series has its least or its largest value, or a gap.
+    """
+    count = len(series[0])
+    if count <= most:
+        return np.arange(count, dtype=np.intp)
+    blocks = max(1, most // (2 * len(series)))
+    chosen: set[int] = set()
+    for first, last in pairwise(np.linspace(0, count, blocks + 1).astype(int).tolist()):
+        for values in series:
+            block = values[first:last]
+            finite = np.isfinite(block)
+            if not finite.all():
+                chosen.add(first + int(np.argmin(finite)))
+            if finite.any():
+                chosen.update((first + int(np.nanargmin(block)), first + int(np.nanargmax(block))))
+    return np.array(sorted(chosen), dtype=np.intp)
+
+
 def envelope(t: Array, values: Array, columns: int = COLUMNS) -> tuple[Array, Array]:
     """Return a shorter line through the smallest and the largest value of every column of time, in their order.
 
     A line of at most two points per column is returned as it is. NaN (a gap) stays a gap.
     """
-    n = len(values)
-    if n <= 2 * columns:
+    if len(values) <= 2 * columns:
         return t, values
-    edges = np.linspace(0, n, columns + 1).astype(int)
-    chosen: list[int] = []
-    for first, last in pairwise(edges.tolist()):
-        block = values[first:last]
-        finite = np.flatnonzero(np.isfinite(block))
-        if finite.size < len(block):
-            chosen.append(first + int(np.flatnonzero(~np.isfinite(block))[0]))
-        if finite.size:
-            low, high = finite[np.argmin(block[finite])], finite[np.argmax(block[finite])]
-            chosen += [first + int(low), first + int(high)]
-    index = np.array(sorted(set(chosen)), dtype=int)
-    return t[index], values[index]
+    kept = thinned([values], 2 * columns)
+    return t[kept], values[kept]
 
 
 def cloud(x: Array, y: Array, cells: tuple[int, int] = CELLS, most: int = DRAWN) -> NDArray[np.intp]:

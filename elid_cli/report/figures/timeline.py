@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.report.figures.drawing import Drawing, Line, Panel, Rule, Spans
+from elid_cli.report.figures.paint import thinned
 
 POINTS = 4000
 """Instants of a line: some five for every pixel of a page's width, so that a stretch can be looked at closely."""
@@ -39,27 +38,6 @@ def _panel(panel: Panel, kept: NDArray[np.intp]) -> dict[str, Any]:
                    "strip": m.strip}
                   for m in marks if isinstance(m, Spans)],
     }  # fmt: skip
-
-
-def thinned(series: Sequence[Array], most: int) -> NDArray[np.intp]:
-    """Return indices, at most about `most`, that keep every series' extremes and gaps; all of them where they are few.
-
-    Of every block of instants those are kept at which any series has its least or its largest value, or a gap.
-    """
-    count = len(series[0])
-    if count <= most:
-        return np.arange(count, dtype=np.intp)
-    blocks = max(1, most // (2 * len(series)))
-    chosen: set[int] = set()
-    for first, last in pairwise(np.linspace(0, count, blocks + 1).astype(int).tolist()):
-        for values in series:
-            block = values[first:last]
-            finite = np.isfinite(block)
-            if not finite.all():
-                chosen.add(first + int(np.argmin(finite)))
-            if finite.any():
-                chosen.update((first + int(np.nanargmin(block)), first + int(np.nanargmax(block))))
-    return np.array(sorted(chosen), dtype=np.intp)
 
 
 def packed(values: Array) -> dict[str, Any]:
