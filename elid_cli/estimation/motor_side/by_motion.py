@@ -22,10 +22,11 @@ _Target = tuple[str, int]
 
 
 class ByMotion:
-    """Derivatives of θ and of the low-passed τ at one model of x."""
+    """Derivatives of θ and of the low-passed τ at one model of x; `friction` are its `Latent.friction_slopes`."""
 
-    def __init__(self, problem: Latent, now: Model, x: Array) -> None:
+    def __init__(self, problem: Latent, now: Model, x: Array, friction: Array) -> None:
         self._problem, self._now, self._x, self._n = problem, now, x, problem.log.n
+        self._friction = friction
         self._at, link, dt = problem.unknowns.places, problem.link, problem.log.dt
         slopes = link.slopes(now.q, x[self._at["p"]], x[self._at["J"]], (now.speed, now.acceleration))
         self._six = {("spring", i): problem.on_knots(self._on_knots(slopes.torque, i)) for i in range(self._n)}
@@ -43,10 +44,12 @@ class ByMotion:
         for i, targets in enumerate(every):
             for name, taps in targets.items():
                 kind, j = name
+                samples, knots = pieces.touched(taps.shape[1], part)
+                columns = slice(knots.start * n, knots.stop * n)
                 if kind == "own":
-                    found[:, :, i, j::n] += pieces.dense(taps, part) @ basis
+                    found[:, :, i, columns][:, :, j::n] += pieces.dense(taps, part) @ basis[:, samples, knots]
                 else:
-                    found[:, :, i] += pieces.dense(taps, part) @ spread[name]
+                    found[:, :, i, columns] += pieces.dense(taps, part) @ spread[name][:, samples, columns]
         return found.reshape(len(found), -1, found.shape[3])
 
     @cached_property
@@ -63,8 +66,8 @@ class ByMotion:
         low_pass = np.tile(problem.kernel, (len(problem.centres), 1))
         first, second = self._rates
         for i in range(self._n):
-            inertia = x[at["J"][i]] + now.tilt[:, i]
-            rates = self._moved(low_pass, now.steep[:, i], first) + self._moved(low_pass, inertia, second)
+            inertia = x[at["J"][i]] + self._friction[1, :, i]
+            rates = self._moved(low_pass, self._friction[0, :, i], first) + self._moved(low_pass, inertia, second)
             share = low_pass * problem.spring_share(now, x, i)[self._samples(low_pass)]
             targets = self._reached(i, rates, share)
             if problem.link.coupled and problem.link.elastic[i]:

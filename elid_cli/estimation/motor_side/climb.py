@@ -72,7 +72,7 @@ class Climb:
         self._spline = KnotSpline(log.t, 2.0 * log.dt)
         smooth, _ = filtered(log.theta, log.dt, 1.3 * band, 1.6)
         whole = self._spline.fit(smooth)
-        self._direction, *_ = log.direction(*(self._spline.matrices[d] @ whole for d in (1, 2)))
+        self._direction = log.direction(*(self._spline.matrices[d] @ whole for d in (1, 2)))
         self._cut = 0.0
         self._whole: _Band
         self._band: _Band

@@ -27,7 +27,7 @@ from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns, prior_
 
 PARTS = ("load", "bumps", "lost")
 """Unknowns that are in the model only where they are asked for."""
-POSITIONS, TORQUES = 8, 16
+POSITIONS, TORQUES = 8, 32
 """Samples that a group of position rows, and of torque rows, spans."""
 _LOAD_ROUNDING = 0.01
 """Torque within which |s| is rounded off, share of the joint's torque."""
@@ -73,10 +73,6 @@ class Model:
     acceleration: Array
     sign: Array
     """Friction's smooth sign."""
-    steep: Array
-    """Derivative of all friction by the motor's speed."""
-    tilt: Array
-    """The same by its acceleration: a sample averages over where friction changes its sign."""
     rounded: Array
     """|s|, rounded off at zero; empty without load friction."""
     bumps: Array
@@ -184,27 +180,36 @@ class Latent:
         q = B[0] @ coefficients, B[1] @ coefficients, B[2] @ coefficients
         terms, spring, lagged, theta = self._transmissions(q, x)
         speed, acceleration = first @ theta, second @ theta
-        sign, *slopes = self.log.direction(speed, acceleration)
+        sign = self.log.direction(speed, acceleration)
         tau = x[at["J"]] * (acceleration + terms.carried) + x[at["fv"]] * speed + x[at["fs"]] * sign
         tau += spring + x[at["offset"]]
-        steep, tilt = x[at["fv"]] + x[at["fs"]] * slopes[0], x[at["fs"]] * slopes[1]
         rounded, bumps = np.zeros((0, self.log.n)), np.zeros((0, 0, self.log.n))
         if "load" in self.parts:
             rounded = np.hypot(spring, self.rounding)
             tau += x[at["load"]] * sign * rounded
-            steep, tilt = (
-                total + x[at["load"]] * rounded * slope for total, slope in zip((steep, tilt), slopes, strict=True)
-            )
         if "bumps" in self.parts:
-            size = x[at["bumps"]].reshape(len(STRIBECK_WIDTHS), 1, -1)
-            bumps, *slopes = self.log.bumps(speed, acceleration)
-            tau += (size * bumps).sum(axis=0)
-            steep, tilt = (
-                total + (size * slope).sum(axis=0) for total, slope in zip((steep, tilt), slopes, strict=True)
-            )
+            bumps = self.log.bumps(speed, acceleration)
+            tau += (self._bump_sizes(x) * bumps).sum(axis=0)
         for amplitude, friction in zip(x[at["further"]], self.further, strict=True):
             tau[:, friction.joint] += amplitude * friction.values(speed[:, friction.joint])
-        return Model(q, terms, spring, lagged, theta, speed, acceleration, sign, steep, tilt, rounded, bumps, tau)
+        return Model(q, terms, spring, lagged, theta, speed, acceleration, sign, rounded, bumps, tau)
+
+    def _bump_sizes(self, x: Array) -> Array:
+        found: Array = x[self.unknowns["bumps"]].reshape(len(STRIBECK_WIDTHS), 1, -1)
+        return found
+
+    def friction_slopes(self, now: Model, x: Array) -> Array:
+        """Return derivatives of all friction by the motor's speed and acceleration, (2, N, n).
+
+        The latter is there as a sample averages over where friction changes its sign.
+        """
+        at = self.unknowns.places
+        size = x[at["fs"]] + x[at["load"]] * now.rounded if len(now.rounded) else x[at["fs"]]
+        found: Array = size * self.log.direction_slopes(now.speed, now.acceleration)
+        found[0] += x[at["fv"]]
+        if len(now.bumps):
+            found += (self._bump_sizes(x) * self.log.bump_slopes(now.speed, now.acceleration)).sum(axis=1)
+        return found
 
     def residual(self, coefficients: Array, x: Array) -> tuple[Array, Array, Model]:
         """Return the residuals of positions (N, n) and torques (rows, n) over their noise, and the model."""
@@ -235,8 +240,11 @@ class Latent:
             share += load * now.sign[:, joint] * now.spring[:, joint] / now.rounded[:, joint]
         return share
 
-    def by_unknowns(self, now: Model, x: Array) -> tuple[Array, Array]:
-        """Return d θ / d x, (N, n, size), and the derivatives of the low-passed τ by x, (rows, n, size)."""
+    def by_unknowns(self, now: Model, x: Array, rubs: Array) -> tuple[Array, Array]:
+        """Return d θ / d x, (N, n, size), and the derivatives of the low-passed τ by x, (rows, n, size).
+
+        `rubs` are `friction_slopes`.
+        """
         at, n, (first, second) = self.unknowns.places, self.log.n, self.log.rates
         theta, tau = np.zeros((2, self.log.count, n, self.unknowns.size))
         rate = first @ now.tau
@@ -246,8 +254,8 @@ class Latent:
                 self._deflection_by_unknowns(now, x, spring, theta[:, i], i)
                 used = np.union1d(used, [at[name][i] for name in ("damping", "lost", "c")])
                 here = theta[:, i, used]
-                inertia = x[at["J"][i]] + now.tilt[:, i, None]
-                tau[:, i, used] = inertia * (second @ here) + now.steep[:, i, None] * (first @ here)
+                inertia = x[at["J"][i]] + rubs[1, :, i, None]
+                tau[:, i, used] = inertia * (second @ here) + rubs[0, :, i, None] * (first @ here)
                 tau[:, i, at["J"][i]] += now.acceleration[:, i] + now.terms.carried[:, i]
             tau[:, i] += self.spring_share(now, x, i)[:, None] * spring
             tau[:, i, at["fv"][i]], tau[:, i, at["fs"][i]] = now.speed[:, i], now.sign[:, i]

@@ -276,10 +276,11 @@ class _Rows:
         self, problem: Latent, now: Model, x: Array, residuals: tuple[Array, Array], root: Array,
         free: NDArray[np.intp],
     ) -> None:  # fmt: skip
-        self.problem, self._by_motion = problem, ByMotion(problem, now, x)
+        friction = problem.friction_slopes(now, x)
+        self.problem, self._by_motion = problem, ByMotion(problem, now, x, friction)
         theta, tau = residuals
         self._over = np.broadcast_to(1 / problem.log.theta_noise, theta.shape), root / problem.tau_noise
-        self._by_x = [slopes[:, :, free] for slopes in problem.by_unknowns(now, x)]
+        self._by_x = [slopes[:, :, free] for slopes in problem.by_unknowns(now, x, friction)]
         self._residual = theta, tau * root
 
     def __iter__(self) -> Iterator[tuple[Pieces, slice, Array, Array, Array]]:

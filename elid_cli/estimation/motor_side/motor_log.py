@@ -142,33 +142,43 @@ class MotorLog:
         return self.tau if delay == 0 else np.stack([spline(self.t - delay) for spline in self._acting], axis=1)
 
     def direction(self, speed: Array, acceleration: Array) -> Array:
-        """Return friction's smooth sign of the speed, its slopes by speed and acceleration, under the thinning kernel.
-
-        Shape (3, N, n).
-        """
-        found = np.zeros((3, *speed.shape))
+        """Return friction's smooth sign of the speed under the thinning kernel, (N, n)."""
+        found = np.zeros_like(speed)
         for shift, weight in self._averaged:
-            sign = np.tanh((speed + acceleration * shift) / self.width)
-            slope = weight * (1 - sign**2) / self.width
-            found[0] += weight * sign
-            found[1] += slope
-            found[2] += shift * slope
+            found += weight * np.tanh((speed + acceleration * shift) / self.width)
+        return found
+
+    def direction_slopes(self, speed: Array, acceleration: Array) -> Array:
+        """Return the derivatives of `direction` by speed and acceleration, (2, N, n)."""
+        found = np.zeros((2, *speed.shape))
+        for shift, weight in self._averaged:
+            slope = 1 - np.tanh((speed + acceleration * shift) / self.width) ** 2
+            slope *= weight / self.width
+            found[0] += slope
+            found[1] += shift * slope
         return found
 
     def bumps(self, speed: Array, acceleration: Array) -> Array:
-        """Return sign(v) exp(-(v/w)²) of every Stribeck width and its two slopes, so too, (3, bumps, N, n)."""
-        found = np.zeros((3, len(STRIBECK_WIDTHS), *speed.shape))
+        """Return sign(v) exp(-(v/w)²) of every Stribeck width, under the kernel, too, (bumps, N, n)."""
+        found = np.zeros((len(STRIBECK_WIDTHS), *speed.shape))
         for shift, weight in self._averaged:
-            v = speed + acceleration * shift
-            sign = np.tanh(v / self.width)
-            steep = (1 - sign**2) / self.width
+            v = (speed + acceleration * shift) / self.width
+            sign, square = weight * np.tanh(v), v**2
+            for bump, share in zip(found, STRIBECK_WIDTHS, strict=True):
+                bump += sign * np.exp(square * (-1 / share**2))
+        return found
+
+    def bump_slopes(self, speed: Array, acceleration: Array) -> Array:
+        """Return the derivatives of `bumps` by speed and acceleration, (2, bumps, N, n)."""
+        found = np.zeros((2, len(STRIBECK_WIDTHS), *speed.shape))
+        for shift, weight in self._averaged:
+            v = (speed + acceleration * shift) / self.width
+            sign, square, over = np.tanh(v), v**2, weight / self.width
+            steep, bent = (1 - sign**2) * over, (2 * v * sign) * over
             for k, share in enumerate(STRIBECK_WIDTHS):
-                wide = share * self.width
-                bell = weight * np.exp(-((v / wide) ** 2))
-                slope = (steep - 2 * v / wide**2 * sign) * bell
-                found[0, k] += sign * bell
-                found[1, k] += slope
-                found[2, k] += shift * slope
+                slope = (steep - bent * (1 / share**2)) * np.exp(square * (-1 / share**2))
+                found[0, k] += slope
+                found[1, k] += shift * slope
         return found
 
 

@@ -49,11 +49,12 @@ class Pieces:
         start, stop = np.maximum(centres - reach, 0), np.minimum(centres + reach, last)
         self.reach = int((spline.first[stop] - spline.first[start]).max()) + ORDER - 1
         """Most knots between two that one row touches."""
-        begin, end = start[self.rows[:, 0]], stop[self.rows[:, -1]]
-        length = int((end - begin).max()) + 1
-        begin = np.minimum(begin, last + 1 - length)
-        self._window = begin[:, None] + np.arange(length)
-        self._middle = centres[self.rows] - begin[:, None]
+        self._apart, self._beside = int(centres[1] - centres[0]) * np.arange(many), reach
+        """Of a group's rows, the samples between the first one's middle and their own; and those before that one."""
+        length = int(self._apart[-1]) + 2 * reach + 1
+        begin = centres[self.rows[:, 0]] - reach
+        # beyond the ends, where no row touches anything, the last samples once more
+        self._window = np.clip(begin[:, None] + np.arange(length), 0, last)
         knots = spline.first[self._window]
         self.knots = int((knots[:, -1] - knots[:, 0]).max()) + ORDER
         """Knots of a window, W."""
@@ -103,14 +104,21 @@ class Pieces:
             self._samples[wide] = np.clip(place, 0, len(self._values) - 1)
         return self._samples[wide]
 
+    def touched(self, wide: int, part: slice) -> tuple[slice, slice]:
+        """Return which of the window's samples so many taps of a group's rows touch, and which of its knots these."""
+        first, last = self._beside - wide // 2, self._beside + int(self._apart[-1]) + wide // 2
+        offset = self._offset[part]
+        knots = slice(int(offset[:, first].min()), int(offset[:, last].max()) + ORDER)
+        return slice(first, last + 1), knots
+
     def dense(self, taps: Array, part: slice) -> Array:
-        """Return rows of taps on the window's samples, (C, R, S)."""
+        """Return rows of taps on the samples that they touch, (C, R, samples)."""
         rows, there, wide = self.rows[part], self.there[part], taps.shape[1]
-        reach = wide // 2
-        found = np.zeros((*rows.shape, self._window.shape[1] + 2 * reach))
-        place = (self._middle[part].ravel() + np.arange(rows.size) * found.shape[2])[:, None] + np.arange(wide)
-        found.reshape(-1)[place] = (taps[rows] * there[:, :, None]).reshape(-1, wide)
-        return found[:, :, reach : found.shape[2] - reach]
+        found = np.zeros((*rows.shape, int(self._apart[-1]) + wide))
+        values = taps[rows] * there[:, :, None]
+        for row, start in enumerate(self._apart.tolist()):
+            found[:, row, start : start + wide] = values[:, row]
+        return found
 
     def added(self, values: Array, part: slice, total: Array) -> None:
         """Add values on windows, (C, W n, ...), to those of all coefficients (K n, ...)."""

@@ -65,7 +65,8 @@ def test_pieces_give_the_derivatives_of_differences(arm: Arm, less: float) -> No
     setting = setting_of(replace(arm, gear=arm.gear / less, rotor=arm.rotor * less**2))
     problem, x, coefficients = problem_of(setting)
     assert problem.levels == 2
-    by_motion = ByMotion(problem, problem.model(coefficients, x), x)
+    now = problem.model(coefficients, x)
+    by_motion = ByMotion(problem, now, x, problem.friction_slopes(now, x))
     for knot in (1, 40, problem.spline.count - 2):
         for joint in range(3):
             step = np.zeros_like(coefficients)
