@@ -122,8 +122,7 @@ class Linearised:
             for k in moved:
                 own = self._chain == self._chain[k]
                 mass[:, :, k], slope[:, :, k] = np.where(own, pulled, 0.0), np.where(own, bent, 0.0)
-        shape = x.shape
-        return Local(mass.reshape(*shape, count), force.reshape(shape), slope.reshape(*shape, count), x)
+        return Local(mass.reshape(*x.shape, count), force.reshape(x.shape), slope.reshape(*x.shape, count), x)
 
     def _torques(self, x: Array, v: Array, a: Array) -> Array:
         """Return the torque on every coordinate, (N, m)."""
