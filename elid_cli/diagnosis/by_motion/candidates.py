@@ -247,7 +247,7 @@ def recordings_of(views: Sequence[View]) -> list[list[View]]:
 
 def edges_of(views: Sequence[View]) -> NDArray[np.intp]:
     """Return where the blocks of all stretches, one after the other, begin."""
-    from elid_cli.estimation.trajectory.normal_equations import BLOCKS
+    from elid_cli.estimation.trajectory.block_sums import BLOCKS
 
     starts, first = [], 0
     for view in views:

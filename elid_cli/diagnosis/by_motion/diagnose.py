@@ -18,6 +18,7 @@ from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import EstimateOptions, Identification
+from elid_cli.estimation.trajectory.block_sums import BLOCKS
 from elid_cli.estimation.trajectory.differing import as_last, differing
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import fitted_effects, scene_of_fit
@@ -28,7 +29,6 @@ from elid_cli.estimation.trajectory.identification import (
     started_from,
     unsuited,
 )
-from elid_cli.estimation.trajectory.normal_equations import BLOCKS
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene

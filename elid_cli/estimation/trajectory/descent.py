@@ -10,7 +10,8 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.normal_equations import step_of, steps_without
-from elid_cli.estimation.trajectory.normal_equations import Equations, Tracked, passed
+from elid_cli.estimation.trajectory.block_sums import Equations
+from elid_cli.estimation.trajectory.normal_equations import Tracked, passed
 from elid_cli.estimation.trajectory.unknowns import LATEST, Unknowns
 from elid_cli.model.rollout import Linearised
 

@@ -16,8 +16,11 @@ from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.long_run import at_least, beyond_normal
 from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without, white_covariance
+from elid_cli.estimation.trajectory.block_sums import Equations
 from elid_cli.estimation.trajectory.descent import DAMPING, descended, is_settled, is_small
-from elid_cli.estimation.trajectory.normal_equations import Equations, Tracked, passed, refine
+from elid_cli.estimation.trajectory.memory import has_memory
+from elid_cli.estimation.trajectory.normal_equations import Tracked, passed, refine
+from elid_cli.estimation.trajectory.start_noise import start_covariance
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, started
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.rollout import Linearised
@@ -173,7 +176,9 @@ def fit_trajectory(
 def _shows_delays(fit: TrajectoryFit) -> bool:
     """Whether the delay of a recording is clear of 0."""
     own = fit.unknowns.delays
-    return bool((np.abs(fit.delays) > SHOWN * fit.deviation[own]).any())
+    # what makes no memory may make a delay that is none: blocks of time know
+    blocks = np.sqrt(np.diag(jackknife(fit.left_out)))
+    return bool((np.abs(fit.delays) > SHOWN * np.maximum(fit.deviation, blocks)[own]).any())
 
 
 def fitted(
@@ -207,7 +212,10 @@ def fitted(
         still = is_small(z - last, every)
     assert before is not None
     final = every.holding(unknowns.delays) if prompt else every
-    covariance, between, alone, left = _spread(final, z, unknowns)
+    white = _white(final)
+    inverse = white / max(final.spread, 1e-300)
+    white += start_covariance(equations, tracked, columns, unknowns, z, final, inverse)
+    covariance, between, alone, left = _spread(final, z, unknowns, white)
     if prompt:
         covariance += _unseen_delays(every, unknowns, tracked[0].run.dt)
     sources = np.array([source for source, _, _ in final.spans])
@@ -235,17 +243,17 @@ def _unseen_delays(every: Equations, unknowns: Unknowns, dt: float) -> Array:
     return added
 
 
-def _spread(found: Equations, z: Array, unknowns: Unknowns) -> tuple[Array, Array, Array, Array]:
+def _spread(found: Equations, z: Array, unknowns: Unknowns, white: Array) -> tuple[Array, Array, Array, Array]:
     """Return the covariance, the spread between recordings, what each says alone, and values without each block.
 
-    One block of time after the other is left out of one linear step. What that changes counts where it is larger than
-    white noise would have it; of three recordings and more, the scatter of what each says alone counts where it is
-    larger still.
+    An error without memory has the covariance `white`, of its normal equations and of the start. One with a memory has
+    what leaving out one block of time after the other changes, in one linear step, where that is larger. Of three
+    recordings and more, the scatter of what each says alone counts where it is larger still.
     """
     source = np.array([number for number, _, _ in found.spans])
     recordings = np.unique(source)
     steps = steps_without(found.matrix, found.load, DAMPING)
-    covariance = at_least(jackknife(steps), _white(found))
+    covariance = at_least(jackknife(steps), np.diag(white)) if has_memory(found) else white
     between, alone = np.zeros(len(z)), np.repeat(z[None], len(recordings), axis=0)
     if len(recordings) > 1:
         parts = [(found.straight[source == r].sum(axis=0), found.load[source == r].sum(axis=0)) for r in recordings]
@@ -263,8 +271,9 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns) -> tuple[Array, Arra
 
 
 def _white(found: Equations) -> Array:
-    """Return the variances that a residual without memory would leave; weights make each joint's error 1."""
+    """Return the covariance that an error without memory would leave; weights make each joint's error 1."""
     whole = found.matrix.sum(axis=0)
-    inverse: Array = found.spread * np.diag(white_covariance(whole, DAMPING))
-    inverse[np.diag(whole) <= 0] = 0.0
+    inverse: Array = found.spread * white_covariance(whole, DAMPING)
+    hidden = np.diag(whole) <= 0
+    inverse[hidden], inverse[:, hidden] = 0.0, 0.0
     return inverse

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.trajectory.acting import Acting, acting, resisting, scene_along
-from elid_cli.estimation.trajectory.loss import Weighed, bent, usual_size, weighed
+from elid_cli.estimation.trajectory.block_sums import Equations, summed
+from elid_cli.estimation.trajectory.loss import bent, usual_size, weighed
 from elid_cli.estimation.trajectory.unknowns import Unknowns, steps_of
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.rollout import Drives, Joints, Linearised, Local, variants_of
 from elid_cli.model.runs import Run
 
-BLOCKS = 6
-"""Blocks of a recording, each of which is left out in turn for the standard errors (METHODS of leaving out blocks)."""
 SETTLING = 0.4
 """s at the start of a stretch that do not count: the simulation starts from one noisy sample."""
 REACH = 0.5
@@ -68,58 +66,6 @@ class Tracked:
         if self.local is None or not self.is_near:
             self.local = about.about(self.x[:, None], self.v[:, None])
         return self.local
-
-
-@dataclass(frozen=True)
-class Equations:
-    """What one pass over the recordings says: sums over blocks of J'J and J'e, and squares of e."""
-
-    matrix: Array
-    """(B, U, U), weighted; bent as the loss is: what noise moves follows it."""
-    straight: Array
-    """The same as the weights alone have it: a difference that is no noise follows that; 0 where columns were given."""
-    load: Array
-    """(B, U)."""
-    squares: Array
-    """Sum of squares of the error of every joint in every block, rad² (m²), (B, n)."""
-    lighter: Array
-    """The same with large errors counted less: what the fit makes small."""
-    scores: Array
-    """Sum of squares of its slope by the error, rad² (m²), (B, n) …"""
-    curvature: Array
-    """… and of its second derivative, (B, n)."""
-    sizes: Array
-    """Sum of the error's size, rad (m), (B, n)."""
-    counts: Array
-    """Samples of every block, (B,)."""
-    spans: tuple[tuple[int, float, float], ...]
-    """Recording, first and last time of every block, s."""
-
-    @property
-    def rms(self) -> Array:
-        """Rms error of every joint, rad (m), (n,)."""
-        found: Array = np.sqrt(self.squares.sum(axis=0) / self.counts.sum())
-        return found
-
-    @property
-    def size(self) -> Array:
-        """What the fit makes small: the same with large errors counted less, (n,)."""
-        found: Array = np.sqrt(self.lighter.sum(axis=0) / self.counts.sum())
-        return found
-
-    @property
-    def spread(self) -> float:
-        """Variance of an error without memory, in units of the normal equations (Huber's of an M-estimator)."""
-        size, bend = np.maximum(self.size, 1e-12), np.maximum(self.curvature.sum(axis=0), 1e-12)
-        return float(np.mean(self.scores.sum(axis=0) / (size**2 * bend)))
-
-    def holding(self, part: slice) -> Equations:
-        """Return the equations of unknowns of which some stay where they are."""
-        load, matrices = self.load.copy(), (self.matrix.copy(), self.straight.copy())
-        load[:, part] = 0.0
-        for matrix in matrices:
-            matrix[:, part], matrix[:, :, part] = 0.0, 0.0
-        return replace(self, matrix=matrices[0], straight=matrices[1], load=load)
 
 
 @dataclass(frozen=True)
@@ -299,44 +245,9 @@ def passed(
     seen = [weighed(own.error, item.usual, item.counts) for item, own in zip(tracked, moved, strict=True)]
     bend = np.sqrt(bent(seen))
     found = [
-        _summed(item.run, own, slopes, weights, bend, unknowns, whole=whole)
+        summed(item.run, own, slopes, weights, bend, unknowns, whole=whole)
         for item, own, slopes in zip(tracked, seen, columns, strict=True)
     ]
     sums = {field.name: np.concatenate([getattr(item, field.name) for item in found])
             for field in fields(Equations) if field.name != "spans"}  # fmt: skip
     return Equations(**sums, spans=tuple(span for item in found for span in item.spans)), columns
-
-
-def _summed(
-    run: Run, seen: Weighed, columns: Array, weights: Array, bend: Array, unknowns: Unknowns, *, whole: bool
-) -> Equations:
-    """Return the sums over every block of one stretch."""
-    edges = np.linspace(0, len(seen.error), BLOCKS + 1).astype(int)
-    scale, count = seen.light * weights, columns.shape[2]
-    straight, matrices, loads = (
-        np.zeros((BLOCKS, count, count)),
-        np.zeros((BLOCKS, count, count)),
-        np.zeros((BLOCKS, count)),
-    )
-    for chain, joints in enumerate(unknowns.chains):  # their unknowns and the delays move them, no others
-        own = np.flatnonzero(np.isin(unknowns.chain_of, (chain, len(unknowns.chains))))
-        both = np.ix_(own, own)
-        light = columns[:, joints[:, None], own] * scale[:, joints, None]
-        force = seen.error[:, joints] * scale[:, joints]
-        for k, (a, b) in enumerate(pairwise(edges)):
-            flat = light[a:b].reshape(-1, len(own))
-            bending = (light[a:b] * bend[joints, None]).reshape(-1, len(own))
-            loads[k, own] += flat.T @ force[a:b].ravel()
-            matrices[k][both] += bending.T @ bending
-            if whole:
-                straight[k][both] += flat.T @ flat
-
-    def by_block(values: Array) -> Array:
-        found: Array = np.add.reduceat(values, edges[:-1], axis=0)
-        return found
-
-    return Equations(
-        matrices, straight, loads, by_block(seen.error**2), by_block(seen.loss),
-        by_block((seen.error * seen.light**2) ** 2), by_block(seen.bend), by_block(np.abs(seen.error)), np.diff(edges),
-        tuple((run.source, float(run.t[a]), float(run.t[b - 1])) for a, b in pairwise(edges)),
-    )  # fmt: skip

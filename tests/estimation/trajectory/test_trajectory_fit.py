@@ -15,7 +15,7 @@ from elid_cli.cli import main
 from elid_cli.errors import UsageError
 from elid_cli.estimation.identify import EstimateOptions, Identification, identify
 from elid_cli.estimation.refined_robot import identified_robot
-from elid_cli.estimation.trajectory.normal_equations import BLOCKS
+from elid_cli.estimation.trajectory.block_sums import BLOCKS
 from elid_cli.experiment.replay import replay
 from elid_cli.logs.reading import read_recording
 from elid_cli.robot.files import read_robot

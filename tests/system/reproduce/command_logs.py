@@ -1,6 +1,6 @@
 """Diagnosis and intervals on simulated command logs with known truth, on a plant that shares no code with elid.
 
-    python -m tests.system.reproduce.command_logs [--logs N] [--only WORD]
+    python -m tests.system.reproduce.command_logs [--logs N] [--first SEED] [--only WORD]
 
 Prints, by effect, how often it was named alone, named among others that the log cannot tell apart, or not; what was
 named on clean logs; and how often 95 % intervals of armature, friction and offset hold the truth.
@@ -74,6 +74,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--logs", type=int, default=4)
+    parser.add_argument("--first", type=int, default=100)
     parser.add_argument("--only", default="")
     options = parser.parse_args()
     words, scores = ("named", "in set", "wrong", "none"), list[float]()
@@ -87,7 +88,7 @@ def main() -> None:
                 continue
             counts, others = dict.fromkeys(words, 0), list[str]()
             for seed in range(options.logs):
-                found = diagnosed(folder, robot, 100 + seed, DELAYS[seed % len(DELAYS)], effect)
+                found = diagnosed(folder, robot, options.first + seed, DELAYS[seed % len(DELAYS)], effect)
                 word, more = judged(name, found)
                 counts[word] += 1
                 others += more
