@@ -112,6 +112,10 @@ sensors = gathered(
     option(SENSORS, "--velocities", is_flag=True, help="Log velocities too."),
     option(SENSORS, "--torque-sensor", "tau_link", is_flag=True, help="Log the torque through the transmissions too."),
     option(SENSORS, "--temperature", is_flag=True, help="Log motor temperatures too (a slow warm-up)."),
+    option(SENSORS, "--gyro", multiple=True, metavar="JOINT",
+           help="Log a gyroscope on the link that this joint moves, mounted in any direction. Repeatable."),
+    option(SENSORS, "--gyro-noise", type=Number(least=0), default=0.0, metavar="RAD/S",
+           help="White noise on the rates of gyroscopes."),
 )  # fmt: skip
 
 ideal_drives = option(

@@ -29,7 +29,7 @@ from elid_cli.logs.source import Source, open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.memory import Recent, let_go, side_by_side
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import Recording, Segment, repeated, unique_notices
+from elid_cli.signals.recording import GYRO, Recording, Segment, repeated, unique_notices
 
 SAME_RATE = 1e-6
 """Relative difference of sample times that counts as none when logs are joined."""
@@ -37,7 +37,7 @@ BETWEEN_LOGS = 1.0
 """s between logs in the joined time."""
 SLOWEST, FASTEST = 5.0, 1e6
 """Hz; rates outside are a time in another unit."""
-OPTIONAL = ("dq", "dtheta", "tau_link", "temperature", *COMMANDS)
+OPTIONAL = ("dq", "dtheta", "tau_link", "temperature", *GYRO, *COMMANDS)
 
 
 @dataclass(frozen=True)
@@ -311,6 +311,7 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         dtheta=whole.get("dtheta"),
         tau_link=whole.get("tau_link"),
         temperature=whole.get("temperature"),
+        gyro={signal: whole[signal] for signal in GYRO if signal in whole},
         commands={signal: whole[signal] for signal in COMMANDS if signal in whole},
         segments=tuple(segments),
         files=files,

@@ -256,7 +256,7 @@ def _samples(found: Recording) -> Mapping[str, Any]:
     """Return columns ``t``, ``q.<joint>`` and so on, called as in CSV."""
     from elid_cli.report.answers.inputs import SIGNALS
 
-    signals = {name: values for name in SIGNALS if (values := getattr(found, name)) is not None}
+    signals = {name: values for name in SIGNALS if (values := found.signal(name)) is not None}
     columns = {f"{name}.{joint}": v[:, k] for name, v in signals.items() for k, joint in enumerate(found.joints)}
     return {"t": found.t, **columns}
 

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.tables import Shown
 
+GYRO = ("gyro_x", "gyro_y", "gyro_z")
+"""Signals of gyroscopes: angular velocities about the sensors' own axes."""
+
 
 @dataclass(frozen=True)
 class Segment:
@@ -51,6 +54,9 @@ class Recording(Shown):
     """Measured torque in the transmission, N·m, shape (N, n), or None; NaN columns where a joint has none."""
     temperature: Array | None = None
     """Temperatures, °C, shape (N, n), or None."""
+    gyro: Mapping[str, Array] = field(default_factory=dict)
+    """Angular velocities of the links, each in the axes of a sensor on it, rad/s: `GYRO` -> (N, n), NaN columns where a
+    link has no sensor; empty where none has."""
     commands: Mapping[str, Array] = field(default_factory=dict)
     """What the drives were told, where it was logged: ``q_des dq_des tau_ff kp kd``, held from one sample to the next,
     SI at the joint, each of shape (N, n); NaN columns where a joint has none."""
@@ -70,8 +76,16 @@ class Recording(Shown):
 
     def signal(self, name: str) -> Array | None:
         """Return a signal or command by its name, shape (N, n), or None where the log has none."""
-        values: Array | None = self.commands.get(name) if name in self.commands else getattr(self, name, None)
+        several = {**self.commands, **self.gyro}
+        values: Array | None = several[name] if name in several else getattr(self, name, None)
         return values
+
+    @property
+    def turning(self) -> NDArray[np.bool_]:
+        """Joints whose links carry a gyroscope, (n,)."""
+        if any(axis not in self.gyro for axis in GYRO):
+            return np.zeros(self.n, dtype=bool)
+        return np.array([not any(is_empty(self.gyro[axis][:, k]) for axis in GYRO) for k in range(self.n)])
 
     @property
     def link_torque(self) -> NDArray[np.bool_]:

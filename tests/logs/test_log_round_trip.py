@@ -5,11 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 
 from elid_cli.errors import UsageError
 from elid_cli.logs import read_recording, write_recording
 from elid_cli.logs.writing import formats
 from elid_cli.robot.robot import Joint, Robot
+from elid_cli.signals.recording import GYRO
 from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, same, written
 
 FORMATS = ("log.csv", "log.csv.gz", "log.h5", "log.hdf5", "log.mcap")
@@ -78,6 +81,56 @@ def test_link_torque_and_temperature_survive(tmp_path: Path) -> None:
     got = read(written(tmp_path, "log.mcap", extra))
     assert got.tau_link is not None
     assert np.array_equal(got.tau_link, extra.tau_link)
+
+
+def test_gyroscopes_survive_in_every_format(tmp_path: Path) -> None:
+    base = recording()
+    rates = {axis: np.where(np.arange(3) == 1, k + base.q, np.nan) for k, axis in enumerate(GYRO)}
+    extra = like(base, gyro=rates)
+    for name in FORMATS:
+        got = read(written(tmp_path, name, extra))
+        assert got.turning.tolist() == [False, True, False]
+        for axis in GYRO:
+            assert np.array_equal(got.gyro[axis], rates[axis], equal_nan=True)
+            assert got.signal(axis) is got.gyro[axis]
+
+
+def test_imu_messages_are_those_of_ros(tmp_path: Path) -> None:
+    """Decoded by another reader."""
+    base = recording(20)
+    path = written(tmp_path, "log.mcap", like(base, gyro={axis: base.q + k for k, axis in enumerate(GYRO)}))
+    with path.open("rb") as file:
+        found = list(make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(f"/imu/{JOINTS[2]}"))
+    assert len(found) == 20
+    for row, (schema, _, _, message) in enumerate(found):
+        assert schema is not None
+        assert schema.name == "sensor_msgs/msg/Imu"
+        stamp = message.header.stamp
+        assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(base.t[row], abs=1e-9)
+        turning = message.angular_velocity
+        assert [turning.x, turning.y, turning.z] == [base.q[row, 2] + k for k in range(3)]
+        assert message.orientation_covariance[0] == message.linear_acceleration_covariance[0] == -1.0
+
+
+@pytest.mark.parametrize("unit", ["deg/s", "rad/s"])
+def test_a_gyroscope_is_mapped_to_the_link_that_carries_it(tmp_path: Path, unit: str) -> None:
+    """As an inertial unit with a topic of its own is: one topic, one joint."""
+    base = recording()
+    rates = {axis: np.where(np.arange(3) == 0, base.q + k, np.nan) for k, axis in enumerate(GYRO)}
+    path = written(tmp_path, "log.mcap", like(base, gyro=rates))
+    place = f"/imu/{JOINTS[0]}"
+    mapping = {
+        axis: {"from": [None, place, None], "field": f"angular_velocity.{axis[-1]}", "unit": unit} for axis in GYRO
+    }
+    got = read_recording([path], ROBOT, mapping)
+    factor = np.pi / 180 if unit == "deg/s" else 1.0
+    assert got.turning.tolist() == [False, True, False]
+    assert got.gyro["gyro_z"][:, 1] == pytest.approx(factor * rates["gyro_z"][:, 0])
+
+
+def test_a_unit_that_no_gyroscope_has_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="unknown unit 'm/s'"):
+        read_recording([written(tmp_path, "log.csv")], ROBOT, {"gyro_x": {"from": "gyro_x.{joint}", "unit": "m/s"}})
 
 
 def test_standard_input_is_csv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import Recording, Segment
+from elid_cli.signals.recording import GYRO, Recording, Segment
 from tests.system.plain_arms import GRAVITY, Arm, Array, World, _bodies
 
 OVERSAMPLED = 4
@@ -51,6 +51,12 @@ class Case:
     """Kinematic error of the gears, twice per turn of the motor, rad at the joint, (n,)."""
     link_mode: tuple[float, float] | None = None
     """Share of every link's inertia that hangs on a spring of its own, and that one's frequency, Hz; damped by 2 %."""
+    gyros: tuple[int, ...] = ()
+    """Joints whose links carry a gyroscope, mounted in any direction, with a bias and scale errors of 1 %."""
+    gyro_noise: float = 2e-3
+    """rad/s."""
+    gyro_late: float = 2e-3
+    """s by which gyroscopes are late."""
 
 
 def inertias(arm: Arm) -> tuple[Array, Array]:
@@ -222,7 +228,25 @@ def motor_log(arm: Arm, seed: int, case: Case | None = None) -> Recording:
     q = np.where(np.isfinite(arm.stiffness), np.nan, theta)
     names = tuple(f"joint{i + 1}" for i in range(arm.n))
     whole = (Segment(0, len(theta)),)
-    return Recording(names, 1 / case.rate, world.t[pick], q, theta, torque, segments=whole, files=("log.h5",))
+    gyro = _gyroscopes(world, case, np.random.default_rng([seed, 9]))
+    return Recording(
+        names, 1 / case.rate, world.t[pick], q, theta, torque, gyro=gyro, segments=whole, files=("log.h5",)
+    )
+
+
+def _gyroscopes(world: World, case: Case, generator: np.random.Generator) -> dict[str, Array]:
+    """Return what gyroscopes on the links log; the arm turns about one axis."""
+    logged = {axis: np.full((len(world.t) // OVERSAMPLED, world.arm.n), np.nan) for axis in GYRO if case.gyros}
+    late = round(case.gyro_late * case.rate * OVERSAMPLED)
+    for k in case.gyros:
+        turn, _ = np.linalg.qr(generator.standard_normal((3, 3)))
+        axes = turn * np.linalg.det(turn) @ (np.eye(3) + 0.01 * generator.standard_normal((3, 3)))
+        rate = np.roll(world.dq[:, : k + 1].sum(axis=1), late)[::OVERSAMPLED]
+        seen = rate[:, None] * axes[:, 2] + 0.02 * generator.standard_normal(3)
+        seen += case.gyro_noise * generator.standard_normal(seen.shape)
+        for name, values in zip(GYRO, seen.T, strict=True):
+            logged[name][:, k] = values
+    return logged
 
 
 def told_robot(arm: Arm, seed: int, error: float = 0.2, *, elastic: bool = True) -> Robot:

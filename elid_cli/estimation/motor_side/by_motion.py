@@ -7,6 +7,7 @@ All of it acts on samples around the row's own (`Pieces`).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
 
@@ -17,12 +18,16 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.latent import Latent, Model
 from elid_cli.estimation.motor_side.operators import SHORT_WIDTH, centred
 from elid_cli.estimation.motor_side.pieces import Pieces, summed
+from elid_cli.model.link_rates import AXES
 
 _Target = tuple[str, int]
 
 
 class ByMotion:
-    """Derivatives of θ and of the low-passed τ at one model of x; `friction` are its `Latent.friction_slopes`."""
+    """Derivatives of θ, and of the low-passed τ and gyroscopes, at one model of x.
+
+    `friction` are its `Latent.friction_slopes`.
+    """
 
     def __init__(self, problem: Latent, now: Model, x: Array, friction: Array) -> None:
         self._problem, self._now, self._x, self._n = problem, now, x, problem.log.n
@@ -32,15 +37,17 @@ class ByMotion:
         self._six = {("spring", i): problem.on_knots(self._on_knots(slopes.torque, i)) for i in range(self._n)}
         if link.coupled:
             self._six |= {("carried", i): problem.on_knots(slopes.carried[:, :, i]) for i in range(self._n)}
+        if link.turning.joints:
+            self._six |= {("turning", r): problem.on_knots(slopes) for r, slopes in enumerate(self._turning())}
         self._rates = centred(1, dt), centred(2, dt)
         self._short_rates = centred(1, dt, SHORT_WIDTH), centred(2, dt, SHORT_WIDTH)
 
     def rows(self, pieces: Pieces, part: slice) -> Array:
-        """Return the derivatives of some groups' rows by the coefficients of their windows, (C, R n, W n)."""
+        """Return the derivatives of some groups' rows by the coefficients of their windows, (C, rows, W n)."""
         every = self._positions if pieces is self._problem.positions else self._torques
         basis, n = pieces.basis[part], self._n
         spread = {name: pieces.spread(six, part) for name, six in self._six.items()}
-        found = np.zeros((len(basis), pieces.rows.shape[1], n, pieces.knots * n))
+        found = np.zeros((len(basis), pieces.rows.shape[1], len(every), pieces.knots * n))
         for i, targets in enumerate(every):
             for name, taps in targets.items():
                 kind, j = name
@@ -60,7 +67,7 @@ class ByMotion:
 
     @cached_property
     def _torques(self) -> list[dict[_Target, Array]]:
-        """The same of the low-passed torques."""
+        """The same of the low-passed torques and gyroscopes."""
         problem, now, at, x = self._problem, self._now, self._at, self._x
         found = []
         low_pass = np.tile(problem.kernel, (len(problem.centres), 1))
@@ -73,7 +80,18 @@ class ByMotion:
             if problem.link.coupled and problem.link.elastic[i]:
                 targets["carried", i] = x[at["J"][i]] * low_pass
             found.append(targets)
+        first, second = self._short_rates
+        one = np.ones(problem.log.count)
+        for k, delay in enumerate(problem.gyro_unknowns(x)[2].tolist()):
+            taps = summed(self._moved(low_pass, one, 0.5 * delay**2 * second - delay * first), low_pass)
+            found += [{("turning", AXES * k + axis): taps} for axis in range(AXES)]
         return found
+
+    def _turning(self) -> Iterator[Array]:
+        """Yield the derivatives of what gyroscopes measure about every axis by q and q', (2, N, n) each."""
+        slopes = self._problem.link.turning.slopes(*self._now.q[:2])[1]
+        for k, mounting in enumerate(self._problem.gyro_unknowns(self._x)[0]):
+            yield from np.einsum("ab,dnbj->adnj", mounting, slopes[:, :, k])
 
     def _reached(self, i: int, theta: Array, spring: Array | None) -> dict[_Target, Array]:
         """Return what rows reach that take θ_i and, with `spring`, the torque through its transmission by taps.

@@ -270,36 +270,41 @@ class Climb:
 
     # ---- the climb
 
-    def ascend(self, locked: float | None = None) -> ClimbEnd:
-        """Climb from rigid joints, or from the compliance that a locked frequency, Hz, of every joint means."""
+    def ascend(self, locked: float | None = None, told: Array | None = None) -> ClimbEnd:
+        """Climb from rigid joints, from the compliance that a locked frequency, Hz, means, or at compliances `told`."""
         unknowns, elastic = self.unknowns, self.link.elastic
-        idle = ["lost", "bumps", "further", *(() if self.with_load else ("load",))]
+        idle = ["lost", "bumps", "gyro", "further", *(() if self.with_load else ("load",))]
         x = np.zeros(unknowns.size)
         x[unknowns["J"]], x[unknowns["p"]] = np.where(elastic, self.rotors.value, 0.0), 1e-3
         x, cost = self.rung(x, FIRST_RUNG, unknowns.free(*idle, "c"), 100.0)
-        if locked is not None:
+        if told is not None:
+            x[unknowns["c"]] = told
+        elif locked is not None:
             x[unknowns["c"]] = np.where(elastic, 1 / (self.mass(x) * (2 * np.pi * locked) ** 2), 0.0)
         cost, trace = 1.0, []
         for cutoff in rungs(LAST_RUNG * self._end):
-            held = cutoff < 3 * FIRST_RUNG and locked is None
+            held = cutoff < 3 * FIRST_RUNG and locked is None and told is None
             soft = 0.5 * self.mass(x) * (2 * np.pi * cutoff) ** 2 if held else None
             rows = 2 * self.link.n * max(8, int(np.searchsorted(self._frequencies, 1.5 * cutoff)))
             strength = float(np.sqrt(max(1.0, cost) * max(rows, 20) / 20))
-            x, cost = self.rung(x, cutoff, unknowns.free(*idle), strength, soft)
+            x, cost = self.rung(x, cutoff, unknowns.free(*idle, *(() if told is None else ("c",))), strength, soft)
             trace.append(ClimbEnd(x, cost, float(cutoff)))
-            if earlier := met(trace[-1], self._traces[self.with_load], unknowns.apart):
+            if told is None and (earlier := met(trace[-1], self._traces[self.with_load], unknowns.apart)):
                 trace = earlier
                 break
+        if told is not None:  # no compliance was climbed to
+            return min(trace, key=lambda rung: rung.cost)
         self._traces[self.with_load].append(trace)
         self.tops.append(trace[-1])
         return highest(trace)
 
     def ends(self) -> list[ClimbEnd]:
-        """Return the distinct ends of climbs from rigid and from soft joints, the best first."""
+        """Return the distinct ends of climbs from rigid and soft joints, and at the robot file's K, the best first."""
         found = []
-        for locked in (None, SOFT_START):
+        told = self.link.told_compliance
+        for locked, known in ((None, None), (SOFT_START, None), *([] if told is None else [(None, told)])):
             try:
-                end = self.ascend(locked)
+                end = self.ascend(locked, known)
             except (np.linalg.LinAlgError, ValueError):
                 continue
             if np.all(np.isfinite(end.x)):

@@ -69,7 +69,7 @@ def with_motor_side(found: Identification, side: MotorSide | None) -> Identifica
         hidden.pop(name, None)
         if joint.verdict == "refused":
             hidden[name] = joint.says
-        notes.append(f"{name}: {_note(joint)}")
+        notes.append(f"{name}: {_note(joint, side.source)}")
     limit = rigid_limit(side)
     if limit is not None:
         cutoff = found.settings.get("cutoff")
@@ -80,9 +80,9 @@ def with_motor_side(found: Identification, side: MotorSide | None) -> Identifica
     return replace(found, hidden=hidden, notes=tuple(notes), motor_side=side)
 
 
-def _note(joint: MotorSideJoint) -> str:
+def _note(joint: MotorSideJoint, source: str) -> str:
     if joint.verdict == "refused":
         return joint.says
     why = f" ({joint.reason}: right only if friction and gravity are as modelled)" if joint.verdict == "weak" else ""
     logs = f", {joint.together}" if joint.together else ""
-    return f"from motor position and torque alone, {joint.verdict}{why}{logs}; resonance {joint.resonance:.3g} Hz"
+    return f"from {source}, {joint.verdict}{why}{logs}; resonance {joint.resonance:.3g} Hz"

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.gyros import gyros_of, mounted
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
 from elid_cli.estimation.motor_side.response import Response, responses_of
-from elid_cli.estimation.motor_side.result import PAST, MotorSide, MotorSideJoint, NextMotion, why
+from elid_cli.estimation.motor_side.result import PAST, Gyroscope, MotorSide, MotorSideJoint, NextMotion, why
 from elid_cli.estimation.motor_side.rotors import rotors_of
 from elid_cli.estimation.motor_side.search import EXPLAINED, FALL, RESTS, Search, search
 from elid_cli.estimation.motor_side.setting import Setting
@@ -76,18 +77,34 @@ def motor_side(robot: Robot, recording: Recording, still: NDArray[np.bool_]) -> 
 
 def _estimated(robot: Robot, recording: Recording, moving: Sequence[int], asked: Sequence[int]) -> MotorSide:
     """Return what is found of the joints that are asked for."""
-    samples = stretch_of(recording, np.asarray(moving))
+    gyros = gyros_of(robot, recording, moving)
+    samples = stretch_of(recording, np.asarray(moving), gyros)
     if isinstance(samples, str):
         return MotorSide(tuple(_unseen(robot, k, samples) for k in asked))
     seen = _as_moving(robot, recording, moving, asked)
-    link = LinkSide(seen)
     with np.errstate(all="ignore"):
+        used, strange = mounted(samples.gyros, seen, samples.theta, 1 / samples.rate)
+        samples, link = replace(samples, gyros=used), LinkSide(seen, used.joints)
         rotors, total = rotors_of(seen, link, samples)
         setting = Setting(samples, link, rotors)
         answer = _answer(setting)
     joints = [_judged(robot, k, list(moving).index(k), setting, answer, total) for k in asked]
     seconds = float(samples.t[-1] - samples.t[0])
-    return MotorSide(tuple(joints), float("nan") if answer is None else answer.told.chi, seconds)
+    found = _gyroscopes([seen.joint_names[k] for k in gyros.joints], strange, answer)
+    return MotorSide(tuple(joints), float("nan") if answer is None else answer.told.chi, seconds, found)
+
+
+def _gyroscopes(joints: Sequence[str], strange: Mapping[int, str], answer: _Answer | None) -> tuple[Gyroscope, ...]:
+    """Return what was found of every gyroscope of the log."""
+    found, used = [], 0
+    for number, joint in enumerate(joints):
+        if number in strange or answer is None:
+            found.append(Gyroscope(joint, strange.get(number, "no fit was found")))
+            continue
+        mounting, bias, delay = (values[used].tolist() for values in answer.gyros)
+        found.append(Gyroscope(joint, "", tuple(map(tuple, mounting)), tuple(bias), delay))
+        used += 1
+    return tuple(found)
 
 
 class _Answer(NamedTuple):
@@ -97,6 +114,8 @@ class _Answer(NamedTuple):
     failed: list[tuple[str, ...]]
     vibration: Vibration
     responses: Mapping[int, Response]
+    gyros: tuple[Array, Array, Array]
+    """Mountings, biases and delays of the gyroscopes that were used."""
 
 
 def _answer(setting: Setting) -> _Answer | None:
@@ -109,7 +128,7 @@ def _answer(setting: Setting) -> _Answer | None:
         failed, fitted = _failed(found, told), Vibration(found.best)
         shown = [k for k, names in enumerate(failed) if verdict_of(names) != "refused"]
         responses = responses_of(fitted, setting.samples, shown, setting.bands) if shown else {}
-        return _Answer(told, failed, fitted, responses)
+        return _Answer(told, failed, fitted, responses, found.best.problem.gyro_unknowns(found.best.x))
     except (np.linalg.LinAlgError, ValueError):
         return None
 

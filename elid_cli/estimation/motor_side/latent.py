@@ -5,6 +5,7 @@ The links' motion is a quintic spline of unknown coefficients C (knots, n); what
 
     θ - (q + c (s - T s' + T² s'') + b tanh(s / s0)),    τ(t - d) - (J (θ'' + a) + fv θ' + friction + s + offset)
 
+and, of a gyroscope on a link, g - (M ω(q, q') of e seconds before + bias), rows beside those of the torques;
 with s = what the link side needs of the transmission and θ in the motor's row as the first equation gives it. Both are
 regular at c = 0, a rigid joint. Torque rows are low-passed: friction's kinks and the spline's errors live above.
 """
@@ -19,11 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.gyros import UNKNOWNS
 from elid_cli.estimation.motor_side.link_side import LinkSide, LinkTerms
 from elid_cli.estimation.motor_side.motor_log import STRIBECK_WIDTHS, MotorLog
 from elid_cli.estimation.motor_side.operators import SHORT_WIDTH, WIDTH, KnotSpline, low_pass_rows
 from elid_cli.estimation.motor_side.pieces import Pieces
 from elid_cli.estimation.motor_side.unknowns import RotorPrior, Unknowns, prior_of
+from elid_cli.model.link_rates import AXES
 
 PARTS = ("load", "bumps", "lost")
 """Unknowns that are in the model only where they are asked for."""
@@ -78,6 +81,10 @@ class Model:
     bumps: Array
     """Stribeck bumps, (bumps, N, n); empty without."""
     tau: Array
+    turning: Array
+    """Angular velocities of links with gyroscopes in their own frames, rad/s, (N, m, 3)."""
+    gyro: Array
+    """What the gyroscopes measure, (N, 3 m)."""
 
 
 class Latent:
@@ -114,7 +121,7 @@ class Latent:
         self.parts, self.further = tuple(parts), tuple(further)
         self.lost_scale = np.ones(log.n) if lost_scale is None else lost_scale
         self.spline = log.kept(("spline", spacing), lambda: KnotSpline(log.t, spacing))
-        self.prior_mean, self.prior_spread = prior_of(unknowns, rotors, log.torque)
+        self.prior_mean, self.prior_spread = prior_of(unknowns, rotors, log.torque, log.mounting)
         self.rounding = _LOAD_ROUNDING * log.torque
         self.levels = self.link.levels if self.link.ratio.min() < _GEARED else min(self.link.levels, _DEEPEST)
         """How many rotors whose deflections load the next one in a row the derivatives follow."""
@@ -128,8 +135,9 @@ class Latent:
         self.kernel: Array
         """Weights of every row of the low-pass, an odd number."""
         self.tau_noise: Array
+        """Of the low-passed rows, (n + 3 m,)."""
         self.torques: Pieces
-        """The torque rows."""
+        """The low-passed rows: torques, then gyroscopes."""
 
     def filter_torque(self, cutoff: float, floor: float) -> None:
         """Low-pass the torque rows at `cutoff`, Hz; their noise is at least `floor`, a share of the torque."""
@@ -140,7 +148,8 @@ class Latent:
         self.torques = log.kept(
             ("torques", self.spacing, cutoff), lambda: Pieces(self.spline, self.centres, reach, TORQUES)
         )
-        self.tau_noise = np.hypot(log.tau_noise * gain, floor * log.torque)
+        torques = np.hypot(log.tau_noise * gain, floor * log.torque)
+        self.tau_noise = np.concatenate([torques, log.gyro_noise * gain])
 
     def _reach(self, own: int) -> int:
         """Return how many samples to either side a row reaches that touches so many of its transmission's torque."""
@@ -192,7 +201,8 @@ class Latent:
             tau += (self._bump_sizes(x) * bumps).sum(axis=0)
         for amplitude, friction in zip(x[at["further"]], self.further, strict=True):
             tau[:, friction.joint] += amplitude * friction.values(speed[:, friction.joint])
-        return Model(q, terms, spring, lagged, theta, speed, acceleration, sign, rounded, bumps, tau)
+        turning, gyro = self._gyroscopes(q, x)
+        return Model(q, terms, spring, lagged, theta, speed, acceleration, sign, rounded, bumps, tau, turning, gyro)
 
     def _bump_sizes(self, x: Array) -> Array:
         found: Array = x[self.unknowns["bumps"]].reshape(len(STRIBECK_WIDTHS), 1, -1)
@@ -211,12 +221,31 @@ class Latent:
             found += (self._bump_sizes(x) * self.log.bump_slopes(now.speed, now.acceleration)).sum(axis=1)
         return found
 
+    def gyro_unknowns(self, x: Array) -> tuple[Array, Array, Array]:
+        """Return every gyroscope's M (m, 3, 3), bias (m, 3) and delay (m,)."""
+        own = x[self.unknowns["gyro"]].reshape(-1, UNKNOWNS)
+        return own[:, : AXES * AXES].reshape(-1, AXES, AXES), own[:, AXES * AXES : -1], own[:, -1]
+
+    def _gyroscopes(self, q: tuple[Array, Array, Array], x: Array) -> tuple[Array, Array]:
+        """Return angular velocities of links, (N, m, 3), and what gyroscopes measure of them, (N, 3 m)."""
+        mounting, bias, delay = self.gyro_unknowns(x)
+        turning = self.link.turning.rates(q[0], q[1])
+        late = [self._earlier(turning[:, k], by) @ mounting[k].T + bias[k] for k, by in enumerate(delay.tolist())]
+        return turning, np.concatenate(late, axis=1) if late else np.zeros((len(q[0]), 0))
+
+    def _earlier(self, values: Array, delay: float) -> Array:
+        """Return values (N, k) as they were `delay` s before, to the second order of it."""
+        first, second = self.log.short_rates
+        found: Array = values - delay * (first @ values) + 0.5 * delay**2 * (second @ values)
+        return found
+
     def residual(self, coefficients: Array, x: Array) -> tuple[Array, Array, Model]:
-        """Return the residuals of positions (N, n) and torques (rows, n) over their noise, and the model."""
+        """Return residuals over their noise, of positions (N, n) and low-passed rows (rows, n + 3 m), and the model."""
         now = self.model(coefficients, x)
         acts = self.log.torque_at(float(x[self.unknowns["delay"][0]]))
         theta = (self.log.theta - now.theta) / self.log.theta_noise
-        return theta, (self.rows @ (acts - now.tau)) / self.tau_noise, now
+        torques, gyros = acts - now.tau, self.log.gyro - now.gyro
+        return theta, (self.rows @ np.concatenate([torques, gyros], axis=1)) / self.tau_noise, now
 
     # ---- derivatives
 
@@ -241,7 +270,7 @@ class Latent:
         return share
 
     def by_unknowns(self, now: Model, x: Array, rubs: Array) -> tuple[Array, Array]:
-        """Return d θ / d x, (N, n, size), and the derivatives of the low-passed τ by x, (rows, n, size).
+        """Return d θ / d x, (N, n, size), and the derivatives of the low-passed rows by x, (rows, n + 3 m, size).
 
         `rubs` are `friction_slopes`.
         """
@@ -266,7 +295,25 @@ class Latent:
                 tau[:, i, at["bumps"].reshape(-1, n)[:, i]] = now.bumps[:, :, i].T
         for place, friction in zip(at["further"], self.further, strict=True):
             tau[:, friction.joint, place] = friction.values(now.speed[:, friction.joint])
-        return theta, np.stack([self.rows @ tau[:, i] for i in range(n)], axis=1)
+        rows = [tau[:, i] for i in range(n)] + self._gyros_by_unknowns(now, x)
+        return theta, np.stack([self.rows @ row for row in rows], axis=1)
+
+    def _gyros_by_unknowns(self, now: Model, x: Array) -> list[Array]:
+        """Return the derivatives of what every gyroscope measures about every axis, (N, size) each."""
+        mounting, _, delay = self.gyro_unknowns(x)
+        first, second = self.log.short_rates
+        found = []
+        for k, places in enumerate(self.unknowns["gyro"].reshape(-1, UNKNOWNS)):
+            seen = now.turning[:, k] @ mounting[k].T
+            by_delay = -(first @ seen) + delay[k] * (second @ seen)
+            earlier = self._earlier(now.turning[:, k], delay[k])
+            for axis in range(AXES):
+                row = np.zeros((self.log.count, self.unknowns.size))
+                row[:, places[AXES * axis : AXES * (axis + 1)]] = earlier
+                row[:, places[AXES * AXES + axis]] = 1.0
+                row[:, places[-1]] = by_delay[:, axis]
+                found.append(row)
+        return found
 
     def _spring_by_unknowns(self, now: Model, x: Array, theta: Array, i: int) -> tuple[Array, NDArray[np.intp]]:
         """Return d s_i / d x, (N, size), and which columns of it are not empty; later joints' θ is differentiated."""

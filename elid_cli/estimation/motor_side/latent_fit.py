@@ -72,11 +72,11 @@ class LatentFit:
     its end."""
     freedom: int
     residuals: tuple[Array, Array]
-    """Of positions (N, n) and torques (rows, n), over their noise."""
+    """Of positions (N, n) and low-passed rows (rows, n + 3 m), over their noise."""
     free: NDArray[np.intp]
     steps: int
     root: Array
-    """Square roots of the torque rows' robust weights, (rows, n)."""
+    """Square roots of the low-passed rows' robust weights, (rows, n + 3 m)."""
     schur: Schur
     """The undamped Schur complement."""
 
@@ -106,7 +106,8 @@ class LatentFit:
         for pieces, part, A, P, r in rows:
             cells = pieces.first_knot[part, None] * problem.log.n + np.arange(A.shape[2])
             scores = (P - A @ self.schur.following[cells]) * r[:, :, None]
-            block = np.repeat((pieces.centres * _BLOCKS // count)[pieces.rows[part]], problem.log.n)
+            places, several = pieces.rows[part], A.shape[1] // pieces.rows.shape[1]
+            block = np.repeat((pieces.centres * _BLOCKS // count)[places], several)
             np.add.at(sums, block, scores.reshape(-1, scores.shape[2]))
         sums -= sums.mean(axis=0)
         inverse = self.covariance[np.ix_(self.free, self.free)]

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.motor_side.duals import Dual
 from elid_cli.model.base_parameters import find_base
+from elid_cli.model.duals import Dual
 from elid_cli.model.kinematics import Body, JointState, chain
+from elid_cli.model.link_rates import LinkRates
 from elid_cli.model.program import Program, compile_program
 from elid_cli.model.regressor import Regressor
 from elid_cli.model.terms.base_term import ChainMotion, MotorState
@@ -68,10 +69,13 @@ class LinkSide:
     ----------
     robot
         As the log shows it: no joint that rests, no transmission ``auto``.
+    gyros
+        Joints whose links carry a gyroscope.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, gyros: Sequence[int] = ()) -> None:
         self.robot = robot
+        self.turning = LinkRates(robot, gyros)
         self.n = robot.n
         self.elastic: NDArray[np.bool_] = np.array([joint.elastic for joint in robot.joints])
         self.ratio = np.array([joint.gear_ratio or 1.0 for joint in robot.joints])
@@ -82,6 +86,12 @@ class LinkSide:
         self.viscous = tuple(int(k) for k in np.flatnonzero(self.elastic))
         self.names = (*(str(name) for name in self.bodies), *(f"viscous{k + 1}" for k in self.viscous))
         self.count = len(self.names)
+
+    @property
+    def told_compliance(self) -> Array | None:
+        """1/K by the robot file, 0 for rigid joints, (n,); None where it has not all of them."""
+        told = np.array([joint.parameters.get("K", np.nan) if joint.elastic else np.inf for joint in self.robot.joints])
+        return 1 / told if np.all(told > 0) else None
 
     @cached_property
     def coupled(self) -> bool:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.gyros import Gyros
 from elid_cli.estimation.motor_side.operators import SHORT_WIDTH, WIDTH, stencil, thin
 
 HIGHEST = 70.0
@@ -42,10 +43,12 @@ class Samples:
     """Speed within which friction changes its sign, rad/s (m/s), (n,)."""
     noise: tuple[Array, Array]
     """Standard deviations of theta's and tau's white noise, (n,) each."""
+    gyros: Gyros
+    """Angular velocities of links, where the log has any."""
 
     def part(self, part: slice) -> Samples:
         """Return some of the samples, their noise being what the whole shows."""
-        return replace(self, t=self.t[part], theta=self.theta[part], tau=self.tau[part])
+        return replace(self, t=self.t[part], theta=self.theta[part], tau=self.tau[part], gyros=self.gyros.part(part))
 
     @property
     def rate(self) -> float:
@@ -53,10 +56,12 @@ class Samples:
         return (len(self.t) - 1) / float(self.t[-1] - self.t[0])
 
 
-def samples_of(t: Array, theta: Array, tau: Array, width: Array) -> Samples:
+def samples_of(t: Array, theta: Array, tau: Array, width: Array, gyros: Gyros) -> Samples:
     """Return samples with the noise that their spectra show."""
     rate = (len(t) - 1) / float(t[-1] - t[0])
-    return Samples(t, theta, tau, width, (noise_of(theta, rate), noise_of(tau, rate)))
+    if gyros.joints:
+        gyros = replace(gyros, noise=noise_of(gyros.rates, rate))
+    return Samples(t, theta, tau, width, (noise_of(theta, rate), noise_of(tau, rate)), gyros)
 
 
 def noise_of(values: Array, rate: float) -> Array:
@@ -111,6 +116,9 @@ class MotorLog:
         self.tau_noise = np.maximum(tau_noise * gain, 1e-6 * self.tau.std(axis=0) + 1e-12)
         self.torque = np.maximum(self.tau.std(axis=0), 1e-12)
         """Standard deviation of the torques, N·m (N), (n,)."""
+        self.gyro, _ = thin(samples.gyros.rates, step) if samples.gyros.joints else (np.zeros((self.count, 0)), 1.0)
+        self.gyro_noise = np.maximum(samples.gyros.noise * gain, 1e-6 * self.gyro.std(axis=0) + 1e-12)
+        self.mounting = samples.gyros.mounting
         self.width = samples.width
         self._averaged = _kernel_instants(step, samples.rate)
         self._kept: dict[object, Any] = {}

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.gyros import watched
 from elid_cli.estimation.motor_side.latent import Friction, Latent
 from elid_cli.estimation.motor_side.latent_fit import Iteration, LatentFit, fit
 from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples
@@ -25,6 +27,8 @@ PATIENT = Iteration(60, 1e-5)
 MOVED = Iteration(15, np.inf, settle=True, least=3, near=2e-4)
 ROUGHLY = replace(MOVED, near=0.003, least=2)
 """How a fit iterates of which the compliances alone are asked, and where they are held against a gate of percents."""
+WATCHED = 25
+"""Every so many samples are looked at for what gyroscopes tell."""
 CLEAR = 3.0
 """Least rise of a foreseen cost over the one that is asked about that settles the question."""
 _SHARPER = 0.4
@@ -76,6 +80,8 @@ class Figures:
     """Share by which further steps lowered the cost."""
     moved: Array
     """Share by which they moved the compliance."""
+    watched: NDArray[np.bool_]
+    """Whether gyroscopes tell a link's turning: then it need not pass its antiresonance."""
     moves: Moves | None = None
     """None where the rest refuses every joint already."""
 
@@ -129,6 +135,7 @@ class _Refits:
 
     def _half(self, part: Samples, whole: MotorLog) -> tuple[Array, Array]:
         log = MotorLog(part, 2 / self.setting.spacing)
+        log.gyro_noise = whole.gyro_noise
         log.theta_noise, log.tau_noise, log.torque = whole.theta_noise, whole.tau_noise, log.torque
         found = self.fitted(log, how=ROUGHLY)
         if found is None:
@@ -165,7 +172,7 @@ def first_figures(found: Search) -> Figures:
     return Figures(
         best.compliance, best.errors[at["c"]], best.chi, float(x[at["delay"][0]]), x[at["damping"]], J, pull,
         sensitivity, x[at["load"]], best.errors[at["load"]], setting.bands, *_frequencies(best), gain, found.fall,
-        found.moved,
+        found.moved, watched(setting.link.turning, setting.link.elastic, best.model.q[0][::WATCHED]),
     )  # fmt: skip
 
 

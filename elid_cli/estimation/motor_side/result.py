@@ -106,6 +106,22 @@ class MotorSideJoint:
 
 
 @dataclass(frozen=True)
+class Gyroscope:
+    """A gyroscope on a link, and what was found of it."""
+
+    joint: str
+    """The joint that moves the link."""
+    reason: str = ""
+    """Why it was not used; empty where it was."""
+    mounting: tuple[tuple[float, ...], ...] = ()
+    """Rows of M: what it measures is M times the link's angular velocity in the link's frame."""
+    bias: tuple[float, ...] = ()
+    """rad/s."""
+    delay: float = float("nan")
+    """s by which it is late."""
+
+
+@dataclass(frozen=True)
 class MotorSide:
     """What the motor side says of every joint whose link position is hidden."""
 
@@ -114,6 +130,14 @@ class MotorSide:
     """Cost per degree of freedom of the fit: 1 is the sensors' noise."""
     seconds: float = float("nan")
     """Length of the stretch that was used, s."""
+    gyroscopes: tuple[Gyroscope, ...] = ()
+    """Those of the log."""
+
+    @property
+    def source(self) -> str:
+        """What the stiffnesses are from."""
+        used = any(not gyro.reason for gyro in self.gyroscopes)
+        return "motor position and torque and from gyroscopes" if used else "motor position and torque alone"
 
     def of(self, number: int) -> MotorSideJoint | None:
         """Return what is said of a joint, counted from 0."""

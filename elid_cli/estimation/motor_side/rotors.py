@@ -38,7 +38,7 @@ def _moved(link: LinkSide, samples: Samples) -> Array:
     climb.with_load = False
     x = np.zeros(unknowns.size)
     x[unknowns["p"]] = 1e-3
-    free = unknowns.free("lost", "bumps", "further", "load", "c", "J")
+    free = unknowns.free("lost", "bumps", "gyro", "further", "load", "c", "J")
     x, _ = climb.rung(x, 2 * FIRST_RUNG, free, _STRONG)
     mass: Array = np.abs(climb.mass(x))
     return mass

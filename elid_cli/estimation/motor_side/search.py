@@ -63,7 +63,7 @@ MISFIT = 3.0
 """Most cost per degree of freedom of a model that is believed."""
 _SAME_COST, _SAME_PLACE, _ELSEWHERE = 1e-3, 0.003, 0.03
 """Share of the cost, and logarithm of the compliances, within which two ends are one; the latter for starts."""
-_ENDS = 2
+_ENDS = 3
 _CLIMB_RATE = 16.0
 """Sample rate of the climb over the end of the band."""
 
@@ -152,8 +152,9 @@ class _Fits:
         self.hopeless: list[LatentFit] = []
         """Those of `ends` that were not gone on with."""
         self._waiting: list[_Columns] = []
-        self._plain: list[LatentFit] = []
-        """With load friction alone, and the coarse floor of those, too."""
+        self._coarse: list[LatentFit] = []
+        """With load friction alone and the coarse floor; `_fine`: with the next one."""
+        self._fine: list[LatentFit] = []
 
     @property
     def explained(self) -> bool:
@@ -192,18 +193,18 @@ class _Fits:
             first = columns.level(("load",), columns.coarsest.x, columns.coarsest.coefficients, (COARSE,))
             if first.chi > HOPELESS or (first.chi > MISFIT and not columns.may_fit(first)):
                 self._give_up(first)
-            elif not self._known(first):
+            elif not self._known(first, self._coarse):
                 fine = columns.level(("load",), first.x, first.coefficients, FLOORS[:1])
-                if not self._known(fine):
+                if not self._known(fine, self._fine):
                     self.ends.append(columns.best(fine))
 
     def _give_up(self, first: LatentFit) -> None:
         self.hopeless.append(first)
         self.ends.append(first)
 
-    def _known(self, found: LatentFit) -> bool:
-        known = any(self._same(found, other) for other in self._plain)
-        self._plain.append(found)
+    def _known(self, found: LatentFit, others: list[LatentFit]) -> bool:
+        known = any(self._same(found, other) for other in others)
+        others.append(found)
         return known
 
     def _same(self, one: LatentFit, other: LatentFit) -> bool:
@@ -230,9 +231,12 @@ class _Columns:
         """Return the start with the links' motion fitted and the parameters held: else the fit leaves a good start."""
         problem = self.setting.problem(("load",))
         problem.filter_torque(self.setting.cutoff, 0.1)
+        x = x.copy()
+        x[self.unknowns["gyro"]] = problem.prior_mean[self.unknowns["gyro"]]
         only = np.zeros(self.unknowns.size, dtype=bool)
-        only[self.unknowns["offset"]] = True
-        self.freedom = (problem.log.count + len(problem.centres) - problem.spline.count) * problem.log.n
+        only[self.unknowns["offset"]] = only[self.unknowns["gyro"]] = True
+        log, rows = problem.log, len(problem.centres) * len(problem.tau_noise)
+        self.freedom = (log.count - problem.spline.count) * log.n + rows
         return fit(problem, x, problem.spline.fit(q), only, Iteration(8, 0.05, robust=False))
 
     def level(

@@ -90,7 +90,9 @@ def put_together(found: Sequence[tuple[str, MotorSide]], logs: int) -> MotorSide
     )
     seconds = [side.seconds for _, side in found if np.isfinite(side.seconds)]
     misfits = [side.misfit for _, side in found if np.isfinite(side.misfit)]
-    return MotorSide(joints, max(misfits, default=float("nan")), sum(seconds) if seconds else float("nan"))
+    return MotorSide(
+        joints, max(misfits, default=float("nan")), sum(seconds) if seconds else float("nan"), found[0][1].gyroscopes
+    )
 
 
 def _joint(said: Sequence[tuple[str, MotorSideJoint]], logs: int) -> MotorSideJoint:
@@ -160,5 +162,6 @@ def _of_file(recording: Recording, number: int) -> Recording:
     return Recording(
         recording.joints, recording.dt, recording.t[rows], recording.q[rows], recording.theta[rows],
         recording.tau[rows], tau_link=None if recording.tau_link is None else recording.tau_link[rows],
-        segments=moved, files=(recording.files[number],),
+        gyro={axis: values[rows] for axis, values in recording.gyro.items()}, segments=moved,
+        files=(recording.files[number],),
     )  # fmt: skip

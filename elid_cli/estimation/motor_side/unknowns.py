@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.gyros import UNKNOWNS as GYRO_UNKNOWNS
+from elid_cli.estimation.motor_side.gyros import mounting_prior
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.motor_log import STRIBECK_WIDTHS
 
@@ -26,7 +28,7 @@ class Unknowns:
     """Places of the unknowns in one vector x.
 
     p (bodies), then per joint J (rotor), fv, fs, offset; one delay; per joint damping over stiffness, lost motion,
-    compliance c = 1/K, load friction; Stribeck bumps (bump by bump); further friction.
+    compliance c = 1/K, load friction; Stribeck bumps (bump by bump); gyroscopes' mounting, bias, delay; other friction.
     """
 
     link: LinkSide
@@ -38,7 +40,8 @@ class Unknowns:
         n = self.link.n
         sizes = {
             "p": self.link.count, "J": n, "fv": n, "fs": n, "offset": n, "delay": 1, "damping": n, "lost": n, "c": n,
-            "load": n, "bumps": n * len(STRIBECK_WIDTHS), "further": self.further,
+            "load": n, "bumps": n * len(STRIBECK_WIDTHS), "gyro": GYRO_UNKNOWNS * len(self.link.turning.joints),
+            "further": self.further,
         }  # fmt: skip
         ends = np.cumsum([0, *sizes.values()])
         places = {name: np.arange(ends[k], ends[k + 1]) for k, name in enumerate(sizes)}
@@ -72,10 +75,17 @@ class RotorPrior:
     spread: Array
 
 
-def prior_of(unknowns: Unknowns, rotors: RotorPrior, torque: Array) -> tuple[Array, Array]:
+def prior_of(unknowns: Unknowns, rotors: RotorPrior, torque: Array, mounting: Array) -> tuple[Array, Array]:
     """Return mean and standard deviation of every unknown, (size,); infinite where nothing is known.
 
-    `torque` is the standard deviation of every joint's torque, (n,).
+    Parameters
+    ----------
+    unknowns, rotors
+        What is unknown, and what is known of the rotors.
+    torque
+        Standard deviation of every joint's torque, (n,).
+    mounting
+        First estimate of every gyroscope's mounting, (m, 3, 3).
     """
     mean, spread = np.zeros(unknowns.size), np.full(unknowns.size, np.inf)
     mean[unknowns["J"]], spread[unknowns["J"]] = rotors.value, rotors.spread
@@ -83,5 +93,7 @@ def prior_of(unknowns: Unknowns, rotors: RotorPrior, torque: Array) -> tuple[Arr
     spread[unknowns["load"]] = LOAD_FRICTION_SPREAD
     turning = np.array([joint.revolute for joint in unknowns.link.robot.joints])
     spread[unknowns["lost"]] = np.where(turning, LOST_SPREAD, np.inf)
+    own_mean, own_spread = mounting_prior(mounting)
+    mean[unknowns["gyro"]], spread[unknowns["gyro"]] = own_mean, own_spread
     spread[unknowns["bumps"]] = np.tile(STRIBECK_SPREAD * torque, len(STRIBECK_WIDTHS))
     return mean, spread

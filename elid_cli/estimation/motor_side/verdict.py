@@ -66,7 +66,7 @@ WORDS = {
     "damping": "the transmission's damping is too strong",
     "load": "load friction has no possible value",
     "mass": "the links' inertia is not positive",
-    "others": "another joint moves with the part of the log that is used, so the fit as a whole is not the best",
+    "others": "another joint moves with the part of the log that is used, or may be rigid, so the fit is not the best",
     "negative": "a joint's compliance comes out negative beyond its error, so the fit as a whole is wrong",
 }
 """Why a gate was not passed, the weightiest first."""
@@ -93,7 +93,7 @@ def _seen(told: Figures, i: int) -> list[str]:
     checks = {
         "sure": c >= SURE * error,
         "close": error <= CLOSE * c,
-        "band": told.band[i] >= REACH * told.antiresonance[i],
+        "band": told.watched[i] or told.band[i] >= REACH * told.antiresonance[i],
         "misfit": told.chi <= MISFIT,
         "gain": told.gain[i] >= GAIN,
         "settled": told.fall < FALL or (told.fall < CREEPS and told.moved[i] < STILL * MOVE),
@@ -131,14 +131,15 @@ def _rows_disagree(asked: Moves, i: int) -> list[str]:
 def _shared(told: Figures, i: int) -> list[str]:
     """Return the failed gate about the other joints.
 
-    Where a fit leaves more than noise and a joint that is elastic beyond doubt moves with the rows that are used, the
-    whole is not the valley's bottom, and the others have made up for it.
+    Where a fit leaves more than noise and a joint that is elastic beyond doubt moves with the rows that are used, or
+    may be rigid, the whole is not the valley's bottom, and the others have made up for it.
     """
     if told.moves is None or told.chi <= EXPLAINED:
         return []
     sure = told.compliance >= SURE * told.error
     others = [k for k in np.flatnonzero(sure).tolist() if k != i]
-    return ["others"] if any(_rows_disagree(told.moves, k) for k in others) else []
+    doubtful = any(told.gain[k] < GAIN or _rows_disagree(told.moves, k) for k in others)
+    return ["others"] if doubtful else []
 
 
 def _possible(told: Figures, i: int) -> list[str]:

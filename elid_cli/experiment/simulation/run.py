@@ -15,7 +15,7 @@ from elid_cli.experiment.simulation.closed_loop import Clock, Controller, follow
 from elid_cli.experiment.simulation.control import ControlOptions, Gains, gains_of
 from elid_cli.experiment.simulation.effects_at_work import ActiveEffect, active_effects, warm_up
 from elid_cli.experiment.simulation.integration import System, longest_step, reference_scene
-from elid_cli.experiment.simulation.sensors import SensorOptions, measured
+from elid_cli.experiment.simulation.sensors import SensorOptions, gyroscopes, measured
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.scene import DIRECTION_WIDTH
 from elid_cli.robot.robot import Robot
@@ -240,5 +240,6 @@ def _recording(
         dtheta=logged.get("dtheta"),
         tau_link=logged.get("tau_link"),
         temperature=logged.get("temperature"),
+        gyro=gyroscopes(robot, motion.q, motion.dq, options.sensors, options.seed),
         segments=(Segment(0, motion.samples),),
     )

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import UsageError
+from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import GYRO
 
-CHANNELS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
+CHANNELS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature", "gyro")
 """Signals in the order of their random streams; a new one goes to the end, or the bytes of old seeds change."""
 
 
@@ -46,6 +47,14 @@ class SensorOptions:
     """Whether a torque sensor behind the gear is logged."""
     temperature: bool = False
     """Whether motor temperatures are logged (a warm-up that follows the friction losses)."""
+    gyro: tuple[str, ...] = ()
+    """Joints whose links carry a gyroscope, mounted in any direction and with a bias, as the seed has it."""
+    gyro_noise: float = 0.0
+    """Standard deviation added to its rates, rad/s."""
+
+
+BIAS = 0.01
+"""Standard deviation of a gyroscope's bias, rad/s."""
 
 
 def measured(robot: Robot, signals: dict[str, Array], dt: float, options: SensorOptions, seed: int) -> dict[str, Array]:
@@ -87,6 +96,36 @@ def measured(robot: Robot, signals: dict[str, Array], dt: float, options: Sensor
     for link, motor in (("q", "theta"), ("dq", "dtheta")):
         if motor in logged and rigid.any():
             logged[link] = np.where(rigid, logged[motor], logged[link])
+    return logged
+
+
+def gyroscopes(robot: Robot, q: Array, dq: Array, options: SensorOptions, seed: int) -> dict[str, Array]:
+    """Return what gyroscopes on links log, (N, n) by `GYRO`, of the links' exact motion, (N, n); empty without any.
+
+    Raises
+    ------
+    UsageError
+        No such joint.
+    """
+    from elid_cli.model.link_rates import AXES, LinkRates
+
+    unknown = next((name for name in options.gyro if name not in robot.joint_names), None)
+    if unknown is not None:
+        raise UsageError(f"no joint {unknown!r} for a gyroscope", hint=did_you_mean(unknown, robot.joint_names))
+    joints = [robot.joint_names.index(name) for name in dict.fromkeys(options.gyro)]
+    if not joints:
+        return {}
+    generator = np.random.default_rng([seed, 1 + CHANNELS.index("gyro")])
+    logged = {axis: np.full_like(q, np.nan) for axis in GYRO}
+    rates = LinkRates(robot, joints).rates(q, dq)
+    for number, joint in enumerate(joints):
+        turn, upper = np.linalg.qr(generator.standard_normal((AXES, AXES)))
+        turn = turn * np.sign(np.diag(upper))
+        turn[:, 0] *= np.linalg.det(turn)
+        own = rates[:, number] @ turn.T + BIAS * generator.standard_normal(AXES)
+        own += options.gyro_noise * generator.standard_normal(own.shape)
+        for axis, values in zip(GYRO, own.T, strict=True):
+            logged[axis][:, joint] = values
     return logged
 
 

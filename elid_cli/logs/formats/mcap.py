@@ -19,6 +19,7 @@ from elid_cli.logs.mcap.protobuf import flattener
 from elid_cli.logs.mcap.ros_schema import definitions_of, short_name
 from elid_cli.logs.mcap.write import write_mcap
 from elid_cli.logs.source import Source
+from elid_cli.signals.recording import GYRO
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 CANONICAL = {
@@ -28,6 +29,7 @@ CANONICAL = {
     "theta": {"from": "/motor_states", "field": "position"},
     "dtheta": {"from": "/motor_states", "field": "velocity"},
     "tau": {"from": "/motor_states", "field": "effort"},
+    **{signal: {"from": "/imu/{joint}"} for signal in GYRO},
 }
 BARE = {signal: spec | {"from": spec["from"].lstrip("/")} for signal, spec in CANONICAL.items()}
 NAMED = ("sensor_msgs/JointState", "control_msgs/DynamicJointState", "std_msgs/Float64MultiArray")
@@ -55,7 +57,7 @@ class McapLog:
 
     @property
     def canonical(self) -> Sequence[Mapping[str, Any]]:
-        """Link side on /joint_states, motor side on /motor_states."""
+        """Link side on /joint_states, motor side on /motor_states, gyroscopes on /imu and the joint's name."""
         return [CANONICAL, BARE]
 
     def load(self, picks: Sequence[Pick]) -> list[Stream]:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from elid_cli.errors import nearest
 from elid_cli.logs.contract import Channel
 from elid_cli.logs.mapping.language import GAINS, POSITIONS, TORQUES, VELOCITIES, SignalMap
+from elid_cli.signals.recording import GYRO
 
 LISTED = 12
 """Fields and names that a reason lists."""
@@ -15,6 +16,7 @@ ABSENT = "the log has no "
 """How the reason begins where a place is not in the log at all."""
 DEFAULT_FIELDS = dict.fromkeys(POSITIONS, "position") | dict.fromkeys(VELOCITIES, "velocity")
 DEFAULT_FIELDS |= dict.fromkeys(TORQUES, "effort") | {s: s for s in ("temperature", *GAINS)}
+DEFAULT_FIELDS |= {signal: f"angular_velocity.{signal[-1]}" for signal in GYRO}
 
 
 def find(spec: SignalMap, source: str, by_source: Mapping[str, Sequence[Channel]], *, near: bool) -> Channel | str:

@@ -1,4 +1,4 @@
-"""Write a recording as MCAP: JointState messages in CDR on /joint_states and /motor_states, zstd chunks."""
+"""Write a recording as MCAP: JointState messages on /joint_states and /motor_states, Imu on /imu/JOINT; CDR, zstd."""
 
 from __future__ import annotations
 
@@ -10,19 +10,27 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.logs.mcap.ros_schema import KNOWN
-from elid_cli.signals.recording import Recording
+from elid_cli.signals.recording import GYRO, Recording
 
-JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINT_STATE, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
 CHUNK_SIZE = 1 << 20
 RULE = "=" * 80
+VECTORS = ("geometry_msgs/Quaternion", "geometry_msgs/Vector3")
+IMU_START, FLOATS = 20, 37
+"""Bytes before the numbers of an Imu without a frame's name, and how many numbers it has."""
+TURNING, UNKNOWN = slice(13, 16), [4, 28]
+"""Of these the angular velocity, and the first of each covariance that says that a quantity is not known."""
 
 
 def joint_state_schema() -> bytes:
     """Return the ros2msg text of sensor_msgs/msg/JointState with all that it needs."""
-    parts = [KNOWN["sensor_msgs/JointState"]]
-    for name in ("std_msgs/Header", "builtin_interfaces/Time"):
-        parts.append(f"{RULE}\nMSG: {name}\n{KNOWN[name]}")
-    return "".join(parts).encode()
+    return _schema("sensor_msgs/JointState")
+
+
+def _schema(name: str, *more: str) -> bytes:
+    """Return the ros2msg text of a stamped message with the definitions that it needs."""
+    needed = ("std_msgs/Header", "builtin_interfaces/Time", *more)
+    return "".join([KNOWN[name], *(f"{RULE}\nMSG: {part}\n{KNOWN[part]}" for part in needed)]).encode()
 
 
 def write_mcap(recording: Recording, name: str) -> bytes:
@@ -43,6 +51,12 @@ def write_mcap(recording: Recording, name: str) -> bytes:
         messages = joint_states(stamps, recording.joints, signals)
         if messages:
             encoded.append((writer.register_channel(topic, "cdr", schema), messages))
+    turning = np.flatnonzero(recording.turning).tolist()
+    if turning:
+        schema = writer.register_schema(IMU, "ros2msg", _schema("sensor_msgs/Imu", *VECTORS))
+    for joint in turning:
+        rates = np.stack([recording.gyro[axis][:, joint] for axis in GYRO], axis=1)
+        encoded.append((writer.register_channel(f"/imu/{recording.joints[joint]}", "cdr", schema), imus(stamps, rates)))
     for row, stamp in enumerate(stamps.tolist()):
         for channel, messages in encoded:
             writer.add_message(channel, stamp, messages[row], stamp, row)
@@ -70,6 +84,19 @@ def joint_states(
         if values is not None:
             table[:, offset : offset + 8 * len(chosen)].view("<f8")[:] = values[:, chosen]
     return [row.tobytes() for row in table]
+
+
+def imus(stamps: NDArray[np.int64], rates: Array) -> list[bytes]:
+    """Return one CDR Imu per stamp (ns) with angular velocities (N, 3); orientation and acceleration are not known."""
+    numbers = np.zeros((stamps.size, FLOATS))
+    numbers[:, TURNING] = rates
+    numbers[:, UNKNOWN] = -1.0
+    table = np.zeros((stamps.size, IMU_START), np.uint8)
+    table[:, 1] = 1
+    table[:, 4:8].view("<i4")[:, 0] = stamps // 1_000_000_000
+    table[:, 8:12].view("<u4")[:, 0] = stamps % 1_000_000_000
+    table[:, 12] = 1  # the frame's name is empty: its length, and a zero
+    return [head.tobytes() + row.tobytes() for head, row in zip(table, numbers.astype("<f8"), strict=True)]
 
 
 def _template(names: list[str], present: list[bool]) -> tuple[bytes, list[int]]:

@@ -11,10 +11,10 @@ from elid_cli.model.effects import effect_classes
 from elid_cli.report.tree import Cell, KeyValues, Section, Text, number_text, picked
 from elid_cli.robot.files import fingerprint
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import Recording
+from elid_cli.signals.recording import GYRO, Recording
 
 Items = tuple[tuple[str, Cell], ...]
-SIGNALS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
+SIGNALS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature", *GYRO)
 
 
 def robot_payload(robot: Robot) -> dict[str, Any]:
@@ -156,7 +156,7 @@ def keeping(robot: Robot, word: str, effects: Iterable[str] = ()) -> tuple[str, 
 def _has(recording: Recording, name: str) -> bool:
     if name in recording.sources:
         return True
-    values = getattr(recording, name)
+    values = recording.signal(name)
     return values is not None and not recording.sources and bool((values == values).any())
 
 

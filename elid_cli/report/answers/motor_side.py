@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
-from elid_cli.estimation.motor_side.result import MotorSideJoint
+from elid_cli.estimation.motor_side.result import Gyroscope, MotorSideJoint
 from elid_cli.estimation.result import Identification
 from elid_cli.report.answers.classification import verdict_mark
 from elid_cli.report.tree import Cell, Column, Quantity, Section, Table, Text, Tone, picked
 
-TITLE = "stiffness from motor position and torque alone (no link position in this log)"
 NOTE = (
     "rigid to: a rigid joint's torque is within 5 % up to there; antiresonance: link against held motor; resonance: "
     "link against rotor"
@@ -30,7 +29,19 @@ def motor_side_sections(found: Identification) -> list[Section]:
     )
     rows = tuple(_row(found, joint) for joint in joints)
     said = [Text(f"motor_side{joint.number}", f"{joint.parameter}: {joint.says}") for joint in joints if joint.says]
-    return [Table("motor_side", columns, rows, title=TITLE, note=NOTE), *said]
+    gyros = found.motor_side.gyroscopes
+    said += [Text(f"gyroscope_{gyro.joint}", _gyro_words(gyro)) for gyro in gyros]
+    title = f"stiffness from {found.motor_side.source} (no link position in this log)"
+    return [Table("motor_side", columns, rows, title=title, note=NOTE), *said]
+
+
+def _gyro_words(gyro: Gyroscope) -> str:
+    """Return what was found of a gyroscope, a sentence."""
+    if gyro.reason:
+        return f"gyroscope behind {gyro.joint}: not used ({gyro.reason})"
+    bias = ", ".join(f"{1e3 * value:.2g}" for value in gyro.bias)
+    late = f"{abs(1e3 * gyro.delay):.2g} ms {'late' if gyro.delay > 0 else 'early'}"
+    return f"gyroscope behind {gyro.joint}: used, its mounting found; bias {bias} mrad/s, {late}"
 
 
 def _row(found: Identification, joint: MotorSideJoint) -> tuple[Cell, ...]:
@@ -71,7 +82,8 @@ def motor_side_payload(found: Identification) -> dict[str, Any]:
     if side is None:
         return {}
     joints = {joint.joint: _joint_payload(joint) for joint in side.joints}
-    return {"motor_side": {"misfit": side.misfit, "seconds": side.seconds, "joints": joints}}
+    gyros = {"gyroscopes": [asdict(gyro) for gyro in side.gyroscopes]} if side.gyroscopes else {}
+    return {"motor_side": {"misfit": side.misfit, "seconds": side.seconds, "joints": joints, **gyros}}
 
 
 def _joint_payload(joint: MotorSideJoint) -> dict[str, Any]:

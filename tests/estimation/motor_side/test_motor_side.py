@@ -119,7 +119,7 @@ def test_a_fit_with_a_negative_compliance_is_believed_at_no_joint() -> None:
     told = Figures(
         compliance=np.array([1e-3, 2e-3]), error=1e-6 * one, chi=1.0, delay=0.0, damping=none, rotor=one,
         rotor_pull=none, rotor_sensitivity=none, load_friction=none, load_friction_error=0.01 * one, band=20 * one,
-        antiresonance=10 * one, least_mass=1.0, gain=50 * one, fall=0.0, moved=none,
+        antiresonance=10 * one, least_mass=1.0, gain=50 * one, fall=0.0, moved=none, watched=none > 0,
     )  # fmt: skip
     assert failed_gates(told, 0) == []
     hardly = replace(told, compliance=np.array([1e-3, -2.5e-6]))
@@ -136,7 +136,7 @@ def test_starts_that_end_apart_far_from_noise_are_believed_at_no_joint() -> None
     told = Figures(
         compliance=1e-3 * one, error=1e-6 * one, chi=1.0, delay=0.0, damping=none, rotor=one, rotor_pull=none,
         rotor_sensitivity=none, load_friction=none, load_friction_error=0.01 * one, band=20 * one,
-        antiresonance=10 * one, least_mass=1.0, gain=50 * one, fall=0.0, moved=none, moves=moves,
+        antiresonance=10 * one, least_mass=1.0, gain=50 * one, fall=0.0, moved=none, watched=none > 0, moves=moves,
     )  # fmt: skip
     assert failed_gates(told, 0) == []  # the other end costs too much to count
     assert failed_gates(replace(told, chi=2.3), 0) == ["other_end"]
@@ -151,7 +151,7 @@ def test_a_sure_neighbour_that_moves_with_the_rows_refuses_a_joint_where_more_th
     told = Figures(
         compliance=np.array([3e-4, 5e-5]), error=np.array([1e-6, 4e-6]), chi=1.4, delay=0.0, damping=none, rotor=one,
         rotor_pull=none, rotor_sensitivity=none, load_friction=none, load_friction_error=0.01 * one, band=30 * one,
-        antiresonance=10 * one, least_mass=1.0, gain=9 * one, fall=0.0, moved=none, moves=moves,
+        antiresonance=10 * one, least_mass=1.0, gain=9 * one, fall=0.0, moved=none, watched=none > 0, moves=moves,
     )  # fmt: skip
     assert failed_gates(told, 0) == ["others"]
     assert failed_gates(replace(told, chi=1.0), 0) == []

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import UsageError
-from elid_cli.experiment.simulation import SensorOptions
-from elid_cli.experiment.simulation.sensors import measured
+from elid_cli.experiment.simulation.sensors import SensorOptions, gyroscopes, measured
 from elid_cli.robot.robot import Joint, Robot
+from elid_cli.signals.recording import GYRO
 
 ROBOT = Robot(
     "three",
@@ -94,3 +94,21 @@ def test_noise_of_a_channel_does_not_depend_on_what_else_is_logged() -> None:
 def test_an_encoder_without_counts_is_refused() -> None:
     with pytest.raises(UsageError):
         logged(counts=0.0)
+
+
+def test_gyroscopes_turn_with_their_links_in_axes_of_their_own() -> None:
+    """Of a wheel about z: one axis of the sensor's carries all of it, whichever way it is mounted."""
+    q, dq = WAVE, 3 * np.cos(T)[:, None] * np.ones(3)
+    seen = gyroscopes(ROBOT, q, dq, SensorOptions(gyro=("turn",), gyro_noise=1e-3), 4)
+    assert set(seen) == set(GYRO)
+    rates = np.stack([seen[axis][:, 0] for axis in GYRO], axis=1)
+    assert all(np.isnan(seen[axis][:, 1:]).all() for axis in GYRO)
+    slope = np.linalg.lstsq(np.stack([dq[:, 0], np.ones(N)], axis=1), rates, rcond=None)[0]
+    assert np.linalg.norm(slope[0]) == pytest.approx(1.0, abs=1e-4)
+    noise = rates - np.stack([dq[:, 0], np.ones(N)], axis=1) @ slope
+    np.testing.assert_allclose(noise.std(axis=0), 1e-3, rtol=0.05)
+    other = gyroscopes(ROBOT, q, dq, SensorOptions(gyro=("turn",)), 5)
+    assert np.abs(other["gyro_x"][:, 0] - seen["gyro_x"][:, 0]).max() > 0.1
+    assert gyroscopes(ROBOT, q, dq, SensorOptions(), 4) == {}
+    with pytest.raises(UsageError, match="no joint 'trun'"):
+        gyroscopes(ROBOT, q, dq, SensorOptions(gyro=("trun",)), 4)

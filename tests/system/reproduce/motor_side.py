@@ -1,6 +1,6 @@
 """Stiffness from the motor side alone on simulated arms: how often it is given, and how often it is wrong.
 
-    python -m tests.system.reproduce.motor_side [LOGS] [FIRST] [--beyond]
+    python -m tests.system.reproduce.motor_side [LOGS] [FIRST] [--beyond | --gyros]
 
 LOGS logs (default 26), from number FIRST on (default 0), of planar arms that a second simulator moves
 (`tests/system/motor_arms.py`): every log has its own arm, motion, noise (80, 70, 60 dB in turn) and rotor inertias told
@@ -9,6 +9,7 @@ logs so far.
 
 --beyond: arms and logs other than those that the thresholds were set for: more joints, coarser encoders, other sample
 rates, gears with a kinematic error, links with a mode of their own.
+--gyros: motion below the antiresonances, a gyroscope on every link (noise 2 mrad/s, 2 ms late, scale errors of 1 %).
 """
 
 from __future__ import annotations
@@ -76,6 +77,17 @@ BEYOND = (
     Kind("six joints", CROSS, joints=6),
     Kind("six, to 26-44 Hz", replace(CROSS, top=(26.0, 44.0)), joints=6),
 )
+SEEN = replace(CROSS, kind="smooth", gyros=(0, 1))
+WITH_GYROS = (
+    Kind("smooth, gyros", SEEN),
+    Kind("gyros, load, Stribeck", SEEN, load=(0.02, 0.1), stribeck=True),
+    Kind("gyros, lost motion", SEEN, lost=True),
+    Kind("below, gyros", replace(SEEN, kind="below")),
+    Kind("smooth, 17 bit, gyros", replace(SEEN, bits=17)),
+    Kind("rigid arm, gyros", SEEN, rigid=(0, 1), told_elastic=True),
+    Kind("one joint, gyro", replace(SEEN, gyros=(0,)), joints=1),
+    Kind("three joints, gyros", replace(SEEN, gyros=(0, 1, 2)), joints=3),
+)
 
 
 @dataclass(frozen=True)
@@ -123,7 +135,7 @@ def judged(number: int, kinds: Sequence[Kind] = KINDS) -> tuple[list[Joint], flo
 
 def table(joints: Iterable[Joint], seconds: dict[str, list[float]]) -> str:
     """Return the table of all kinds."""
-    everything, kinds = list(joints), (*KINDS, *BEYOND)
+    everything, kinds = list(joints), (*KINDS, *BEYOND, *WITH_GYROS)
     lines = [f"{'motion':20} joints shown wrong >3se weak wrong none median   max s/log"]
     names = [kind.name for kind in kinds if any(joint.kind == kind.name for joint in everything)]
     for name in [*names, "all"]:
@@ -148,9 +160,11 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("logs", type=int, nargs="?", default=26)
     parser.add_argument("first", type=int, nargs="?", default=0)
-    parser.add_argument("--beyond", action="store_true")
+    others = parser.add_mutually_exclusive_group()
+    others.add_argument("--beyond", action="store_true")
+    others.add_argument("--gyros", action="store_true")
     told = parser.parse_args()
-    kinds = BEYOND if told.beyond else KINDS
+    kinds = BEYOND if told.beyond else WITH_GYROS if told.gyros else KINDS
     joints: list[Joint] = []
     seconds: dict[str, list[float]] = {}
     with suppress(KeyboardInterrupt):
