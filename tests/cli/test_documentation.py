@@ -152,8 +152,7 @@ def test_robot_files_that_are_shown_are_read(name: str, block: str) -> None:
 @pytest.mark.parametrize(("name", "block"), [(n, b) for n, b in YAML if "field:" in b], ids=lambda v: v.split("\n")[0])
 def test_mappings_that_are_shown_are_read(name: str, block: str) -> None:
     raw = parse_yaml(block, name).plain()
-    first = next(iter(raw.values()))
-    named = first.get("joints") or [f"joint{k + 1}" for k, _ in enumerate(first["from"])]
+    named = raw["q"]["joints"] if "q" in raw else [f"joint{k + 1}" for k, _ in enumerate(raw["gyro_x"]["from"])]
     signals, _ = parse_mapping(raw, Robot("shown", tuple(Joint(joint) for joint in named)), name)
     assert {"q", "theta", "tau"} <= signals.keys() or set(GYRO) <= signals.keys()
 
