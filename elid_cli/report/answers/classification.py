@@ -8,16 +8,7 @@ from typing import Any
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.verdicts import TOO_LITTLE
 from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.report.answers.inputs import (
-    Items,
-    command,
-    heading,
-    log_payload,
-    note_items,
-    recorded_items,
-    robot_payload,
-    used_items,
-)
+from elid_cli.report.answers import inputs
 from elid_cli.report.answers.known import parameter_words
 from elid_cli.report.answers.summary import NOT_SHOWN, ROUGH, RULE, called
 from elid_cli.report.tree import Cell, Column, Folded, KeyValues, Mark, Report, Section, Table, Text, Tone, number_text
@@ -43,25 +34,25 @@ def classification_report(
     robot: Robot, base: BaseParameters, robot_argument: str, found: Identification | None, recording: Recording | None
 ) -> Report:
     """Return the report of ``elid classify``, with a log (`found` and `recording`) or from structure alone."""
-    payload: dict[str, Any] = robot_payload(robot)
-    facts: Items = ()
+    payload: dict[str, Any] = inputs.robot_payload(robot)
+    facts: inputs.Items = ()
     if found is not None and recording is not None:
-        payload["log"] = log_payload(recording)
-        facts = (*recorded_items(robot, recording), *used_items(found.settings))
+        payload["log"] = inputs.log_payload(recording)
+        facts = (*inputs.recorded_items(robot, recording), *inputs.used_items(found.settings))
     payload |= base_payload(base, found)
     sections: list[Section] = [
-        heading(robot, recording),
+        inputs.heading(robot, recording),
         Text("answer", _answer(base, found)),
-        KeyValues("inputs", (*(facts or note_items(robot)), *count_items(base))),
+        KeyValues("inputs", (*(facts or inputs.note_items(robot)), *count_items(base))),
         _base_table(base, found),
         grid("classes", "structural class", robot, base.classes, LEGEND),
     ]
     if found is not None:
         sections.append(grid("this_log", "class in this log", robot, found.this_log, LEGEND_LOG))
         sections += reasons_table(found)
-        sections.append(Text("next", command("identify", recording, robot_argument), "next"))
+        sections.append(Text("next", inputs.command("identify", recording, robot_argument), "next"))
     else:
-        sections.append(Text("next", command("identify", None, robot_argument), "next"))
+        sections.append(Text("next", inputs.command("identify", None, robot_argument), "next"))
     return Report("classify", payload, tuple(sections))
 
 
@@ -98,7 +89,7 @@ def class_payload(base: BaseParameters, found: Identification | None) -> dict[st
     return payload
 
 
-def count_items(base: BaseParameters) -> Items:
+def count_items(base: BaseParameters) -> inputs.Items:
     """Return the counts in words."""
     counts = base.counts
     return (

@@ -6,42 +6,16 @@ from dataclasses import replace
 
 from elid_cli.diagnosis import Diagnosis
 from elid_cli.estimation.result import Identification
+from elid_cli.report.answers import diagnosis_tables as tables
+from elid_cli.report.answers import inputs, summary
 from elid_cli.report.answers.classification import reasons_table
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
 from elid_cli.report.answers.diagnosis_json import diagnosis_payload
-from elid_cli.report.answers.diagnosis_tables import (
-    before_after_table,
-    effect_sections,
-    refuted_section,
-    residual_table,
-    triage_section,
-    unexplained_section,
-)
 from elid_cli.report.answers.error_tables import torque_unit
 from elid_cli.report.answers.identification import base_tables
-from elid_cli.report.answers.inputs import (
-    Items,
-    command,
-    heading,
-    keeping,
-    nuisance_items,
-    recorded_items,
-    span_words,
-    used_items,
-)
 from elid_cli.report.answers.known import parameter_words, some
 from elid_cli.report.answers.missing import further_items, held_out_size, loud_rows, missing_words, repeating
 from elid_cli.report.answers.motion_diagnosis import ADDED
-from elid_cli.report.answers.summary import (
-    POOR,
-    answers,
-    light,
-    listed,
-    plan_command,
-    record_sections,
-    share_text,
-    trust_words,
-)
 from elid_cli.report.tree import KeyValues, Report, Section, Text, number_text
 from elid_cli.signals.recording import Recording
 
@@ -63,13 +37,13 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
     """Return the report of one diagnosis."""
     found, recording = told.found, told.recording
     facts = (
-        *recorded_items(found.robot, recording),
-        *used_items(told.after.settings),
-        *nuisance_items(found.robot, found.nuisances),
+        *inputs.recorded_items(found.robot, recording),
+        *inputs.used_items(told.after.settings),
+        *inputs.nuisance_items(found.robot, found.nuisances),
         *_tried(found),
     )
     sharper, following = further_items(told), _next(told)
-    record, planned = record_sections(
+    record, planned = summary.record_sections(
         told.after,
         sharper,
         (recording.files[0], told.robot_argument),
@@ -79,8 +53,8 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
         following=following,
     )
     sections: list[Section] = [
-        heading(found.robot, recording),
-        answers(
+        inputs.heading(found.robot, recording),
+        summary.answers(
             _trust_words(told),
             missing_words(told) + _loud_words(told),
             parameter_words(told.after, _in_doubt(found, told.after)),
@@ -94,7 +68,7 @@ def diagnosis_report(told: DiagnosisInput) -> Report:
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *told.after.warnings))),
         *result_sections(told),
         *(
-            before_after_table(
+            tables.before_after_table(
                 f"check{k}", found.robot, check.before, check.after, f"error on {_files(check.recording)}"
             )
             for k, check in enumerate(told.checks)
@@ -113,8 +87,8 @@ def result_sections(told: DiagnosisInput) -> list[Section]:
     """Return what was found: effects, the error before and after, residuals, what stays."""
     found = told.found
     return [
-        *effect_sections(told),
-        before_after_table(
+        *tables.effect_sections(told),
+        tables.before_after_table(
             "before_after",
             found.robot,
             found.before,
@@ -123,10 +97,10 @@ def result_sections(told: DiagnosisInput) -> list[Section]:
             changed=bool(told.contributions),
         ),
         *_as_identified(found),
-        *([residual_table(found)] if found.effects or any(row.high for row in found.rows_before) else []),
-        *refuted_section(found),
-        *unexplained_section(found),
-        *triage_section(found),
+        *([tables.residual_table(found)] if found.effects or any(row.high for row in found.rows_before) else []),
+        *tables.refuted_section(found),
+        *tables.unexplained_section(found),
+        *tables.triage_section(found),
     ]
 
 
@@ -137,13 +111,13 @@ def _as_identified(found: Diagnosis) -> list[Section]:
     if not found.effects or not before or not other:
         return []
     title = f"error on stretches left out in turn, below {number_text(found.usual_cutoff)} Hz as in elid identify"
-    table = before_after_table("as_identified", found.robot, before, after, title)
+    table = tables.before_after_table("as_identified", found.robot, before, after, title)
     return [replace(table, note="as in the table above, at another filter: other figures of the same errors")]
 
 
-def _tried(found: Diagnosis) -> Items:
+def _tried(found: Diagnosis) -> inputs.Items:
     many = "effect at its joint" if found.tried == 1 else "effects at their joints"
-    return (("tried", f"{found.tried} {many}; held out of the search: {span_words(found.held_out)}"),)
+    return (("tried", f"{found.tried} {many}; held out of the search: {inputs.span_words(found.held_out)}"),)
 
 
 def _loud_words(told: DiagnosisInput) -> str:
@@ -170,7 +144,7 @@ def _in_doubt(found: Diagnosis, after: Identification) -> list[str]:
 
 
 def _trust_words(told: DiagnosisInput) -> str:
-    words = trust_words(told.found.robot, told.found.after, warnings=told.recording.warnings)
+    words = summary.trust_words(told.found.robot, told.found.after, warnings=told.recording.warnings)
     verdict, _, rest = words.partition(": ")
     if not told.contributions or not rest:
         return words
@@ -186,7 +160,11 @@ def _moved_section(told: DiagnosisInput) -> list[Section]:
         words.append(f"Without it these are biased by more than {MOVED:g} standard errors: {some(moved)}.")
     if referenced(told.before):
         first, last = (m.normalised_mean_error() for m in (told.before, told.after))
-        change = f"{share_text(first)} before, {share_text(last)} after" if told.contributions else share_text(last)
+        change = (
+            f"{summary.share_text(first)} before, {summary.share_text(last)} after"
+            if told.contributions
+            else summary.share_text(last)
+        )
         if not told.contributions or last < NEARER * first:  # the file need not be true: a small change says nothing
             words.append(f"Mean difference of all base parameters from the robot file: {change}.")
     said = "\n".join(word for word in words if word)
@@ -200,7 +178,7 @@ def _hiding(found: Diagnosis) -> set[int]:
 
 def _hopeless(told: DiagnosisInput) -> bool:
     """Whether the model is poor and no parameter of it known: what is missing then is another log, not its file."""
-    poor = any(light(error).text == POOR for error in told.found.after.values())
+    poor = any(summary.light(error).text == summary.POOR for error in told.found.after.values())
     return poor and not any(p.verdict == "supported" and not p.bias_possible for p in told.after.parameters)
 
 
@@ -209,33 +187,33 @@ def _another_log(told: DiagnosisInput) -> bool:
 
     That is where a written file would not hold what was found, or where the model is poor and nothing was found.
     """
-    poor = any(light(error).text == POOR for error in told.found.after.values())
+    poor = any(summary.light(error).text == summary.POOR for error in told.found.after.values())
     return _hopeless(told) or bool(told.found.predicted_worse) or (poor and not told.contributions)
 
 
 def _next(told: DiagnosisInput) -> str:
     found, recording = told.found, told.recording
     if found.partial:
-        return command("diagnose", recording, told.robot_argument)
+        return inputs.command("diagnose", recording, told.robot_argument)
     if _another_log(told) and (found.sufficient or found.predicted_worse) and told.written is None:
-        return plan_command(recording.files[0], told.robot_argument)
+        return summary.plan_command(recording.files[0], told.robot_argument)
     if found.sufficient:
-        keep = keeping(found.robot, "identified", [spec.effect for spec in found.robot.effects])
-        return command("identify", recording, told.robot_argument, *keep)
+        keep = inputs.keeping(found.robot, "identified", [spec.effect for spec in found.robot.effects])
+        return inputs.command("identify", recording, told.robot_argument, *keep)
     if _hopeless(told):
-        return plan_command(recording.files[0], told.robot_argument)
+        return summary.plan_command(recording.files[0], told.robot_argument)
     if told.written is not None:
-        return command("validate", recording, told.written, "--held-out")
+        return inputs.command("validate", recording, told.written, "--held-out")
     if told.contributions:
-        refined = keeping(found.robot, "refined", [spec.effect for spec in found.refined.effects])
+        refined = inputs.keeping(found.robot, "refined", [spec.effect for spec in found.refined.effects])
         tried = [word for name in told.only for word in ("--only", name)]
         lookup = ("--lookup",) if told.lookup else ()
-        return command("diagnose", recording, told.robot_argument, *tried, *lookup, *refined)
+        return inputs.command("diagnose", recording, told.robot_argument, *tried, *lookup, *refined)
     if told.only:
-        return command("diagnose", recording, told.robot_argument)
+        return inputs.command("diagnose", recording, told.robot_argument)
     if not told.lookup:
-        return command("diagnose", recording, told.robot_argument, "--lookup")
-    return command("identify", recording, told.robot_argument)
+        return inputs.command("diagnose", recording, told.robot_argument, "--lookup")
+    return inputs.command("identify", recording, told.robot_argument)
 
 
 def _against(told: DiagnosisInput) -> list[str]:
@@ -271,8 +249,8 @@ def _worse(found: Diagnosis) -> list[str]:
         for joint in found.predicted_worse
         if (first := number_text(before[joint].rms, 3)) != (last := number_text(after[joint].rms, 3))
     ]
-    errors = f" ({listed(sizes)})" if sizes else ""
-    where = listed(list(found.predicted_worse))
+    errors = f" ({summary.listed(sizes)})" if sizes else ""
+    where = summary.listed(list(found.predicted_worse))
     return [
         f"below {number_text(found.usual_cutoff)} Hz, where elid identify fits, what was found makes the prediction of "
         f"{where} worse on stretches that no fit saw{errors}. A written robot file therefore keeps the parameters from "

@@ -13,21 +13,10 @@ from elid_cli.diagnosis.residuals import words as where_words
 from elid_cli.diagnosis.unexplained import HELD_OUT
 from elid_cli.estimation.judgement import EQUATIONS, JointError
 from elid_cli.model.effects import effect_classes
+from elid_cli.report.answers import missing
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.error_tables import LIGHTS, SIDE_NOTES, torque_unit
 from elid_cli.report.answers.inputs import effect_text
-from elid_cli.report.answers.missing import (
-    FOLLOWS,
-    curve_words,
-    held_out_size,
-    judged_after,
-    left_follows,
-    poorly_fitted,
-    spoken,
-    summary_words,
-    variable_words,
-    whose,
-)
 from elid_cli.report.answers.summary import AT_FLOOR, light, share_text
 from elid_cli.report.tree import (
     Cell,
@@ -86,8 +75,8 @@ def residual_table(found: Diagnosis) -> Table:
 
 
 def _follows(organised: Sequence[Organised]) -> str:
-    named = [o for o in organised if o.share > FOLLOWS][:2]
-    return ", ".join(f"{variable_words(o.variable)} {share_text(o.share)}" for o in named) or "nothing known"
+    named = [o for o in organised if o.share > missing.FOLLOWS][:2]
+    return ", ".join(f"{missing.variable_words(o.variable)} {share_text(o.share)}" for o in named) or "nothing known"
 
 
 def effect_sections(told: DiagnosisInput) -> list[Section]:
@@ -114,7 +103,7 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         *Column.texts(effect="effect", joint="joint", rows="equation"),
         *Column.numbers(error="held-out error", gain="explains", worst_quarter="worst stretch"),
     ]
-    robot, poor = found.robot, poorly_fitted(found)
+    robot, poor = found.robot, missing.poorly_fitted(found)
     rows: list[tuple[Cell, ...]] = []
     meanings: list[tuple[str, Cell]] = []
     curves: dict[tuple[str, str | None], list[Contribution]] = {}
@@ -130,7 +119,7 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         side = EQUATIONS.get(c.rows, c.rows)
         rows.append((Mark(name, "warn"), where, side, error, percent(_explained(c), 2), worst))
         fit = "a poor fit: " if joint in poor else ""
-        meanings.append((whose(name, joint), fit + _meaning_of(robot, [term.effect for term in terms])))
+        meanings.append((missing.whose(name, joint), fit + _meaning_of(robot, [term.effect for term in terms])))
     note = (
         "held-out error: without the effect, everything else fitted again → with it, on stretches that no fit saw; "
         "explains: share of the squared held-out error that it takes away in this equation"
@@ -162,10 +151,10 @@ def _unit(robot: Robot, contribution: Contribution) -> str:
 def _meaning_of(robot: Robot, terms: Sequence[FoundEffect]) -> str:
     """Return what an effect is and its values; of a curve of several terms those of each."""
     effect = terms[0]
-    if curve := curve_words(effect):
+    if curve := missing.curve_words(effect):
         return f"a smooth curve over {curve}; it describes what is left and explains nothing"
     texts = [effect_text(robot, e.effect, e.joint, e.parameters, e.std_error) for e in terms]
-    text = f"{summary_words(terms)}: {'; and '.join(texts)}"
+    text = f"{missing.summary_words(terms)}: {'; and '.join(texts)}"
     absent = [p.name for p in effect_classes()[effect.effect].amplitudes if p.name not in effect.parameters]
     if absent:
         text += f"; taken as 0: {', '.join(absent)}, which this motion shows in sums with the others only"
@@ -177,8 +166,8 @@ def _also_possible(found: Diagnosis) -> list[Section]:
         return [Text("also_possible", "No other effect does as well on this log.")] if found.effects else []
     items: tuple[tuple[str, Cell], ...] = tuple(
         (
-            whose(r.effect, r.joint),
-            f"in place of {spoken(r.instead_of)} it explains {share_text(r.gain)}",
+            missing.whose(r.effect, r.joint),
+            f"in place of {missing.spoken(r.instead_of)} it explains {share_text(r.gain)}",
         )
         for r in found.also_possible
     )
@@ -234,7 +223,7 @@ def refuted_section(found: Diagnosis) -> list[Section]:
     if not found.refuted:
         return []
     items: tuple[tuple[str, Cell], ...] = tuple(
-        (whose(s.effect, s.joint), f"takes from the error of each stretch{_where(s)}: {s.words}{_kept(s)}")
+        (missing.whose(s.effect, s.joint), f"takes from the error of each stretch{_where(s)}: {s.words}{_kept(s)}")
         for s in found.refuted
     )
     title = "not named: it makes one of four stretches of the log worse, each predicted by a fit to the other three"
@@ -253,16 +242,16 @@ def unexplained_section(found: Diagnosis) -> list[Section]:
 
 
 def _left(found: Diagnosis, item: Unexplained) -> str:
-    rms, ratio = held_out_size(found, item)
+    rms, ratio = missing.held_out_size(found, item)
     times = f"{number_text(ratio, 2)} times the sensors' noise"
     size = f"{number_text(rms, 3)} {torque_unit(found.robot, item.joint)}, {times}"
     if item.variable == HELD_OUT:
         return f"{size} on the held-out stretches, where the search does not look, and noise elsewhere"
-    named = [(share_text(share), variable_words(name)) for name, share in left_follows(found, item)]
+    named = [(share_text(share), missing.variable_words(name)) for name, share in missing.left_follows(found, item)]
     follows = "; " + ", ".join(f"{share} follows {name}" for share, name in named) if named else ""
     follows = follows.replace(" follows", " of its mean square follows", 1)
     sticks = "; leave slow motion out: --min-velocity 0.03" if follows and item.variable == STICKING else ""
-    near = ", ".join(f"{whose(n.effect, n.joint)} {share_text(n.gain)}" for n in item.nearest if n.gain > NEAR)
+    near = ", ".join(f"{missing.whose(n.effect, n.joint)} {share_text(n.gain)}" for n in item.nearest if n.gain > NEAR)
     none = f"no effect that elid knows takes away even {share_text(NEAR)}"
     none = "the search was stopped before all effects were tried" if found.partial else none
     said = f"nearest, with the share that each would explain: {near}" if near else none
@@ -272,7 +261,7 @@ def _left(found: Diagnosis, item: Unexplained) -> str:
 def triage_section(found: Diagnosis) -> list[Section]:
     """Return which side of a joint to look at for what stays; what the found effects explain is not looked for."""
     told = {u.joint for u in found.unexplained}
-    lines = where_words(judged_after(found)) if told else ()
+    lines = where_words(missing.judged_after(found)) if told else ()
     said = [line for line in lines if SIZE_ONLY not in line or line.split(":")[0] not in told]
     return [Text("triage", "\n".join(said))] if said else []
 

@@ -6,17 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from elid_cli.diagnosis.friction_family import PLAIN, FrictionFamily, MemberFit, family
+from elid_cli.report.answers import inputs
 from elid_cli.report.answers.error_tables import torque_unit
 from elid_cli.report.answers.identification_json import error_payload
-from elid_cli.report.answers.inputs import (
-    command,
-    effect_text,
-    heading,
-    log_payload,
-    recorded_items,
-    robot_payload,
-    span_words,
-)
 from elid_cli.report.answers.summary import listed
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, picked
 from elid_cli.signals.recording import Recording
@@ -37,15 +29,15 @@ def friction_report(
         The robot files that were written.
     """
     sections: list[Section] = [
-        heading(found.robot, recording),
+        inputs.heading(found.robot, recording),
         KeyValues("answers", (("which friction?", _sentence(found)),)),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate(recording.warnings)),
         _errors(found),
         _members(found),
         *_values(found),
         KeyValues("inputs", (
-            *recorded_items(found.robot, recording),
-            ("held out", span_words(found.held_out)),
+            *inputs.recorded_items(found.robot, recording),
+            ("held out", inputs.span_words(found.held_out)),
             *(("left out", reason) for reason in found.skipped.values()),
             *(("written", path) for path in written),
         ), "how it was computed"),
@@ -58,8 +50,8 @@ def friction_payload(found: FrictionFamily, recording: Recording) -> dict[str, A
     """Return the JSON object of a comparison."""
     final = _final(found)
     return {
-        **robot_payload(found.robot),
-        "log": log_payload(recording),
+        **inputs.robot_payload(found.robot),
+        "log": inputs.log_payload(recording),
         "members": {name: picked(m, "title formula") for name, m in found.members.items()},
         "held_out": found.held_out,
         "friction": {
@@ -129,7 +121,7 @@ def _members(found: FrictionFamily) -> Table:
 
 def _values(found: FrictionFamily) -> list[Section]:
     items = [
-        (joint, effect_text(found.robot, family().name, joint, _shown(values), found.std_error.get(joint, {})))
+        (joint, inputs.effect_text(found.robot, family().name, joint, _shown(values), found.std_error.get(joint, {})))
         for joint, values in _final(found).items()
     ]
     return [KeyValues("values", tuple(items), "chosen members, beside fs and fv")] if items else []
@@ -141,7 +133,7 @@ def _shown(values: Mapping[str, float]) -> dict[str, float]:
 
 def _next(found: FrictionFamily, recording: Recording, robot: str, written: Sequence[str]) -> str:
     if written:
-        return command("validate", recording, written[0])
+        return inputs.command("validate", recording, written[0])
     if all(member == PLAIN for member in found.supported.values()):
-        return command("diagnose", recording, robot)
-    return command("friction", recording, robot, "--write-robot", f"{found.robot.name}-friction.yaml")
+        return inputs.command("diagnose", recording, robot)
+    return inputs.command("friction", recording, robot, "--write-robot", f"{found.robot.name}-friction.yaml")

@@ -10,41 +10,13 @@ from elid_cli.estimation.refined_robot import impossible_words
 from elid_cli.estimation.result import BaseEstimate, FittedEffect, Identification
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
+from elid_cli.report.answers import inputs, summary
 from elid_cli.report.answers.classification import folded, reasons_table, verdict_mark
 from elid_cli.report.answers.drive_gains import gains_table
 from elid_cli.report.answers.error_tables import TITLE, error_table, log_table, sensor_table, small
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
-from elid_cli.report.answers.inputs import (
-    Items,
-    command,
-    effect_text,
-    heading,
-    keeping,
-    nuisance_items,
-    recorded_items,
-    used_items,
-)
 from elid_cli.report.answers.known import parameter_words
 from elid_cli.report.answers.motor_side import motor_side_sections
-from elid_cli.report.answers.summary import (
-    BIASED,
-    JOINT_KINDS,
-    KNOWN,
-    NEGATIVE,
-    NOT_SHOWN,
-    ROUGH,
-    SMALL,
-    SMALL_WORDS,
-    answers,
-    by_kind,
-    loud_joints,
-    missing_words,
-    record_sections,
-    small_value,
-    spread_text,
-    symbol_words,
-    trust_words,
-)
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, number_text
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
@@ -73,22 +45,22 @@ def identification_report(
     written
         The robot files that were written.
     """
-    facts = (*recorded_items(found.robot, recording), *used_items(found.settings), *result_items(found))
+    facts = (*inputs.recorded_items(found.robot, recording), *inputs.used_items(found.settings), *result_items(found))
     predicts = "" if impossible_words(found) else ", which predicts as this result does"
     for path in written:
         foreign = path.lower().endswith((".urdf", ".xml", ".mjcf"))
         facts += (("written", path if foreign else f"{path}{predicts}"),)
     writes = found.model == "sufficient" and not found.drive_gains
-    record, further = record_sections(
+    record, further = summary.record_sections(
         found, (), (recording.files[0], robot_argument), writes=writes, written=writes and bool(written)
     )
     lacking = {item.joint for item in found.insufficient}
-    loud = [] if lacking else loud_joints(found.noise)
+    loud = [] if lacking else summary.loud_joints(found.noise)
     sections: list[Section] = [
-        heading(found.robot, recording),
-        answers(
-            trust_words(found.robot, found.error, lacking, (*recording.warnings, *found.warnings)),
-            missing_words(found.model, found.insufficient, found.noise),
+        inputs.heading(found.robot, recording),
+        summary.answers(
+            summary.trust_words(found.robot, found.error, lacking, (*recording.warnings, *found.warnings)),
+            summary.missing_words(found.model, found.insufficient, found.noise),
             parameter_words(found, loud),
             record,
         ),
@@ -110,16 +82,16 @@ def identification_report(
     return Report("identify", payload, tuple(sections))
 
 
-def result_items(found: Identification) -> Items:
+def result_items(found: Identification) -> inputs.Items:
     """Return the numbers that say how far the result can be trusted."""
     counts = found.base.counts
     marks = [mark.text if isinstance(mark := _mark(item), Mark) else "known" for item in found.parameters]
-    judged = ", ".join(f"{marks.count(word)} {word}" for word in ("known", BIASED, ROUGH, NEGATIVE, NOT_SHOWN, "held")
-                       if word in marks)  # fmt: skip
+    words = ("known", summary.BIASED, summary.ROUGH, summary.NEGATIVE, summary.NOT_SHOWN, "held")
+    judged = ", ".join(f"{marks.count(word)} {word}" for word in words if word in marks)
     return (
         ("parameters", f"{counts['parameters']} standard, {counts['base']} base; {judged}"),
         ("condition", f"{number_text(found.condition, 2)}, rank margin {number_text(found.rank_margin, 2)}"),
-        *nuisance_items(found.robot, found.nuisances),
+        *inputs.nuisance_items(found.robot, found.nuisances),
         *(_effect_item(found.robot, effect) for effect in found.effects),
         *(("note", sentence) for sentence in found.notes),
     )
@@ -127,7 +99,7 @@ def result_items(found: Identification) -> Items:
 
 def _effect_item(robot: Robot, found: FittedEffect) -> tuple[str, Cell]:
     """Return a declared effect with the values that this log gives it."""
-    values = effect_text(robot, found.effect, found.joint, found.parameters, found.std_error)
+    values = inputs.effect_text(robot, found.effect, found.joint, found.parameters, found.std_error)
     return (found.effect.replace("_", " "), f"{found.joint or 'robot'} {values}")
 
 
@@ -137,15 +109,15 @@ def base_tables(found: Identification) -> list[Table]:
     Those of drives and transmissions are a table of their own, which comes first; what the verdicts mean is under the
     last.
     """
-    ordered = by_kind([item.leader for item in found.parameters])
-    drives = [k for k in ordered if found.parameters[k].leader.kind in JOINT_KINDS]
+    ordered = summary.by_kind([item.leader for item in found.parameters])
+    drives = [k for k in ordered if found.parameters[k].leader.kind in summary.JOINT_KINDS]
     bodies = [k for k in ordered if k not in drives]
     parts = [
         ("joint_parameters", "parameters of drives and transmissions, with standard errors", drives),
         ("base_parameters", "parameters of the bodies, with standard errors", bodies),
     ]
     tables = [_base_table(found, key, title, members) for key, title, members in parts if members]
-    notes = [symbol_words(found.base.names[k] for k in members) for _, _, members in parts if members]
+    notes = [summary.symbol_words(found.base.names[k] for k in members) for _, _, members in parts if members]
     notes[-1:] = [f"{words}\n{verdict_note(found)}" for words in notes[-1:]]
     return [replace(table, note=note) for table, note in zip(tables, notes, strict=True)]
 
@@ -165,6 +137,7 @@ def _base_table(found: Identification, key: str, title: str, members: Sequence[i
     rows: list[tuple[Cell, ...]] = []
     for k in members:
         value, deviation = float(found.estimate[k]), float(found.std_error[k])
+        minor = summary.small_value(value, deviation, found.verdict[k])
         reference: tuple[Cell, ...] = (Quantity(float(found.reference[k])), small(float(relative[k]))) if known else ()
         verdict: tuple[Cell, ...] = (_mark(found.parameters[k]),) if doubtful else ()
         rows.append(
@@ -172,7 +145,7 @@ def _base_table(found: Identification, key: str, title: str, members: Sequence[i
                 folded(found.base.names[k], found.base.terms[k]),
                 Quantity(value, resolution=deviation),
                 Quantity(deviation, resolution=deviation),
-                SMALL if small_value(value, deviation, found.verdict[k]) else spread_text(deviation, value),
+                summary.SMALL if minor else summary.spread_text(deviation, value),
                 found.base.units[k],
                 *reference,
                 *verdict,
@@ -185,26 +158,28 @@ def _mark(item: BaseEstimate) -> Cell:
     if item.reason.startswith(HELD):
         return Mark("held", "dim")
     if item.reason.startswith(IMPOSSIBLE):
-        return Mark(NEGATIVE, "bad")
+        return Mark(summary.NEGATIVE, "bad")
     if item.verdict != "supported":
         return verdict_mark(item.verdict)
-    return Mark(BIASED, "warn") if item.bias_possible else ""
+    return Mark(summary.BIASED, "warn") if item.bias_possible else ""
 
 
 def verdict_note(found: Identification) -> str:
     """Return what the verdicts mean that stand in the tables."""
     items = found.parameters
     negative = [item for item in items if item.reason.startswith(IMPOSSIBLE)]
+    rough = any(item.verdict == "weak" and item not in negative for item in items)
+    refused = any(item.verdict == "refused" and not item.reason.startswith(HELD) for item in items)
+    biased = any(item.bias_possible for item in items)
     said = [
-        (KNOWN, True),
-        (f"{ROUGH}: less well than that", any(item.verdict == "weak" and item not in negative for item in items)),
-        (f"{NOT_SHOWN}: by this log", any(item.verdict == "refused" and not item.reason.startswith(HELD)
-                                         for item in items)),
-        (f"{BIASED}: what the model lacks can move it by more than ± sd says", any(p.bias_possible for p in items)),
-        (f"{NEGATIVE}: no robot has such a value", bool(negative)),
+        (summary.KNOWN, True),
+        (f"{summary.ROUGH}: less well than that", rough),
+        (f"{summary.NOT_SHOWN}: by this log", refused),
+        (f"{summary.BIASED}: what the model lacks can move it by more than ± sd says", biased),
+        (f"{summary.NEGATIVE}: no robot has such a value", bool(negative)),
         ("held: at the robot file's value, not looked for", any(item.reason.startswith(HELD) for item in items)),
-        (SMALL_WORDS, any(small_value(item.estimate, item.std_error, item.verdict) for item in items)),
-    ]  # fmt: skip
+        (summary.SMALL_WORDS, any(summary.small_value(item.estimate, item.std_error, item.verdict) for item in items)),
+    ]
     return "\n".join(words for words, stands in said if stands)
 
 
@@ -212,13 +187,15 @@ def _next(found: Identification, recording: Recording, robot_argument: str, writ
     if found.drive_gains:
         first = replace(recording, files=recording.files[:1])  # the other one has the payload
         if found.gain_map:
-            return command("identify", first, robot_argument, "--map", found.gain_map)
+            return inputs.command("identify", first, robot_argument, "--map", found.gain_map)
         return shlex.join(["elid", "excite", "--robot", robot_argument, "-o", "exciting.csv"])
     if found.model != "sufficient":
-        return command("diagnose", recording, robot_argument)
+        return inputs.command("diagnose", recording, robot_argument)
     if written:
-        return command("validate", recording, written[0])
-    return command("identify", recording, robot_argument, *keeping(found.robot, "identified", _declared(found.robot)))
+        return inputs.command("validate", recording, written[0])
+    return inputs.command(
+        "identify", recording, robot_argument, *inputs.keeping(found.robot, "identified", _declared(found.robot))
+    )
 
 
 def _declared(robot: Robot) -> list[str]:

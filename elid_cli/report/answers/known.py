@@ -6,18 +6,7 @@ from collections.abc import Collection, Iterable, Sequence
 
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
-from elid_cli.report.answers.summary import (
-    BIASED,
-    JOINT_KINDS,
-    NOT_SHOWN,
-    ROUGH,
-    RULE,
-    SMALL,
-    called,
-    listed,
-    share_text,
-    small_value,
-)
+from elid_cli.report.answers import summary
 
 BODIES = "masses and inertias"
 COMBINATIONS = "what motion can show"
@@ -37,23 +26,23 @@ def parameter_words(found: Identification, loud: Collection[str] = ()) -> str:
     held = [item for item in found.parameters if item.reason.startswith(HELD)]
     negative = [item for item in found.parameters if item.reason.startswith(IMPOSSIBLE)]
     rough = [item for item in found.parameters if item.verdict == "weak" and item not in negative and item not in held]
-    small = [item for item in known if small_value(item.estimate, item.std_error, item.verdict)]
+    small = [item for item in known if summary.small_value(item.estimate, item.std_error, item.verdict)]
     named = f"base parameters ({COMBINATIONS})"
     total = len(found.verdict)
     if not known:
-        whole = f"None of the {total} {named} is known {RULE}"
+        whole = f"None of the {total} {named} is known {summary.RULE}"
     else:
         part = f"All {total}" if len(known) == total else f"{len(known)} of {total}"
-        whole = f"{part} {named} are known {RULE}"
+        whole = f"{part} {named} are known {summary.RULE}"
     said = [
         whole,
-        _counted(rough, f"{ROUGH}, less well than that"),
-        _counted([item for item in supported if item.bias_possible], f"{BIASED} by what is missing"),
+        _counted(rough, f"{summary.ROUGH}, less well than that"),
+        _counted([item for item in supported if item.bias_possible], f"{summary.BIASED} by what is missing"),
         _counted(negative, IS_NEGATIVE),
         f"{len(held)} {'is' if len(held) == 1 else 'are'} held at the file's values" if held else "",
         _counted([item for item in found.parameters if item.verdict == "refused" and item not in held],
-                 f"{NOT_SHOWN} by this log"),
-        _counted(small, f"known to be {SMALL}"),
+                 f"{summary.NOT_SHOWN} by this log"),
+        _counted(small, f"known to be {summary.SMALL}"),
         _in_doubt(found, loud),
     ]  # fmt: skip
     sizes = _largest_errors([item for item in known if item not in small], found.robot.joint_names)
@@ -69,10 +58,10 @@ def _counted(items: Sequence[BaseEstimate], words: str) -> str:
 
 def some(names: Iterable[str]) -> str:
     """Return the short names of a handful of base parameters, and how many more there are."""
-    short = [called(name) for name in names]
+    short = [summary.called(name) for name in names]
     if len(short) > NAMED + 1:
         short = [*short[:NAMED], f"{len(short) - NAMED} more"]
-    return listed(short)
+    return summary.listed(short)
 
 
 def _in_doubt(found: Identification, loud: Collection[str]) -> str:
@@ -82,7 +71,7 @@ def _in_doubt(found: Identification, loud: Collection[str]) -> str:
            if item.verdict == "supported" and not item.bias_possible and names[item.leader.joint] in loud]  # fmt: skip
     if not own:
         return ""
-    where = listed([name for name in names if name in loud])
+    where = summary.listed([name for name in names if name in loud])
     return f"If what is left at {where} is no noise, it may bias these first: {some(own)}"
 
 
@@ -91,9 +80,9 @@ def _largest_errors(known: Sequence[BaseEstimate], joints: Sequence[str]) -> str
     largest: dict[str, tuple[float, str]] = {}
     for item in known:
         if item.estimate:
-            word = JOINT_KINDS.get(item.leader.kind, BODIES)
-            whose = called(item.name) if word == BODIES else joints[item.leader.joint]
+            word = summary.JOINT_KINDS.get(item.leader.kind, BODIES)
+            whose = summary.called(item.name) if word == BODIES else joints[item.leader.joint]
             own = item.std_error / abs(item.estimate), whose
             largest[word] = max(largest.get(word, own), own)
-    told = [word for word in dict.fromkeys((*JOINT_KINDS.values(), BODIES)) if word in largest]
-    return ", ".join(f"{word} {share_text(largest[word][0])} ({largest[word][1]})" for word in told)
+    told = [word for word in dict.fromkeys((*summary.JOINT_KINDS.values(), BODIES)) if word in largest]
+    return ", ".join(f"{word} {summary.share_text(largest[word][0])} ({largest[word][1]})" for word in told)

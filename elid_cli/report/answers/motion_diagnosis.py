@@ -10,18 +10,10 @@ from elid_cli.diagnosis.by_motion.diagnose import ABOVE
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.model.effects import effect_classes
+from elid_cli.report.answers import inputs
 from elid_cli.report.answers.diagnosis_tables import SAME
 from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
-from elid_cli.report.answers.inputs import (
-    Items,
-    command,
-    effect_text,
-    heading,
-    nuisance_items,
-    nuisance_payload,
-    recorded_items,
-)
 from elid_cli.report.answers.known import parameter_words
 from elid_cli.report.answers.missing import named_words, spoken, variable_words, whose
 from elid_cli.report.answers.summary import answers, listed, record_sections, share_text
@@ -67,7 +59,7 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
     }
     record, planned = _record(found, tuple(further.items()), robot_argument)
     sections: list[Section] = [
-        heading(found.robot, recording),
+        inputs.heading(found.robot, recording),
         answers(_trust(found), _missing(found), parameter_words(found.after), record),
         *([Text("partial", PARTIAL, "warning")] if found.partial else []),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate((*recording.warnings, *found.after.warnings))),
@@ -79,7 +71,7 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
         *([Text("all_parameters", ADDED)] if found.effects else []),
         *planned,
         KeyValues("inputs", (
-            *recorded_items(found.robot, recording), *nuisance_items(found.robot, found.after.nuisances),
+            *inputs.recorded_items(found.robot, recording), *inputs.nuisance_items(found.robot, found.after.nuisances),
             ("tried", f"{found.tried} effects at their joints; {METHOD}"),
             *(("note", note) for note in found.after.notes),
         ), "how it was computed"),
@@ -99,7 +91,7 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         "after": {"error": error_payload(found.after.error), "published": {}, "mean_abs": after},
         "position": {name: {"before": p.before, "after": p.after} for name, p in found.position.items()},
         "effects": [picked(e, "effect joint parameters std_error gain summary") for e in found.effects],
-        "nuisances": nuisance_payload(found.after.nuisances),
+        "nuisances": inputs.nuisance_payload(found.after.nuisances),
         "also_possible": [picked(r, "effect joint gain instead_of parameters separate") for r in found.also_possible],
         "unexplained": [{**picked(u, "joint rows variable share rms ratio"), "nearest": []} for u in found.unexplained],
         "differing": [
@@ -146,7 +138,7 @@ def _missing(found: MotionDiagnosis) -> str:
     return f"{named_words(places, found.also_possible)}{moved}"
 
 
-def _record(found: MotionDiagnosis, further: Items, robot_argument: str) -> tuple[str, list[Section]]:
+def _record(found: MotionDiagnosis, further: inputs.Items, robot_argument: str) -> tuple[str, list[Section]]:
     """Return what the next log should hold, in a sentence and as a list."""
     record, planned = record_sections(found.after, further, (found.recording.files[0], robot_argument))
     if planned:
@@ -167,7 +159,7 @@ def _effect_sections(found: MotionDiagnosis) -> list[Section]:
     meanings: list[tuple[str, Cell]] = [
         (
             whose(e.effect, e.joint),
-            f"{e.summary}: {effect_text(found.robot, e.effect, e.joint, e.parameters, e.std_error)}",
+            f"{e.summary}: {inputs.effect_text(found.robot, e.effect, e.joint, e.parameters, e.std_error)}",
         )
         for e in found.effects
     ]
@@ -229,12 +221,14 @@ def _unexplained_section(found: MotionDiagnosis) -> list[Section]:
 
 def _next(found: MotionDiagnosis, robot_argument: str, written: str | None) -> str:
     if found.partial:
-        return command("diagnose", found.recording, robot_argument)
+        return inputs.command("diagnose", found.recording, robot_argument)
     if written is not None:
-        return command("replay", found.recording, written)
+        return inputs.command("replay", found.recording, written)
     if found.effects:
-        return command("diagnose", found.recording, robot_argument, "--write-robot", f"{found.robot.name}-refined.yaml")
-    return command("identify", found.recording, robot_argument, "--fit", "trajectory")
+        return inputs.command(
+            "diagnose", found.recording, robot_argument, "--write-robot", f"{found.robot.name}-refined.yaml"
+        )
+    return inputs.command("identify", found.recording, robot_argument, "--fit", "trajectory")
 
 
 def named_effects(found: MotionDiagnosis) -> Sequence[str]:

@@ -11,18 +11,9 @@ from elid_cli.estimation.validation.prediction import ByLog, Validation
 from elid_cli.estimation.validation.sufficiency import above_noise
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.declared import as_observed
+from elid_cli.report.answers import inputs
 from elid_cli.report.answers.error_tables import error_table, log_table, sensor_table
 from elid_cli.report.answers.identification_json import error_payload, model_payload
-from elid_cli.report.answers.inputs import (
-    command,
-    heading,
-    log_payload,
-    nuisance_payload,
-    recorded_items,
-    robot_payload,
-    span_words,
-    used_items,
-)
 from elid_cli.report.answers.summary import answers, missing_words, rows_words, trust_words
 from elid_cli.report.tree import KeyValues, Report, Section, Text
 from elid_cli.robot.robot import Robot
@@ -44,27 +35,27 @@ def validation_report(
     acting = as_observed(found.robot, recording).effects
     effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in acting)
     facts = (
-        *recorded_items(found.robot, recording),
-        *used_items(found.settings),
+        *inputs.recorded_items(found.robot, recording),
+        *inputs.used_items(found.settings),
         ("predicted with", f"the robot file's own values{f' and {effects}' if effects else ''}; nothing was fitted"),
-        *((("judged on", f"what diagnose holds out: {span_words(held_out)}"),) if held_out else ()),
+        *((("judged on", f"what diagnose holds out: {inputs.span_words(held_out)}"),) if held_out else ()),
     )
     payload = {
         **validation_payload(found, said),
-        "log": log_payload(recording),
+        "log": inputs.log_payload(recording),
         "held_out": held_out,
     }
     if cases:
         payload["error_by_log"] = [{"file": case.file, "error": error_payload(case.error)} for case in cases]
     sections: tuple[Section, ...] = (
-        heading(found.robot, recording),
+        inputs.heading(found.robot, recording),
         answers(trust_words(found.robot, error, lacking, recording.warnings), _missing(said), "", ""),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate(recording.warnings)),
         error_table("error", found.robot, error, "torque of each joint", fitted=False, lacking=lacking),
         *sensor_table("sensors", found.robot, found.error),
         *log_table(found.robot, cases),
         KeyValues("inputs", facts, "how it was computed"),
-        Text("next", command("diagnose", recording, robot_argument), "next"),
+        Text("next", inputs.command("diagnose", recording, robot_argument), "next"),
     )
     return Report("validate", payload, sections)
 
@@ -82,12 +73,12 @@ def validation_payload(found: Validation, said: Judgement | None = None) -> dict
     """Return the JSON object of a validation, without the log and the stretches that it was judged on."""
     said = said or Judgement((), ())
     return {
-        **robot_payload(found.robot),
+        **inputs.robot_payload(found.robot),
         "settings": found.settings,
         "error": error_payload(above_noise(found.error, found.robot, said.noise)),
         **model_payload(said.model, said.noise, said.insufficient),
         "misfitted": said.misfitted,
-        "nuisances": nuisance_payload(_corrected(found.robot)),
+        "nuisances": inputs.nuisance_payload(_corrected(found.robot)),
     }
 
 

@@ -9,16 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elid_cli.estimation.validation.verdicts import HELD
-from elid_cli.report.answers.summary import (
-    BIASED,
-    JOINT_KINDS,
-    NOT_SHOWN,
-    SMALL,
-    by_kind,
-    called,
-    small_value,
-    spread_text,
-)
+from elid_cli.report.answers import summary
 from elid_cli.report.figures.drawing import Bars, Dots, Drawing, Mark, Panel, Rule, Words
 from elid_cli.report.tree import Figure
 
@@ -44,7 +35,7 @@ def figures(told: FigureInput) -> Iterator[Figure]:
                 "reference": found.reference, "verdict": ["held" if p.reason.startswith(HELD) else p.verdict
                                                           for p in found.parameters],
                 "biased": [p.bias_possible for p in found.parameters]}  # fmt: skip
-        star = f" {STAR}: {BIASED} by what the model lacks." if any(data["biased"]) else ""
+        star = f" {STAR}: {summary.BIASED} by what the model lacks." if any(data["biased"]) else ""
         caption = (
             "Each on the scale of its own value, with its standard error at the right (small: it makes less than 1 % "
             f"of the torque).{star} The tables below have the numbers (long ones are folded)."
@@ -58,8 +49,8 @@ def draw(figure: Figure) -> Drawing:
     Those that are ``biased`` have a star.
     """
     data = figure.data
-    order = by_kind(data["leaders"])
-    drives = [k for k in order if data["leaders"][k].kind in JOINT_KINDS]
+    order = summary.by_kind(data["leaders"])
+    drives = [k for k in order if data["leaders"][k].kind in summary.JOINT_KINDS]
     bodies = [k for k in order if k not in set(drives)]
     titled = [("drives and transmissions", drives), ("bodies", bodies)]
     pieces = [(title, part) for title, rows in titled for part in parts(rows)]
@@ -109,7 +100,7 @@ def shortened(name: str) -> str:
     """Return a combination, or, of a long one, its leading term and the number of the others."""
     if len(name) <= LONGEST:
         return name
-    short = called(name)
+    short = summary.called(name)
     return short if short != name else f"{name[: LONGEST - 1]}…"
 
 
@@ -122,8 +113,8 @@ def _spread(verdict: str, estimate: float, deviation: float) -> str:
     if verdict == "held":
         return verdict
     if verdict == "refused" or not np.isfinite(deviation):
-        return NOT_SHOWN
-    if small_value(estimate, deviation, verdict) or not estimate:
-        return SMALL
-    text = f"{spread_text(deviation, estimate)} %"
+        return summary.NOT_SHOWN
+    if summary.small_value(estimate, deviation, verdict) or not estimate:
+        return summary.SMALL
+    text = f"{summary.spread_text(deviation, estimate)} %"
     return text if text[0] in "<>" else f"± {text}"
