@@ -163,6 +163,14 @@ class Spread:
     scheduler: str | None = None
 
 
+spread = gathered(
+    "spread", Spread,
+    option(INPUT, "--jobs", type=click.IntRange(min=1), default=1, metavar="N",
+           help="Processes that read several logs at once."),
+    option(INPUT, "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers read the logs: tcp://host:8786."),
+)  # fmt: skip
+
+
 fit = gathered(
     "fit", "elid_cli.estimation.result:EstimateOptions",
     option(FIT, "--estimator", type=click.Choice(("default", "paper")), default="default",

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
-from elid_cli.cli.inputs import load_robot
+from elid_cli.cli.inputs import load_robot, log_request
 from elid_cli.cli.options import Gates, Output, Source, Spread
-from elid_cli.cli.routes import spread
 
 
 @verb("elid classify --robot puma560", "elid classify run07.mcap --robot puma560")
 @options.source(required=False)
-@spread
+@options.spread
 @options.gathered("gates", Gates, options.require_independent)
 @options.output
 def classify(source: Source, spread: Spread, gates: Gates, output: Output) -> None:
@@ -25,7 +24,6 @@ def classify(source: Source, spread: Spread, gates: Gates, output: Output) -> No
     from elid_cli.cli.gates import check_gates, check_names
     from elid_cli.cli.output import check_output, emit
     from elid_cli.cli.progress import progress
-    from elid_cli.cli.routes import log_request
 
     check_output(output)
     with progress(output, "reading") as advance:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 from elid_cli.cli import options, values
 from elid_cli.cli.group import verb
-from elid_cli.cli.inputs import load_robot
+from elid_cli.cli.inputs import load_robot, log_request, samples_of
 from elid_cli.cli.options import Files, Gates, Output, Source, Spread
-from elid_cli.cli.routes import spread
 
 if TYPE_CHECKING:
     from elid_cli.estimation.identify import Identified
@@ -33,7 +32,7 @@ class Beyond:
 )
 @options.source()
 @options.fit
-@spread
+@options.spread
 @options.gathered(
     "beyond", Beyond,
     options.option(options.FIT, "--physical", is_flag=True,
@@ -65,7 +64,6 @@ def identify(
     from elid_cli.cli.output import check_output, emit, pictures_wanted
     from elid_cli.cli.progress import progress
     from elid_cli.cli.robot_files import check_described, write_found
-    from elid_cli.cli.routes import log_request, samples_of
 
     check_output(output)
     if beyond.physical:

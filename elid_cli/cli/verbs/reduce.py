@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from elid_cli.cli import options
 from elid_cli.cli.group import verb
-from elid_cli.cli.inputs import load_robot
+from elid_cli.cli.inputs import load_robot, log_request
 from elid_cli.cli.options import Output, Source, Spread
-from elid_cli.cli.routes import spread
 
 
 @verb(
@@ -14,7 +13,7 @@ from elid_cli.cli.routes import spread
     "elid reduce fleet/*.mcap --robot puma560 -o fleet.npz --jobs 8",
 )
 @options.source()
-@spread
+@options.spread
 @options.out("The reduced logs to write: NumPy's npz, some hundred kilobytes per log.", metavar="FILE.npz")
 @options.output
 def reduce(source: Source, spread: Spread, out: str, output: Output) -> None:
@@ -24,7 +23,6 @@ def reduce(source: Source, spread: Spread, out: str, output: Output) -> None:
     """
     from elid_cli.cli.output import check_output, emit
     from elid_cli.cli.progress import progress
-    from elid_cli.cli.routes import log_request
     from elid_cli.errors import UsageError
     from elid_cli.files import check_target
 

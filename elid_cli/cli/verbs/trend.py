@@ -82,8 +82,7 @@ def trend(
 
 def _identified(source: Source, output: Output) -> SavedResult:
     """Return what identification says of one log, as a saved result would."""
-    from elid_cli.cli.inputs import load_robot
-    from elid_cli.cli.routes import log_request
+    from elid_cli.cli.inputs import load_robot, log_request
     from elid_cli.estimation.comparison import result_of
     from elid_cli.estimation.identify import identify_logs
 
