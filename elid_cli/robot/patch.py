@@ -61,17 +61,13 @@ def patched(robot: Robot, remarks: Sequence[str] = ()) -> str:
         edit.comment("; ".join(remarks).replace(".; ", ". "))
     changes = {}
     for name in robot.joint_names:
-        joint, was = _joint(new, name), _joint(old, name)
+        joint, was = new.joint(name), old.joint(name)
         changes[name] = (joint, _change(was, joint), _said(joint) if _said(joint) != _said(was) else {})
     if edit.root.tag == "mujoco":
         _patch_mjcf(edit, text, robot, changes)
     else:
         _patch_urdf(edit, changes)
     return edit.text()
-
-
-def _joint(robot: Robot, name: str) -> Joint:
-    return robot.joints[robot.joint_names.index(name)]
 
 
 def _change(old: Joint, new: Joint) -> Array | None:

@@ -91,6 +91,11 @@ class Joint:
         return self.type == "revolute"
 
     @property
+    def units(self) -> tuple[str, str]:
+        """Units of its position and of its torque (or force)."""
+        return ("rad", "N·m") if self.revolute else ("m", "N")
+
+    @property
     def elastic(self) -> bool:
         """Whether motor and link positions differ."""
         return self.transmission == "elastic" or (self.transmission == "auto" and "K" in self.parameters)
@@ -209,6 +214,10 @@ class Robot:
         """Names of the joints, base to tip."""
         return tuple(joint.name for joint in self.joints)
 
+    def joint(self, name: str) -> Joint:
+        """Return the joint of that name (ValueError where there is none)."""
+        return self.joints[self.joint_names.index(name)]
+
     @property
     def numbers(self) -> tuple[int, ...]:
         """Numbers of the joints, from 1, base to tip: those that are locked are counted."""
@@ -316,7 +325,7 @@ class Robot:
         if kind == "Ja":
             return "kg·m²" if joint.revolute else "kg"
         if kind == "fs":
-            return "N·m" if joint.revolute else "N"
+            return joint.units[1]
         if kind == "fv":
             return "N·m·s/rad" if joint.revolute else "N·s/m"
         return "N·m/rad" if joint.revolute else "N/m"

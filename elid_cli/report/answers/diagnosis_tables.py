@@ -142,10 +142,7 @@ def _explained(c: Contribution) -> float:
 
 
 def _unit(robot: Robot, contribution: Contribution) -> str:
-    unit = torque_unit(robot, contribution.joint)
-    if contribution.rows != "deflection":
-        return unit
-    return "rad" if unit == "N·m" else "m"
+    return robot.joint(contribution.joint).units[contribution.rows != "deflection"]
 
 
 def _meaning_of(robot: Robot, terms: Sequence[FoundEffect]) -> str:

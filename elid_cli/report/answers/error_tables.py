@@ -131,4 +131,4 @@ def _odd_note(logs: Sequence[ByLog], joints: Sequence[str]) -> str:
 
 def torque_unit(robot: Robot, joint: str) -> str:
     """Return the unit of a joint's torque (or force)."""
-    return "N·m" if robot.joints[robot.joint_names.index(joint)].revolute else "N"
+    return robot.joint(joint).units[1]

@@ -89,7 +89,7 @@ def effect_text(
 ) -> str:
     """Return an effect's parameters with units and standard errors: ``amplitude 0.25 ± 0.02 N·m, velocity …``."""
     kind = effect_classes().get(effect)
-    slides = joint in robot.joint_names and not robot.joints[robot.joint_names.index(joint)].revolute
+    slides = joint in robot.joint_names and not robot.joint(joint).revolute
     units = {} if kind is None else {p.name: p.unit_at(slides=slides) for p in (*kind.amplitudes, *kind.shapes)}
     parts = []
     for name, value in values.items():

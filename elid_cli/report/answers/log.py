@@ -61,7 +61,7 @@ def _table(robot: Robot, moved: dict[str, dict[str, Any]]) -> Table:
     )
     rows: list[tuple[Cell, ...]] = []
     for joint in robot.joints:
-        unit, torque = ("rad", "N·m") if joint.revolute else ("m", "N")
+        unit, torque = joint.units
         size = moved[joint.name]
         deflection = None if size["deflection"] is None else 1e3 * size["deflection"]
         rows.append(

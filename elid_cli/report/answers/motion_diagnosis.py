@@ -32,7 +32,6 @@ from elid_cli.report.tree import (
     picked,
 )
 
-SCALES = {True: ("mrad", 1e3), False: ("mm", 1e3)}
 ADDED = "All values are those with what is missing added to the model."
 METHOD = "judged by the simulated motion, on stretches that the values were not fitted to"
 PARTIAL = (
@@ -108,7 +107,7 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
 
 def _trust(found: MotionDiagnosis) -> str:
     before, after = (number_text(1e3 * value, 2) for value in found.mean_abs)
-    unit = SCALES[all(joint.revolute for joint in found.robot.joints)][0]
+    unit = "mrad" if all(joint.revolute for joint in found.robot.joints) else "mm"
     worst = max(found.position, key=lambda name: found.position[name].after)
     left = found.unexplained
     verdict = f"Not down to the encoders' noise{' at ' + listed([u.joint for u in left])}" if left else "Yes"
@@ -180,11 +179,11 @@ def _position_table(found: MotionDiagnosis) -> Table:
     rows: list[tuple[Cell, ...]] = []
     left = {item.joint for item in found.unexplained}
     for joint in found.robot.joints:
-        unit, scale = SCALES[joint.revolute]
+        unit = f"m{joint.units[0]}"
         item, torque = found.position[joint.name], found.after.error.get(joint.name)
         rows.append((
             joint.name, Mark("above noise", "warn") if joint.name in left else Mark("near noise", "good"),
-            Quantity(scale * item.before, unit, 3), Quantity(scale * item.after, unit, 3),
+            Quantity(1e3 * item.before, unit, 3), Quantity(1e3 * item.after, unit, 3),
             None if torque is None else percent(torque.relative),
         ))  # fmt: skip
     return Table("position", columns, tuple(rows), title="rms error of the simulated position",
@@ -210,8 +209,7 @@ def _unexplained_section(found: MotionDiagnosis) -> list[Section]:
         return []
     items: list[tuple[str, Cell]] = []
     for u in found.unexplained:
-        slides = not found.robot.joints[found.robot.joint_names.index(u.joint)].revolute
-        unit = SCALES[not slides][0]
+        unit = f"m{found.robot.joint(u.joint).units[0]}"
         items.append((
             u.joint, f"{number_text(1e3 * u.rms, 2)} {unit} rms, {number_text(u.ratio, 2)} times the encoder's noise; "
             f"{share_text(u.share)} follows the {variable_words(u.variable)}",

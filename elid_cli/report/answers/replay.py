@@ -95,8 +95,7 @@ def _sentence(
         worst = max(error, key=lambda name: error[name].mean_abs)
         said = f"{_average(robot, error)} on average"
         if len({_unit(robot, name) for name in error}) == 1:
-            unit, scale = _unit(robot, worst)
-            said += f"; {worst} is worst with {number_text(scale * error[worst].mean_abs, 3)} {unit}"
+            said += f"; {worst} is worst with {number_text(1e3 * error[worst].mean_abs, 3)} {_unit(robot, worst)}"
     if before is not None:
         of = ", ".join(runaways(before))
         said += f". {names[1]}: {f'{of} ran away' if of else f'{_average(robot, before)} on average'}"
@@ -112,15 +111,15 @@ def _average(robot: Robot, error: Mapping[str, PositionError]) -> str:
     """Return the mean absolute error in words, that of turning and that of sliding joints apart."""
     parts = []
     units = dict.fromkeys(_unit(robot, name) for name in error)
-    for unit, scale in units:
-        own = {name: e for name, e in error.items() if _unit(robot, name)[0] == unit}
+    for unit in units:
+        own = {name: e for name, e in error.items() if _unit(robot, name) == unit}
         of = f" ({', '.join(own)})" if len(units) > 1 else ""
-        parts.append(f"{number_text(scale * overall(own), 3)} {unit}{of}")
+        parts.append(f"{number_text(1e3 * overall(own), 3)} {unit}{of}")
     return " and ".join(parts)
 
 
-def _unit(robot: Robot, joint: str) -> tuple[str, float]:
-    return ("mrad" if robot.joints[robot.joint_names.index(joint)].revolute else "mm"), 1e3
+def _unit(robot: Robot, joint: str) -> str:
+    return f"m{robot.joint(joint).units[0]}"
 
 
 def _table(robot: Robot, error: Mapping[str, PositionError], other: Mapping[str, PositionError] | None) -> Table:
@@ -131,7 +130,7 @@ def _table(robot: Robot, error: Mapping[str, PositionError], other: Mapping[str,
     ]
     rows: list[tuple[Cell, ...]] = []
     for name, e in error.items():
-        unit, _ = _unit(robot, name)
+        unit = _unit(robot, name)
         row: list[Cell] = [name, *(_size(v, unit) for v in (e.mean_abs, e.rms, e.offset))]
         if other:
             row.append(_size(other[name].mean_abs, unit) if name in other else None)
@@ -144,7 +143,7 @@ def _by_log(robot: Robot, replays: Sequence[Replay], against: Sequence[Replay]) 
         Column("file", "log"), Column("mean_abs", "mean absolute error", align="right"),
         *((Column("against", "of the other robot", align="right"),) if against else ()),
     ]  # fmt: skip
-    unit, _ = _unit(robot, robot.joint_names[0])
+    unit = _unit(robot, robot.joint_names[0])
     rows: list[tuple[Cell, ...]] = [
         (item.recording.files[0], _size(item.mean_abs, unit),
          *((_size(against[k].mean_abs, unit),) if against else ()))

@@ -42,8 +42,7 @@ def _answer(robot: Robot, result: Simulation) -> str:
     size = f"{number_text(result.recording.duration, 3)} s at {number_text(result.recording.rate)} Hz"
     acting = listed(list(dict.fromkeys(whose(spec.effect, spec.joint) for spec in robot.effects)))
     worst = max(range(robot.n), key=lambda k: result.facts[k].tracking)
-    unit = "mrad" if robot.joints[worst].revolute else "mm"
-    off = f"{number_text(1e3 * result.facts[worst].tracking, 2)} {unit} (rms)"
+    off = f"{number_text(1e3 * result.facts[worst].tracking, 2)} m{robot.joints[worst].units[0]} (rms)"
     return (
         f"Simulated {size} of {robot.name}, {f'with {acting}' if acting else 'with no effect beyond its parameters'}; "
         f"the joints follow their reference to {off} or better."
@@ -73,7 +72,7 @@ def _motion_table(robot: Robot, result: Simulation) -> Table:
     )
     rows = []
     for joint, facts in zip(robot.joints, result.facts, strict=True):
-        length, force = ("rad", "N·m") if joint.revolute else ("m", "N")
+        length, force = joint.units
         deflection = Quantity(1e3 * facts.deflection if joint.elastic else None, f"m{length}", 3)
         rows.append(
             (

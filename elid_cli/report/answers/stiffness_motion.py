@@ -44,10 +44,10 @@ def _multisines(found: StiffnessMotion) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for shown in found.shown:
         joint = found.robot.joints[shown.joint]
-        units = ("rad/s²", "N·m") if joint.revolute else ("m/s²", "N")
+        length, torque = joint.units
         rows.append((
             joint.name, Quantity(shown.antiresonance, digits=3), "told" if shown.told else "K of the file",
-            Quantity(shown.acceleration, units[0], digits=2), Quantity(shown.torque, units[1], digits=2),
+            Quantity(shown.acceleration, f"{length}/s²", digits=2), Quantity(shown.torque, torque, digits=2),
         ))  # fmt: skip
     return Table("multisines", columns, tuple(rows), title="stiffnesses that the motion is to show")
 

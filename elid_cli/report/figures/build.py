@@ -106,9 +106,7 @@ def motion_figures(found: MotionDiagnosis) -> tuple[Figure, ...]:
 
 def friction_figures(found: FrictionFamily) -> tuple[Figure, ...]:
     """Return the figures of a friction family: the held-out error of every member."""
-    units = {
-        "N·m" if found.robot.joints[found.robot.joint_names.index(joint)].revolute else "N" for joint in found.fits
-    }
+    units = {found.robot.joint(name).units[1] for name in found.fits}
     cases = [(name, {joint: fits[name].error.rms for joint, fits in found.fits.items()}) for name in found.members]
     return figures_of(FigureInput(cases=cases, unit=" or ".join(sorted(units)), heading=MEMBERS))
 

@@ -79,7 +79,7 @@ def joint_views(
         views.append(
             JointView(
                 joint=joint.name,
-                unit="N·m" if joint.revolute else "N",
+                unit=joint.units[1],
                 t=found.observation.t,
                 measured=broken(found.observation.tau[k], found.observation),
                 residual=broken(found.residual[total], found.observation),
@@ -96,7 +96,7 @@ def joint_views(
 def variables(robot: Robot, signals: Signals, observation: Observation, joint: int) -> dict[str, Array]:
     """Return what a joint's residual may follow, with units, each (M,)."""
     motion, at = signals.motion, signals.outputs
-    angle, torque = ("rad", "N·m") if robot.joints[joint].revolute else ("m", "N")
+    angle, torque = robot.joints[joint].units
     found = {
         f"velocity ({angle}/s)": motion.dtheta[at, joint],
         f"position ({angle})": motion.theta[at, joint],

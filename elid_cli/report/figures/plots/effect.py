@@ -107,7 +107,7 @@ def effect_views(found: Diagnosis, parts: Sequence[Contribution]) -> tuple[Effec
                 effect=part.effect.effect,
                 joint=part.joint,
                 rows=part.rows,
-                unit="N·m" if found.robot.joints[joint].revolute else "N",
+                unit=found.robot.joints[joint].units[1],
                 variable=variable,
                 values=values[use],
                 rising=(np.gradient(values) > 0)[use] if split else None,

@@ -23,7 +23,7 @@ def figures(told: FigureInput) -> Iterator[Figure]:
     first, *other = told.replays
     caption = "Position as measured and as simulated under the same commands, and their difference."
     for k, joint in enumerate(first.robot.joints):
-        data = {"t": first.t, "unit": "rad" if joint.revolute else "m", "measured": first.measured[:, k],
+        data = {"t": first.t, "unit": joint.units[0], "measured": first.measured[:, k],
                 "simulated": first.simulated[:, k], "against": other[0].simulated[:, k] if other else None,
                 "labels": told.replay_labels}  # fmt: skip
         yield Figure(f"replayed_{joint.name}", f"{joint.name}: measured and simulated", "replayed", data, caption)

@@ -49,7 +49,7 @@ def _of_other_joints(told: FigureInput, joint: str) -> dict[str, Array]:
     for kind, _, other in (variable.partition(" of ") for variable in followed):
         if other in robot.joint_names:
             k = robot.joint_names.index(other)
-            unit = "rad" if robot.joints[k].revolute else "m"
+            unit = robot.joints[k].units[0]
             if kind == "dtheta":
                 return {f"velocity of {other} ({unit}/s)": motion.dtheta[at, k]}
             return {f"position of {other} ({unit})": motion.theta[at, k]}

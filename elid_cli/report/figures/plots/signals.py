@@ -37,7 +37,7 @@ def figures(told: FigureInput) -> Iterator[Figure]:
         "interpolated. Repairs of the time base are listed above."
     )
     for k, joint in enumerate(told.robot.joints):
-        unit = "rad" if joint.revolute else "m"
+        unit = joint.units[0]
         bridged = {signal: spans_of(when, recording.dt) for signal, j, when in recording.bridged if j == k}
         data = {"t": recording.t, "unit": unit, "gaps": gaps(recording), "signals": joint_signals(recording, joint, k),
                 "bridged": bridged}  # fmt: skip

@@ -90,7 +90,7 @@ def spring_views(found: Validation, signals: Signals, refused: Collection[str] =
         views.append(
             SpringView(
                 joint=joint.name,
-                unit="N·m" if joint.revolute else "N",
+                unit=joint.units[1],
                 deflection=broken(deflection, found.observation),
                 transmitted=transmitted,
                 modelled=transmitted - found.residual[row],
