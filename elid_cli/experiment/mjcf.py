@@ -29,7 +29,7 @@ from elid_cli.robot.mjcf.elements import stiffness_and_rest
 from elid_cli.robot.mjcf.read import SPRING
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.write import origins
-from elid_cli.robot.xml_text import quoted
+from elid_cli.robot.xml_text import quoted, xml_number, xml_numbers
 
 ROTOR_SHARE = 1e-3
 """Part of a link's mass that its rotor carries, at the link's centre of mass, so that it does not matter."""
@@ -68,7 +68,7 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
     step = f"{time_step(robot, values):.9g}"
     lines += [
         '  <compiler angle="radian" autolimits="false" inertiafromgeom="false"/>',
-        f'  <option gravity="{_spaced(robot.gravity)}" timestep="{step}" integrator="implicitfast"/>',
+        f'  <option gravity="{xml_numbers(robot.gravity)}" timestep="{step}" integrator="implicitfast"/>',
         "  <worldbody>",
         *_bodies(full, links),
         "  </worldbody>",
@@ -118,12 +118,12 @@ def _bodies(robot: Robot, links: list[Array]) -> Iterator[str]:
         for k in on:
             end = places[k][:3, 3]
             if link is not None and np.linalg.norm(end) > 1e-6:
-                size = _number(round(0.08 * float(np.linalg.norm(end)), 6))
-                shape = f'fromto="0 0 0 {_spaced(end)}" size="{size}"'
+                size = xml_number(round(0.08 * float(np.linalg.norm(end)), 6))
+                shape = f'fromto="0 0 0 {xml_numbers(end)}" size="{size}"'
                 yield f'{pad}<geom type="capsule" {shape} contype="0" conaffinity="0"/>'
         yield from rotors
         for k in on:
-            place = f'pos="{_spaced(places[k][:3, 3])}" quat="{_spaced(_quaternion(places[k][:3, :3]))}"'
+            place = f'pos="{xml_numbers(places[k][:3, 3])}" quat="{xml_numbers(_quaternion(places[k][:3, :3]))}"'
             yield f"{pad}<body name={quoted(robot.joints[k].name + '_link')} {place}>"
             yield from carried(k, links[k], pad + "  ")
             yield f"{pad}</body>"
@@ -144,33 +144,35 @@ def _armature(joint: Joint) -> bool:
 def _inertial(link: Array) -> str:
     mass, centre, tensor = about_centre(inertial_parameters(link))
     order = (tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2])
-    return f'<inertial pos="{_spaced(centre)}" mass="{_number(mass)}" fullinertia="{_spaced(order)}"/>'
+    return f'<inertial pos="{xml_numbers(centre)}" mass="{xml_number(mass)}" fullinertia="{xml_numbers(order)}"/>'
 
 
 def _link_joint(joint: Joint, spring: Mapping[str, float] | None) -> str:
     kind = "hinge" if joint.revolute else "slide"
-    limits = f' limited="true" range="{_spaced(joint.limits.position)}"' if joint.limits.position is not None else ""
+    limits = (
+        f' limited="true" range="{xml_numbers(joint.limits.position)}"' if joint.limits.position is not None else ""
+    )
     motor = ""
     if _armature(joint):
         own = joint.parameters
-        friction = f'frictionloss="{_number(max(own.get("fs", 0.0), 0.0))}" solreffriction="{2 * TIMESTEP} 1"'
-        motor = f' armature="{_number(own["Ja"])}" damping="{_number(own.get("fv", 0.0))}" {friction}'
+        friction = f'frictionloss="{xml_number(max(own.get("fs", 0.0), 0.0))}" solreffriction="{2 * TIMESTEP} 1"'
+        motor = f' armature="{xml_number(own["Ja"])}" damping="{xml_number(own.get("fv", 0.0))}" {friction}'
     if spring is not None:
         stiffness, rest = stiffness_and_rest(spring)
-        motor += f' stiffness="{_number(stiffness)}" springref="{_number(rest)}"'
-    return f'<joint name={quoted(joint.name)} type="{kind}" axis="{_spaced(joint.axis)}"{limits}{motor}/>'
+        motor += f' stiffness="{xml_number(stiffness)}" springref="{xml_number(rest)}"'
+    return f'<joint name={quoted(joint.name)} type="{kind}" axis="{xml_numbers(joint.axis)}"{limits}{motor}/>'
 
 
 def _rotor(joint: Joint, mass: float, centre: Array, pad: str) -> Iterator[str]:
     k = _ratio(joint)
     inertia = joint.parameters["Jm" if joint.gear_ratio is not None else "Ja"]
-    friction = _number(max(joint.parameters.get("fs", 0.0), 0.0) / abs(k))
-    damping = _number(joint.parameters.get("fv", 0.0) / k**2)
+    friction = xml_number(max(joint.parameters.get("fs", 0.0), 0.0) / abs(k))
+    damping = xml_number(joint.parameters.get("fv", 0.0) / k**2)
     name = joint.name + "_rotor"
-    turned = _spaced(_quaternion(_frame_with_z(np.asarray(joint.motor_axis))))
-    yield f'{pad}<body name={quoted(name)} pos="{_spaced(centre)}" quat="{turned}">'
-    half = _number(inertia / 2)
-    yield f'{pad}  <inertial pos="0 0 0" mass="{_number(mass)}" diaginertia="{half} {half} {_number(inertia)}"/>'
+    turned = xml_numbers(_quaternion(_frame_with_z(np.asarray(joint.motor_axis))))
+    yield f'{pad}<body name={quoted(name)} pos="{xml_numbers(centre)}" quat="{turned}">'
+    half = xml_number(inertia / 2)
+    yield f'{pad}  <inertial pos="0 0 0" mass="{xml_number(mass)}" diaginertia="{half} {half} {xml_number(inertia)}"/>'
     yield (
         f'{pad}  <joint name={quoted(name)} type="hinge" axis="0 0 1" '
         f'damping="{damping}" frictionloss="{friction}" solreffriction="{2 * TIMESTEP} 1"/>'
@@ -188,9 +190,9 @@ def _transmissions(joints: tuple[Joint, ...]) -> Iterator[str]:
         yield "  <tendon>"
         for joint in (joint for joint in joints if joint.elastic):
             name = quoted(joint.name + "_transmission")
-            yield f'    <fixed name={name} stiffness="{_number(joint.parameters["K"])}" springlength="0">'
+            yield f'    <fixed name={name} stiffness="{xml_number(joint.parameters["K"])}" springlength="0">'
             yield f'      <joint joint={quoted(joint.name)} coef="1"/>'
-            yield f'      <joint joint={quoted(joint.name + "_rotor")} coef="{_number(-1 / _ratio(joint))}"/>'
+            yield f'      <joint joint={quoted(joint.name + "_rotor")} coef="{xml_number(-1 / _ratio(joint))}"/>'
             yield "    </fixed>"
         yield "  </tendon>"
     stiff = [joint for joint in joints if not joint.elastic and not _armature(joint)]
@@ -199,7 +201,7 @@ def _transmissions(joints: tuple[Joint, ...]) -> Iterator[str]:
         for joint in stiff:
             both = f"joint1={quoted(joint.name + '_rotor')} joint2={quoted(joint.name)}"
             firm = f'solref="{2 * TIMESTEP} 1" solimp="0.9999 0.9999 0.001"'
-            yield f'    <joint {both} polycoef="0 {_number(_ratio(joint))} 0 0 0" {firm}/>'
+            yield f'    <joint {both} polycoef="0 {xml_number(_ratio(joint))} 0 0 0" {firm}/>'
         yield "  </equality>"
 
 
@@ -207,10 +209,12 @@ def _motors(joints: tuple[Joint, ...]) -> Iterator[str]:
     yield "  <actuator>"
     for joint in joints:
         torque = joint.limits.torque
-        limits = f' ctrllimited="true" ctrlrange="{_number(-torque)} {_number(torque)}"' if torque is not None else ""
+        limits = (
+            f' ctrllimited="true" ctrlrange="{xml_number(-torque)} {xml_number(torque)}"' if torque is not None else ""
+        )
         moved = joint.name if _armature(joint) else joint.name + "_rotor"
         names = f"name={quoted(joint.name + '_motor')} joint={quoted(moved)}"
-        yield f'    <motor {names} gear="{_number(1 / _ratio(joint))}"{limits}/>'
+        yield f'    <motor {names} gear="{xml_number(1 / _ratio(joint))}"{limits}/>'
     yield "  </actuator>"
 
 
@@ -244,11 +248,3 @@ def _frame_with_z(z: Array) -> Array:
     x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     x = x / np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z], axis=1)
-
-
-def _spaced(values: Array | tuple[float, ...]) -> str:
-    return " ".join(_number(value) for value in values)
-
-
-def _number(value: float) -> str:
-    return repr(float(value) + 0.0).removesuffix(".0")

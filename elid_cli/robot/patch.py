@@ -29,6 +29,7 @@ from elid_cli.robot.urdf.read import link_inertia
 from elid_cli.robot.urdf.write import in_joint_frames, unreal_bodies
 from elid_cli.robot.urdf.xml import Element
 from elid_cli.robot.xml_edit import XmlEdit
+from elid_cli.robot.xml_text import xml_attributes, xml_number, xml_numbers
 
 SAME = 1e-12
 """Relative change below which a number is left as the file has it."""
@@ -87,7 +88,7 @@ _Changes = dict[str, tuple[Joint, Array | None, dict[str, str]]]
 def _said(joint: Joint) -> dict[str, str]:
     said = _named(joint, OWN_PARAMETERS)
     if joint.gear_ratio is not None:
-        said |= {"gear_ratio": _number(joint.gear_ratio), "motor_axis": " ".join(map(_number, joint.motor_axis))}
+        said |= {"gear_ratio": xml_number(joint.gear_ratio), "motor_axis": xml_numbers(joint.motor_axis)}
     return said
 
 
@@ -114,7 +115,7 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
             if name in own:
                 edit.set_attributes(own[name], said)
             else:
-                edit.add_first(edit.root, "<elid " + " ".join(f'{key}="{value}"' for key, value in said.items()) + "/>")
+                edit.add_first(edit.root, f"<elid {xml_attributes(said)}/>")
     if unreal:  # kinematics libraries load them, MuJoCo and others refuse
         edit.comment(unreal_bodies(unreal))
 
@@ -124,7 +125,7 @@ def _set(edit: XmlEdit, holder: Element, tag: str, values: dict[str, str]) -> No
     element = holder.one(tag)
     if element is None:
         if values:
-            edit.add_first(holder, f"<{tag} " + " ".join(f'{key}="{value}"' for key, value in values.items()) + "/>")
+            edit.add_first(holder, f"<{tag} {xml_attributes(values)}/>")
         return
     edit.set_attributes(element, _other(element, values))
 
@@ -147,13 +148,13 @@ def _put(edit: XmlEdit, link: Element, ten: tuple[float, Array, Array]) -> None:
     mass, centre, tensor = ten
     keys = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
     said = {
-        "origin": {"xyz": " ".join(map(_number, centre)), "rpy": "0 0 0"},
-        "mass": {"value": _number(mass)},
-        "inertia": {key: _number(tensor[r, c]) for key, r, c in keys},
+        "origin": {"xyz": xml_numbers(centre), "rpy": "0 0 0"},
+        "mass": {"value": xml_number(mass)},
+        "inertia": {key: xml_number(tensor[r, c]) for key, r, c in keys},
     }
     old = link.one("inertial")
     if old is None:
-        parts = (f"<{tag} " + " ".join(f'{k}="{v}"' for k, v in values.items()) + "/>" for tag, values in said.items())
+        parts = (f"<{tag} {xml_attributes(values)}/>" for tag, values in said.items())
         edit.add_first(link, f"<inertial>{''.join(parts)}</inertial>")
         return
     if (origin := old.one("origin")) is not None:
@@ -211,8 +212,8 @@ def _patch_mjcf(edit: XmlEdit, text: str, robot: Robot, changes: _Changes) -> No
         anchor = translation(*item.element.numbers("pos", (0.0, 0.0, 0.0)))
         mass, centre, tensor = _loaded(item.own + moved(change, anchor), item.own, f"the body of {item.name}")
         order = (tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2])
-        full = f'mass="{_number(mass)}" fullinertia="{" ".join(map(_number, order))}"'
-        inertial = f'<inertial pos="{" ".join(map(_number, centre))}" {full}/>'
+        full = f'mass="{xml_number(mass)}" fullinertia="{xml_numbers(order)}"'
+        inertial = f'<inertial pos="{xml_numbers(centre)}" {full}/>'
         body = places["body", item.owner.start]
         old = body.one("inertial")
         if old is None:
@@ -227,7 +228,7 @@ def _spring(item: MovingJoint, spring: Mapping[str, float] | None, degrees: bool
         return {"stiffness": "0"} if "stiffness" in item.element.attributes else {}
     stiffness, rest = stiffness_and_rest(spring)
     turning = degrees and item.element.attributes.get("type", "hinge") == "hinge"
-    return {"stiffness": _number(stiffness), "springref": _number(math.degrees(rest) if turning else rest)}
+    return {"stiffness": xml_number(stiffness), "springref": xml_number(math.degrees(rest) if turning else rest)}
 
 
 def _dynamics(joint: Joint) -> dict[str, str]:
@@ -238,14 +239,10 @@ def _dynamics(joint: Joint) -> dict[str, str]:
 
 
 def _named(joint: Joint, keys: Sequence[tuple[str, str]]) -> dict[str, str]:
-    return {attribute: _number(joint.parameters[key]) for attribute, key in keys if key in joint.parameters}
+    return {attribute: xml_number(joint.parameters[key]) for attribute, key in keys if key in joint.parameters}
 
 
 def _all(element: Element) -> Iterator[Element]:
     yield element
     for child in element.children:
         yield from _all(child)
-
-
-def _number(value: float) -> str:
-    return repr(float(value) + 0.0).removesuffix(".0")

@@ -20,7 +20,7 @@ from elid_cli.robot.inertia import about_centre, about_origin, inertial_paramete
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import Joint, Robot
 from elid_cli.robot.urdf.gears import OWN_PARAMETERS
-from elid_cli.robot.xml_text import quoted
+from elid_cli.robot.xml_text import quoted, xml_attributes, xml_number, xml_numbers
 
 UNLIMITED = 1e9
 """What stands for no limit: URDF asks for the numbers."""
@@ -55,7 +55,7 @@ def urdf_text(robot: Robot, parameters: Array | None = None) -> str:
     lines = [
         '<?xml version="1.0" encoding="utf-8"?>',
         f"<robot name={quoted(robot.name)}>",
-        f'  <elid gravity="{_spaced(robot.gravity)}" dh="{robot.dh}"{description}/>',
+        f'  <elid gravity="{xml_numbers(robot.gravity)}" dh="{robot.dh}"{description}/>',
         f"  <link name={quoted(links[0])}/>",
     ]
     for i, (joint, origin) in enumerate(zip(robot.joints, origins(robot), strict=True)):
@@ -145,9 +145,9 @@ def _link(joint: Joint, name: str) -> list[str]:
     return [
         f"  <link name={quoted(name)}>",
         "    <inertial>",
-        f'      <origin xyz="{_spaced(centre)}" rpy="0 0 0"/>',
-        f'      <mass value="{_number(mass)}"/>',
-        f"      <inertia {_attributes({key: _number(value) for key, value in inertia})}/>",
+        f'      <origin xyz="{xml_numbers(centre)}" rpy="0 0 0"/>',
+        f'      <mass value="{xml_number(mass)}"/>',
+        f"      <inertia {xml_attributes({key: xml_number(value) for key, value in inertia})}/>",
         "    </inertial>",
         "  </link>",
     ]
@@ -167,33 +167,33 @@ def _joint(joint: Joint, origin: Array, parent: str, child: str) -> Iterator[str
     limits = joint.limits
     kind = joint.type if limits.position is not None or not joint.revolute else "continuous"
     yield f'  <joint name={quoted(joint.name)} type="{kind}">'
-    yield f'    <origin xyz="{_spaced(xyz)}" rpy="{_spaced(rpy)}"/>'
+    yield f'    <origin xyz="{xml_numbers(xyz)}" rpy="{xml_numbers(rpy)}"/>'
     yield f"    <parent link={quoted(parent)}/>"
     yield f"    <child link={quoted(child)}/>"
-    yield f'    <axis xyz="{_spaced(joint.axis)}"/>'
+    yield f'    <axis xyz="{xml_numbers(joint.axis)}"/>'
     low, high = limits.position or (-UNLIMITED, UNLIMITED)
-    position = f'lower="{_number(low)}" upper="{_number(high)}" ' if kind != "continuous" else ""
+    position = f'lower="{xml_number(low)}" upper="{xml_number(high)}" ' if kind != "continuous" else ""
     effort, velocity = limits.torque or UNLIMITED, limits.velocity or UNLIMITED
-    yield f'    <limit {position}effort="{_number(effort)}" velocity="{_number(velocity)}"/>'
+    yield f'    <limit {position}effort="{xml_number(effort)}" velocity="{xml_number(velocity)}"/>'
     dynamics = {
-        attribute: _number(joint.parameters[name])
+        attribute: xml_number(joint.parameters[name])
         for attribute, name in (("damping", "fv"), ("friction", "fs"))
         if name in joint.parameters
     }
     if dynamics:
-        yield f"    <dynamics {_attributes(dynamics)}/>"
+        yield f"    <dynamics {xml_attributes(dynamics)}/>"
     yield "  </joint>"
 
 
 def _transmission(joint: Joint, dh: bool) -> Iterator[str]:
-    own = {"transmission": joint.transmission, "motor_axis": _spaced(joint.motor_axis)}
+    own = {"transmission": joint.transmission, "motor_axis": xml_numbers(joint.motor_axis)}
     for attribute, name in OWN_PARAMETERS:
         if name in joint.parameters:
-            own[attribute] = _number(joint.parameters[name])
+            own[attribute] = xml_number(joint.parameters[name])
     if joint.limits.acceleration is not None:
-        own["acceleration"] = _number(joint.limits.acceleration)
+        own["acceleration"] = xml_number(joint.limits.acceleration)
     if dh:
-        own |= {key: _number(getattr(joint, key)) for key in ("a", "alpha", "d", "theta")}
+        own |= {key: xml_number(getattr(joint, key)) for key in ("a", "alpha", "d", "theta")}
     yield f"  <transmission name={quoted(joint.name + '_transmission')}>"
     yield "    <type>transmission_interface/SimpleTransmission</type>"
     yield f"    <joint name={quoted(joint.name)}>"
@@ -201,19 +201,7 @@ def _transmission(joint: Joint, dh: bool) -> Iterator[str]:
     yield "    </joint>"
     yield f"    <actuator name={quoted(joint.name + '_motor')}>"
     if joint.gear_ratio is not None:
-        yield f"      <mechanicalReduction>{_number(joint.gear_ratio)}</mechanicalReduction>"
+        yield f"      <mechanicalReduction>{xml_number(joint.gear_ratio)}</mechanicalReduction>"
     yield "    </actuator>"
-    yield f"    <elid {_attributes(own)}/>"
+    yield f"    <elid {xml_attributes(own)}/>"
     yield "  </transmission>"
-
-
-def _attributes(values: dict[str, str]) -> str:
-    return " ".join(f'{key}="{value}"' for key, value in values.items())
-
-
-def _spaced(values: Array | tuple[float, ...]) -> str:
-    return " ".join(_number(value) for value in values)
-
-
-def _number(value: float) -> str:
-    return repr(float(value) + 0.0).removesuffix(".0")
