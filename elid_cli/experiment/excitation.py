@@ -21,12 +21,7 @@ from elid_cli.experiment.bounds import ROOM, Bounds, bounds_of, within
 from elid_cli.experiment.forecast import RATE as FORECAST_RATE
 from elid_cli.experiment.forecast import forecast
 from elid_cli.experiment.information import Evaluation, Information, States, Weights, residuals_of
-from elid_cli.experiment.reference import (
-    ReferenceOptions,
-    ReferenceSpline,
-    SplineReference,
-    random_reference,
-)
+from elid_cli.experiment.reference import ReferenceOptions, ReferenceSpline, SplineReference, random_reference
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.consistency import consistency, prior
 from elid_cli.model.regressor import Regressor

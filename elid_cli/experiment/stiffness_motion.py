@@ -15,13 +15,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError, UsageError, did_you_mean
-from elid_cli.experiment.reference import (
-    ReferenceOptions,
-    SplineReference,
-    limits_of,
-    random_reference,
-    range_of,
-)
+from elid_cli.experiment.reference import ReferenceOptions, SplineReference, limits_of, random_reference, range_of
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 

@@ -6,11 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from elid_cli.logs.contract import Pick
-from elid_cli.logs.mapping.language import (
-    SignalMap,
-    SignalMaps,
-    TimeMap,
-)
+from elid_cli.logs.mapping.language import SignalMap, SignalMaps, TimeMap
 
 
 @dataclass(frozen=True)
