@@ -16,6 +16,7 @@ from elid_cli.diagnosis.summary import described
 from elid_cli.diagnosis.written import robot_between, worse
 from elid_cli.errors import DataError
 from elid_cli.estimation.assembly import assemble, judged
+from elid_cli.estimation.data import Solved
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.judgement import JointError
@@ -48,14 +49,12 @@ def identified(state: State, error: Mapping[str, JointError], declared: int = 0)
     """
     log = state.log
     options = EstimateOptions(folds=STRETCHES, offsets=False)
-    data, triangles, solution = log.data, state.triangles, state.solution
+    solved = Solved(log.base, log.data, state.nuisances, None, state.triangles, state.solution)
     if state.known is not None:  # a collocation holds the trajectory to the equations: its deflections are no noise
-        fit = DefaultFit(log.base, data, state.nuisances, None, triangles, solution, state.known)
-        found = assemble(fit, options)
+        found = assemble(DefaultFit(**vars(solved), covariance=state.known), options)
     else:
-        covariance = covariance_of(data, state.extras, None, triangles, solution)
-        fit = DefaultFit(log.base, data, state.nuisances, None, triangles, solution, covariance)
-        _, _, found = judged(fit, options)
+        covariance = covariance_of(replace(solved, nuisances=state.extras))
+        _, _, found = judged(DefaultFit(**vars(solved), covariance=covariance), options)
     whole = {"instants": log.observation.instants, "masked": [float(share) for share in log.observation.masked]}
     names = log.model.robot.joint_names
     effects = tuple(

@@ -193,7 +193,7 @@ def _away(state: State, row: EstimationRow) -> float:
     least = max(floor, 2e-4 * state.triangles.torque_rms(row))
 
     def ratio(values: Array) -> float:
-        residual = residuals(state.log.observation, values, state.extras)[(row.kind, row.joint)]
+        residual = residuals(state.log.observation, values, state.extras)[row]
         return float(np.sqrt(np.mean(residual[fast] ** 2))) / least
 
     whole = ratio(state.solution.values)
@@ -281,7 +281,7 @@ def following(state: State, row: EstimationRow, torque: Array, only: Container[s
 
 
 def _residual(state: State, row: EstimationRow) -> Array:
-    return residuals(state.log.observation, state.solution.values, state.extras)[(row.kind, row.joint)]
+    return residuals(state.log.observation, state.solution.values, state.extras)[row]
 
 
 def _between(residual: Array, values: Array, total: float, independent: float) -> float:

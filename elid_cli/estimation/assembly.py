@@ -148,13 +148,11 @@ def _nuisances(fit: DefaultFit) -> tuple[tuple[Nuisance, ...], Array]:
 def _effects(fit: DefaultFit) -> tuple[FittedEffect, ...]:
     if fit.effects is None:
         return ()
-    place = fit.model.parameters + sum(extra.width for extra in fit.nuisances)
     found = []
-    for item, values in zip(fit.effects.effects, fit.amplitudes(), strict=True):
-        named = item.effect.named(fit.effects.scene, values)
-        errors = {p.name: _deviation(fit, place + d) for d, p in enumerate(item.effect.amplitudes)}
+    for item, place in zip(fit.effects.effects, fit.amplitude_places, strict=True):
+        named = item.effect.named(fit.effects.scene, fit.solution.values[place])
+        errors = {p.name: _deviation(fit, place.start + d) for d, p in enumerate(item.effect.amplitudes)}
         found.append(FittedEffect(item.spec.effect, item.spec.joint, named, errors))
-        place += len(values)
     return tuple(found)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -13,11 +14,10 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.facts import SignalFacts, facts_of
 from elid_cli.estimation.regression.covariance import residuals, sandwich
-from elid_cli.estimation.regression.effect_columns import FittedEffects
-from elid_cli.estimation.regression.least_squares import Solution
+from elid_cli.estimation.regression.effect_columns import FittedEffects, triangles_with_effects
+from elid_cli.estimation.regression.least_squares import Solution, reweighted
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, observe
-from elid_cli.estimation.regression.other_shapes import triangles_with_effects
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stiffness.link_equation import LinkStiffness, TwoWays, link_stiffness, two_ways
 from elid_cli.estimation.stretches import STRETCHES, stretch_of
@@ -57,14 +57,10 @@ class FitData(Protocol):
     def triangles(self, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None) -> Triangles:
         """Return the triangles of all stretches with the columns of nuisances, then of effects."""
 
-    def covariance(
-        self, solution: Solution, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None
-    ) -> Array:
+    def covariance(self, solution: Solution, extras: Sequence[ExtraColumns]) -> Array:
         """Return the covariance (r, r) of a solution's basis, correlated residuals accounted for."""
 
-    def at_reversals(
-        self, values: Array, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None
-    ) -> tuple[Array, Array]:
+    def at_reversals(self, values: Array, extras: Sequence[ExtraColumns]) -> tuple[Array, Array]:
         """Return the rms residual of every joint's sum row at reversals and elsewhere, (n,) each; NaN where none."""
 
     def two_ways(self, standard: Array, joint: int) -> TwoWays | None:
@@ -115,17 +111,13 @@ class SampledData:
         """See `FitData`."""
         return triangles_with_effects(self.observation, nuisances, effects, self.stretch)
 
-    def covariance(
-        self, solution: Solution, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None
-    ) -> Array:
+    def covariance(self, solution: Solution, extras: Sequence[ExtraColumns]) -> Array:
         """See `FitData`."""
-        return sandwich(self.observation, solution, (*nuisances, *(effects.extras if effects else ())))
+        return sandwich(self.observation, solution, extras)
 
-    def at_reversals(
-        self, values: Array, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None
-    ) -> tuple[Array, Array]:
+    def at_reversals(self, values: Array, extras: Sequence[ExtraColumns]) -> tuple[Array, Array]:
         """See `FitData`."""
-        residual = residuals(self.observation, values, (*nuisances, *(effects.extras if effects else ())))
+        residual = residuals(self.observation, values, extras)
         inside, outside = np.full((2, self.model.robot.n), np.nan)
         for k in range(len(inside)):
             trace = residual.get(("sum", k))
@@ -159,3 +151,94 @@ def sampled(
 def sum_row(extra: ExtraColumns) -> EstimationRow:
     """Return the first row that extra columns act on; of a nuisance, its channel's."""
     return next(iter(extra.rows))
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The parameters that fit some equations, with nuisances and with effects at some shapes."""
+
+    base: BaseParameters
+    data: FitData
+    nuisances: tuple[ExtraColumns, ...]
+    effects: FittedEffects | None
+    triangles: Triangles
+    solution: Solution
+    before: Solved | None = None
+    """The fit with all nuisances there may be, which told those that stand."""
+
+    @property
+    def model(self) -> Regressor:
+        """The robot's model."""
+        return self.data.model
+
+    @property
+    def scored(self) -> tuple[Solved, ...]:
+        """The fits whose scores were asked for, itself the last."""
+        return (self,) if self.before is None else (self.before, self)
+
+    @property
+    def samples(self) -> SampledData:
+        """The samples that it was fitted to.
+
+        Raises
+        ------
+        ValueError
+            The fit is one to reduced logs.
+        """
+        if self.data.samples is None:
+            raise ValueError("reduced logs hold no samples")
+        return self.data.samples
+
+    @property
+    def signals(self) -> Signals:
+        """Signals of the log; ValueError as `samples`."""
+        return self.samples.signals
+
+    @property
+    def observation(self) -> Observation:
+        """Equations of the log; ValueError as `samples`."""
+        return self.samples.observation
+
+    @property
+    def extras(self) -> tuple[ExtraColumns, ...]:
+        """All columns beyond the standard parameters: nuisances, then effects."""
+        return (*self.nuisances, *(self.effects.extras if self.effects else ()))
+
+    @property
+    def standard(self) -> Array:
+        """A representative of the standard parameters, (p,)."""
+        return self.solution.values[: self.model.parameters]
+
+    @property
+    def transform(self) -> Array:
+        """Base parameters = transform @ solution, (b, p + e)."""
+        return np.pad(self.base.transform, ((0, 0), (0, self.triangles.extras)))
+
+    @property
+    def first_amplitude(self) -> int:
+        """Column of the first effect's first amplitude."""
+        return self.model.parameters + sum(extra.width for extra in self.nuisances)
+
+    @property
+    def amplitude_places(self) -> list[slice]:
+        """Where the amplitudes of every effect stand among the columns."""
+        widths = [extra.width for extra in (self.effects.extras if self.effects else ())]
+        edges = (self.first_amplitude + np.cumsum([0, *widths])).tolist()
+        return [slice(*pair) for pair in pairwise(edges)]
+
+    def amplitudes(self) -> list[Array]:
+        """Return the fitted amplitudes of every effect, each (d,)."""
+        return [self.solution.values[place] for place in self.amplitude_places]
+
+    @classmethod
+    def of(
+        cls,
+        base: BaseParameters,
+        data: FitData,
+        nuisances: Sequence[ExtraColumns],
+        effects: FittedEffects | None = None,
+    ) -> Solved:
+        """Solve the equations of `data`, each row weighted by its own residual."""
+        triangles = data.triangles(nuisances, effects)
+        solution = reweighted(triangles, base.count + triangles.extras)
+        return Solved(base, data, tuple(nuisances), effects, triangles, solution)

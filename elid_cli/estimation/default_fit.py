@@ -7,21 +7,19 @@ channels and the shapes of declared effects are estimated along. There is one fi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.data import FitData, SampledData, sampled, sum_row
+from elid_cli.estimation.data import FitData, SampledData, Solved, sampled, sum_row
 from elid_cli.estimation.fitted_shapes import Step, rescened, shaped, start_effects
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of
-from elid_cli.estimation.regression.least_squares import Solution, reweighted
+from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.nuisances import LONGEST, reading_columns, short_enough, significant
-from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.regression.other_shapes import check_shape_ambiguity
-from elid_cli.estimation.regression.standard_errors import amplitudes_of, covariance_of
-from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
+from elid_cli.estimation.regression.standard_errors import covariance_of
+from elid_cli.estimation.regression.triangles import ExtraColumns, to_triangles
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.model.base_parameters import BaseParameters
@@ -38,67 +36,14 @@ READING_ROUNDS = 2
 """Rounds of fitting a stiffness and the gain of its torque sensor in turn."""
 
 
-class Scored(NamedTuple):
-    """A solution whose scores count, and its nuisances."""
-
-    nuisances: tuple[ExtraColumns, ...]
-    solution: Solution
-
-
 @dataclass(frozen=True)
-class DefaultFit:
+class DefaultFit(Solved):
     """The default estimator's fit, before it is judged."""
 
-    base: BaseParameters
-    data: FitData
-    nuisances: tuple[ExtraColumns, ...]
-    effects: FittedEffects | None
-    triangles: Triangles
-    solution: Solution
-    covariance: Array
+    covariance: Array = field(kw_only=True)
     """Covariance of the basis of `solution`, shapes of effects accounted for, (r, r)."""
-    scored: tuple[Scored, ...] = ()
-    """The solutions whose covariance the fit asked for, the first with all nuisances there may be, the last its own."""
     scatter: Array | None = None
     """Covariance of the basis by leaving stretches out, (r, r), below which no error goes; None: the model suffices."""
-
-    @property
-    def model(self) -> Regressor:
-        """The robot's model."""
-        return self.data.model
-
-    @property
-    def samples(self) -> SampledData:
-        """The samples that it was fitted to.
-
-        Raises
-        ------
-        ValueError
-            The fit is one to reduced logs.
-        """
-        if self.data.samples is None:
-            raise ValueError("reduced logs hold no samples")
-        return self.data.samples
-
-    @property
-    def signals(self) -> Signals:
-        """Signals of the log; ValueError as `samples`."""
-        return self.samples.signals
-
-    @property
-    def observation(self) -> Observation:
-        """Equations of the log; ValueError as `samples`."""
-        return self.samples.observation
-
-    @property
-    def extras(self) -> tuple[ExtraColumns, ...]:
-        """All columns beyond the standard parameters: nuisances, then effects."""
-        return (*self.nuisances, *(self.effects.extras if self.effects else ()))
-
-    @property
-    def transform(self) -> Array:
-        """Base parameters = transform @ solution, (b, p + e)."""
-        return np.concatenate([self.base.transform, np.zeros((self.base.count, self.triangles.extras))], axis=1)
 
     def nuisance(self, number: int) -> tuple[float, float]:
         """Return a nuisance's coefficient and its standard deviation; NaN where the log does not determine it."""
@@ -116,10 +61,6 @@ class DefaultFit:
             if extra.nuisance == "delay":
                 late[sum_row(extra).joint] = self.solution.values[self.model.parameters + k]
         return late
-
-    def amplitudes(self) -> list[Array]:
-        """Return the fitted amplitudes of every declared effect, each (d,)."""
-        return amplitudes_of(self.solution, len(self.base.parameters), self.nuisances, self.effects)
 
 
 def fit_log(model: Regressor, base: BaseParameters, signals: Signals, options: EstimateOptions) -> DefaultFit:
@@ -158,27 +99,12 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
         nuisances += _reading_columns(base, data.samples, nuisances, effects)
     solved = solve_with(base, data, nuisances, effects, shaping=not options.hold, valleys=options.valleys)
     for _ in range(RESCENED if effects and options.hold else 0):  # columns from what the fit made of the parameters
-        values = solved.solution.values[: data.model.parameters]
-        solved = solve_with(base, data, solved.nuisances, rescened(data, effects, values), shaping=False)
-    covariance = covariance_of(data, solved.nuisances, solved.effects, solved.triangles, solved.solution)
-    effects = solved.effects
-    if effects and data.samples is not None and not options.hold:
-        observation, signals = data.samples.observation, data.samples.signals
-        effects, covariance = check_shape_ambiguity(
-            observation, signals, solved.nuisances, effects, solved.solution, covariance
-        )
-    scored = (*solved.scored, Scored(solved.nuisances, solved.solution))
-    return DefaultFit(base, data, solved.nuisances, effects, solved.triangles, solved.solution, covariance, scored)
-
-
-class Solved(NamedTuple):
-    """The nuisances that stand, the effects at their shapes, what was solved with both, and what led there."""
-
-    nuisances: tuple[ExtraColumns, ...]
-    effects: FittedEffects | None
-    triangles: Triangles
-    solution: Solution
-    scored: tuple[Scored, ...] = ()
+        solved = solve_with(base, data, solved.nuisances, rescened(data, effects, solved.standard))
+    covariance = covariance_of(solved)
+    if solved.effects and data.samples is not None and not options.hold:
+        effects, covariance = check_shape_ambiguity(solved, solved.effects, covariance)
+        solved = replace(solved, effects=effects)
+    return DefaultFit(**vars(solved), covariance=covariance)
 
 
 def solve_with(
@@ -208,24 +134,23 @@ def solve_with(
     alone
         Whether each delay must show by itself.
     """
-    scored: tuple[Scored, ...] = ()
+    before = None
     for last in (False, True):
         if shaping and effects and data.samples is not None:
             steps = (Step.SCAN, Step.RESCAN, Step.REFINE) if valleys and not last else (Step.REFINE, Step.REFINE)
             effects = shaped(base, data.samples, nuisances, effects, steps)
-        triangles = data.triangles(nuisances, effects)
-        solution = reweighted(triangles, base.count + triangles.extras)
+        solved = replace(Solved.of(base, data, nuisances, effects), before=before)
         if last or not nuisances:
             break
-        spread = data.covariance(solution, nuisances, effects)
-        scored = (Scored(tuple(nuisances), solution),)
+        before = solved
+        solution, spread = solved.solution, data.covariance(solved.solution, solved.extras)
         late = bool(np.any(data.facts.moved))
-        kept = significant(solution, spread, nuisances, triangles.parameters, data.facts.dt, late=late, alone=alone)
+        kept = significant(solution, spread, nuisances, data.model.parameters, data.facts.dt, late=late, alone=alone)
         kept = _borne_out(base, data, kept, effects)
         if not (shaping and effects) and len(kept) == len(nuisances):
             break
         nuisances = kept
-    return Solved(tuple(nuisances), effects, triangles, solution, scored)
+    return solved
 
 
 def _with_gliding(base: BaseParameters, data: FitData, nuisances: Sequence[ExtraColumns]) -> FitData:
@@ -238,9 +163,8 @@ def _with_gliding(base: BaseParameters, data: FitData, nuisances: Sequence[Extra
     effects = start_effects(base, data)
     extras = () if effects is None else effects.extras
     # what is known of the effects' amplitudes does not count yet: the columns alone, as further nuisances
-    triangles = data.triangles([*nuisances, *extras])
-    values = reweighted(triangles, base.count + triangles.extras).values
-    inside, outside = data.at_reversals(values, [*nuisances, *extras])
+    solved = Solved.of(base, data, [*nuisances, *extras])
+    inside, outside = data.at_reversals(solved.solution.values, solved.extras)
     glides = inside < STICKING * outside  # false where either is unknown
     for joint in {row.joint for extra in extras for row in extra.rows}:
         glides[joint] = False
@@ -263,10 +187,8 @@ def with_delays(fit: DefaultFit, options: EstimateOptions) -> DefaultFit:
     missing = [e for e in fit.data.delays() if sum_row(e).joint not in had]
     while missing and options.delays:
         nuisances = (*fit.nuisances, *missing)
-        triangles = fit.data.triangles(nuisances, fit.effects)
-        solution = reweighted(triangles, fit.base.count + triangles.extras)
-        covariance = covariance_of(fit.data, nuisances, fit.effects, triangles, solution)
-        grown = replace(fit, nuisances=nuisances, triangles=triangles, solution=solution, covariance=covariance)
+        solved = Solved.of(fit.base, fit.data, nuisances, fit.effects)
+        grown = DefaultFit(**vars(solved), covariance=covariance_of(solved))
         found = np.array([grown.nuisance(k) for k in range(len(fit.nuisances), len(nuisances))])
         short = short_enough(found[:, 0], found[:, 1], LONGEST)
         if short.all():
@@ -288,9 +210,8 @@ def _borne_out(
         fewer = [e for e in nuisances if e is not extra]
         errors = []
         for chosen in (nuisances, fewer):
-            triangles = data.triangles(chosen, effects)
-            solution = reweighted(triangles, base.count + triangles.extras)
-            found = held_out(robot, triangles, solution).get(name)
+            solved = Solved.of(base, data, chosen, effects)
+            found = held_out(robot, solved.triangles, solved.solution).get(name)
             errors.append(0.0 if found is None else found.rms)
         if errors[1] < errors[0]:
             nuisances = fewer
@@ -300,10 +221,8 @@ def _borne_out(
 def reshaped(fit: DefaultFit, effects: FittedEffects) -> DefaultFit:
     """Return the fit with effects in other shapes, their columns and everything linear fitted anew."""
     extras = tuple(extra_of(item.effect, effects.scene, fit.signals) for item in effects.effects)
-    effects = replace(effects, extras=extras, others=())
-    triangles = fit.data.triangles(fit.nuisances, effects)
-    solution = reweighted(triangles, fit.base.count + triangles.extras)
-    return replace(fit, effects=effects, triangles=triangles, solution=solution)
+    solved = Solved.of(fit.base, fit.data, fit.nuisances, replace(effects, extras=extras, others=()))
+    return DefaultFit(**vars(solved), covariance=fit.covariance)
 
 
 def _reading_columns(

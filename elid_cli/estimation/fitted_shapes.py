@@ -9,13 +9,17 @@ from enum import Enum
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.data import FitData, SampledData
+from elid_cli.estimation.data import FitData, SampledData, Solved
 from elid_cli.estimation.regression.covariance import lasting_weights
-from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, scene_of, with_effects
+from elid_cli.estimation.regression.effect_columns import (
+    FittedEffects,
+    extra_of,
+    scene_of,
+    triangles_with_effects,
+    with_effects,
+)
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.least_squares import reweighted
-from elid_cli.estimation.regression.other_shapes import triangles_with_effects
-from elid_cli.estimation.regression.standard_errors import amplitudes_of
 from elid_cli.estimation.regression.triangles import ExtraColumns, to_triangles
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects.declared import declared_effects
@@ -75,14 +79,14 @@ def shaped(
     for step in steps:
         triangles = triangles_with_effects(observation, nuisances, effects)
         solution = reweighted(triangles, base.count + triangles.extras)
-        scene = scene_of(model, signals, solution.values[: model.parameters])
-        amplitudes = amplitudes_of(solution, model.parameters, nuisances, effects)
-        scene = with_effects(scene, [(e.effect, a) for e, a in zip(effects.effects, amplitudes, strict=True)])
+        solved = Solved(base, data, tuple(nuisances), effects, triangles, solution)
+        scene = scene_of(model, signals, solved.standard)
+        scene = with_effects(scene, [(e.effect, a) for e, a in zip(effects.effects, solved.amplitudes(), strict=True)])
         weights, items = solution.weights, effects.effects
         if step is not Step.REFINE:
             items = tuple(replace(item, effect=item.start or item.effect) for item in items)
         if step is Step.RESCAN:
-            weights = lasting_weights(observation, solution, [*nuisances, *effects.extras])
+            weights = lasting_weights(observation, solution, solved.extras)
         found = fit_declared(observation, signals, scene, items, weights, nuisances, scan=step is not Step.REFINE)
         effects = replace(found, others=found.others if step is Step.RESCAN else effects.others)
     return effects

@@ -41,9 +41,9 @@ def friction_at_rest(state: State, number: int) -> bool:
     for row in state.columns[number].rows:
         if row not in state.triangles.rows:
             continue
-        key, use = (row.kind, row.joint), state.log.training.group(row).use
+        use = state.log.training.group(row).use
         unit = max(state.floor.rms[row], 1e-4 * state.triangles.torque_rms(row))
-        gone = np.where(use, before[key] ** 2 - after[key] ** 2, 0.0) / unit**2
+        gone = np.where(use, before[row] ** 2 - after[row] ** 2, 0.0) / unit**2
         explained += float(gone.sum())
         doubtful += float(gone[use & _held(state, number, row, after)].sum())
     return explained > 0 and doubtful > (1.0 - MOVING) * explained
@@ -61,7 +61,7 @@ def _held(state: State, number: int, row: EstimationRow, left: dict[tuple[str, i
     motor = EstimationRow("motor", joint)
     if motor in state.triangles.rows:
         here = held & log.training.group(motor).use
-        if _linkward(torque * here, left["motor", joint] * here, log.observation.segment):
+        if _linkward(torque * here, left[motor] * here, log.observation.segment):
             return nowhere
     return held
 
@@ -107,10 +107,10 @@ def one_of_many(state: State, number: int) -> bool:
     for row in state.columns[number].rows:
         if row not in state.triangles.rows:
             continue
-        key, use = (row.kind, row.joint), state.log.observation.group(row).use
+        use = state.log.observation.group(row).use
         unit = max(state.floor.rms[row], 1e-4 * state.triangles.torque_rms(row))
-        own = float(np.sqrt(np.mean(np.square(before[key][inside & use])))) if (inside & use).any() else 0.0
-        others = _windows(np.square(after[key]), use & ~inside, length)
+        own = float(np.sqrt(np.mean(np.square(before[row][inside & use])))) if (inside & use).any() else 0.0
+        others = _windows(np.square(after[row]), use & ~inside, length)
         ratios.append(own / max(float(np.sqrt(others)), unit))
     return bool(ratios) and max(ratios) < STANDS_OUT
 

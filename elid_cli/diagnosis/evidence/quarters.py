@@ -232,7 +232,7 @@ def _pair(
     use = np.logical_and.reduce([s.log.observation.group(row).use for s in (state, lacking)])[chosen]
     unit = 1.0 / max(state.floor.rms[row], 1e-4 * state.triangles.torque_rms(row))
     series = [
-        residuals(model.log.observation, solution.values, model.extras)[row.kind, row.joint][chosen] * use * unit
+        residuals(model.log.observation, solution.values, model.extras)[row][chosen] * use * unit
         for model, solution in ((lacking, outside), (state, inside))
     ]
     return series[0], series[1]

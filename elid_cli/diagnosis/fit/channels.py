@@ -6,8 +6,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from elid_cli.estimation.data import SampledData, sum_row
-from elid_cli.estimation.default_fit import Solved
+from elid_cli.estimation.data import SampledData, Solved, sum_row
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.regression.triangles import ExtraColumns
 from elid_cli.model.effects.effect import Effect, Nuisance
@@ -29,15 +28,15 @@ def unknowns_of_channels(
     return delays + [extra for extra in offsets if not any(_constant(own, extra) for own in columns)]
 
 
-def without_idle_offsets(data: SampledData, found: Solved) -> list[ExtraColumns]:
+def without_idle_offsets(found: Solved) -> list[ExtraColumns]:
     """Return the nuisances without offsets that are none.
 
     Some stood out only as long as others were beside them. One larger than the torque itself is made up for by gravity
     or friction, and stands for what another row lacks, such as the zero of an encoder.
     """
-    covariance = data.covariance(found.solution, found.nuisances, found.effects)
+    covariance = found.data.covariance(found.solution, found.extras)
     deviation = dict(zip(found.solution.basis.tolist(), np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
-    first = found.triangles.parameters
+    first = found.model.parameters
 
     def stands(column: int, extra: ExtraColumns) -> bool:
         size = abs(float(found.solution.values[column]))

@@ -13,7 +13,7 @@ from elid_cli.diagnosis.fit.channels import Fault, unknowns_of_channels, without
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.projection import Projected, project
 from elid_cli.diagnosis.fit.whitening import whiteners
-from elid_cli.estimation.data import sum_row
+from elid_cli.estimation.data import Solved, sum_row
 from elid_cli.estimation.default_fit import solve_with
 from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of
 from elid_cli.estimation.regression.least_squares import Solution, reweighted, solve
@@ -143,7 +143,8 @@ class State:
         items = _held(self.log, self.effects, self.columns)
         own = FittedEffects(items, self.columns, self.scene)
         if self.known is None and any(item.free for item in items):
-            whole = covariance_with_shapes(self.log.data, self.nuisances, own, self.triangles, self.solution)
+            fit = Solved(self.log.base, self.log.data, self.nuisances, own, self.triangles, self.solution)
+            whole = covariance_with_shapes(fit)
             if whole is not None:
                 keys = [(number, shape) for number, item in enumerate(items) for shape in item.free]
                 return whole, {key: len(self.solution.basis) + k for k, key in enumerate(keys)}
@@ -203,7 +204,7 @@ def fit(log: Log, effects: Sequence[Effect], scene: Scene | None = None, *, but:
     channels, own = unknowns_of_channels(data, effects, columns, but), FittedEffects(held, columns, scene)
     found = solve_with(log.base, data, channels, own, alone=True)
     if any(extra.nuisance == "offset" for extra in found.nuisances):
-        firm = without_idle_offsets(data, found)
+        firm = without_idle_offsets(found)
         if len(firm) < len(found.nuisances):
             found = solve_with(log.base, data, firm, own, alone=True)
     state = State(log, tuple(effects), found.nuisances, columns, found.triangles, found.solution, scene)

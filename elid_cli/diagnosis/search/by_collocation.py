@@ -141,12 +141,3 @@ def _predicted(judge: Setup, outcome: Outcome) -> float:
     """Return the cost of stretches on which only the trajectory is free, parameters and shapes as they were found."""
     start = Iterate(judge.start.coefficients, outcome.p, outcome.z)
     return judge.common_cost(follow(judge.problem, start, STEPS))
-
-
-def amplitudes(whole: Collocated) -> list[slice]:
-    """Return where each effect's amplitudes stand in the columns of the fit."""
-    place, found = whole.setup.first_amplitude, []
-    for extra in whole.fit.effects.extras if whole.fit.effects else ():
-        found.append(slice(place, place + extra.width))
-        place += extra.width
-    return found

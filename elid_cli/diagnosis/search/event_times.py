@@ -72,6 +72,6 @@ def _cost(state: State) -> float:
     left = residuals(state.log.observation, state.solution.values, state.extras)
     total = 0.0
     for group in state.log.observation.groups:
-        values = left[(group.row.kind, group.row.joint)][group.use]
+        values = left[group.row][group.use]
         total += float(values @ values) / max(state.floor.rms.get(group.row, 0.0), 1e-9) ** 2
     return total

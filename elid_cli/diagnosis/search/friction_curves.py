@@ -16,7 +16,7 @@ import numpy as np
 
 from elid_cli._types import Progress
 from elid_cli.diagnosis.fit.state import State, fit
-from elid_cli.diagnosis.search.by_collocation import Collocated, amplitudes, collocated, known, possible
+from elid_cli.diagnosis.search.by_collocation import Collocated, collocated, known, possible
 from elid_cli.diagnosis.search.steps import Found, Term
 from elid_cli.estimation.collocation.starts import values_of
 from elid_cli.model.effects.effect import Effect, Shapes
@@ -178,7 +178,7 @@ def _missing(whole: Collocated, state: State, curves: Mapping[int, Shapes]) -> s
     given = covariance[:size, :size] - across @ np.linalg.pinv(covariance[size:, size:], hermitian=True) @ across.T
     spread = whole.widened * np.sqrt(np.maximum(np.diag(given), 0.0))
     missing = set()
-    for k, place in zip(owners, amplitudes(whole), strict=True):
+    for k, place in zip(owners, whole.fit.amplitude_places, strict=True):
         if k not in curves:
             continue  # an effect that is no term of these curves
         index = np.flatnonzero(np.isin(basis, np.arange(place.start, place.stop)))

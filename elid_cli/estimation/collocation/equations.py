@@ -195,7 +195,7 @@ class RobotEquations:
         """Return the effects at shapes whose logarithms are z, with the places of their amplitudes in p, or -1."""
         if self._fit.effects is None:
             return []
-        found, column = [], self._model.parameters + sum(extra.width for extra in self._fit.nuisances)
+        found, column = [], self._fit.first_amplitude
         for effect in shaped(self._fit.effects, z):
             found.append((effect, [self._place.get(column + d, -1) for d in range(len(effect.amplitudes))]))
             column += len(effect.amplitudes)
@@ -292,8 +292,7 @@ class RobotEquations:
         """Return the effects that have one free, positive shape, which z holds."""
         if self._fit.effects is None:
             return []
-        found, place = [], 0
-        column = self._model.parameters + sum(extra.width for extra in self._fit.nuisances)
+        found, place, column = [], 0, self._fit.first_amplitude
         for number, item in enumerate(self._fit.effects.effects):
             free = [k for k in item.free if item.effect.shape[k] > 0]
             columns = range(column, column + len(item.effect.amplitudes))

@@ -293,7 +293,7 @@ class Setup:
         matrix[k, k] = 1.0 / SHAPE_SPREAD**2
         gradient[k] = (now.z - self.z_start) / SHAPE_SPREAD**2
         cost += float(np.sum((now.z - self.z_start) ** 2)) / SHAPE_SPREAD**2
-        rows = amplitude_prior(self.effects.effects, self.first_amplitude, self.fit.triangles.width)
+        rows = amplitude_prior(self.effects.effects, self.fit.first_amplitude, self.fit.triangles.width)
         if rows is not None:
             here = rows[:, self.p_columns]
             miss = here @ now.p - rows[:, -1]
@@ -301,11 +301,6 @@ class Setup:
             gradient[: len(now.p)] += here.T @ miss
             cost += float(miss @ miss)
         return cost, matrix, gradient
-
-    @property
-    def first_amplitude(self) -> int:
-        """Column of the first effect's first amplitude."""
-        return self.fit.model.parameters + sum(extra.width for extra in self.fit.nuisances)
 
     def common_cost(self, now: Iterate) -> float:
         """Return the cost of unknowns with the noise and the weights that were assumed at first, to compare by."""

@@ -28,7 +28,7 @@ def residuals(
     result: dict[tuple[str, int], Array] = {}
     for group in observation.groups:
         index, columns = full_columns(group, extras, observation.parameters)
-        result[(group.row.kind, group.row.joint)] = group.target - values[index] @ columns
+        result[group.row] = group.target - values[index] @ columns
     return result
 
 
@@ -73,7 +73,7 @@ def lasting_weights(
     for group in observation.groups:
         weight = weights.get(group.row, 0.0)
         if weight > 0 and group.count:
-            residual = weight * np.where(group.use, found[(group.row.kind, group.row.joint)], 0.0)
+            residual = weight * np.where(group.use, found[group.row], 0.0)
             lasting = float(long_run(residual[:, None], observation.segment)[0, 0]) / group.count
             weights[group.row] = weight / np.sqrt(max(lasting, 1.0))
     return weights

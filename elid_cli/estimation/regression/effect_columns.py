@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.regression.observation import pair
-from elid_cli.estimation.regression.triangles import ExtraColumns
-from elid_cli.model.effects.declared import Declared
+from elid_cli.estimation.regression.observation import Observation, pair
+from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
+from elid_cli.model.effects.declared import Declared, amplitude_prior
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import EstimationRow, Regressor
@@ -38,6 +38,20 @@ class FittedEffects:
     others: tuple[Mapping[int, Effect], ...] = ()
     """One joint's effects, by place in `effects`, in shapes of another valley of the cost that explain the log
     about as well."""
+
+
+def triangles_with_effects(
+    observation: Observation,
+    nuisances: Sequence[ExtraColumns],
+    effects: FittedEffects | None,
+    fold: NDArray[np.intp] | None = None,
+) -> Triangles:
+    """Return triangles with the columns of nuisances and effects, and what is known of the effects' amplitudes."""
+    if effects is None:
+        return to_triangles(observation, nuisances, fold)
+    triangles = to_triangles(observation, (*nuisances, *effects.extras), fold)
+    first = triangles.parameters + sum(extra.width for extra in nuisances)
+    return replace(triangles, prior=amplitude_prior(effects.effects, first, triangles.width))
 
 
 def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:

@@ -7,19 +7,17 @@ independent (Vuong 1989, Econometrica 57). Valleys within that scatter cannot be
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.data import Solved
 from elid_cli.estimation.regression.covariance import long_run, residuals
-from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of
-from elid_cli.estimation.regression.least_squares import Solution, solve
-from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
-from elid_cli.model.effects.declared import amplitude_prior
+from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of, triangles_with_effects
+from elid_cli.estimation.regression.least_squares import solve
 from elid_cli.model.effects.effect import Effect
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
@@ -34,43 +32,21 @@ APART = 0.6
 """Distance of shapes' logarithms from which on they lie in different valleys."""
 
 
-def triangles_with_effects(
-    observation: Observation,
-    nuisances: Sequence[ExtraColumns],
-    effects: FittedEffects | None,
-    fold: NDArray[np.intp] | None = None,
-) -> Triangles:
-    """Return triangles with the columns of nuisances and effects, and what is known of the effects' amplitudes."""
-    if effects is None:
-        return to_triangles(observation, nuisances, fold)
-    triangles = to_triangles(observation, (*nuisances, *effects.extras), fold)
-    first = triangles.parameters + sum(extra.width for extra in nuisances)
-    return replace(triangles, prior=amplitude_prior(effects.effects, first, triangles.width))
-
-
-def check_shape_ambiguity(
-    observation: Observation,
-    signals: Signals,
-    nuisances: Sequence[ExtraColumns],
-    effects: FittedEffects,
-    solution: Solution,
-    covariance: Array,
-) -> tuple[FittedEffects, Array]:
-    """Return the effects with those other shapes that explain the log as well, and a covariance (r, r) that knows them.
+def check_shape_ambiguity(fit: Solved, effects: FittedEffects, covariance: Array) -> tuple[FittedEffects, Array]:
+    """Return the effects with those other shapes that explain the log as well, and a covariance (r, r) that knows it.
 
     An interval of 95 % then reaches to the answer with each of them.
     """
-    best = _squares(observation, nuisances, effects, solution)
-    kept, wider = [], covariance.copy()
+    kept, best, wider = [], _squares(fit), covariance.copy()
     for other in effects.others:
-        if not _acts(other, observation.parameters, nuisances, effects, solution, covariance):
+        if not _acts(other, fit, covariance):
             continue
-        moved = _with(effects, other, signals)
-        found = solve(triangles_with_effects(observation, nuisances, moved), solution.weights, basis=solution.basis)
-        more = _squares(observation, nuisances, moved, found) - best
-        if explains_as_well(more, observation.segment):
+        moved = replace(fit, effects=_with(effects, other, fit.signals))
+        triangles = triangles_with_effects(fit.observation, fit.nuisances, moved.effects)
+        moved = replace(moved, solution=solve(triangles, fit.solution.weights, basis=fit.solution.basis))
+        if explains_as_well(_squares(moved) - best, fit.observation.segment):
             kept.append(other)
-            apart = (found.values - solution.values)[solution.basis] / REACH
+            apart = (moved.solution.values - fit.solution.values)[fit.solution.basis] / REACH
             wider += np.outer(apart, apart)
     return replace(effects, others=tuple(kept)), wider
 
@@ -130,32 +106,22 @@ def _with(effects: FittedEffects, other: Mapping[int, Effect], signals: Signals)
     return replace(effects, extras=tuple(extras))
 
 
-def _squares(
-    observation: Observation, nuisances: Sequence[ExtraColumns], effects: FittedEffects, solution: Solution
-) -> Array:
+def _squares(fit: Solved) -> Array:
     """Return the weighted squared residual of every instant, summed over the rows, (M,)."""
-    left = residuals(observation, solution.values, [*nuisances, *effects.extras])
+    observation, weights = fit.observation, fit.solution.weights
+    left = residuals(observation, fit.solution.values, fit.extras)
     total = np.zeros(observation.instants)
     for group in observation.groups:
-        weight = solution.weights.get(group.row, 0.0)
-        total += np.where(group.use, weight * left[(group.row.kind, group.row.joint)], 0.0) ** 2
+        total += np.where(group.use, weights.get(group.row, 0.0) * left[group.row], 0.0) ** 2
     return total
 
 
-def _acts(
-    other: Mapping[int, Effect],
-    parameters: int,
-    nuisances: Sequence[ExtraColumns],
-    effects: FittedEffects,
-    solution: Solution,
-    covariance: Array,
-) -> bool:
+def _acts(other: Mapping[int, Effect], fit: Solved, covariance: Array) -> bool:
     """Whether what would have other shapes acts at all: of a single effect, whether an amplitude differs from 0."""
     if len(other) > 1:
         return True
     (place,) = other
-    widths = [extra.width for extra in effects.extras]
-    first = parameters + sum(extra.width for extra in nuisances) + sum(widths[:place])
-    mine = np.flatnonzero((solution.basis >= first) & (solution.basis < first + widths[place]))
+    solution, own = fit.solution, fit.amplitude_places[place]
+    mine = np.flatnonzero((solution.basis >= own.start) & (solution.basis < own.stop))
     deviations = np.sqrt(np.maximum(np.diag(covariance)[mine], 0.0))
     return bool(np.any(np.abs(solution.values[solution.basis[mine]]) > 2.0 * deviations))

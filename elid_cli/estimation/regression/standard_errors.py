@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.data import FitData
+from elid_cli.estimation.data import Solved
 from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.regression.covariance import sandwich
-from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.estimation.regression.effect_shapes import SHAPE_SPREAD, shape_columns
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.long_run import beyond_normal
 from elid_cli.estimation.regression.normal_equations import jackknife
-from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
+from elid_cli.estimation.regression.triangles import Triangles, to_triangles
 
 SHORT = 400.0
 """Independent instants below which a log is short."""
@@ -24,54 +22,48 @@ LEAST_LEFT = 1e-3
 """Share of the information on a direction that a stretch is taken to leave to the others at least."""
 
 
-def covariance_of(
-    data: FitData,
-    nuisances: Sequence[ExtraColumns],
-    effects: FittedEffects | None,
-    triangles: Triangles,
-    solution: Solution,
-) -> Array:
-    """Return the covariance of the solution's basis, (r, r)."""
-    size = len(solution.basis)
-    covariance = covariance_with_shapes(data, nuisances, effects, triangles, solution)
+def covariance_of(fit: Solved) -> Array:
+    """Return the covariance of a fit's basis, (r, r)."""
+    size = len(fit.solution.basis)
+    covariance = covariance_with_shapes(fit)
     if covariance is None:
-        covariance = data.covariance(solution, nuisances, effects)
-    return covariance[:size, :size] * _few(data.facts, triangles, size) ** 2
+        covariance = fit.data.covariance(fit.solution, fit.extras)
+    return covariance[:size, :size] * _few(fit.data.facts, fit.triangles, size) ** 2
 
 
-def covariance_with_shapes(
-    data: FitData,
-    nuisances: Sequence[ExtraColumns],
-    effects: FittedEffects | None,
-    triangles: Triangles,
-    solution: Solution,
-) -> Array | None:
-    """Return the covariance of the solution's basis and of the effects' free shapes, (r + s, r + s); None without such.
+def covariance_with_shapes(fit: Solved) -> Array | None:
+    """Return the covariance of a fit's basis and of its effects' free shapes, (r + s, r + s); None without such.
 
     Shapes count by their logarithms, in the order of the effects, as parameters that have their prior.
     """
-    samples = data.samples
-    if effects is None or samples is None:
+    if fit.effects is None or fit.data.samples is None:
         return None
-    observation = samples.observation
-    amplitudes = amplitudes_of(solution, triangles.parameters, nuisances, effects)
-    shapes = shape_columns(effects, samples.signals, amplitudes)
+    shapes = shape_columns(fit.effects, fit.signals, fit.amplitudes())
     if not shapes:
         return None
-    extras = [*nuisances, *effects.extras]
-    extended = to_triangles(observation, [*extras, *shapes])
-    prior = np.zeros((len(shapes), extended.width + 1))
-    prior[np.arange(len(shapes)), triangles.width + np.arange(len(shapes))] = 1.0 / SHAPE_SPREAD
-    if triangles.prior is not None:
-        known = np.insert(triangles.prior, [triangles.width], np.zeros((1, len(shapes))), axis=1)
-        prior = np.concatenate([prior, known])
-    extended = replace(extended, prior=prior)
-    basis = np.concatenate([solution.basis, triangles.width + np.arange(len(shapes))]).astype(np.intp)
-    wider = solve(extended, solution.weights, basis=basis)
-    whole = sandwich(observation, wider, [*extras, *shapes])
+    extras = [*fit.extras, *shapes]
+    extended = with_prior(
+        to_triangles(fit.observation, extras), fit.triangles, np.full(len(shapes), 1.0 / SHAPE_SPREAD)
+    )
+    basis = np.concatenate([fit.solution.basis, fit.triangles.width + np.arange(len(shapes))]).astype(np.intp)
+    wider = solve(extended, fit.solution.weights, basis=basis)
+    whole = sandwich(fit.observation, wider, extras)
     place = {int(column): k for k, column in enumerate(wider.basis)}
     kept = [place.get(int(column), -1) for column in basis]
     return None if min(kept) < 0 else whole[np.ix_(kept, kept)]
+
+
+def with_prior(wider: Triangles, triangles: Triangles, precision: Array) -> Triangles:
+    """Return triangles with last columns that others lack, and what is known beforehand.
+
+    The last columns are near 0, by one over their standard deviations, (d,); of the others what `triangles` know.
+    """
+    count, first = len(precision), triangles.width
+    prior = np.zeros((count, wider.width + 1))
+    prior[np.arange(count), first + np.arange(count)] = precision
+    if triangles.prior is not None:
+        prior = np.concatenate([prior, np.insert(triangles.prior, [first], np.zeros((1, count)), axis=1)])
+    return replace(wider, prior=prior)
 
 
 def freedom(facts: SignalFacts, triangles: Triangles, fitted: int) -> float:
@@ -94,18 +86,6 @@ def _few(facts: SignalFacts, triangles: Triangles, fitted: int) -> float:
     """
     degrees = freedom(facts, triangles, fitted)
     return beyond_normal(degrees) * float(np.sqrt(1 + fitted / len(triangles.rows) / degrees))
-
-
-def amplitudes_of(
-    solution: Solution, parameters: int, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None
-) -> list[Array]:
-    """Return the amplitudes of every declared effect in a solution's columns, each (d,)."""
-    place = parameters + sum(extra.width for extra in nuisances)
-    found = []
-    for extra in effects.extras if effects else ():
-        found.append(solution.values[place : place + extra.width])
-        place += extra.width
-    return found
 
 
 def by_stretches(triangles: Triangles, solution: Solution) -> Array:

@@ -182,17 +182,13 @@ class TriangleData:
         """See `FitData`."""
         return self.merged.chosen(self.counted, self.numbers(nuisances))
 
-    def covariance(
-        self, solution: Solution, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None
-    ) -> Array:
+    def covariance(self, solution: Solution, extras: Sequence[ExtraColumns]) -> Array:
         """See `FitData`."""
-        return self.spread(solution, self.numbers(nuisances), self.counted)
+        return self.spread(solution, self.numbers(extras), self.counted)
 
-    def at_reversals(
-        self, values: Array, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None
-    ) -> tuple[Array, Array]:
+    def at_reversals(self, values: Array, extras: Sequence[ExtraColumns]) -> tuple[Array, Array]:
         """See `FitData`."""
-        numbers, n = self.numbers(nuisances), self.merged.joints
+        numbers, n = self.numbers(extras), self.merged.joints
         steady = self.merged.chosen(np.zeros(n, dtype=bool), numbers)
         everywhere = self.merged.chosen(np.ones(n, dtype=bool), numbers)
         inside, outside = np.full((2, n), np.nan)

@@ -8,18 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
 from elid_cli.estimation.cutoff import at_best_cutoff
-from elid_cli.estimation.default_fit import DefaultFit, Scored, fit_data
+from elid_cli.estimation.data import Solved
+from elid_cli.estimation.default_fit import DefaultFit, fit_data
 from elid_cli.estimation.facts import facts_of
 from elid_cli.estimation.regression.filtered_rows import observed_blocks
 from elid_cli.estimation.regression.least_squares import Solution
-from elid_cli.estimation.regression.observation import Observation
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.estimation.streaming.accumulate import ReductionBlock, TriangleAccumulator, kept
 from elid_cli.estimation.streaming.links import LinkSums
@@ -91,7 +90,7 @@ def reduce_log(
     signals, shown = at_best_cutoff(model, base, signals, EstimateOptions())
     judgement = None if shown is None else judge_model(shown)
     whole = shown if shown is not None and _fits_all(shown, signals) else None
-    asked = [] if whole is None else [_Asked.of(one, whole.observation) for one in whole.scored]
+    asked = [] if whole is None else [_asked_of(one) for one in whole.scored]
     facts = None if whole is None else whole.data.facts
     seen = () if whole is None else whole.observation.blocks
     del shown, whole  # they hold their columns
@@ -145,16 +144,9 @@ def _model_of(robot: Robot, signals: Signals) -> tuple[Robot, Regressor, BasePar
     return _MODELS.of((id(robot), signals.missing_link.tobytes(), signals.link_torque.tobytes()), made)
 
 
-class _Asked(NamedTuple):
-    """A solution whose scores are kept: with the numbers of its nuisances, and the joints whose reversals count."""
-
-    solution: Solution
-    nuisances: list[int]
-    gliding: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, one: Scored, observation: Observation) -> _Asked:
-        return cls(one.solution, numbers_of(one.nuisances, observation.robot.n), observation.gliding)
+def _asked_of(fit: Solved) -> tuple[Solution, list[int], NDArray[np.bool_]]:
+    """Return what scores are kept of: a solution, the numbers of its nuisances, the joints whose reversals count."""
+    return fit.solution, numbers_of(fit.nuisances, fit.model.robot.n), fit.observation.gliding
 
 
 def _fits_all(fit: DefaultFit, signals: Signals) -> bool:

@@ -20,6 +20,7 @@ from elid_cli.estimation.regression.covariance import residuals
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, RowGroup
+from elid_cli.estimation.regression.standard_errors import with_prior
 from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.cross_validation import floored
@@ -101,7 +102,7 @@ def judge_model(fit: DefaultFit) -> Judgement:
     standard = part.solution.values[: fit.model.parameters]
     floor = propagated(fit.model, part.signals, observation, replicates=1).floor(standard)
     rows = residuals(observation, part.solution.values, part.extras)
-    left = {g.row: rows[(g.row.kind, g.row.joint)] for g in observation.independent}
+    left = {g.row: rows[g.row] for g in observation.independent}
 
     def own(group: RowGroup) -> Array:
         return full_columns(group, part.extras, observation.parameters)[1]
@@ -229,14 +230,8 @@ def _movable(fit: DefaultFit, seen: _Seen) -> NDArray[np.bool_]:
         extras.append(ExtraColumns("missing", dict.fromkeys(acted, values), ("",) * len(values)))
         size = max(seen for row, _, seen in missing if row.joint == joint)
         sizes += [HIDDEN * size / max(float(np.sqrt(np.mean(v**2))), 1e-12) for v in values]
-    triangles = fit.data.triangles((*fit.nuisances, *(fit.effects.extras if fit.effects else ()), *extras))
-    first = triangles.width - len(sizes)
-    prior = np.zeros((len(sizes), triangles.width + 1))
-    prior[np.arange(len(sizes)), first + np.arange(len(sizes))] = 1.0 / np.array(sizes)
-    if fit.triangles.prior is not None:  # of declared effects, which stand before
-        own = np.insert(fit.triangles.prior, [first], np.zeros((1, len(sizes))), axis=1)
-        prior = np.concatenate([prior, own])
-    known = replace(triangles, prior=prior)
+    triangles = fit.data.triangles((*fit.extras, *extras))
+    known = with_prior(triangles, fit.triangles, 1.0 / np.array(sizes))
     solution = reweighted(known, fit.base.count + triangles.extras)
     transform = np.pad(fit.base.transform, ((0, 0), (0, triangles.extras)))
     old = fit.transform[:, fit.solution.basis]
