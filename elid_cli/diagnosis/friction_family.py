@@ -30,7 +30,7 @@ from elid_cli.model.effects.declared import as_observed, declared_effects
 from elid_cli.model.effects.effect import Effect, Member
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import EstimationRow
-from elid_cli.robot.robot import EffectSpec, Robot
+from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 from elid_cli.tables import Shown
 
@@ -280,10 +280,7 @@ def _whole(log: Log, effects: Sequence[Effect]) -> tuple[Robot, dict[str, dict[s
         own[name.joint][name.kind] = float(value)
     joints = tuple(replace(joint, parameters=own[k]) for k, joint in enumerate(log.model.robot.joints))
     declared = log.model.robot.effects
-    specs = [
-        EffectSpec(effect.name, None if effect.whole_robot else names[effect.joint], state.named(k))
-        for k, effect in enumerate(state.effects)
-    ]
+    specs = state.specs
     channels = channel_specs(state)
     kept = [spec for spec in declared if spec.effect not in {item.effect for item in (*specs, *channels)}]
     errors = {names[e.joint]: _errors(state, k) for k, e in enumerate(state.effects) if e.members}

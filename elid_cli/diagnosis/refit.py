@@ -56,11 +56,7 @@ def identified(state: State, error: Mapping[str, JointError], declared: int = 0)
         covariance = covariance_of(replace(solved, nuisances=state.extras))
         _, _, found = judged(DefaultFit(**vars(solved), covariance=covariance), options)
     whole = {"instants": log.observation.instants, "masked": [float(share) for share in log.observation.masked]}
-    names = log.model.robot.joint_names
-    effects = tuple(
-        FittedEffect(e.name, None if e.whole_robot else names[e.joint], state.named(k), {})
-        for k, e in enumerate(state.effects[:declared])
-    )
+    effects = tuple(FittedEffect(s.effect, s.joint, s.parameters, {}) for s in state.specs[:declared])
     found = replace(found, error=error, settings={**found.settings, **whole}, effects=effects)
     return with_load(found, state)
 

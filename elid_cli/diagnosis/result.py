@@ -54,13 +54,13 @@ class FoundEffect:
     std_error: Mapping[str, float]
     gain: float
     """Fraction of the held-out residual variance, in the rows it acts on, that it takes away."""
-    net: float
-    """Gain in log-likelihood on the training stretches, net of its price."""
-    folds: tuple[bool, ...]
-    """In which cross-validation folds it helps."""
-    local: bool
-    """Whether it lives in a part of the log only, which cross-validation over time cannot judge."""
     summary: str
+    net: float = 0.0
+    """Gain in log-likelihood on the training stretches, net of its price."""
+    folds: tuple[bool, ...] = ()
+    """In which cross-validation folds it helps."""
+    local: bool = False
+    """Whether it lives in a part of the log only, which cross-validation over time cannot judge."""
     deflection: tuple[float, float] | None = None
     """Of an effect seen in the positions alone: held-out rms of the deflection without and with it, rad (m)."""
     collocated: bool = False

@@ -47,7 +47,7 @@ def rivals_of(state: State, declared: int, steps: Sequence[Step], effects: Seque
                 record = effect_classes()[twin.effect].record
                 rivals[place] = Rival(*place, effect.effect, effect.gain, dict(twin.values), record)
         for candidate in step.rivals:
-            joint = None if candidate.effect.whole_robot else robot.joint_names[candidate.effect.joint]
+            joint = state.joint_of(candidate.effect)
             key = (candidate.effect.name, joint)
             if key in named or key in rivals:
                 continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -87,15 +88,10 @@ def described(robot: Robot, state: State) -> Robot:
     """Return the robot description that a state amounts to: parameters, effects, corrected torque channels."""
     base = state.log.base
     standard = representative(base, base.transform @ state.standard, robot.reference())
-    names = robot.joint_names
-    specs = [
-        EffectSpec(e.name, None if e.whole_robot else names[e.joint], state.named(k))
-        for k, e in enumerate(state.effects)
-    ]
-    specs += channel_specs(state)
+    specs = [*state.specs, *channel_specs(state)]
     moved_joints = {e.joint for e in state.effects if e.corrects == "link"}
     specs += [
-        late_by("link", names[j], float(state.log.shifts.link[j]))
+        late_by("link", robot.joint_names[j], float(state.log.shifts.link[j]))
         for j in np.flatnonzero(state.log.shifts.link)
         if j not in moved_joints
     ]
@@ -121,61 +117,37 @@ def late_by(channel: Channel, joint: str, seconds: float) -> EffectSpec:
 
 def _found(state: State, number: int, step: Step, terms: Mapping[int, Term]) -> FoundEffect:
     effect = state.effects[number]
-    return FoundEffect(
-        effect=effect.name,
-        joint=None if effect.whole_robot else state.log.model.robot.joint_names[effect.joint],
-        parameters=state.named(number),
-        std_error=standard_errors(state, number),
-        gain=terms[number].gain if number in terms else held_out_gain(state, number),
-        net=step.net,
-        folds=tuple(bool(g > 0) for g in step.candidate.gain.folds),
-        local=effect.local,
-        summary=effect.summary,
-        collocated=number in terms,
-        quarters=step.quarters,
-    )
+    gain = terms[number].gain if number in terms else held_out_gain(state, number)
+    folds = tuple(bool(g > 0) for g in step.candidate.gain.folds)
+    found = FoundEffect(*_told(state, number), gain, effect.summary, step.net, folds, effect.local)
+    return replace(found, collocated=number in terms, quarters=step.quarters)
+
+
+def _told(state: State, number: int) -> tuple[str, str | None, dict[str, float], dict[str, float]]:
+    """Return name, joint, parameters and their standard errors of an effect."""
+    effect = state.effects[number]
+    return effect.name, state.joint_of(effect), state.named(number), standard_errors(state, number)
 
 
 def _term(state: State, number: int, term: Term) -> FoundEffect:
     """Return a further term of a friction curve, which the collocation told."""
-    effect = state.effects[number]
-    return FoundEffect(
-        effect=effect.name,
-        joint=state.log.model.robot.joint_names[effect.joint],
-        parameters=state.named(number),
-        std_error=standard_errors(state, number),
-        gain=term.gain,
-        net=term.net,
-        folds=(),
-        local=False,
-        summary="further term of a friction curve",
-        collocated=True,
-    )
+    summary = "further term of a friction curve"
+    return FoundEffect(*_told(state, number), term.gain, summary, term.net, collocated=True)
 
 
 def _seen(robot: Robot, state: State, skew: Skew) -> FoundEffect:
     """Return a skew that only the positions show; its gain is in the variance of the deflection."""
     spec = late_by("link", robot.joint_names[skew.joint], float(state.log.shifts.link[skew.joint]))
-    return FoundEffect(
-        effect=spec.effect,
-        joint=spec.joint,
-        parameters=spec.parameters,
-        std_error=dict.fromkeys(spec.parameters, skew.deviation),
-        gain=skew.share,
-        net=0.0,
-        folds=(),
-        local=False,
-        summary=f"{effect_classes()[spec.effect].summary}; seen in the positions alone",
-        deflection=(skew.without, skew.with_it),
-        quarters=skew.quarters,
-    )
+    summary = f"{effect_classes()[spec.effect].summary}; seen in the positions alone"
+    errors, rms = dict.fromkeys(spec.parameters, skew.deviation), (skew.without, skew.with_it)
+    found = FoundEffect(spec.effect, spec.joint, spec.parameters, errors, skew.share, summary)
+    return replace(found, deflection=rms, quarters=skew.quarters)
 
 
 def _curve(state: State, number: int) -> FoundEffect:
     effect = state.effects[number]
-    joint = state.log.model.robot.joint_names[effect.joint]
     gain = held_out_gain(state, number)
-    return FoundEffect(effect.name, joint, state.named(number), {}, gain, 0.0, (), False, effect.summary)
+    return FoundEffect(effect.name, state.joint_of(effect), state.named(number), {}, gain, effect.summary)
 
 
 def _nuisances(state: State) -> tuple[Nuisance, ...]:
@@ -221,7 +193,7 @@ def _unexplained(state: State, rows: Sequence[RowState], remaining: Sequence[Can
             key=lambda pair: -pair[1],
         )
         best_of = {
-            c.key: Nearest(c.effect.name, None if c.effect.whole_robot else names[joint], part, c.values)
+            c.key: Nearest(c.effect.name, None if c.effect.whole_robot else item.joint, part, c.values)
             for c, part in taken[::-1]
         }
         near = tuple(item for item in reversed(best_of.values()) if item.gain > 0)[:3]

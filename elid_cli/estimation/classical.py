@@ -157,7 +157,7 @@ def classical_signals(signals: Signals, robot: Robot, noise: RateNoise | None = 
     still = signals.still
     for name in ("dq", "ddq", "dtheta", "ddtheta"):
         states[name][:, still] = 0.0
-    motion = Motion(recording.t, *(states[k] for k in ("q", "dq", "ddq", "theta", "dtheta", "ddtheta")))
+    motion = Motion(recording.t, **states)
     return replace(
         signals,
         motion=motion,

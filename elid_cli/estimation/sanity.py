@@ -205,16 +205,14 @@ def _geared(robot: Robot, joint: int) -> Robot:
     return replace(robot, joints=tuple(joints))
 
 
-def _scaled(motion: Motion, factor: float) -> Motion:
-    arrays: Sequence[Array] = (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)
-    return Motion(motion.t, *(factor * a for a in arrays))
-
-
 def _turned_motion(motion: Motion, joint: int) -> Motion:
     turn = np.ones(motion.q.shape[1])
     turn[joint] = -1.0
-    arrays: Sequence[Array] = (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)
-    return Motion(motion.t, *(turn * a for a in arrays))
+    return _scaled(motion, turn)
+
+
+def _scaled(motion: Motion, factor: Array | float) -> Motion:
+    return Motion(motion.t, *(factor * a for a in motion.states))
 
 
 def _opposed(motion: Motion, joint: int) -> bool:

@@ -15,6 +15,9 @@ from elid_cli.signals.excerpts import in_parts
 from elid_cli.signals.recording import Segment
 from elid_cli.signals.splines import UniformSpline
 
+STATES = ("q", "dq", "ddq", "theta", "dtheta", "ddtheta")
+"""Arrays of a motion: positions, velocities and accelerations of links, then of motors."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -44,22 +47,22 @@ class Motion:
         """Return velocities of motors over some samples, (n, m)."""
         return self.dtheta[part].T
 
+    @property
+    def states(self) -> tuple[Array, ...]:
+        """The six arrays of `STATES`, in their order."""
+        return tuple(getattr(self, name) for name in STATES)
+
+    def changed(self, **states: Array) -> Motion:
+        """Return the motion with other arrays for some states, (N, n)."""
+        return Motion(self.t, *(states.get(name, values) for name, values in zip(STATES, self.states, strict=True)))
+
     def __getitem__(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Motion:
-        return Motion(
-            self.t[index],
-            self.q[index],
-            self.dq[index],
-            self.ddq[index],
-            self.theta[index],
-            self.dtheta[index],
-            self.ddtheta[index],
-        )
+        return Motion(self.t[index], *(values[index] for values in self.states))
 
 
 def joined_motion(parts: Sequence[Motion]) -> Motion:
     """Return motions one after the other."""
-    names = ("t", "q", "dq", "ddq", "theta", "dtheta", "ddtheta")
-    return Motion(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    return Motion(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("t", *STATES)))
 
 
 def random_motion(n: int, elastic: NDArray[np.bool_], samples: int, seed: int = 0) -> Motion:
@@ -240,10 +243,6 @@ class SplineMotion(Motion):
     def ddtheta(self) -> Array:
         """Motor accelerations, (N, n)."""
         return self._whole(1, 2)
-
-    def plain(self) -> Motion:
-        """Return the motion as arrays."""
-        return Motion(self.t, self.q, self.dq, self.ddq, self.theta, self.dtheta, self.ddtheta)
 
 
 def _as_slice(index: NDArray[np.intp] | NDArray[np.bool_]) -> slice | NDArray[np.intp] | NDArray[np.bool_]:

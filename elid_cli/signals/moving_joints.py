@@ -94,7 +94,7 @@ def at_rest(motion: Motion, still: NDArray[np.bool_], mean: Array) -> Motion:
     rest = np.where(still, mean, np.nan)
     if isinstance(motion, SplineMotion):
         return motion.resting(rest)
-    arrays = [a.copy() for a in (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)]
+    arrays = [a.copy() for a in motion.states]
     for k in np.flatnonzero(still):
         for number, array in enumerate(arrays):
             array[:, k] = 0.0 if number % 3 else rest[number // 3, k]

@@ -34,7 +34,7 @@ def test_what_a_log_cannot_tell_apart_is_named_as_one_of_several() -> None:
 
 def curve(joint: str, amplitude: float, exponent: float, error: float = 0.01, velocity: float = 0.1) -> FoundEffect:
     parameters = {"amplitude": amplitude, "velocity": velocity, "exponent": exponent}
-    return FoundEffect("stribeck", joint, parameters, {"amplitude": error}, 0.9, 9.0, (), False, "")
+    return FoundEffect("stribeck", joint, parameters, {"amplitude": error}, 0.9, "", 9.0)
 
 
 @pytest.mark.parametrize(

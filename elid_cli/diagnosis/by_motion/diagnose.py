@@ -111,10 +111,9 @@ def diagnose_motion(
 def _effects(robot: Robot, fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tuple[FoundEffect, ...]:
     values = fitted_effects(robot, fit)[declared:]
     return tuple(
-        FoundEffect(item.effect.name, own.joint, own.parameters, own.std_error, item.gain, 0.0, (), False,
-                    item.effect.summary)
+        FoundEffect(item.effect.name, own.joint, own.parameters, own.std_error, item.gain, item.effect.summary)
         for item, own in zip(named, values, strict=True)
-    )  # fmt: skip
+    )
 
 
 def _rivals(robot: Robot, named: Sequence[Named], scene: Scene) -> tuple[Rival, ...]:

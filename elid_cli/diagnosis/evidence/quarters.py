@@ -165,8 +165,7 @@ def survival(state: State, number: int, fits: Sequence[Solution | None]) -> Surv
         known = _known(state, inside, number, rows, chosen)
         told = _compared(pairs, state.log.observation.segment[chosen], known)
         compared.append(replace(told, local=effect.local))
-    joint = None if effect.whole_robot else state.log.model.robot.joint_names[effect.joint]
-    return _survival(effect.name, joint, compared)
+    return _survival(effect.name, state.joint_of(effect), compared)
 
 
 def _survival(effect: str, joint: str | None, compared: Sequence[_Compared]) -> Survival:

@@ -82,6 +82,15 @@ class State:
         """Return the fitted coefficients of an effect, (d,)."""
         return self.solution.values[self.place(number)]
 
+    def joint_of(self, effect: Effect) -> str | None:
+        """Return the name of an effect's joint; None of one of the whole robot."""
+        return None if effect.whole_robot else self.log.model.robot.joint_names[effect.joint]
+
+    @property
+    def specs(self) -> list[EffectSpec]:
+        """The effects as a robot file would give them."""
+        return [EffectSpec(e.name, self.joint_of(e), self.named(k)) for k, e in enumerate(self.effects)]
+
     def named(self, number: int) -> dict[str, float]:
         """Return an effect's parameters as reports name them."""
         return self.renamed(number, self.coefficients(number))

@@ -56,15 +56,6 @@ def possible(log: Log) -> bool:
     return raw and independent and signal_to_noise(log.signals, log.model) > LOWEST_SIGNAL
 
 
-def known(state: State) -> list[EffectSpec]:
-    """Return the effects of a state as a robot file would give them, without what was moved in time or turned."""
-    names = state.log.model.robot.joint_names
-    return [
-        EffectSpec(e.name, None if e.whole_robot else names[e.joint], state.named(k))
-        for k, e in enumerate(state.effects)
-    ]
-
-
 def collocated(
     state: State, effects: Sequence[Effect], specs: Sequence[EffectSpec], alone: Collocated | None = None
 ) -> Collocated | None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from elid_cli._types import Progress
 from elid_cli.diagnosis.fit.state import State, fit
-from elid_cli.diagnosis.search.by_collocation import Collocated, collocated, known, possible
+from elid_cli.diagnosis.search.by_collocation import Collocated, collocated, possible
 from elid_cli.diagnosis.search.steps import Found, Term
 from elid_cli.estimation.collocation.starts import values_of
 from elid_cli.model.effects.effect import Effect, Shapes
@@ -70,7 +70,7 @@ def with_whole_curves(found: Found, declared: int, progress: Progress | None = N
         return found
     tell = progress or (lambda label, part: None)
     tell(LABEL, 0.0)
-    alone = collocated(state, state.effects, known(state))
+    alone = collocated(state, state.effects, state.specs)
     if alone is None or alone.excess > FAR_OFF or _obeyed(alone):
         return found
     # what one joint of a robot shows another may have as well, too faint for the search
@@ -145,7 +145,7 @@ def _within(whole: Collocated, alone: Collocated) -> bool:
 
 def _completed(state: State, curves: Mapping[int, Shapes]) -> tuple[list[Effect], list[EffectSpec]]:
     """Return the effects with whole curves, those found in their old places, and their descriptions to start from."""
-    effects, specs = list(state.effects), known(state)
+    effects, specs = list(state.effects), state.specs
     names = state.log.model.robot.joint_names
     for k, shapes in curves.items():
         kind, joint = _place(state, k)

@@ -20,7 +20,7 @@ from elid_cli.model.effects.scene import EquationRow, Scene, direction_widths
 from elid_cli.model.program import Program, compile_program
 from elid_cli.model.regressor import INPUTS, EstimationRow
 from elid_cli.model.tracing import Graph, Scalar
-from elid_cli.signals.motion import Motion
+from elid_cli.signals.motion import STATES, Motion
 
 _SLOW_WEIGHT = 0.05
 REVERSES = 2.0
@@ -81,7 +81,7 @@ class RobotEquations:
     def motion(self, states: States) -> Motion:
         """Return the motion of all joints at the collocation points."""
         n, instants = self._model.robot.n, states.values.shape[2]
-        arrays = {name: np.zeros((instants, n)) for name in ("q", "dq", "ddq", "theta", "dtheta", "ddtheta")}
+        arrays = {name: np.zeros((instants, n)) for name in STATES}
         for (side, k), value in self._still.items():
             arrays[side][:, k] = value
         for c, (side, k) in enumerate(self._layout.channels):
@@ -90,7 +90,7 @@ class RobotEquations:
                 if side == "q" and not self._model.robot.joints[k].elastic:
                     arrays["d" * d + "theta"][:, k] = states.values[d, c]
         t = (states.first + np.arange(instants)) * self._layout.setting.width / self._layout.setting.points
-        return Motion(t, *(arrays[k] for k in ("q", "dq", "ddq", "theta", "dtheta", "ddtheta")))
+        return Motion(t, **arrays)
 
     def residual(self, states: States, p: Array, z: Array) -> Array:
         """Return the model's torques in link and motor rows, (rows, instants)."""

@@ -126,7 +126,7 @@ def perturbed(signals: Signals, generator: np.random.Generator, aside: int = 0) 
         the signals' own could not follow the true one: what the splines cut off becomes part of the noise.
     """
     motion = signals.motion
-    arrays = [a.copy() for a in (motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta)]
+    arrays = [a.copy() for a in motion.states]
     same = np.array_equal(motion.q, motion.theta, equal_nan=True)
     for k in range(signals.n):
         if signals.still[k]:

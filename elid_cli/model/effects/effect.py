@@ -10,7 +10,7 @@ coefficient in the motor row. A spring-path effect enters the link row with + an
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
 
@@ -46,6 +46,8 @@ class Parameter:
     high: float = np.inf
     fixed: bool = False
     """Of a shape: chosen from the grid and never refined (an exponent, the number of another joint)."""
+    default: float | None = None
+    """Value where a file gives none; None: it must give one."""
 
     def unit_at(self, *, slides: bool) -> str:
         """Return the unit at a joint that slides or turns, empty for a number; a phase is an angle at both."""
@@ -255,11 +257,17 @@ class Effect(ABC):
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
         """Return the parameters as files and reports name them, from fitted linear coefficients (d,).
 
-        The default pairs `amplitudes` with the coefficients and `shapes` with the shape.
+        The default pairs `amplitudes` with the coefficients, in their `unit`, and `shapes` with the shape.
         """
-        values = {p.name: float(c) for p, c in zip(self.amplitudes, coefficients, strict=True)}
+        unit = self.unit(scene, self.joint)
+        values = {p.name: float(c) / unit for p, c in zip(self.amplitudes, coefficients, strict=True)}
         values |= {p.name: s for p, s in zip(self.shapes, self.shape, strict=True)}
         return values
+
+    @classmethod
+    def unit(cls, scene: Scene, joint: int) -> float:
+        """Return the coefficient of an amplitude of 1: K where an angle strains the spring."""
+        return 1.0
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:
@@ -276,8 +284,13 @@ class Effect(ABC):
             If a parameter is missing.
 
         """
-        linear = np.array([values[p.name] for p in cls.amplitudes], dtype=float)
-        return linear, tuple(float(values[p.name]) for p in cls.shapes)
+
+        def given(parameter: Parameter) -> float:
+            default = parameter.default
+            return float(values[parameter.name] if default is None else values.get(parameter.name, default))
+
+        unit = cls.unit(scene, joint)
+        return np.array([given(p) * unit for p in cls.amplitudes]), tuple(given(p) for p in cls.shapes)
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
@@ -325,3 +338,12 @@ class Effect(ABC):
 
         """
         raise NotImplementedError(f"{self.name} does not act in the log")
+
+    def _in_channels(
+        self, signals: Mapping[str, Array], names: Sequence[str], change: Callable[[Array], Array]
+    ) -> dict[str, Array]:
+        """Return copies of those channels that there are, with what is changed of this joint in them, (N,) each."""
+        found = {name: np.array(signals[name]) for name in names if name in signals}
+        for channel in found.values():
+            channel[:, self.joint] = change(channel[:, self.joint])
+        return found

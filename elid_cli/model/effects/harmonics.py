@@ -63,20 +63,15 @@ class Harmonic(Effect):
 
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
         """Return amplitude, phase and order."""
-        sine, cosine = (float(c) / self.unit_amplitude(scene, self.joint) for c in coefficients)
+        sine, cosine = (float(c) / self.unit(scene, self.joint) for c in coefficients)
         return {"amplitude": math.hypot(sine, cosine), "phase": math.atan2(cosine, sine), "order": self.shape[0]}
 
     @classmethod
     def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
         """Invert `named`."""
-        amplitude = values["amplitude"] * cls.unit_amplitude(scene, joint)
+        amplitude = values["amplitude"] * cls.unit(scene, joint)
         phase = values["phase"]
         return amplitude * np.array([math.cos(phase), math.sin(phase)]), (float(values["order"]),)
-
-    @classmethod
-    def unit_amplitude(cls, scene: Scene, joint: int) -> float:
-        """Return the coefficient of an amplitude of 1 in its unit."""
-        return 1.0
 
 
 def orders(scene: Scene, joint: int, highest: int, periods: float = 1.0) -> list[float]:

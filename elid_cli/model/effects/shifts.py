@@ -18,7 +18,7 @@ from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Channel, Effect
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.command_torque import at_limit
-from elid_cli.signals.motion import Motion
+from elid_cli.signals.motion import STATES
 from elid_cli.signals.signals import Signals
 from elid_cli.signals.time_shift import shifted
 
@@ -104,24 +104,22 @@ def corrected(signals: Signals, shifts: Shifts) -> Signals:
         return signals
     motion, tau = signals.motion, signals.tau.copy()
     commanded = None if signals.command_torque is None else signals.command_torque.copy()
-    link = [motion.q.copy(), motion.dq.copy(), motion.ddq.copy()]
-    motor = [motion.theta.copy(), motion.dtheta.copy(), motion.ddtheta.copy()] if np.any(shifts.position) else []
+    late = STATES if np.any(shifts.position) else STATES[:3]
+    moved = {name: getattr(motion, name).copy() for name in late}
     for segment in signals.segments:
         part = slice(segment.start, segment.stop)
         for k in range(signals.n):
-            for channels, age in ((link, shifts.link[k] + shifts.position[k]), (motor, shifts.position[k])):
-                for channel in channels if age and not signals.still[k] else ():
-                    channel[part, k] = shifted(channel[part, k], float(age) / signals.dt)
+            for name, channel in moved.items() if not signals.still[k] else ():
+                age = float(shifts.position[k] + (shifts.link[k] if name in STATES[:3] else 0.0))
+                if age:
+                    channel[part, k] = shifted(channel[part, k], age / signals.dt)
             if shifts.torque[k]:
-                late = _later(signals.delayed[part, k], float(shifts.torque[k]) / signals.dt)
-                tau[part, k] = late if commanded is None else tau[part, k] + (late - commanded[part, k])
+                acting = _later(signals.delayed[part, k], float(shifts.torque[k]) / signals.dt)
+                tau[part, k] = acting if commanded is None else tau[part, k] + (acting - commanded[part, k])
                 if commanded is not None:
-                    commanded[part, k] = late
-    theta, dtheta, ddtheta = motor or (motion.theta, motion.dtheta, motion.ddtheta)
-    moved = Motion(motion.t, link[0], link[1], link[2], theta, dtheta, ddtheta)
-    return replace(
-        signals, motion=moved, tau=tau if commanded is None else _cut(signals.tau, tau), command_torque=commanded
-    )
+                    commanded[part, k] = acting
+    tau = tau if commanded is None else _cut(signals.tau, tau)
+    return replace(signals, motion=motion.changed(**moved), tau=tau, command_torque=commanded)
 
 
 def delivered(signals: Signals, drives: Sequence[tuple[Effect, Array]]) -> Signals:

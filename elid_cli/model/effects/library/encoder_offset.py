@@ -37,14 +37,10 @@ class EncoderOffset(Effect):
     twins = ("backlash",)
     simulated = "log"
 
-    def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:
-        """Return the offset: the coefficient is K times it."""
-        return {"offset": float(coefficients[0]) / float(scene.stiffness[self.joint])}
-
     @classmethod
-    def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
-        """Invert `named`."""
-        return np.array([values["offset"] * float(scene.stiffness[joint])]), ()
+    def unit(cls, scene: Scene, joint: int) -> float:
+        """Return K: the spring turns the offset into torque."""
+        return float(scene.stiffness[joint])
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
@@ -63,6 +59,4 @@ class EncoderOffset(Effect):
 
     def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the motor's position as logged."""
-        theta = np.array(signals["theta"])
-        theta[:, self.joint] += values["offset"]
-        return {"theta": theta}
+        return self._in_channels(signals, ("theta",), lambda theta: theta + values["offset"])

@@ -28,7 +28,7 @@ class KinematicError(Harmonic):
     example = {"amplitude": 0.0004, "phase": 0.7, "order": 20.0}
 
     @classmethod
-    def unit_amplitude(cls, scene: Scene, joint: int) -> float:
+    def unit(cls, scene: Scene, joint: int) -> float:
         """Return K: the spring turns the error into torque."""
         return float(scene.stiffness[joint])
 

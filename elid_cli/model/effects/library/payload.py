@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from elid_cli._types import Array
@@ -47,7 +45,7 @@ class Payload(Effect):
     either_sign = "A load is gripped or dropped."
     whole_robot = True
     amplitudes = tuple(
-        Parameter(name, unit, f"change of the last body's {name}")
+        Parameter(name, unit, f"change of the last body's {name}", default=0.0)
         for name, unit in zip(LINK_PARAMETERS, _UNITS, strict=True)
     )
     shapes = (Parameter("start", "s", "instant of the change", low=0.0),)
@@ -93,11 +91,6 @@ class Payload(Effect):
             name: float(c) for name, c, keep in zip(LINK_PARAMETERS, coefficients, kept, strict=True) if keep or c != 0
         }
         return {**values, "start": self.shape[0]}
-
-    @classmethod
-    def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
-        """Invert `named`; changes that are not given are 0."""
-        return np.array([float(values.get(name, 0.0)) for name in LINK_PARAMETERS]), (float(values["start"]),)
 
     def altered(self, robot: Robot, parameters: Array, coefficients: Array) -> Alteration:
         """Return the parameters with the payload."""

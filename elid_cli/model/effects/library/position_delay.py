@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.model.effects.bodies import SIDES, model_torque
-from elid_cli.model.effects.effect import Columns, Effect, Parameter
-from elid_cli.model.effects.rows import derivative, motor_row
+from elid_cli.model.effects.effect import Columns, Parameter
+from elid_cli.model.effects.late_positions import STEP, LatePositions
+from elid_cli.model.effects.rows import motor_row
 from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
-from elid_cli.signals.time_shift import shifted
-
-LEAST = 0.01
-"""Part of the sample time below which a delay is none."""
-STEP = 1e-4
-"""s; shift by which the derivative of the torques is taken."""
 
 
-class PositionDelay(Effect):
+class PositionDelay(LatePositions):
     """A time shift of all of one joint's position channels against every other channel.
 
     To first order each true position is what was read plus delay times its speed. The columns hold what that changes
@@ -44,6 +37,7 @@ class PositionDelay(Effect):
     twins = ("torque_delay",)
     amplitudes = (Parameter("delay", "s", "age of the joint's positions beyond the other channels'", -0.05, 0.05),)
     corrects = "position"
+    late = ("q", "theta")
     example = {"delay": 0.004}
     simulated = "log"
 
@@ -52,12 +46,6 @@ class PositionDelay(Effect):
         """Return that there is no other joint, if so: its torque's delay says the same then."""
         return "" if robot.n > 1 else "it is a delay against other joints, and the robot has only one"
 
-    @classmethod
-    def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:
-        """Whether it is a delay that a log can have: one of nanoseconds stands for something else."""
-        large = "delay" not in values or abs(values["delay"]) >= LEAST * scene.dt
-        return large and super().plausible(scene, joint, values)
-
     def columns(self, scene: Scene) -> Columns:
         """Return the rate of all torques of the model with this joint's motion alone."""
         if scene.samples < 3:
@@ -65,7 +53,7 @@ class PositionDelay(Effect):
         key = ("model torques",)
         if key not in scene.cache:
             scene.cache[key] = self._torques(scene, scene.motion)
-        change = (self._torques(scene, self._moved(scene)) - scene.cache[key]) / STEP
+        change = (self._torques(scene, self.moved(scene)) - scene.cache[key]) / STEP
         rows = (EquationRow(side, k) for side in SIDES for k in range(scene.robot.n))
         return {row: values[None] for row, values in zip(rows, change, strict=True) if np.any(values)}
 
@@ -78,23 +66,3 @@ class PositionDelay(Effect):
             if (name := StandardParameter("K", k)) in place:
                 values[place[name]] = stiffness
         return model_torque(scene.robot, motion, values)
-
-    def _moved(self, scene: Scene) -> Motion:
-        motion, j = scene.motion, self.joint
-        sides = []
-        for position, speed, bend in (
-            (motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)
-        ):  # fmt: skip
-            moved = [np.array(position), np.array(speed), np.array(bend)]
-            rates = speed[:, j], bend[:, j], derivative(bend[:, j], scene.dt, scene.starts)
-            for values, rate in zip(moved, rates, strict=True):
-                values[:, j] += STEP * rate
-            sides += moved
-        return Motion(motion.t, *sides)
-
-    def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
-        """Return the joint's position and speed channels as logged: each reading is `delay` old."""
-        changed = {name: np.array(signals[name]) for name in ("q", "theta", "dq", "dtheta") if name in signals}
-        for channel in changed.values():
-            channel[:, self.joint] = shifted(channel[:, self.joint], -values["delay"] / dt)
-        return changed

@@ -34,7 +34,12 @@ class Saturation(Effect):
     place = "torque"
     amplitudes = (
         Parameter(
-            "cut", "1", "share of the excess that is missing: 1 for a hard limit (the default)", low=0.7, high=1.3
+            "cut",
+            "1",
+            "share of the excess that is missing: 1 for a hard limit (the default)",
+            low=0.7,
+            high=1.3,
+            default=1.0,
         ),
     )
     shapes = (Parameter("limit", "N·m", "largest torque that is delivered", low=0.0),)
@@ -73,11 +78,6 @@ class Saturation(Effect):
         command, needed = tau[beyond], predicted[beyond]
         left = float(np.sum((np.sign(command) * limit - needed) ** 2))
         return left < LEFT * float(np.sum((command - needed) ** 2))
-
-    @classmethod
-    def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
-        """Invert `named`; the cut may be left out."""
-        return np.array([float(values.get("cut", 1.0))]), (float(values["limit"]),)
 
     def columns(self, scene: Scene) -> Columns:
         """Return the torque beyond the limit in the motor row."""

@@ -49,9 +49,7 @@ class SensorGain(Effect):
 
     def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the sensor's reading as logged."""
-        reading = np.array(signals["tau_link"])
-        reading[:, self.joint] *= 1.0 + values["gain"]
-        return {"tau_link": reading}
+        return self._in_channels(signals, ("tau_link",), lambda reading: reading * (1.0 + values["gain"]))
 
 
 def has_sensor(scene: Scene, joint: int) -> bool:

@@ -42,6 +42,4 @@ class SensorOffset(Effect):
 
     def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the sensor's reading as logged."""
-        reading = np.array(signals["tau_link"])
-        reading[:, self.joint] += values["offset"]
-        return {"tau_link": reading}
+        return self._in_channels(signals, ("tau_link",), lambda reading: reading + values["offset"])

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Shapes
 from elid_cli.model.effects.rows import motor_row
 from elid_cli.model.effects.scene import Scene
@@ -55,6 +54,7 @@ class Stribeck(Effect):
             low=-2.0,
             high=4.0,
             fixed=True,
+            default=1.0,
         ),
     )
     example = {"amplitude": -0.25, "velocity": 0.1, "exponent": 1.0}
@@ -126,11 +126,6 @@ class Stribeck(Effect):
             return False
         slow = speed < min(SLOW * values["velocity"], HALF * top)
         return int(np.count_nonzero(slow[1:] & ~slow[:-1])) + int(slow[0]) >= PASSES
-
-    @classmethod
-    def coefficients(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> tuple[Array, tuple[float, ...]]:
-        """Invert `named`; the exponent may be left out."""
-        return np.array([float(values["amplitude"])]), (float(values["velocity"]), float(values.get("exponent", 1.0)))
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the amplitude in the motor row."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, Effect, Parameter
 from elid_cli.model.effects.rows import derivative, motor_row
@@ -53,6 +51,4 @@ class TorqueDelay(Effect):
 
     def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the torque as logged: ahead of the one that acts by the delay."""
-        tau = np.array(signals["tau"])
-        tau[:, self.joint] = shifted(tau[:, self.joint], values["delay"] / dt)
-        return {"tau": tau}
+        return self._in_channels(signals, ("tau",), lambda tau: shifted(tau, values["delay"] / dt))

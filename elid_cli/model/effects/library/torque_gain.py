@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from elid_cli._types import Array
 from elid_cli.model.effects.effect import Columns, Effect, Parameter, Same
 from elid_cli.model.effects.rows import motor_row
@@ -72,6 +70,4 @@ class TorqueGain(Effect):
 
     def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the torque as logged."""
-        tau = np.array(signals["tau"])
-        tau[:, self.joint] *= 1.0 + values["gain"]
-        return {"tau": tau}
+        return self._in_channels(signals, ("tau",), lambda tau: tau * (1.0 + values["gain"]))
