@@ -13,7 +13,7 @@ standard errors know that the rows share their noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -280,19 +280,29 @@ def inputs_of(motion: Motion, program: Program | None = None, out: Array | None 
     """
     n = motion.q.shape[1]
     rows = np.empty((n * INPUTS, motion.samples)) if out is None else out
-    used = set(range(n * INPUTS)) if program is None else program.used
-    given = {3: motion.dq, 4: motion.ddq, 5: motion.dtheta, 6: motion.ddtheta}
+    used = range(n * INPUTS) if program is None else program.used
     for k in range(n):
-        row = dict(enumerate(rows[k * INPUTS : (k + 1) * INPUTS]))
-        wanted = {slot for slot in row if k * INPUTS + slot in used}
-        if wanted & {0, 1, 2, 8}:
-            row[2][:] = motion.q[:, k]  # samples side by side first: functions of strided samples take longer
-        if wanted & {0, 1}:
-            sine_and_cosine(row[2], row[0], row[1])
-        for slot in wanted & given.keys():
-            row[slot][:] = given[slot][:, k]
-        if 7 in wanted:
-            np.sign(motion.dtheta[:, k], out=row[7])
-        if 8 in wanted:
-            np.subtract(row[2], motion.theta[:, k], out=row[8])
+        fill_inputs(rows, motion, k, used)
     return rows
+
+
+def fill_inputs(rows: Array, motion: Motion, joint: int, used: Container[int], width: float | None = None) -> None:
+    """Write those inputs of a joint, of the traced program's `rows` (9 n, N), that are among the `used` ones.
+
+    The motor's direction is rounded over a speed `width`, so that it has a slope where the velocity changes sign.
+    """
+    first = INPUTS * joint
+    row = rows[first : first + INPUTS]
+    wanted = {slot for slot in range(INPUTS) if first + slot in used}
+    if wanted & {0, 1, 2, 8}:
+        row[2] = motion.q[:, joint]  # samples side by side first: functions of strided samples take longer
+    if wanted & {0, 1}:
+        sine_and_cosine(row[2], row[0], row[1])
+    for slot, values in ((3, motion.dq), (4, motion.ddq), (5, motion.dtheta), (6, motion.ddtheta)):
+        if slot in wanted:
+            row[slot] = values[:, joint]
+    if 7 in wanted:
+        speed = motion.dtheta[:, joint]
+        row[7] = np.sign(speed) if width is None else np.tanh(speed / width)
+    if 8 in wanted:
+        np.subtract(row[2], motion.theta[:, joint], out=row[8])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,6 +138,15 @@ class Recording(Shown):
     def duration(self) -> float:
         """Recorded time without the gaps between segments, s."""
         return float(sum((len(s) - 1) * self.dt for s in self.segments))
+
+
+def without_samples(joints: tuple[str, ...], dt: float, samples: int, **told: Any) -> Recording:
+    """Return a recording of `samples` that holds none of them, its arrays of a shape that takes no room.
+
+    `told` are further fields, all of them descriptions.
+    """
+    empty = np.broadcast_to(np.nan, (samples, len(joints)))
+    return Recording(joints, dt, np.broadcast_to(np.nan, (samples,)), empty, empty, empty, **told)
 
 
 def is_empty(column: Array) -> bool:

@@ -12,13 +12,13 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.estimation.collocation.layout import Scanned, UnknownsLayout, shaped
 from elid_cli.estimation.collocation.problem import States
-from elid_cli.estimation.collocation.states import Moved, fill, moved_together, slots_of
+from elid_cli.estimation.collocation.states import Moved, moved_together, slots_of
 from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import EquationRow, Scene, direction_widths
 from elid_cli.model.program import Program, compile_program
-from elid_cli.model.regressor import INPUTS, EstimationRow
+from elid_cli.model.regressor import INPUTS, EstimationRow, fill_inputs
 from elid_cli.model.tracing import Graph, Scalar
 from elid_cli.signals.motion import STATES, Motion
 
@@ -119,7 +119,7 @@ class RobotEquations:
             present[:] = inputs
             for c, d, _ in group:
                 with self._moved(motion, c, d, steps[d, c]) as joint:
-                    fill(present, motion, joint, self._slots[c][d], self._widths[joint])
+                    fill_inputs(present, motion, joint, self._slots[c][d], self._widths[joint])
             program.run(present, after, values)
             for c, d, touched in group:
                 found[d, touched, c] = (after[touched] - before[touched]) / steps[d, c]
@@ -188,7 +188,7 @@ class RobotEquations:
     def _inputs(self, motion: Motion) -> Array:
         rows = np.empty((INPUTS * self._model.robot.n, motion.samples))
         for k, width in enumerate(self._widths):
-            fill(rows, motion, k, range(INPUTS * k, INPUTS * (k + 1)), width)
+            fill_inputs(rows, motion, k, range(len(rows)), width)
         return rows
 
     def _placed(self, z: Array) -> list[Placed]:

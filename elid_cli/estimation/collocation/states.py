@@ -7,11 +7,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elid_cli._types import Array
 from elid_cli.model.program import Program
 from elid_cli.model.regressor import INPUTS
-from elid_cli.signals.motion import Motion
-from elid_cli.signals.trigonometry import sine_and_cosine
 
 Moved = tuple[int, int, NDArray[np.intp]]
 """Channel, derivative, and the outputs that depend on it."""
@@ -30,26 +27,6 @@ def slots_of(side: str, joint: int, derivative: int, *, elastic: bool) -> list[i
     """
     sides = (side,) if elastic else ("q", "theta")
     return [INPUTS * joint + slot for one in sides for slot in _STANDS_IN[one, derivative]]
-
-
-def fill(inputs: Array, motion: Motion, joint: int, slots: Collection[int], width: float) -> None:
-    """Write some inputs of a joint, given by their numbers in `inputs` (inputs, instants), from a motion.
-
-    The motor's direction is rounded over `width`, so that it has a slope where a velocity changes sign.
-    """
-    first = INPUTS * joint
-    rows = inputs[first : first + INPUTS]
-    wanted = {slot - first for slot in slots}
-    if wanted & {0, 1, 2}:
-        rows[2] = motion.q[:, joint]
-        sine_and_cosine(rows[2], rows[0], rows[1])
-    for slot, values in ((3, motion.dq), (4, motion.ddq), (5, motion.dtheta), (6, motion.ddtheta)):
-        if slot in wanted:
-            rows[slot] = values[:, joint]
-    if 7 in wanted:
-        rows[7] = np.tanh(motion.dtheta[:, joint] / width)
-    if 8 in wanted:
-        rows[8] = motion.q[:, joint] - motion.theta[:, joint]
 
 
 def moved_together(program: Program, slots: Sequence[Sequence[Collection[int]]]) -> list[list[Moved]]:

@@ -32,7 +32,7 @@ from elid_cli.estimation.streaming.links import LinkSystem
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, Scores
 from elid_cli.files import replacing
 from elid_cli.model.regressor import EstimationRow
-from elid_cli.signals.recording import Recording, Segment
+from elid_cli.signals.recording import Segment, without_samples
 
 ROWS = ("sum", "motor", "load", "drive", "spring")
 
@@ -222,22 +222,11 @@ def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:
         place += width
     values = {field.name: arrays[f"{k}/{field.name}"] for field in fields(SignalFacts)}
     facts = SignalFacts(**{name: value if value.ndim else value.item() for name, value in values.items()})
-    samples, joints = int(head["samples"]), tuple(head["joints"])
-    empty = np.broadcast_to(np.nan, (samples, len(joints)))
-    recording = Recording(
-        joints=joints,
-        dt=float(head["dt"]),
-        t=np.broadcast_to(np.nan, (samples,)),
-        q=empty,
-        theta=empty,
-        tau=empty,
-        segments=tuple(Segment(*row) for row in arrays[f"{k}/segments"].tolist()),
-        sources=dict(head["sources"]),
-        files=tuple(head["files"]),
-        sha256=tuple(head["sha256"]),
-        repairs=tuple(head["repairs"]),
-        notes=tuple(head["notes"]),
-        warnings=tuple(head["warnings"]),
+    joints = tuple(head["joints"])
+    segments = tuple(Segment(*row) for row in arrays[f"{k}/segments"].tolist())
+    known: dict[str, Any] = {name: tuple(head[name]) for name in _KNOWN}
+    recording = without_samples(
+        joints, float(head["dt"]), int(head["samples"]), **known, segments=segments, sources=dict(head["sources"])
     )
     scores = tuple(
         Scores(_symmetric(arrays[f"{k}/scores{number}"], place), told["bandwidth"], tuple(told["nuisances"]))

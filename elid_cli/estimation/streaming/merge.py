@@ -31,7 +31,7 @@ from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.robot.text import fingerprint
-from elid_cli.signals.recording import Recording, Segment, notices_of, repeated
+from elid_cli.signals.recording import Recording, Segment, notices_of, repeated, without_samples
 
 STANDS_OUT = 2.0
 """Distance of a log from the others' mean, in units of their range, from which it is named."""
@@ -178,14 +178,10 @@ def joined_recording(logs: Sequence[ReducedLog]) -> Recording:
     names = tuple(file for part in parts for file in part.files)
     digests = tuple(digest for part in parts for digest in part.sha256)
     repairs, notes, warnings = (notices_of(parts, kind) for kind in ("repairs", "notes", "warnings"))
-    empty = np.broadcast_to(np.nan, (samples, parts[0].n))
-    return Recording(
-        joints=parts[0].joints,
-        dt=parts[0].dt,
-        t=np.broadcast_to(np.nan, (samples,)),
-        q=empty,
-        theta=empty,
-        tau=empty,
+    return without_samples(
+        parts[0].joints,
+        parts[0].dt,
+        samples,
         segments=tuple(segments),
         files=names,
         sha256=digests,

@@ -19,7 +19,7 @@ from elid_cli.estimation.judgement import Judgement
 from elid_cli.estimation.regression.triangles import Triangle
 from elid_cli.estimation.streaming.links import LinkSystem
 from elid_cli.model.regressor import EstimationRow
-from elid_cli.signals.recording import Recording
+from elid_cli.signals.recording import Recording, without_samples
 
 
 @dataclass(frozen=True)
@@ -77,22 +77,10 @@ class ReducedLog:
 
 def hollow(recording: Recording) -> Recording:
     """Return a recording that says all about its samples but holds none: arrays of the same shape that take no room."""
-    empty = np.broadcast_to(np.nan, recording.q.shape)
-    return Recording(
-        joints=recording.joints,
-        dt=recording.dt,
-        t=np.broadcast_to(np.nan, recording.t.shape),
-        q=empty,
-        theta=empty,
-        tau=empty,
-        segments=recording.segments,
-        files=recording.files,
-        sha256=recording.sha256,
-        repairs=recording.repairs,
-        notes=recording.notes,
-        warnings=recording.warnings,
-        sources=dict(recording.sources),
-    )
+    kept = ("segments", "files", "sha256", "repairs", "notes", "warnings")
+    told = {name: getattr(recording, name) for name in kept}
+    samples = recording.samples
+    return without_samples(recording.joints, recording.dt, samples, **told, sources=dict(recording.sources))
 
 
 def without_positions(recording: Recording) -> Recording:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -53,30 +53,34 @@ def fold_fits(triangles: Triangles, solution: Solution, before: Solution | None 
         yield solve_system(system, triangles.parameters, solution.weights, len(solution.basis)).values + shift
 
 
-def joint_errors(
-    robot: Robot, triangles: Triangles, squares: Mapping[EstimationRow, float], folds: Sequence[int] | None = None
-) -> dict[str, JointError]:
+def joint_errors(robot: Robot, triangles: Triangles, squares: Mapping[EstimationRow, float]) -> dict[str, JointError]:
     """Return each joint's error from residual sums of squares per row group."""
+
+    def rms(row: EstimationRow) -> float | None:
+        count = sum(t.count for t in triangles.of(row))
+        return None if row not in squares else float(np.sqrt(squares[row] / count)) if count else float("nan")
+
+    return errors_of_rows(robot, rms, triangles.torque_rms)
+
+
+def errors_of_rows(
+    robot: Robot, rms: Callable[[EstimationRow], float | None], size: Callable[[EstimationRow], float]
+) -> dict[str, JointError]:
+    """Return each joint's error from the rms of every row's residual and of its torque; None: there is no such row."""
     errors = {}
     for k, joint in enumerate(robot.joints):
-        total, motor = EstimationRow("sum", k), EstimationRow("motor", k)
-        if total not in squares:
+        total, motor, spring = (EstimationRow(kind, k) for kind in ("sum", "motor", "spring"))
+        whole, own, read = rms(total), rms(motor), rms(spring)
+        if whole is None:
             continue
-        torque = triangles.torque_rms(total, folds)
-
-        def rms(row: EstimationRow) -> float:
-            count = sum(t.count for t in triangles.of(row, folds))
-            return float(np.sqrt(squares[row] / count)) if count else float("nan")
-
-        spring = rms(motor) if motor in squares else None
-        share = None if spring is None else spring / torque
-        sensor = None
-        if EstimationRow("spring", k) in squares:
-            read = triangles.torque_rms(EstimationRow("spring", k), folds)
+        torque, sensor = size(total), None
+        if read is not None:
+            load, drive, nothing = rms(EstimationRow("load", k)), rms(EstimationRow("drive", k)), float("nan")
             sensor = SensorError(
-                rms(EstimationRow("load", k)), rms(EstimationRow("drive", k)), rms(EstimationRow("spring", k)), read
+                nothing if load is None else load, nothing if drive is None else drive, read, size(spring)
             )
-        errors[joint.name] = JointError(rms(total), rms(total) / torque, spring, share, torque, sensor=sensor)
+        share = None if own is None else own / torque
+        errors[joint.name] = JointError(whole, whole / torque, own, share, torque, sensor=sensor)
     return errors
 
 

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
-from elid_cli.estimation.judgement import JointError, SensorError
+from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of, with_effects
 from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.estimation.validation.cross_validation import errors_of_rows
 from elid_cli.model.base_parameters import BaseParameters, find_base
 from elid_cli.model.effects.declared import as_observed, resolve
 from elid_cli.model.effects.effect import Effect
@@ -151,29 +152,9 @@ def complete(robot: Robot, base: BaseParameters) -> Array:
     return np.nan_to_num(robot.reference())
 
 
-def _against_sensor(
-    observation: Observation,
-    rms: Mapping[EstimationRow, float | None],
-    use: Mapping[EstimationRow, NDArray[np.bool_]],
-    joint: int,
-) -> SensorError | None:
-    """Return the errors of a joint's three sensor rows, or None where it has no sensor."""
-    spring = EstimationRow("spring", joint)
-    size = rms.get(spring)
-    if size is None:
-        return None
-    read = observation.group(spring).target[use[spring]]
-    load, drive = (rms.get(EstimationRow(kind, joint)) for kind in ("load", "drive"))
-    nothing = float("nan")
-    return SensorError(
-        nothing if load is None else load, nothing if drive is None else drive, size, float(np.sqrt(np.mean(read**2)))
-    )
-
-
 def _errors(
     robot: Robot, observation: Observation, residual: Mapping[EstimationRow, Array], chosen: NDArray[np.bool_] | None
 ) -> dict[str, JointError]:
-    errors = {}
     use = {g.row: g.use if chosen is None else g.use & chosen for g in observation.groups if g.row in residual}
 
     def rms(row: EstimationRow) -> float | None:
@@ -181,21 +162,11 @@ def _errors(
             return None
         return float(np.sqrt(np.mean(residual[row][use[row]] ** 2)))
 
-    for k, joint in enumerate(robot.joints):
-        total = rms(EstimationRow("sum", k))
-        if total is None:
-            continue
-        torque = float(np.sqrt(np.mean(observation.tau[k][use[EstimationRow("sum", k)]] ** 2)))
-        spring = rms(EstimationRow("motor", k))
-        errors[joint.name] = JointError(
-            total,
-            total / torque,
-            spring,
-            None if spring is None else spring / torque,
-            torque,
-            sensor=_against_sensor(observation, {row: rms(row) for row in use if row.joint == k}, use, k),
-        )
-    return errors
+    def size(row: EstimationRow) -> float:
+        torque = observation.tau[row.joint] if row.kind == "sum" else observation.group(row).target
+        return float(np.sqrt(np.mean(torque[use[row]] ** 2)))
+
+    return errors_of_rows(robot, rms, size)
 
 
 @dataclass(frozen=True)

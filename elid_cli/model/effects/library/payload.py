@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.model.base_parameters import leftmost
 from elid_cli.model.effects.bodies import last_body
 from elid_cli.model.effects.effect import Alteration, Columns, Effect, Parameter
 from elid_cli.model.effects.scene import EquationRow, Scene
@@ -137,15 +138,6 @@ def independent(robot: Robot) -> Array:
     """Return 1 for the last body's parameters that no earlier one of them can stand for, else 0, shape (10,)."""
     motion = random_motion(robot.n, robot.elastic, samples=24)
     columns = last_body(robot, motion).transpose(1, 0, 2).reshape(len(LINK_PARAMETERS), -1)
-    basis: list[Array] = []
     kept = np.zeros(len(LINK_PARAMETERS))
-    for k, column in enumerate(columns):
-        rest = column.copy()
-        for _ in range(2):  # the second pass takes away what rounding left
-            for direction in basis:
-                rest -= direction * float(direction @ rest)
-        size = float(np.linalg.norm(rest))
-        if size > TOLERANCE * max(float(np.linalg.norm(column)), 1e-12):
-            kept[k] = 1.0
-            basis.append(rest / size)
+    kept[leftmost(columns.T, TOLERANCE, null=0.0).leaders] = 1.0
     return kept
