@@ -12,7 +12,7 @@ PACKAGE = Path(__file__).parents[1] / "elid_cli"
 # From the bottom up: every file below the package belongs to one of these, and imports only from itself or below.
 ROOMS = (
     "_types", "errors", "budget", "files", "memory", "tables", "lapack",
-    "robot", "signals", "logs", "model", "estimation", "diagnosis", "experiment", "report", "cli",
+    "robot", "signals", "model", "logs", "estimation", "diagnosis", "experiment", "report", "cli",
 )  # fmt: skip
 DOORS = ("__init__", "__main__")
 """What stands in front of all rooms: the public names and ``python -m elid_cli``."""

@@ -11,13 +11,13 @@ import pytest
 
 from elid_cli.estimation.judgement import JointError
 from elid_cli.experiment.simulation.run import SimulationOptions, simulate
-from elid_cli.logs.checks.described_torques import inertial_torques
 from elid_cli.logs.checks.known_inertias import inertia_scales, wrong_times
 from elid_cli.logs.checks.known_masses import Weighed, wrong_scales
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.position_scale import wrong_positions
 from elid_cli.logs.mapping.language import SignalMap
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
+from elid_cli.model.body_torques import inertial_torques
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.report.answers.summary import trust_words
 from elid_cli.robot.files import read_robot

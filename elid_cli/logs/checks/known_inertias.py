@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.logs.checks.described_torques import ROUNDING, gravity_torques, inertial_torques
 from elid_cli.logs.checks.known_masses import (
     FEWEST,
     OWN,
@@ -25,6 +24,7 @@ from elid_cli.logs.checks.known_masses import (
 )
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.torque_scale import SURE, WRONG_SCALE, slope_beside
+from elid_cli.model.body_torques import ROUNDING, gravity_torques, inertial_torques
 from elid_cli.robot.robot import Robot
 
 INSTANTS = 600

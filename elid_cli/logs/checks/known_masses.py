@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.logs.checks.described_torques import gravity_torques
 from elid_cli.logs.checks.encoder_pairs import as_yaml, proposed
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.torque_scale import LAG, SURE, WRONG_SCALE, Slope, slopes_beside
 from elid_cli.logs.mapping.plan import ReadPlan
+from elid_cli.model.body_torques import gravity_torques
 from elid_cli.robot.robot import Robot
 
 INSTANTS = 400

@@ -6,10 +6,11 @@ equals Lagrange's equations of eq. (1) without the rotor terms.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from elid_cli.model.kinematics import Vector, acceleration_field, cross, dot
+from elid_cli.model.kinematics import Body, Vector, acceleration_field, add, cross, dot, scale
 from elid_cli.model.terms.base_term import ChainMotion, Entry
+from elid_cli.model.towards_base import Wrench
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
 
@@ -36,6 +37,19 @@ class RigidBody:
                     yield Entry("link", j, names[1 + axis], value)
                 for name, moment in zip(names[4:], moments, strict=True):
                     yield Entry("link", j, name, dot(w, moment))
+
+
+def wrench_of(body: Body, ten: Sequence[float]) -> Wrench:
+    """Return what moves a body of such parameters, in the order of `LINK_PARAMETERS`, at its frame's origin."""
+    mass, x, y, z, *inertia = ten
+    a, first = body.acceleration, (x, y, z)
+    field = acceleration_field(body.omega, body.alpha)
+    fx, fy, fz = (own * mass + dot(row, first) for own, row in zip(a, field, strict=True))
+    moment = cross(first, a)
+    for value, part in zip(inertia, _moments(body.omega, body.alpha), strict=True):
+        if value:
+            moment = add(moment, scale(part, value))
+    return Wrench((fx, fy, fz), moment)
 
 
 def _moments(omega: Vector, alpha: Vector) -> tuple[Vector, ...]:
