@@ -63,10 +63,14 @@ class Program:
         return []
 
     @cached_property
+    def _operands(self) -> frozenset[int]:
+        """Slots that instructions read."""
+        return frozenset(operand for _, a, b, _ in self.instructions for operand in (a, b) if isinstance(operand, int))
+
+    @cached_property
     def used(self) -> frozenset[int]:
         """Inputs that the program reads."""
-        operands = {operand for _, a, b, _ in self.instructions for operand in (a, b) if isinstance(operand, int)}
-        return frozenset(slot for slot in operands | {source for _, source in self.copies} if slot < self.inputs)
+        return frozenset(s for s in self._operands | {source for _, source in self.copies} if s < self.inputs)
 
     @cached_property
     def reads(self) -> tuple[int, ...]:
@@ -130,19 +134,8 @@ class Program:
 
         None where the program does anything else with them.
         """
-        key = tuple(inputs)
-        if key not in self._copied:
-            self._copied[key] = self._copied_anew(key)
-        return self._copied[key]
-
-    @cached_property
-    def _copied(self) -> dict[tuple[int, ...], list[tuple[int, int]] | None]:
-        """What was asked before: a log asks at every cut-off of its filter."""
-        return {}
-
-    def _copied_anew(self, inputs: Sequence[int]) -> list[tuple[int, int]] | None:
         asked = {slot: position for position, slot in enumerate(inputs)}
-        if any(operand in asked for _, a, b, _ in self.instructions for operand in (a, b) if isinstance(operand, int)):
+        if not self._operands.isdisjoint(asked):
             return None
         first = self.inputs + self.registers
         return [(target - first, asked[source]) for target, source in self.copies if source in asked]

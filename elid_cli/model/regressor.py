@@ -182,11 +182,11 @@ class Regressor:
         return RegressorPlan(compile_program(graph, outputs), tuple(rows))
 
     def trace(
-        self, graph: Graph, *, paper: bool, gravity: bool = True, sensors: tuple[int, ...] = ()
+        self, graph: Graph, *, paper: bool, sensors: tuple[int, ...] = ()
     ) -> dict[EstimationRow, dict[StandardParameter, Scalar]]:
         """Record the coefficients of all parameters on `graph`, whose inputs are those of `inputs_of`."""
         inputs = [graph.input(slot) for slot in range(INPUTS * self.robot.n)]
-        return self._coefficients(inputs, paper=paper, gravity=gravity, sensors=sensors)
+        return self._coefficients(inputs, paper=paper, sensors=sensors)
 
     def blocks(self, motion: Motion) -> Iterator[tuple[EstimationRow, NDArray[np.intp], Array]]:
         """Yield (row, columns, their values (N, columns)) of the rows of `estimation`, without a traced program.
@@ -204,10 +204,10 @@ class Regressor:
             yield row, columns[shown], np.ascontiguousarray(block[shown].T)
 
     def _coefficients(
-        self, inputs: Sequence[Any], *, paper: bool, gravity: bool = True, sensors: tuple[int, ...] = ()
+        self, inputs: Sequence[Any], *, paper: bool, sensors: tuple[int, ...] = ()
     ) -> dict[EstimationRow, dict[StandardParameter, Any]]:
         states, motors = states_of(inputs, self.robot)
-        motion = ChainMotion(chain(self.robot, states, gravity=gravity), motors)
+        motion = ChainMotion(chain(self.robot, states), motors)
         values: dict[EstimationRow, dict[StandardParameter, Any]] = {}
         for k, joint in enumerate(self.robot.joints):
             if joint.elastic:

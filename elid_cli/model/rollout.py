@@ -37,7 +37,10 @@ SLIGHT = 1e-5
 
 @dataclass(frozen=True)
 class Local:
-    """Equations of motion about a motion at N instants of S stretches: mass·v' + force + slope·(x - place) = drive."""
+    """Equations of motion about a motion at N instants of S stretches: mass·v' + force + slope·(x - place) = drive.
+
+    Those of L chains of s coordinates have two axes, L and s, for m.
+    """
 
     mass: Array
     """kg·m² (kg), (N, S, m, m)."""
@@ -217,7 +220,7 @@ def variants_of(
         coordinates = [np.unique(np.concatenate([chain, places[chain]])) for chain in group]
         taken = np.array(coordinates)  # (L, s)
         motors = np.array([[np.flatnonzero(places == c) for c in row] for row in taken], dtype=object)
-        moved = _Part(
+        moved = Local(
             local.mass[:, :, taken[:, :, None], taken[:, None]],
             local.force[:, :, taken],
             local.slope[:, :, taken[:, :, None], taken[:, None]],
@@ -230,16 +233,6 @@ def variants_of(
         positions[..., taken.ravel()] = x.reshape(*x.shape[:3], -1)
         velocities[..., taken.ravel()] = v.reshape(*v.shape[:3], -1)
     return positions, velocities
-
-
-@dataclass(frozen=True)
-class _Part:
-    """Equations of L chains of s coordinates: mass and slope (N, S, L, s, s), force and place (N, S, L, s)."""
-
-    mass: Array
-    force: Array
-    slope: Array
-    place: Array
 
 
 def _on(drives: Drives, owner: NDArray[np.intp]) -> Drives:
@@ -265,7 +258,7 @@ def _of(joints: Joints, owner: NDArray[np.intp], taken: NDArray[np.intp]) -> Joi
     return Joints(inertia, coulomb, viscous, offset, over_time(joints.push), over_time(joints.grip))
 
 
-def _advance(part: _Part, start: tuple[Array, Array], drives: Drives, joints: Joints, dt: float) -> tuple[Array, Array]:
+def _advance(part: Local, start: tuple[Array, Array], drives: Drives, joints: Joints, dt: float) -> tuple[Array, Array]:
     """Return positions and velocities (N, V, S, L, s), by compiled loops where Numba is installed."""
     compiled = compiled_steps()
     if compiled is None:
@@ -288,7 +281,7 @@ def _over_time(joints: Joints) -> tuple[Array, Array]:
 
 
 def advance_arrays(
-    part: _Part, start: tuple[Array, Array], drives: Drives, joints: Joints, dt: float
+    part: Local, start: tuple[Array, Array], drives: Drives, joints: Joints, dt: float
 ) -> tuple[Array, Array]:
     """Return what `_advance` does, vectorised over variants, stretches and chains."""
     instants = len(part.force)

@@ -36,7 +36,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
     inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, push: Array, grip: Array, dt: float,
     xs: Array, vs: Array,
 ) -> None:  # fmt: skip
-    """Write positions and velocities to `xs` and `vs`, (N, V, S, L, s); the arrays are those of `rollout._Part`."""
+    """Write positions and velocities to `xs` and `vs`, (N, V, S, L, s); the arrays are those of `rollout.Local`."""
     # scalars only: expressions of arrays take Numba seconds to compile, and memory at every step
     instants, variants, stretches, chains, size = xs.shape
     each = len(told) // (instants - 1)

@@ -14,12 +14,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.signals.splines import DEGREE, ORDER, basis
+
+if TYPE_CHECKING:
+    from elid_cli.estimation.collocation.equations import RobotEquations
 
 HUBER = 3.0
 """Residual in standard deviations beyond which an equation counts less."""
@@ -75,25 +78,6 @@ class States:
     piece: int
     first: int
     """First instant within the piece."""
-
-
-class CollocationEquations(Protocol):
-    """What the robot contributes: the model's torques in link and motor rows, and their derivatives."""
-
-    def residual(self, states: States, p: Array, z: Array) -> Array:
-        """Return the torques, (rows, instants)."""
-
-    def columns(self, states: States, z: Array) -> Array:
-        """Return the columns of p, (rows, parameters, instants)."""
-
-    def slopes(self, states: States, p: Array, z: Array, steps: Array) -> Array:
-        """Return derivatives by the states, by differences of `steps` (3, channels): (3, rows, channels, instants)."""
-
-    def shape_slopes(self, states: States, p: Array, z: Array) -> Array:
-        """Return derivatives by z, (rows, shapes, instants)."""
-
-    def trust(self, states: States) -> Array:
-        """Return the weight of every row, (rows, instants): small where a motor reverses or sticks."""
 
 
 Further = Callable[[States], Array]
@@ -160,7 +144,7 @@ class Problem:
     """A collocation problem: pieces of a log, the robot's equations, noise."""
 
     def __init__(
-        self, setting: Setting, pieces: Sequence[CollocationSegment], equations: CollocationEquations, rho: Array
+        self, setting: Setting, pieces: Sequence[CollocationSegment], equations: RobotEquations, rho: Array
     ) -> None:
         self.setting = setting
         self.pieces = tuple(pieces)

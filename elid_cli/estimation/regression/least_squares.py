@@ -164,22 +164,19 @@ def solve_system(
     )
 
 
-def reweighted(triangles: Triangles, rank: int | None = None, folds: Sequence[int] | None = None) -> Solution:
+def reweighted(triangles: Triangles, rank: int | None = None) -> Solution:
     """Solve with each row group weighted by its own residual, iterated.
 
     Only rows with a measured right-hand side may be weighted so: a homogeneous row group would drive its own weight
-    to infinity and every parameter to zero. Triangles keep the solution of all their folds: it is asked for again.
+    to infinity and every parameter to zero. Triangles keep the solution: it is asked for again.
     """
-    if folds is not None:
-        return _reweighted(triangles, rank, folds)
     solved = cast(dict[int | None, Solution], triangles.solved)
     if rank not in solved:
-        solved[rank] = _reweighted(triangles, rank, None)
+        solved[rank] = _reweighted(triangles.joined(), rank)
     return solved[rank]
 
 
-def _reweighted(triangles: Triangles, rank: int | None, folds: Sequence[int] | None) -> Solution:
-    whole = triangles.joined(folds)
+def _reweighted(whole: Triangles, rank: int | None) -> Solution:
     scales = {row: whole.torque_rms(row) for row in whole.rows}
     weights = {row: 1.0 / scale for row, scale in scales.items() if np.isfinite(scale) and scale > 0}
     start = solve(whole, weights, None, rank)

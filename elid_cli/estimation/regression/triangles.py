@@ -106,19 +106,13 @@ class Triangles:
         count = sum(t.count for t in chosen)
         return float(np.sqrt(sum(t.power for t in chosen) / count)) if count else float("nan")
 
-    def joined(self, folds: Sequence[int] | None = None) -> Triangles:
-        """Return the triangles of some folds or all as one fold: what is solved again and again is then smaller."""
+    def joined(self) -> Triangles:
+        """Return the triangles of all folds as one fold: what is solved again and again is then smaller."""
         groups: dict[EstimationRow, list[Triangle]] = {}
         for triangle in self.items:
-            if folds is None or triangle.fold in folds:
-                groups.setdefault(triangle.row, []).append(triangle)
-        items = []
-        for parts in groups.values():
-            first = parts[0]
-            factor = first.factor if len(parts) == 1 else factor_of(np.concatenate([part.factor for part in parts]))
-            count, power = sum(part.count for part in parts), sum(part.power for part in parts)
-            items.append(Triangle(first.row, 0, first.index, factor, count, power))
-        return replace(self, items=tuple(items), folds=1)
+            groups.setdefault(triangle.row, []).append(triangle)
+        items = tuple(replace(merged_triangle(parts), fold=0) for parts in groups.values())
+        return replace(self, items=items, folds=1)
 
     def stacked(self, weights: Mapping[EstimationRow, float], folds: Sequence[int] | None = None) -> Array:
         """Return the weighted triangles as one system, (rows, p + e + 1), reduced to a triangle."""
@@ -138,6 +132,36 @@ class Triangles:
         if self.prior is not None:
             parts.append(self.prior)
         return factor_of(np.concatenate(parts))
+
+
+def merged_triangle(parts: Sequence[Triangle]) -> Triangle:
+    """Return the triangle of several of one row group, which has the fold of the first."""
+    first = parts[0]
+    if len(parts) == 1:
+        return first
+    factor = factor_of(np.concatenate([part.factor for part in parts]))
+    return replace(first, factor=factor, count=sum(p.count for p in parts), power=sum(p.power for p in parts))
+
+
+def with_columns(items: Sequence[Triangle], number: NDArray[np.intp], *, reduced: bool) -> tuple[Triangle, ...]:
+    """Return triangles with some columns only: `number` tells their new ones by the old, -1 of those that go.
+
+    They are triangles again where they are `reduced`.
+    """
+    found = []
+    columns: dict[int, tuple[NDArray[np.intp], NDArray[np.intp] | None]] = {}  # the folds of a row group share theirs
+    for triangle in items:
+        if id(triangle.index) not in columns:
+            kept = np.flatnonzero(number[triangle.index] >= 0)
+            order = kept[np.argsort(number[triangle.index[kept]])]
+            whole = np.array_equal(order, np.arange(len(triangle.index)))
+            chosen = None if whole else np.append(order, len(triangle.index))
+            columns[id(triangle.index)] = number[triangle.index[order]], chosen
+        index, chosen = columns[id(triangle.index)]
+        factor = triangle.factor if chosen is None else triangle.factor[:, chosen]
+        factor = factor_of(factor) if reduced and chosen is not None else factor
+        found.append(replace(triangle, index=index, factor=factor))
+    return tuple(found)
 
 
 def to_triangles(
@@ -246,19 +270,8 @@ def _with_fewer(triangles: Triangles, given: Sequence[ExtraColumns], extras: Seq
         first = triangles.parameters + int(places[id(extra)])
         number[first : first + extra.width] = np.arange(start, start + extra.width)
         start += extra.width
-    items = []
-    columns: dict[int, tuple[NDArray[np.intp], NDArray[np.intp] | None]] = {}  # the folds of a row group share theirs
-    for triangle in triangles.items:
-        if id(triangle.index) not in columns:
-            kept = np.flatnonzero(number[triangle.index] >= 0)
-            order = kept[np.argsort(number[triangle.index[kept]])]
-            whole = np.array_equal(order, np.arange(len(triangle.index)))
-            chosen = None if whole else np.append(order, len(triangle.index))
-            columns[id(triangle.index)] = number[triangle.index[order]], chosen
-        index, chosen = columns[id(triangle.index)]
-        factor = triangle.factor if chosen is None else factor_of(triangle.factor[:, chosen])
-        items.append(Triangle(triangle.row, triangle.fold, index, factor, triangle.count, triangle.power))
-    return replace(triangles, items=tuple(items), extras=start - triangles.parameters)
+    items = with_columns(triangles.items, number, reduced=True)
+    return replace(triangles, items=items, extras=start - triangles.parameters)
 
 
 def full_columns(group: RowGroup, extras: Sequence[ExtraColumns], parameters: int) -> tuple[NDArray[np.intp], Array]:

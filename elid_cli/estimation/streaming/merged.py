@@ -19,7 +19,7 @@ from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.nuisances import DELAY, OFFSET
-from elid_cli.estimation.regression.triangles import ExtraColumns, Triangle, Triangles, factor_of
+from elid_cli.estimation.regression.triangles import ExtraColumns, Triangle, Triangles, merged_triangle, with_columns
 from elid_cli.estimation.stiffness.link_equation import LEAST, LinkStiffness, TwoWays
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow, Regressor
@@ -64,17 +64,9 @@ class MergedTriangles:
         number = np.full(self.parameters + 2 * self.joints, -1, dtype=np.intp)
         number[: self.parameters] = np.arange(self.parameters)
         number[self.parameters + np.array(nuisances, dtype=np.intp)] = self.parameters + np.arange(len(nuisances))
-        items = []
-        columns: dict[int, tuple[NDArray[np.intp], NDArray[np.bool_]]] = {}  # the folds of a row group share theirs
-        for t in triangles:
-            if id(t.index) not in columns:
-                kept = number[t.index] >= 0
-                columns[id(t.index)] = number[t.index[kept]], np.append(kept, True)
-            index, chosen = columns[id(t.index)]
-            factor = t.factor if chosen.all() else t.factor[:, chosen]
-            items.append(Triangle(t.row, t.fold, index, factor, t.count, t.power))
+        items = with_columns(triangles, number, reduced=False)
         rows = sorted({t.row for t in items}, key=lambda row: (_ORDER[row.kind], row.joint))
-        return Triangles(tuple(items), self.parameters, len(nuisances), self.folds, tuple(rows))
+        return Triangles(items, self.parameters, len(nuisances), self.folds, tuple(rows))
 
     @property
     def nuisances(self) -> list[int]:
@@ -105,15 +97,8 @@ def combined(items: Iterable[Triangle]) -> list[Triangle]:
     groups: dict[tuple[EstimationRow, int], list[Triangle]] = {}
     for triangle in items:
         groups.setdefault((triangle.row, triangle.fold), []).append(triangle)
-    merged = []
-    for _, members in sorted(groups.items(), key=lambda g: (_ORDER[g[0][0].kind], g[0][0].joint, g[0][1])):
-        first = members[0]
-        if len(members) > 1:
-            factor = factor_of(np.concatenate([t.factor for t in members]))
-            count, power = sum(t.count for t in members), sum(t.power for t in members)
-            first = replace(first, factor=factor, count=count, power=power)
-        merged.append(first)
-    return merged
+    ordered = sorted(groups.items(), key=lambda g: (_ORDER[g[0][0].kind], g[0][0].joint, g[0][1]))
+    return [merged_triangle(members) for _, members in ordered]
 
 
 Spread = Callable[[Solution, Sequence[int], NDArray[np.bool_]], Array]
