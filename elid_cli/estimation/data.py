@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,54 +25,13 @@ from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.signals.signals import Signals
 
-
-class FitData(Protocol):
-    """The equations of a log or of several: triangles with a mask and further columns, and a solution's scores."""
-
-    @property
-    def model(self) -> Regressor:
-        """The robot's model."""
-
-    @property
-    def facts(self) -> SignalFacts:
-        """What the signals were like."""
-
-    @property
-    def samples(self) -> SampledData | None:
-        """The samples, where they are at hand: shapes of effects and gains of torque sensors are fitted to them."""
-
-    @property
-    def masked(self) -> Array:
-        """Share of instants left out around reversals, per joint, (n,)."""
-
-    def counting(self, gliding: NDArray[np.bool_]) -> FitData:
-        """Return the data with the reversals of some joints (n,) counted as well."""
-
-    def delays(self) -> list[ExtraColumns]:
-        """Return the delay of every torque channel that has equations."""
-
-    def offsets(self) -> list[ExtraColumns]:
-        """Return the offset of every torque channel that has equations."""
-
-    def triangles(self, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None) -> Triangles:
-        """Return the triangles of all stretches with the columns of nuisances, then of effects."""
-
-    def covariance(self, solution: Solution, extras: Sequence[ExtraColumns]) -> Array:
-        """Return the covariance (r, r) of a solution's basis, correlated residuals accounted for."""
-
-    def at_reversals(self, values: Array, extras: Sequence[ExtraColumns]) -> tuple[Array, Array]:
-        """Return the rms residual of every joint's sum row at reversals and elsewhere, (n,) each; NaN where none."""
-
-    def two_ways(self, standard: Array, joint: int) -> TwoWays | None:
-        """Return a joint's stiffness by both regressions of its row, other parameters (p,) given."""
-
-    def link_stiffness(self, base: BaseParameters, joint: int) -> LinkStiffness | None:
-        """Return a joint's stiffness from its link's equation with the robot file's inertias."""
+if TYPE_CHECKING:
+    from elid_cli.estimation.streaming.merged import TriangleData
 
 
 @dataclass(frozen=True)
 class SampledData:
-    """The equations of one recording whose samples are at hand."""
+    """The equations of one recording whose samples are at hand; `TriangleData` has the same methods."""
 
     model: Regressor
     signals: Signals
@@ -87,36 +46,36 @@ class SampledData:
 
     @cached_property
     def facts(self) -> SignalFacts:
-        """See `FitData`."""
+        """What the signals were like."""
         return facts_of(self.signals, self.observation.known)
 
     @property
     def masked(self) -> Array:
-        """See `FitData`."""
+        """Share of instants left out around reversals, per joint, (n,)."""
         return self.observation.masked
 
     def counting(self, gliding: NDArray[np.bool_]) -> SampledData:
-        """See `FitData`."""
+        """Return the data with the reversals of some joints (n,) counted as well."""
         return replace(self, observation=self.observation.unmasked(gliding))
 
     def delays(self) -> list[ExtraColumns]:
-        """See `FitData`."""
+        """Return the delay of every torque channel that has equations."""
         return delay_columns(self.observation)
 
     def offsets(self) -> list[ExtraColumns]:
-        """See `FitData`."""
+        """Return the offset of every torque channel that has equations."""
         return offset_columns(self.observation)
 
     def triangles(self, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None) -> Triangles:
-        """See `FitData`."""
+        """Return the triangles of all stretches with the columns of nuisances, then of effects."""
         return triangles_with_effects(self.observation, nuisances, effects, self.stretch)
 
     def covariance(self, solution: Solution, extras: Sequence[ExtraColumns]) -> Array:
-        """See `FitData`."""
+        """Return the covariance (r, r) of a solution's basis, correlated residuals accounted for."""
         return sandwich(self.observation, solution, extras)
 
     def at_reversals(self, values: Array, extras: Sequence[ExtraColumns]) -> tuple[Array, Array]:
-        """See `FitData`."""
+        """Return the rms residual of every joint's sum row at reversals and elsewhere, (n,) each; NaN where none."""
         residual = residuals(self.observation, values, extras)
         inside, outside = np.full((2, self.model.robot.n), np.nan)
         for k in range(len(inside)):
@@ -128,16 +87,20 @@ class SampledData:
         return inside, outside
 
     def two_ways(self, standard: Array, joint: int) -> TwoWays | None:
-        """See `FitData`."""
+        """Return a joint's stiffness by both regressions of its row, other parameters (p,) given."""
         return two_ways(self.observation, standard, self.model.names, joint)
 
     def link_stiffness(self, base: BaseParameters, joint: int) -> LinkStiffness | None:
-        """See `FitData`."""
+        """Return a joint's stiffness from its link's equation with the robot file's inertias."""
         return link_stiffness(base, self.observation, self.signals, self.model.robot.reference(), joint)
 
     def rows_of_sensors(self) -> bool:
         """Whether a joint torque sensor is used."""
         return len(self.observation.independent) < len(self.observation.groups)
+
+
+FitData: TypeAlias = "SampledData | TriangleData"
+"""What the one fit asks of the data: samples, or reduced logs of which only triangles are at hand."""
 
 
 def sampled(

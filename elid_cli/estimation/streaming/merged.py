@@ -114,7 +114,7 @@ def numbers_of(nuisances: Sequence[ExtraColumns], n: int) -> list[int]:
 
 @dataclass(frozen=True)
 class TriangleData:
-    """Equations of which only triangles are at hand (`FitData`)."""
+    """Equations of which only triangles are at hand; methods as those of `SampledData`."""
 
     model: Regressor
     facts: SignalFacts
@@ -136,7 +136,7 @@ class TriangleData:
 
     @property
     def masked(self) -> Array:
-        """See `FitData`."""
+        """Share of instants left out around reversals, per joint, (n,)."""
         used = np.zeros(self.merged.joints, dtype=np.intp)
         for triangle in self.merged.counted(self.counted):
             used[triangle.row.joint] += triangle.count if triangle.row.kind == "sum" else 0
@@ -144,15 +144,15 @@ class TriangleData:
         return share
 
     def counting(self, gliding: NDArray[np.bool_]) -> TriangleData:
-        """See `FitData`."""
+        """Return the data with the reversals of some joints (n,) counted as well."""
         return replace(self, gliding=gliding)
 
     def delays(self) -> list[ExtraColumns]:
-        """See `FitData`."""
+        """Return the delay of every torque channel that has equations."""
         return self._columns(DELAY, "s")
 
     def offsets(self) -> list[ExtraColumns]:
-        """See `FitData`."""
+        """Return the offset of every torque channel that has equations."""
         return self._columns(OFFSET, "N·m")
 
     def _columns(self, name: str, unit: str) -> list[ExtraColumns]:
@@ -164,15 +164,15 @@ class TriangleData:
         return numbers_of(nuisances, self.merged.joints)
 
     def triangles(self, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None) -> Triangles:
-        """See `FitData`."""
+        """Return the triangles of all stretches with the columns of nuisances, then of effects."""
         return self.merged.chosen(self.counted, self.numbers(nuisances))
 
     def covariance(self, solution: Solution, extras: Sequence[ExtraColumns]) -> Array:
-        """See `FitData`."""
+        """Return the covariance (r, r) of a solution's basis, correlated residuals accounted for."""
         return self.spread(solution, self.numbers(extras), self.counted)
 
     def at_reversals(self, values: Array, extras: Sequence[ExtraColumns]) -> tuple[Array, Array]:
-        """See `FitData`."""
+        """Return the rms residual of every joint's sum row at reversals and elsewhere, (n,) each; NaN where none."""
         numbers, n = self.numbers(extras), self.merged.joints
         steady = self.merged.chosen(np.zeros(n, dtype=bool), numbers)
         everywhere = self.merged.chosen(np.ones(n, dtype=bool), numbers)
@@ -189,7 +189,7 @@ class TriangleData:
         return inside, outside
 
     def two_ways(self, standard: Array, joint: int) -> TwoWays | None:
-        """See `FitData`."""
+        """Return a joint's stiffness by both regressions of its row, other parameters (p,) given."""
         merged, model = self.merged, self.model
         chosen = merged.chosen(self.counted, merged.nuisances).of(EstimationRow("motor", joint))
         spring = model.index.get(StandardParameter("K", joint))
@@ -210,5 +210,5 @@ class TriangleData:
         return TwoWays(xy / xx, yy / xy) if xx > 0 and xy > 0 else None
 
     def link_stiffness(self, base: BaseParameters, joint: int) -> LinkStiffness | None:
-        """See `FitData`."""
+        """Return a joint's stiffness from its link's equation with the robot file's inertias."""
         return self.links(joint)
