@@ -26,14 +26,11 @@ from elid_cli.diagnosis.search.steps import Found
 from elid_cli.diagnosis.search.ties import by_known_values
 from elid_cli.diagnosis.summary import result
 from elid_cli.errors import UsageError
-from elid_cli.estimation.regression.effect_columns import scene_of
-from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.observation import observe
-from elid_cli.estimation.regression.triangles import to_triangles
 from elid_cli.estimation.stretches import search_folds
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.declared import as_observed, declared_effects
+from elid_cli.model.effects.declared import as_observed
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.shifts import corrected, declared_shifts
 from elid_cli.model.effects.tilt import declared_tilt, levelled
@@ -169,14 +166,12 @@ def diagnose_torque(
     robot = as_observed(robot, signals)
     _check_only(robot, options.only)
     log = divided(robot, signals)
-    model = log.model
     library = {
         name: kind
         for name, kind in effect_classes().items()
         if kind.searched and kind.nuisance != "offset" and (not options.only or name in options.only)
     }
-    plain = reweighted(to_triangles(log.training, (), log.fold), log.base.count).values[: model.parameters]
-    declared = [d.effect for d in declared_effects(model.robot, scene_of(model, signals, plain))]
+    declared = log.declared
     searched = search(log, declared, library, progress, options.jobs)
     if searched.partial and progress is not None:
         progress("finishing; Ctrl-C again stops at once", 0.0)

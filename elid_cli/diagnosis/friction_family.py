@@ -22,11 +22,10 @@ from elid_cli.errors import DataError, UsageError
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.refined_robot import representative
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of, with_effects
-from elid_cli.estimation.regression.least_squares import reweighted
-from elid_cli.estimation.regression.triangles import full_columns, to_triangles
+from elid_cli.estimation.regression.triangles import full_columns
 from elid_cli.estimation.stretches import STRETCHES, spans, stretch_of
 from elid_cli.model.effects import effect_classes
-from elid_cli.model.effects.declared import as_observed, declared_effects
+from elid_cli.model.effects.declared import as_observed
 from elid_cli.model.effects.effect import Effect, Member
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import EstimationRow
@@ -172,9 +171,7 @@ def _tops(robot: Robot, signals: Signals, kind: type[Effect]) -> tuple[dict[str,
 
 def _plain(log: Log) -> State:
     """Return the model without the family, with the effects that the robot file declares."""
-    rough = reweighted(to_triangles(log.training, (), log.fold), log.base.count).values[: log.model.parameters]
-    scene = scene_of(log.model, log.signals, rough)
-    return agreed(fit(log, [d.effect for d in declared_effects(log.model.robot, scene)]))[0]
+    return agreed(fit(log, log.declared))[0]
 
 
 def _settled(plain: State, joint: int, member: Member, speed: float) -> tuple[State, bool]:

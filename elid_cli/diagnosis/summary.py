@@ -211,11 +211,8 @@ def _quiet(rows: Sequence[RowState], joint: str) -> bool:
 def moved(before: State, after: State) -> tuple[Moved, ...]:
     """Return the base parameters with their shift in standard deviations, largest first."""
     base = before.log.base
-    transform = np.concatenate([base.transform, np.zeros((base.count, after.triangles.extras))], axis=1)
-    part = transform[:, after.solution.basis]
-    deviation = np.sqrt(np.maximum(np.diag(part @ after.covariance @ part.T), 0.0))
-    old, new = base.transform @ before.standard, base.transform @ after.standard
-    known = after.solution.estimable(transform)
+    new, deviation, known = after.base_values
+    old = base.transform @ before.standard
     shifts = [
         Moved(name, float(a), float(b), float((b - a) / d))
         for name, a, b, d, k in zip(base.names, old, new, deviation, known, strict=True)

@@ -175,7 +175,7 @@ def _prediction(
     triangles: Triangles,
     solution: Solution,
     options: EstimateOptions,
-) -> tuple[Triangles, dict[EstimationRow, float]]:
+) -> tuple[Triangles, dict[EstimationRow, Array]]:
     """Return sum and motor rows, filtered as the default estimator does, and squares predicted from other folds."""
     observation = observe(model, signals, model.estimation)
     rows = to_triangles(observation, (), stretch_of(observation.instants, options.folds))

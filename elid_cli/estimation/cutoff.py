@@ -155,12 +155,6 @@ def _compared(one: DefaultFit, other: DefaultFit) -> float:
     known, also = (fit.solution.estimable(fit.transform) for fit in (one, other))
     if (also & ~known).any() or not known.any():
         return float("inf")
-    mine, its = (_deviations(fit)[also] for fit in (one, other))
+    mine, its = (fit.deviations(fit.covariance)[also] for fit in (one, other))
     good = (mine > 0) & (its > 0)
     return float(np.mean(np.log(mine[good] / its[good]))) if good.any() else float("inf")
-
-
-def _deviations(fit: DefaultFit) -> Array:
-    used = fit.transform[:, fit.solution.basis]
-    deviations: Array = np.sqrt(np.maximum(np.diag(used @ fit.covariance @ used.T), 0.0))
-    return deviations

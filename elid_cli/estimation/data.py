@@ -177,6 +177,12 @@ class Solved:
         """Base parameters = transform @ solution, (b, p + e)."""
         return np.pad(self.base.transform, ((0, 0), (0, self.triangles.extras)))
 
+    def deviations(self, covariance: Array) -> Array:
+        """Return the standard errors of the base parameters, (b,), from the covariance of the basis, (r, r)."""
+        own = self.transform[:, self.solution.basis]
+        found: Array = np.sqrt(np.maximum(np.diag(own @ covariance @ own.T), 0.0))
+        return found
+
     @property
     def first_amplitude(self) -> int:
         """Column of the first effect's first amplitude."""

@@ -10,10 +10,15 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.data import SampledData
+from elid_cli.estimation.regression.effect_columns import scene_of
 from elid_cli.estimation.regression.known_columns import KnownColumns
+from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.observation import Observation, observe
+from elid_cli.estimation.regression.triangles import to_triangles
 from elid_cli.estimation.validation.noise_floor import PropagatedNoise, propagated
 from elid_cli.model.base_parameters import BaseParameters, find_base
+from elid_cli.model.effects.declared import declared_effects
+from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.shifts import Shifts, corrected
 from elid_cli.model.effects.tilt import tilted
 from elid_cli.model.regressor import Regressor
@@ -70,6 +75,13 @@ class Log:
     def data(self) -> SampledData:
         """The training stretches as the one fit takes them."""
         return SampledData(self.model, self.signals, self.training, self.fold)
+
+    @property
+    def declared(self) -> list[Effect]:
+        """The effects that the robot file declares, in the shapes that it gives."""
+        plain = reweighted(to_triangles(self.training, (), self.fold), self.base.count).values[: self.model.parameters]
+        scene = scene_of(self.model, self.signals, plain)
+        return [item.effect for item in declared_effects(self.model.robot, scene)]
 
     @cached_property
     def columns(self) -> KnownColumns:

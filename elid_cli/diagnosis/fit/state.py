@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.fit.channels import Fault, unknowns_of_channels, without_idle_offsets
@@ -20,6 +21,7 @@ from elid_cli.estimation.regression.least_squares import Solution, reweighted, s
 from elid_cli.estimation.regression.standard_errors import covariance_with_shapes
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stretches import STRETCHES
+from elid_cli.estimation.validation.cross_validation import all_others, left_out
 from elid_cli.estimation.validation.noise_floor import Floor
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect, Nuisance
@@ -162,13 +164,10 @@ class State:
     @cached_property
     def left_out(self) -> dict[EstimationRow, Array]:
         """Residual sum of squares of every row group per fold, predicted by a fit to the other folds, (folds,)."""
-        squares = {row: np.zeros(STRETCHES) for row in self.triangles.rows}
-        for f in range(STRETCHES):
-            others = [g for g in range(STRETCHES) if g != f]
-            fitted = solve(self.triangles, self.solution.weights, others, len(self.solution.basis)).values
-            for row in squares:
-                squares[row][f] = sum(t.squares(fitted) for t in self.triangles.of(row, [f]))
-        return squares
+        rank, weights = len(self.solution.basis), self.solution.weights
+        return left_out(
+            self.triangles, (solve(self.triangles, weights, others, rank).values for others in all_others(STRETCHES))
+        )
 
     @property
     def impossible(self) -> frozenset[str]:
@@ -178,6 +177,17 @@ class State:
             name
             for name, value in zip(names, self.standard, strict=True)
             if value < 0 and name.kind in POSITIVE and self.log.base.classes[name] == "independent"
+        )
+
+    @property
+    def base_values(self) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Base parameters, their standard errors, and which of them the data determine, (b,) each."""
+        log = self.log
+        fit = Solved(log.base, log.data, self.extras, None, self.triangles, self.solution)
+        return (
+            log.base.transform @ self.standard,
+            fit.deviations(self.covariance),
+            self.solution.estimable(fit.transform),
         )
 
     def rms(self, row: EstimationRow) -> float:

@@ -54,11 +54,8 @@ def distance(state: State) -> float | None:
     """Return the median relative distance of well-known base parameters from the file's values; None: too few given."""
     log = state.log
     given = log.base.values(log.model.robot.reference())
-    transform = np.concatenate([log.base.transform, np.zeros((log.base.count, state.triangles.extras))], axis=1)
-    part = transform[:, state.solution.basis]
-    deviation = np.sqrt(np.maximum(np.diag(part @ state.covariance @ part.T), 0.0))
-    estimate = log.base.transform @ state.standard
-    known = state.solution.estimable(transform) & np.isfinite(given) & (np.abs(estimate) > SURE * deviation)
+    estimate, deviation, determined = state.base_values
+    known = determined & np.isfinite(given) & (np.abs(estimate) > SURE * deviation)
     known &= np.abs(given) > 0
     if np.count_nonzero(known) < FEWEST:
         return None

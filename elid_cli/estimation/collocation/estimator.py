@@ -129,9 +129,7 @@ def judged(setup: Setup, outcome: Outcome) -> Accurate | Refusal:
         return Refusal(f"{fallen} fell towards 0, where with all inertias 0 the link's equation holds for any motion")
     transform = fit.transform
     known = fit.solution.estimable(transform)
-    used = transform[:, fit.solution.basis]
-    before = np.sqrt(np.maximum(np.diag(used @ fit.covariance @ used.T), 0.0))
-    after = np.sqrt(np.maximum(np.diag(used @ covariance @ used.T), 0.0))
+    before, after = fit.deviations(fit.covariance), fit.deviations(covariance)
     both = known & (before > 0) & (after > 0)
     ratio = float(np.exp(np.mean(np.log(after[both] / before[both])))) if both.any() else 0.0
     if ratio > SHARPER:

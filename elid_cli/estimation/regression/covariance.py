@@ -118,16 +118,24 @@ class Regression:
     """Mean square of each column that the others do not explain, (k,)."""
 
 
-def regression(columns: Array, target: Array, segment: NDArray[np.intp]) -> Regression:
-    """Fit a target (M,) by columns (M, k), its residual correlated within each segment (number of every instant, (M,)).
+def in_unit_columns(columns: Array, target: Array) -> tuple[Array, Array, Array, Array]:
+    """Solve a target (M,) by columns (M, k) of length one.
 
-    Standard errors are autocorrelation-aware (Newey and West 1987; `longrun`).
+    Returns these columns, their sizes before (k,), the inverse of their normal matrix and the coefficients (k,).
     """
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0] = 1.0
     unit = columns / scale
     inverse = np.linalg.pinv(unit.T @ unit, rcond=1e-12)
-    fitted = inverse @ (unit.T @ target)
+    return unit, scale, inverse, inverse @ (unit.T @ target)
+
+
+def regression(columns: Array, target: Array, segment: NDArray[np.intp]) -> Regression:
+    """Fit a target (M,) by columns (M, k), its residual correlated within each segment (number of every instant, (M,)).
+
+    Standard errors are autocorrelation-aware (Newey and West 1987; `longrun`).
+    """
+    unit, scale, inverse, fitted = in_unit_columns(columns, target)
     scores = unit * (target - unit @ fitted)[:, None]
     meat = long_run(scores, segment) * uncertain(len(scores), bandwidth_of(scores))
     spread = np.sqrt(np.maximum(np.diag(inverse @ meat @ inverse), 0.0))

@@ -73,15 +73,12 @@ def link_stiffness(
     if EstimationRow("motor", joint) not in rows or EstimationRow("sum", joint) not in rows or signals.still[joint]:
         return None  # of a joint that is held the deflection is one more constant
     total = rows[EstimationRow("sum", joint)]
-    own = {StandardParameter(kind, joint) for kind in POSITIVE}
-    values = dict(zip(base.leaders.tolist(), base.values(reference), strict=True))
+    factors = load_factors(base, reference, joint, total.index)
+    if not np.isfinite(factors).all():
+        return None
     load = np.zeros(observation.instants)
-    for position, column in enumerate(total.index.tolist()):
-        if column not in values or base.parameters[column] in own:
-            continue
-        if not np.isfinite(values[column]):
-            return None
-        load = load + values[column] * total.columns[position]
+    for position in np.flatnonzero(factors):
+        load = load + factors[position] * total.columns[position]
     motion = signals.motion
     others = [k for k in range(signals.n) if k != joint and not signals.still[k]]
     channels = [
@@ -95,6 +92,16 @@ def link_stiffness(
     if known.sum() < LEAST or not np.any(load[known]):
         return None
     return _fitted(columns[:, known].T, load[known], observation.segment[known], deflection_noise(signals, joint))
+
+
+def load_factors(base: BaseParameters, reference: Array, joint: int, columns: NDArray[np.intp]) -> Array:
+    """Return what makes a joint's sum row, of columns (k,), the torque of its bodies by reference values (p,), (k,).
+
+    NaN where these are unknown.
+    """
+    values = dict(zip(base.leaders.tolist(), base.values(reference), strict=True))
+    own = {StandardParameter(kind, joint) for kind in POSITIVE}
+    return np.array([0.0 if base.parameters[k] in own else values.get(k, 0.0) for k in columns.tolist()])
 
 
 def _fitted(columns: Array, load: Array, segment: NDArray[np.intp], noise: float) -> LinkStiffness:

@@ -10,15 +10,15 @@ from typing import cast
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.estimation.regression.covariance import in_unit_columns
 from elid_cli.estimation.regression.filtered_rows import FilteredBlock
 from elid_cli.estimation.regression.long_run import KernelSum, Persistence, small_sample, uncertain
 from elid_cli.estimation.regression.triangles import factor_of
-from elid_cli.estimation.stiffness.link_equation import LEAST, LinkStiffness
+from elid_cli.estimation.stiffness.link_equation import LEAST, LinkStiffness, load_factors
 from elid_cli.estimation.stiffness.noise import pull
 from elid_cli.estimation.streaming.accumulate import GrowingTriangle
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow, Regressor, RegressorPlan
-from elid_cli.robot.parameter import POSITIVE, StandardParameter
 
 TOGETHER = 16_000
 """Instants that are taken at a time where blocks are passed over again."""
@@ -74,14 +74,10 @@ class LinkSums:
     ) -> None:
         plan = plan or model.estimation
         self._rows: list[tuple[slice, Array] | None] = []
-        values = dict(zip(base.leaders.tolist(), base.values(reference), strict=True))
         rows = {item.row: item for item in plan.rows}
         for joint in range(model.robot.n):
             item = rows[EstimationRow("sum", joint)]
-            own = {StandardParameter(kind, joint) for kind in POSITIVE}
-            factors = np.array(
-                [values[k] if k in values and base.parameters[k] not in own else 0.0 for k in item.columns.tolist()]
-            )
+            factors = load_factors(base, reference, joint, item.columns)
             known = model.robot.joints[joint].elastic and bool(np.isfinite(factors).all())
             self._rows.append((item.slots, factors) if known else None)
         n = model.robot.n
@@ -196,9 +192,5 @@ def merged_stiffness(systems: Sequence[LinkSystem], noise: float) -> LinkStiffne
 
 def _solved(factor: Array) -> tuple[Array, Array]:
     """Return the solution of a triangle's system and the inverse of its normal matrix."""
-    columns, torque = factor[:, :-1], factor[:, -1]
-    scale = np.linalg.norm(columns, axis=0)
-    scale[scale == 0] = 1.0
-    unit = columns / scale
-    inverse = np.linalg.pinv(unit.T @ unit, rcond=1e-12)
-    return inverse @ (unit.T @ torque) / scale, inverse / np.outer(scale, scale)
+    _, scale, inverse, fitted = in_unit_columns(factor[:, :-1], factor[:, -1])
+    return fitted / scale, inverse / np.outer(scale, scale)

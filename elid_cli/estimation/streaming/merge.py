@@ -207,7 +207,7 @@ def _by_log(model: Regressor, logs: Sequence[ReducedLog], fit: DefaultFit) -> tu
     apart = []
     for log in logs:
         triangles = Triangles(tuple(counted(log, _counted(fit))), model.parameters, 2 * n, STRETCHES)
-        squares: dict[EstimationRow, float] = {}
+        squares: dict[EstimationRow, Array | float] = {}
         for triangle in triangles.items:
             squares[triangle.row] = squares.get(triangle.row, 0.0) + triangle.squares(values)
         apart.append(ByLog(", ".join(log.recording.files), joint_errors(model.robot, triangles, squares)))

@@ -22,12 +22,12 @@ def held_out(
     return joint_errors(robot, triangles, left_out(triangles, fold_fits(triangles, solution, before)))
 
 
-def left_out(triangles: Triangles, fits: Iterable[Array]) -> dict[EstimationRow, float]:
-    """Return the residual sum of squares of every row group; `fits` are the parameters that predict each fold."""
-    squares: dict[EstimationRow, float] = dict.fromkeys(triangles.rows, 0.0)
+def left_out(triangles: Triangles, fits: Iterable[Array]) -> dict[EstimationRow, Array]:
+    """Return the residual sum of squares of every row group per fold, (folds,), predicted by the `fits` of each."""
+    squares = {row: np.zeros(triangles.folds) for row in triangles.rows}
     for fold, fitted in enumerate(fits):
-        for row in triangles.rows:
-            squares[row] += sum(t.squares(fitted) for t in triangles.of(row, [fold]))
+        for row, found in squares.items():
+            found[fold] = sum(t.squares(fitted) for t in triangles.of(row, [fold]))
     return squares
 
 
@@ -53,12 +53,14 @@ def fold_fits(triangles: Triangles, solution: Solution, before: Solution | None 
         yield solve_system(system, triangles.parameters, solution.weights, len(solution.basis)).values + shift
 
 
-def joint_errors(robot: Robot, triangles: Triangles, squares: Mapping[EstimationRow, float]) -> dict[str, JointError]:
+def joint_errors(
+    robot: Robot, triangles: Triangles, squares: Mapping[EstimationRow, Array | float]
+) -> dict[str, JointError]:
     """Return each joint's error from residual sums of squares per row group."""
 
     def rms(row: EstimationRow) -> float | None:
         count = sum(t.count for t in triangles.of(row))
-        return None if row not in squares else float(np.sqrt(squares[row] / count)) if count else float("nan")
+        return None if row not in squares else float(np.sqrt(np.sum(squares[row]) / count)) if count else float("nan")
 
     return errors_of_rows(robot, rms, triangles.torque_rms)
 

@@ -234,8 +234,7 @@ def _movable(fit: DefaultFit, seen: _Seen) -> NDArray[np.bool_]:
     known = with_prior(triangles, fit.triangles, 1.0 / np.array(sizes))
     solution = reweighted(known, fit.base.count + triangles.extras)
     transform = np.pad(fit.base.transform, ((0, 0), (0, triangles.extras)))
-    old = fit.transform[:, fit.solution.basis]
-    before = np.sqrt(np.maximum(np.diag(old @ fit.covariance @ old.T), 0.0))
+    before = fit.deviations(fit.covariance)
     used = transform[:, solution.basis] @ solution.inverse
     # the noise is as large as before: what its inverse weights say of the wrong model's residual would hide the change
     after = np.sqrt(np.sum(used**2, axis=1))
