@@ -11,6 +11,8 @@ that builds up at every reversal.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,26 +32,34 @@ LINKWARD = 0.5
 the motor's friction."""
 
 
+_Residuals = dict[tuple[str, int], Array]
+"""Residual of every row, (M,)."""
+
+
 def friction_at_rest(state: State, number: int) -> bool:
     """Whether friction near standstill could be most of what effect `number`, a push or load on links, explains."""
     if state.effects[number].place not in ("link", "chain"):
         return False
-    lacking = without(state, number)
-    before = residuals(lacking.log.observation, lacking.solution.values, lacking.extras)
-    after = residuals(state.log.observation, state.solution.values, state.extras)
     explained = doubtful = 0.0
-    for row in state.columns[number].rows:
-        if row not in state.triangles.rows:
-            continue
+    for row, unit, before, after in _changes(state, number):
         use = state.log.training.group(row).use
-        unit = max(state.floor.rms[row], 1e-4 * state.triangles.torque_rms(row))
         gone = np.where(use, before[row] ** 2 - after[row] ** 2, 0.0) / unit**2
         explained += float(gone.sum())
         doubtful += float(gone[use & _held(state, number, row, after)].sum())
     return explained > 0 and doubtful > (1.0 - MOVING) * explained
 
 
-def _held(state: State, number: int, row: EstimationRow, left: dict[tuple[str, int], Array]) -> NDArray[np.bool_]:
+def _changes(state: State, number: int) -> Iterator[tuple[EstimationRow, float, _Residuals, _Residuals]]:
+    """Yield every row that effect `number` acts on, its unit (its noise), and all residuals without and with it."""
+    lacking = without(state, number)
+    before = residuals(lacking.log.observation, lacking.solution.values, lacking.extras)
+    after = residuals(state.log.observation, state.solution.values, state.extras)
+    for row in state.columns[number].rows:
+        if row in state.triangles.rows:
+            yield row, max(state.floor.rms[row], 1e-4 * state.triangles.torque_rms(row)), before, after
+
+
+def _held(state: State, number: int, row: EstimationRow, left: _Residuals) -> NDArray[np.bool_]:
     """Return the instants at which friction can be what an effect explains in a row, (M,)."""
     log, joint = state.log, row.joint
     nowhere = np.zeros(log.observation.instants, dtype=bool)
@@ -100,15 +110,9 @@ def one_of_many(state: State, number: int) -> bool:
     length = int(np.count_nonzero(inside))
     if not 0 < length < MOMENT * len(inside):
         return False
-    lacking = without(state, number)
-    before = residuals(lacking.log.observation, lacking.solution.values, lacking.extras)
-    after = residuals(state.log.observation, state.solution.values, state.extras)
     ratios = []
-    for row in state.columns[number].rows:
-        if row not in state.triangles.rows:
-            continue
+    for row, unit, before, after in _changes(state, number):
         use = state.log.observation.group(row).use
-        unit = max(state.floor.rms[row], 1e-4 * state.triangles.torque_rms(row))
         own = float(np.sqrt(np.mean(np.square(before[row][inside & use])))) if (inside & use).any() else 0.0
         others = _windows(np.square(after[row]), use & ~inside, length)
         ratios.append(own / max(float(np.sqrt(others)), unit))

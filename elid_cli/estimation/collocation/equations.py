@@ -10,9 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.collocation.layout import Scanned, UnknownsLayout, shaped
+from elid_cli.estimation.collocation.layout import Moved, Scanned, UnknownsLayout, moved_together, shaped, slots_of
 from elid_cli.estimation.collocation.problem import States
-from elid_cli.estimation.collocation.states import Moved, moved_together, slots_of
 from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect
