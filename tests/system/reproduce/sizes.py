@@ -55,9 +55,9 @@ LATER: dict[str, str] = {
     "further log formats": "logs/formats/db3 logs/formats/json_lines logs/formats/long_form logs/formats/mat5 "
     "logs/formats/npz logs/formats/packed logs/formats/parquet logs/formats/ros2_echo logs/mapping/long_table "
     "logs/mapping/nameless logs/mapping/profiles logs/formats/csv_times",
-    "elastic by the log, doubted units": "logs/adapt logs/checks/deflection logs/checks/described_torques "
+    "elastic by the log, doubted units": "logs/adapt logs/checks/deflection model/body_torques "
     "logs/checks/known_inertias logs/checks/known_masses logs/checks/limits logs/checks/position_scale",
-    "hostile files, dropouts": "budget estimation/saved_numbers logs/repair/dropouts logs/repair/scattered",
+    "hostile files, dropouts": "budget logs/repair/dropouts logs/repair/scattered",
     "the page, plot": "cli/verbs/plot report/answers/known report/answers/log report/answers/summary "
     "report/glossary "
     "report/figures/drawing report/figures/raster report/figures/svg report/figures/timeline "
