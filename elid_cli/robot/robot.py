@@ -315,20 +315,11 @@ class Robot:
         return np.array([values.get(name, math.nan) for name in self.parameter_names()])
 
     def _unit(self, name: StandardParameter) -> str:
-        kind, joint = name.kind, self.joints[name.joint]
-        if kind == "m":
-            return "kg"
-        if kind in ("cx", "cy", "cz"):
-            return "kg·m"
-        if kind.startswith("I") or kind == "Jm":
-            return "kg·m²"
-        if kind == "Ja":
-            return "kg·m²" if joint.revolute else "kg"
-        if kind == "fs":
-            return joint.units[1]
-        if kind == "fv":
-            return "N·m·s/rad" if joint.revolute else "N·s/m"
-        return "N·m/rad" if joint.revolute else "N/m"
+        alike = {"m": "kg", "cx": "kg·m", "cy": "kg·m", "cz": "kg·m", "Jm": "kg·m²"}
+        turning = {"Ja": "kg·m²", "fs": "N·m", "fv": "N·m·s/rad", "K": "N·m/rad"}
+        sliding = {"Ja": "kg", "fs": "N", "fv": "N·s/m", "K": "N/m"}
+        units = alike | (turning if self.joints[name.joint].revolute else sliding)
+        return units.get(name.kind, "kg·m²")  # an inertia
 
 
 def check_size(robot: Robot, source: str) -> None:
