@@ -60,10 +60,18 @@ class SampledData:
 
     def delays(self) -> list[ExtraColumns]:
         """Return the delay of every torque channel that has equations."""
-        return delay_columns(self.observation)
+        return list(self._delays)
 
     def offsets(self) -> list[ExtraColumns]:
         """Return the offset of every torque channel that has equations."""
+        return list(self._offsets)
+
+    @cached_property
+    def _delays(self) -> list[ExtraColumns]:
+        return delay_columns(self.observation)
+
+    @cached_property
+    def _offsets(self) -> list[ExtraColumns]:
         return offset_columns(self.observation)
 
     def triangles(self, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None) -> Triangles:

@@ -14,6 +14,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.estimation.data import FitData, SampledData, Solved, sampled, sum_row
 from elid_cli.estimation.fitted_shapes import Step, rescened, shaped, start_effects
+from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.nuisances import LONGEST, reading_columns, short_enough, significant
@@ -205,16 +206,19 @@ def _borne_out(
     Noise in accelerations pulls a mass towards 0, and an offset then takes up its weight: significant, and wrong.
     """
     robot = data.model.robot
+
+    def errors(chosen: Sequence[ExtraColumns]) -> dict[str, JointError]:
+        solved = Solved.of(base, data, chosen, effects)
+        return held_out(robot, solved.triangles, solved.solution)
+
+    present: dict[str, JointError] | None = None
     for extra in [e for e in nuisances if e.nuisance == "offset"]:
         name = robot.joint_names[sum_row(extra).joint]
         fewer = [e for e in nuisances if e is not extra]
-        errors = []
-        for chosen in (nuisances, fewer):
-            solved = Solved.of(base, data, chosen, effects)
-            found = held_out(robot, solved.triangles, solved.solution).get(name)
-            errors.append(0.0 if found is None else found.rms)
-        if errors[1] < errors[0]:
-            nuisances = fewer
+        present = errors(nuisances) if present is None else present
+        lacking = errors(fewer)
+        if name in lacking and lacking[name].rms < (present[name].rms if name in present else 0.0):
+            nuisances, present = fewer, lacking
     return nuisances
 
 

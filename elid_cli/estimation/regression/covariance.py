@@ -17,7 +17,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.long_run import TAKEN, KernelSum, Persistence, small_sample, uncertain
 from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
+from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns, parts_of
 from elid_cli.model.regressor import EstimationRow
 
 
@@ -42,13 +42,17 @@ def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extr
         weight = solution.weights.get(group.row, 0.0)
         if weight == 0.0:
             continue
-        index, columns = full_columns(group, extras, observation.parameters)
-        residual = np.where(group.use, group.target - solution.values[index] @ columns, 0.0) * weight**2
-        kept = place[index] >= 0
-        here = columns * residual if kept.all() else columns[kept] * residual
-        if not group.use.all():
-            here[:, ~group.use] = 0.0  # what is not known must not spread
-        scores[place[index[kept]]] += here
+        index, parts = parts_of(group, extras, observation.parameters)
+        edges = np.cumsum([len(part) for part in parts])[:-2]
+        spans = list(zip(np.split(index, edges), parts[:-1], strict=True))
+        residual = group.target - sum(solution.values[own] @ columns for own, columns in spans)
+        residual = np.where(group.use, residual, 0.0) * weight**2
+        for own, columns in spans:
+            kept = place[own] >= 0
+            here = columns * residual if kept.all() else columns[kept] * residual
+            if not np.isfinite(here).all():
+                here[:, ~group.use] = 0.0  # what is not known must not spread
+            scores[place[own[kept]]] += here
     # of each column's own scores: any rotation of them by the order of the pivots would change the width
     memory = Persistence(len(live))
     memory.feed(scores)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation, pair
+from elid_cli.estimation.regression.own_columns import beside_own
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
 from elid_cli.model.effects.declared import Declared, amplitude_prior
 from elid_cli.model.effects.effect import Effect
@@ -47,11 +48,11 @@ def triangles_with_effects(
     fold: NDArray[np.intp] | None = None,
 ) -> Triangles:
     """Return triangles with the columns of nuisances and effects, and what is known of the effects' amplitudes."""
-    if effects is None:
-        return to_triangles(observation, nuisances, fold)
-    triangles = to_triangles(observation, (*nuisances, *effects.extras), fold)
+    extras = (*nuisances, *(effects.extras if effects else ()))
+    triangles = beside_own(observation, extras, fold) or to_triangles(observation, extras, fold)
     first = triangles.parameters + sum(extra.width for extra in nuisances)
-    return replace(triangles, prior=amplitude_prior(effects.effects, first, triangles.width))
+    prior = None if effects is None else amplitude_prior(effects.effects, first, triangles.width)
+    return triangles if prior is None else replace(triangles, prior=prior)
 
 
 def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:

@@ -24,7 +24,11 @@ DATA_TOLERANCE = 1e-7
 """Pivot below which a column of the log depends on others, relative to the largest, columns of unit norm."""
 ROUNDING = 1e-13
 """Norm below which a standard parameter's column is zero, relative to the largest."""
+TIE = 1e-10
+"""Part of their norm by which later columns come short of earlier ones."""
 WEIGHT_ITERATIONS = 6
+FIRM = 1e-3
+"""Pivot of unit columns from which on weights are iterated by normal equations."""
 LOWEST = 1e-5
 """Share of a row group's torque below which its residual counts as this, so that a perfect fit stays finite."""
 
@@ -122,7 +126,8 @@ def solve_system(
     columns, target, width = system[:, :-1], system[:, -1], system.shape[1] - 1
     if not np.isfinite(system).all():
         raise ValueError("the equations hold NaN or infinity")
-    norms = np.linalg.norm(columns, axis=0)
+    # scaled to one, all columns tie for the first pivot: the first shall have it on every machine, not rounding
+    norms = np.linalg.norm(columns, axis=0) * (1.0 + TIE * np.arange(width))
     # a standard parameter's column that is zero but for rounding must not be scaled up to a direction of its own
     rounding = np.zeros(width)
     rounding[:parameters] = ROUNDING * norms[:parameters].max(initial=0.0)
@@ -180,47 +185,89 @@ def _reweighted(whole: Triangles, rank: int | None) -> Solution:
     scales = {row: whole.torque_rms(row) for row in whole.rows}
     weights = {row: 1.0 / scale for row, scale in scales.items() if np.isfinite(scale) and scale > 0}
     start = solve(whole, weights, None, rank)
-    values, parts = start.values, _parts(whole, start.basis)
-    alone = {triangle.row: triangle for triangle in whole.items}  # joined: one triangle for every row group
+    groups = _Groups.of(whole, start.basis)
+    least = np.array([LOWEST * scales[row] if row in weights else np.inf for row in groups.rows])
+    values = start.values[start.basis]
     for _ in range(WEIGHT_ITERATIONS):
-        weights = {row: 1.0 / max(alone[row].rms(values), LOWEST * scales[row]) for row in weights}
-        found = _least_squares(
-            np.concatenate([(1.0 if row is None else weights.get(row, 0.0)) * part for row, part in parts])
-        )
+        weight = 1.0 / np.maximum(groups.rms(values), least)
+        found = groups.solved(weight)
         if found is None:
-            values = solve(whole, weights, None, rank, start.basis).values
-        else:
-            values = np.zeros(whole.width)
-            values[start.basis] = found
+            weights = {row: w for row, w in zip(groups.rows, weight.tolist(), strict=True) if row in weights}
+            found = solve(whole, weights, None, rank, start.basis).values[start.basis]
+        values = found
+    weights = {row: w for row, w in zip(groups.rows, weight.tolist(), strict=True) if row in weights}
     return solve(whole, weights, None, rank)
 
 
-def _parts(triangles: Triangles, basis: NDArray[np.intp]) -> list[tuple[EstimationRow | None, Array]]:
-    """Return (row group, its equations in the columns of a basis [columns | target]); no row group: what is known."""
-    place = np.full(triangles.width, -1, dtype=np.intp)
-    place[basis] = np.arange(len(basis))
-    parts: list[tuple[EstimationRow | None, Array]] = []
-    for triangle in triangles.items:
-        there = place[triangle.index] >= 0
-        part = np.zeros((triangle.factor.shape[0], len(basis) + 1))
-        part[:, place[triangle.index[there]]] = triangle.factor[:, :-1][:, there]
-        part[:, -1] = triangle.factor[:, -1]
-        parts.append((triangle.row, part))
-    if triangles.prior is not None:
-        parts.append((None, triangles.prior[:, np.append(basis, triangles.width)]))
-    return parts
+@dataclass(frozen=True)
+class _Groups:
+    """The row groups' equations in the columns of a basis, stacked: what is solved with one weight after the other."""
+
+    rows: tuple[EstimationRow, ...]
+    lengths: NDArray[np.intp]
+    """Equations of each row group …"""
+    counts: Array
+    """… and instants that they stand for."""
+    stack: Array
+    """Equations [columns | target], (k, b + 1); last what is known of the columns."""
+    grams: Array
+    """Their Gram matrices, (row groups, b + 1, b + 1)."""
+    known: Array
+    """That of what is known, (b + 1, b + 1)."""
+
+    @classmethod
+    def of(cls, whole: Triangles, basis: NDArray[np.intp]) -> _Groups:
+        """Return those of joined triangles."""
+        place = np.full(whole.width, -1, dtype=np.intp)
+        place[basis] = np.arange(len(basis))
+        parts = []
+        for triangle in whole.items:
+            there = place[triangle.index] >= 0
+            part = np.zeros((triangle.factor.shape[0], len(basis) + 1))
+            part[:, place[triangle.index[there]]] = triangle.factor[:, :-1][:, there]
+            part[:, -1] = triangle.factor[:, -1]
+            parts.append(part)
+        prior = np.zeros((0, len(basis) + 1)) if whole.prior is None else whole.prior[:, np.append(basis, whole.width)]
+        return cls(
+            tuple(triangle.row for triangle in whole.items),
+            np.array([len(part) for part in parts]),
+            np.array([float(triangle.count) for triangle in whole.items]),
+            np.concatenate([*parts, prior]),
+            np.array([part.T @ part for part in parts]),
+            prior.T @ prior,
+        )
+
+    def rms(self, values: Array) -> Array:
+        """Return the residual rms of every row group, N·m."""
+        left = (self.stack @ np.append(values, -1.0))[: self.lengths.sum()]
+        return np.sqrt(np.add.reduceat(left**2, np.cumsum(self.lengths) - self.lengths) / self.counts)
+
+    def solved(self, weight: Array) -> Array | None:
+        """Return the solution with a weight of every row group; None where a column may depend on the others.
+
+        By the normal equations of unit columns, where these are far from singular: only weights follow from it, and
+        residuals feel an error of the solution in second order.
+        """
+        gram = np.tensordot(weight**2, self.grams, axes=1) + self.known
+        norms = np.sqrt(np.diag(gram)[:-1])
+        if len(self.stack) <= len(norms) or not norms.all():
+            return None
+        corner, fault = lapack().dpotrf(gram[:-1, :-1] / np.outer(norms, norms))
+        if fault == 0 and np.diag(corner).min() > FIRM:
+            solved: Array = lapack().dpotrs(corner, gram[:-1, -1] / norms)[0] / norms
+            return solved
+        each = np.ones(len(self.stack))
+        each[: self.lengths.sum()] = np.repeat(weight, self.lengths)
+        return _least_squares(self.stack * each[:, None])
 
 
 def _least_squares(system: Array) -> Array | None:
     """Return the solution of equations [columns | target]; None where a column may depend on the others."""
     norms = np.linalg.norm(system[:, :-1], axis=0)
-    count = len(norms)
-    if system.shape[0] <= count or not norms.all():
-        return None
     system[:, :-1] /= norms
     factor = factor_of(system)
-    pivots = np.abs(np.diag(factor)[:count])
+    pivots = np.abs(np.diag(factor)[: len(norms)])
     if not pivots.min() > 10 * DATA_TOLERANCE:
         return None
-    solved: Array = lapack().dtrtrs(factor[:count, :count], factor[:count, -1])[0] / norms
+    solved: Array = lapack().dtrtrs(factor[:-1, :-1], factor[:-1, -1])[0] / norms
     return solved

@@ -66,8 +66,10 @@ class Observation:
     blocks: tuple[FilteredBlock, ...] = ()
     """What `groups` were made of, where one block held it all; else none is kept."""
     reductions: list[object] = field(init=False, default_factory=list, repr=False, compare=False)
-    """What `reduction.reduce` made of it last: with some of those columns only, or more instants, it need not be made
-    again."""
+    """What `triangles.to_triangles` made of it last: with some of those columns only, or more instants, it need not be
+    made again."""
+    own: list[object] = field(init=False, default_factory=list, repr=False, compare=False)
+    """Its own columns reduced (`own_columns`), once it has been reduced with others beside them."""
 
     @property
     def instants(self) -> int:

@@ -84,6 +84,8 @@ class Triangles:
     columns before the data speak."""
     solved: dict[int | None, object] = field(init=False, default_factory=dict, repr=False, compare=False)
     """Solutions with weights by the residuals, by the largest rank (`least_squares.reweighted`)."""
+    joint: dict[EstimationRow, Array] = field(init=False, default_factory=dict, repr=False, compare=False)
+    """Factors of all folds together, of the row groups of which they are known."""
 
     @property
     def width(self) -> int:
@@ -111,7 +113,7 @@ class Triangles:
         groups: dict[EstimationRow, list[Triangle]] = {}
         for triangle in self.items:
             groups.setdefault(triangle.row, []).append(triangle)
-        items = tuple(replace(merged_triangle(parts), fold=0) for parts in groups.values())
+        items = tuple(replace(merged_triangle(parts, self.joint.get(row)), fold=0) for row, parts in groups.items())
         return replace(self, items=items, folds=1)
 
     def stacked(self, weights: Mapping[EstimationRow, float], folds: Sequence[int] | None = None) -> Array:
@@ -134,12 +136,12 @@ class Triangles:
         return factor_of(np.concatenate(parts))
 
 
-def merged_triangle(parts: Sequence[Triangle]) -> Triangle:
-    """Return the triangle of several of one row group, which has the fold of the first."""
+def merged_triangle(parts: Sequence[Triangle], known: Array | None = None) -> Triangle:
+    """Return the triangle of several of one row group, which has the fold of the first; `known`: its factor."""
     first = parts[0]
     if len(parts) == 1:
         return first
-    factor = factor_of(np.concatenate([part.factor for part in parts]))
+    factor = factor_of(np.concatenate([part.factor for part in parts])) if known is None else known
     return replace(first, factor=factor, count=sum(p.count for p in parts), power=sum(p.power for p in parts))
 
 
@@ -191,12 +193,12 @@ def to_triangles(
     items = []
     of_folds: dict[int, list[NDArray[np.intp]]] = {}  # row groups of one joint share their marks
     for group in observation.groups:
-        index, parts = _parts(group, extras, observation.parameters)
+        index, parts = parts_of(group, extras, observation.parameters)
         if id(group.use) not in of_folds:
-            of_folds[id(group.use)] = _by_fold(group.use, fold, count)
+            of_folds[id(group.use)] = by_fold(group.use, fold, count)
         for number, use in enumerate(of_folds[id(group.use)]):
             if len(use):
-                factor, power = _factor(None, parts, use), _power(observation, group, use)
+                factor, power = _factor(None, parts, use), power_of(observation, group, use)
                 items.append(Triangle(group.row, number, index, factor, len(use), power))
     rows = tuple(group.row for group in observation.groups if group.count)
     found = Triangles(tuple(items), observation.parameters, sum(e.width for e in extras), count, rows)
@@ -226,11 +228,11 @@ def _grown(before: _Reduction, observation: Observation) -> _Reduction | None:
             continue
         if (old.use & ~group.use).any():
             return None
-        index, parts = _parts(group, before.extras, observation.parameters)
-        for number, use in enumerate(_by_fold(group.use & ~old.use, before.fold, before.triangles.folds)):
+        index, parts = parts_of(group, before.extras, observation.parameters)
+        for number, use in enumerate(by_fold(group.use & ~old.use, before.fold, before.triangles.folds)):
             item = known.get((group.row, number))
             if len(use):
-                factor, power = _factor(item.factor if item else None, parts, use), _power(observation, group, use)
+                factor, power = _factor(item.factor if item else None, parts, use), power_of(observation, group, use)
                 count = len(use) + (item.count if item else 0)
                 power += item.power if item else 0.0
                 item = Triangle(group.row, number, index, factor, count, power)
@@ -243,7 +245,7 @@ def _grown(before: _Reduction, observation: Observation) -> _Reduction | None:
     return replace(before, triangles=triangles, groups=observation.groups)
 
 
-def _by_fold(use: NDArray[np.bool_], fold: NDArray[np.intp], count: int) -> list[NDArray[np.intp]]:
+def by_fold(use: NDArray[np.bool_], fold: NDArray[np.intp], count: int) -> list[NDArray[np.intp]]:
     """Return the marked instants of every fold."""
     marked = np.flatnonzero(use)
     own = fold[marked]
@@ -252,7 +254,7 @@ def _by_fold(use: NDArray[np.bool_], fold: NDArray[np.intp], count: int) -> list
     return [marked[order[start:stop]] for start, stop in pairwise(bounds)]
 
 
-def _power(observation: Observation, group: RowGroup, use: NDArray[np.intp]) -> float:
+def power_of(observation: Observation, group: RowGroup, use: NDArray[np.intp]) -> float:
     """Return the sum of squares of the measured torque of a row group's instants."""
     torque = group.target if group.row.kind in ("load", "spring") else observation.tau[group.row.joint]
     return float(np.sum(torque[use] ** 2))
@@ -276,11 +278,11 @@ def _with_fewer(triangles: Triangles, given: Sequence[ExtraColumns], extras: Seq
 
 def full_columns(group: RowGroup, extras: Sequence[ExtraColumns], parameters: int) -> tuple[NDArray[np.intp], Array]:
     """Return (column numbers, columns (k, M)) of a row group with the extra columns that act on it."""
-    index, parts = _parts(group, extras, parameters)
+    index, parts = parts_of(group, extras, parameters)
     return index, np.concatenate(parts[:-1])
 
 
-def _parts(group: RowGroup, extras: Sequence[ExtraColumns], parameters: int) -> tuple[NDArray[np.intp], list[Array]]:
+def parts_of(group: RowGroup, extras: Sequence[ExtraColumns], parameters: int) -> tuple[NDArray[np.intp], list[Array]]:
     """Return (column numbers, arrays (k, M) of columns, the last that of the target)."""
     index, columns = [group.index], [group.columns]
     place = parameters
