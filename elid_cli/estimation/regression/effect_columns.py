@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,12 @@ from elid_cli._types import Array
 from elid_cli.estimation.regression.observation import Observation, pair
 from elid_cli.estimation.regression.own_columns import beside_own
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
+from elid_cli.memory import Recent
 from elid_cli.model.effects.declared import Declared, amplitude_prior
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
-from elid_cli.model.regressor import EstimationRow, Regressor
+from elid_cli.model.program import Program
+from elid_cli.model.regressor import EstimationRow, Regressor, inputs_of
 from elid_cli.robot.parameter import MOTOR_PARAMETERS, StandardParameter
 from elid_cli.signals.motion import Motion
 from elid_cli.signals.recording import Segment
@@ -27,6 +29,8 @@ AGREEING, AGREED = 12, 1e-5
 torque, below which they do: a round leaves as much of the error as friction follows the motor's torque."""
 _CHUNK = 16384
 """Samples whose full-rate regressor is held at a time."""
+_KEPT = 32_000_000
+"""Bytes of a motion's full-rate regressor that are kept for further parameters."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +70,9 @@ def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
         Standard parameters (p,), any representative of the base parameters; K of 0 or NaN counts as unknown.
     """
     robot = model.robot
-    motion = _joined(signals.motion, signals.segments)
-    predicted, link = _torques(model, motion, standard)
+    played = _played(signals, model.estimation.program.distinct[0])
+    motion = played.motion
+    predicted, link = _torques(model, played, standard)
     stiffness = np.full(robot.n, np.nan)
     load = link
     for k, joint in enumerate(robot.joints):
@@ -142,24 +147,51 @@ def _joined(motion: Motion, segments: Sequence[Segment]) -> Motion:
     return motion[index]
 
 
-def _torques(model: Regressor, motion: Motion, standard: Array) -> tuple[Array, Array]:
+def _torques(model: Regressor, played: _Played, standard: Array) -> tuple[Array, Array]:
     """Return predicted motor torque and the link's share of it (what passes the transmission), each (N, n)."""
-    plan = model.estimation
+    plan, n, motion = model.estimation, model.robot.n, played.motion
+    program, place = plan.program.distinct
     known = np.nan_to_num(standard)
-    predicted = np.zeros((motion.samples, model.robot.n))
-    own = np.zeros_like(predicted)
-    for start in range(0, motion.samples, _CHUNK):
-        part = slice(start, min(start + _CHUNK, motion.samples))
-        rows = model.rows(motion[part])
-        for item in plan.rows:
-            if item.row.kind != "sum":
-                continue
+    weights = np.zeros((2 * n, program.outputs))
+    for item in plan.rows:
+        if item.row.kind == "sum":
             k = item.row.joint
-            predicted[part, k] = known[item.columns] @ rows[item.row]
-            for position, column in enumerate(item.columns):
-                if model.names[column].joint == k and model.names[column].kind in MOTOR_PARAMETERS:
-                    own[part, k] += known[column] * rows[item.row][position]
-    return predicted, predicted - own
+            own = [model.names[c].joint == k and model.names[c].kind in MOTOR_PARAMETERS for c in item.columns]
+            np.add.at(weights[k], place[item.slots], known[item.columns])
+            np.add.at(weights[n + k], place[item.slots], np.where(own, 0.0, known[item.columns]))
+    torque = np.empty((motion.samples, 2 * n))
+    for start in range(0, motion.samples, _CHUNK):
+        part = slice(start, start + _CHUNK)
+        torque[part] = (weights @ (_run(program, motion[part]) if played.rows is None else played.rows)).T
+    return torque[:, :n], torque[:, n:].copy()
+
+
+class _Played(NamedTuple):
+    """The motion of all segments of a log, one after the other, and the rows of a program along it, (rows, N)."""
+
+    motion: Motion
+    rows: Array | None
+    """None where they are too large to be kept."""
+    of: tuple[Signals, Program]
+
+
+_PLAYED: Recent[_Played] = Recent(1)
+"""What was asked for last: a search asks for the torques of many parameters in one motion."""
+
+
+def _played(signals: Signals, program: Program) -> _Played:
+    def made() -> _Played:
+        motion = _joined(signals.motion, signals.segments)
+        kept = motion.samples <= _CHUNK and program.outputs * motion.samples * 8 <= _KEPT
+        return _Played(motion, _run(program, motion) if kept else None, (signals, program))
+
+    return _PLAYED.of((id(signals), id(program)), made)
+
+
+def _run(program: Program, motion: Motion) -> Array:
+    rows = np.empty((program.outputs, motion.samples))
+    program.run(inputs_of(motion, program), rows)
+    return rows
 
 
 def full_rate(effect: Effect, scene: Scene) -> dict[EstimationRow, Array]:
