@@ -8,7 +8,7 @@ import pytest
 
 from elid_cli.diagnosis.diagnose import divided
 from elid_cli.diagnosis.fit.state import fit, refreshed
-from elid_cli.diagnosis.search.screening import screen
+from elid_cli.diagnosis.search.screening import REFITTED, best_of, screen
 from elid_cli.diagnosis.search.side_by_side import can_fork, side_by_side
 from elid_cli.model.effects import effect_classes
 from elid_cli.signals.options import SignalOptions
@@ -64,3 +64,20 @@ def test_a_screening_is_the_same_bytes_for_any_number_of_jobs() -> None:
         found.append(repr(told))
         assert len(first) > len(names)
     assert found[0] == found[1] == found[2]
+
+
+def test_what_is_left_unjudged_is_not_among_the_best() -> None:
+    made = make(302, 2, rate=250.0)
+    log = recorded(made, log_of(made, laws_of("torque_ripple", made, 1)), db=90.0, counts=0.0, torque=0.002,
+                   colour=0.0, seed=1)  # fmt: skip
+    signals = prepare(log, made.robot, SignalOptions.for_diagnosis(250.0))
+    library = {name: kind for name, kind in effect_classes().items() if kind.searched and kind.nuisance != "offset"}
+    state = refreshed(fit(divided(made.robot, signals), ()))
+    every, (best, count) = screen(state, library), best_of(state, library)
+    assert count == len(every) > len(best)
+    assert all(c.net <= c.most for c in every)
+    known = {c.key for c in best}
+    assert all(c.net <= 0.0 for c in every if c.key not in known)
+    first = max(REFITTED, sum(c.net > 0.0 for c in every))
+    told = [[(c.key, c.effect.shape, c.net, dict(c.values)) for c in found[:first]] for found in (best, every)]
+    assert told[0] == told[1]

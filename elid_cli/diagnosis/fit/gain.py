@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.model.regressor import EstimationRow
 
 if TYPE_CHECKING:
     from elid_cli.diagnosis.fit.projection import Projected
@@ -34,14 +35,8 @@ class Unit:
     """What they are in the channels that they act on, (d, k) by number of the channel …"""
     shared: Array
     """… and in others the basis times the negative of this, (d, r)."""
-    live: NDArray[np.bool_]
-    """Which of all columns they are."""
-    size: Array
-    """Their sizes before they were scaled, (d,)."""
-    grams: Array
-    """Their Gram matrix in every channel, (channels, d, d) …"""
-    loads: Array
-    """… and their products with the residual, (channels, d)."""
+    solved: Array
+    """Their fitted coefficients, (d,)."""
 
 
 @dataclass(frozen=True)
@@ -56,15 +51,15 @@ class Gain:
     """Columns that were not already explained."""
     count: int
     """Whitened equations."""
-    source: tuple[Projected, Unit, Array] | None = field(repr=False)
-    """The problem, the columns and their coefficients there, from which the judgement is computed when asked …"""
+    source: tuple[Projected, Mapping[EstimationRow, Array]] | None = field(repr=False)
+    """The problem and the columns, from which the judgement is computed when asked …"""
     known: Judgement | None = None
-    """… or the judgement, so that the columns need not be kept."""
+    """… or the judgement."""
 
     @cached_property
     def _judgement(self) -> Judgement:
         if self.known is None and self.source is not None:
-            return self.source[0].judged([self.source[1:]])[0]
+            return self.source[0].judged([self.source[1]])[0]
         assert self.known is not None
         return self.known
 
@@ -95,12 +90,12 @@ class Gain:
 
 
 def settled(gains: Sequence[Gain]) -> list[Gain]:
-    """Return gains with everything computed, so that their columns need not be kept."""
+    """Return gains with everything computed, so that the problem need not be kept."""
     found = list(gains)
     for first in range(0, len(gains), JUDGED):
         todo = [(k, g.source) for k, g in enumerate(gains[first : first + JUDGED], first) if g.source is not None]
         if todo:
-            judgements = todo[0][1][0].judged([source[1:] for _, source in todo])
+            judgements = todo[0][1][0].judged([source[1] for _, source in todo])
             for (k, _), judgement in zip(todo, judgements, strict=True):
                 found[k] = replace(gains[k], source=None, known=judgement)
     return found

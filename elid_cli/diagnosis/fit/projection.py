@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +13,14 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.diagnosis.fit.gain import Gain, Judgement, Unit
 from elid_cli.diagnosis.fit.whitening import JointWhitener, stack
-from elid_cli.estimation.regression.least_squares import Solution
-from elid_cli.estimation.regression.observation import Observation
-from elid_cli.estimation.regression.triangles import ExtraColumns, full_columns
 from elid_cli.model.regressor import EstimationRow
 
 LAGS = 50
 """Lags over which the remaining correlation of the scores is summed."""
-AT_ONCE = 200_000
+AT_ONCE = 50_000
 """Values of columns that are whitened and projected at once."""
+SPANNED, WEAK = 1e-4, 1e-2
+"""Part of a column that the model does not span up to which it counts as spanned, and below which it is projected."""
 LEAST_SHARE = 0.02
 """Least share of equations that count as independent."""
 
@@ -103,34 +103,40 @@ class Projected:
             each = max(1, AT_ONCE // (width * self.instants))
             for first in range(0, len(numbers), each):
                 batch = numbers[first : first + each]
-                for number, unit in zip(batch, self._units([candidates[k] for k in batch]), strict=True):
-                    found[number] = None if unit is None else self._gain(unit)
+                for number, gain in zip(batch, self._gains([candidates[k] for k in batch]), strict=True):
+                    found[number] = gain
         return found
 
-    def _gain(self, unit: Unit) -> Gain:
-        solved, rank = _least_squares(unit.grams.sum(axis=0), unit.loads.sum(axis=0))
-        coefficients = np.zeros(len(unit.live))
-        coefficients[unit.live] = solved / unit.size
-        whole = 0.0
-        for number, channel in enumerate(self.channels):
-            power = self._powers[number]
-            left = power + float(solved @ (unit.grams[number] @ solved - 2.0 * unit.loads[number]))
-            if power > 0 and left > 0:
-                whole += 0.5 * (channel.stop - channel.start) * float(np.log(power / left))
-        return Gain(whole, coefficients, rank, self.count, (self, unit, solved))
+    def _gains(self, candidates: Sequence[Mapping[EstimationRow, Array]]) -> list[Gain | None]:
+        """Score candidates whose columns act in the same rows, with the same number of columns d."""
+        products = self._products(candidates)
+        if products is None:
+            return [None] * len(candidates)
+        solved, rank = _least_squares(products.grams.sum(axis=1), products.loads.sum(axis=1))
+        grown = np.einsum("ncde,ne->ncd", products.grams, solved) - 2.0 * products.loads
+        left = self._powers + np.einsum("ncd,nd->nc", grown, solved)
+        sizes = np.array([channel.stop - channel.start for channel in self.channels])
+        shown = (self._powers > 0) & (left > 0)
+        falls = np.log(np.where(shown, self._powers, 1.0) / np.where(shown, left, 1.0))
+        whole = 0.5 * falls @ sizes
+        coefficients = solved / products.size
+        return [
+            Gain(float(whole[k]), coefficients[k], int(rank[k]), self.count, (self, rows)) if rank[k] else None
+            for k, rows in enumerate(candidates)
+        ]
 
     def prepared(self) -> Projected:
         """Return the same with everything computed that all candidates need."""
         _ = self._grams, self._powers
         return self
 
-    def judged(self, units: Sequence[tuple[Unit, Array]]) -> list[Judgement]:
-        """Return the judgement on each of some columns with their fitted coefficients (d,)."""
+    def judged(self, candidates: Sequence[Mapping[EstimationRow, Array]]) -> list[Judgement]:
+        """Return the judgement on each candidate's columns, of which the model does not span all."""
+        units = [unit for rows in candidates for unit in [self._unit(rows)] if unit is not None]
         found = []
         # the basis is far larger than the columns: it is read once for all of them
-        everywhere = self._full([unit for unit, _ in units])
-        for full, (_, solved) in zip(everywhere, units, strict=True):
-            share = self._independent_share(full, self.residual - full @ solved)
+        for full, unit in zip(self._full(units), units, strict=True):
+            share = self._independent_share(full, self.residual - full @ unit.solved)
             found.append(Judgement(share, *self._cross_validated(full, self.stretches)))
         return found
 
@@ -140,16 +146,16 @@ class Projected:
         return self._independent_share(self.basis, self.residual)
 
     @cached_property
-    def _powers(self) -> list[float]:
-        """Square of the residual in each channel."""
-        return [float(self.residual[channel] @ self.residual[channel]) for channel in self.channels]
+    def _powers(self) -> Array:
+        """Square of the residual in each channel, (channels,)."""
+        return np.array([self.residual[channel] @ self.residual[channel] for channel in self.channels])
 
     def taken(self, rows: Mapping[EstimationRow, Array]) -> float:
         """Return the part of the squared residual that columns take, fold by fold predicted from the other folds.
 
         Counted are the joints that the rows belong to.
         """
-        unit = self._units([rows])[0] if rows else None
+        unit = self._unit(rows) if rows else None
         if unit is None:
             return 0.0
         places = self.touched(rows)
@@ -158,42 +164,71 @@ class Projected:
         gains, _ = self._cross_validated(self._full([unit])[0], own)
         return max(float(gains.sum()), 0.0) / max(squares, 1e-300)
 
-    def _units(self, candidates: Sequence[Mapping[EstimationRow, Array]]) -> list[Unit | None]:
-        """Return each candidate's columns of length one that the model does not span; None where it spans them all.
-
-        All candidates act in the same rows with the same number of columns d.
-        """
+    def _products(self, candidates: Sequence[Mapping[EstimationRow, Array]]) -> _Products | None:
+        """Return the products of columns that act in the same rows; None where the problem has none of these."""
         parts = self._whitened({row: np.concatenate([c[row] for c in candidates]) for row in candidates[0]})
         if not parts:
-            return [None] * len(candidates)
-        count, width = len(candidates), len(next(iter(candidates[0].values())))
+            return None
+        products = self._sums(parts, len(candidates), projected=False)
+        # what the model spans nearly all of is first projected itself: of its square too little is left
+        weak = np.flatnonzero((products.size < WEAK * products.before).any(axis=1))
+        if len(weak):
+            width = products.size.shape[1]
+            where = (weak[:, None] * width + np.arange(width)).ravel()
+            sums = self._sums({k: part[where] for k, part in parts.items()}, len(weak), projected=True)
+            for all_of, some in zip(products, sums, strict=True):
+                all_of[weak] = some
+        return products
+
+    def _sums(self, parts: dict[int, Array], count: int, *, projected: bool) -> _Products:
+        """Return products of whitened columns of `count` candidates; `projected`: the columns are projected first."""
 
         def apart(columns: Array) -> Array:
-            return columns.reshape(count, width, -1)
+            return columns.reshape(count, -1, columns.shape[1])
 
-        before = apart(np.sum([np.sum(part**2, axis=1) for part in parts.values()], axis=0))[:, :, 0]
-        shared: Array = np.sum([part @ self.basis[self.channels[k]] for k, part in parts.items()], axis=0)
-        grams = np.empty((count, len(self.channels), width, width))
-        loads = np.empty((count, len(self.channels), width))
+        spanned = {k: part @ self.basis[self.channels[k]] for k, part in parts.items()}
+        shared = np.sum(list(spanned.values()), axis=0)
+        width = len(shared) // count
+        before = np.sqrt(np.sum([np.einsum("dk,dk->d", part, part) for part in parts.values()], axis=0))
+        grams, loads = np.empty((count, len(self.channels), width, width)), np.empty((count, len(self.channels), width))
+        own = apart(shared)
+        if projected:
+            for k, part in parts.items():
+                part -= shared @ self.basis[self.channels[k]].T
         for k, channel in enumerate(self.channels):
-            if k in parts:
-                parts[k] -= shared @ self.basis[channel].T
-                one, other, load = apart(parts[k]), apart(parts[k]), apart(parts[k]) @ self.residual[channel]
-            else:
-                one, other, load = apart(shared @ self._grams[0][k]), apart(shared), -apart(shared) @ self._grams[1][k]
-            grams[:, k], loads[:, k] = one @ other.transpose(0, 2, 1), load
-        found: list[Unit | None] = []
-        for k in range(count):
-            size = np.sqrt(np.maximum(np.diag(grams[k].sum(axis=0)), 0.0))
-            live = size > 1e-4 * np.sqrt(before[k])
-            if not np.isfinite(before[k]).all() or not live.any():
-                found.append(None)
+            if k in parts and projected:
+                grams[:, k] = apart(parts[k]) @ apart(parts[k]).transpose(0, 2, 1)
+                loads[:, k] = apart(parts[k]) @ self.residual[channel]
                 continue
-            here, size = k * width + np.flatnonzero(live), size[live]
-            own = {number: part[here] / size[:, None] for number, part in parts.items()}
-            gram = grams[k][:, live][:, :, live] / np.outer(size, size)
-            found.append(Unit(own, shared[here] / size[:, None], live, size, gram, loads[k][:, live] / size))
-        return found
+            grams[:, k] = apart(shared @ self._grams[0][k]) @ own.transpose(0, 2, 1)
+            loads[:, k] = -own @ self._grams[1][k]
+            if k in parts:
+                crossed = apart(spanned[k]) @ own.transpose(0, 2, 1)
+                grams[:, k] += apart(parts[k]) @ apart(parts[k]).transpose(0, 2, 1)
+                grams[:, k] -= crossed + crossed.transpose(0, 2, 1)
+                loads[:, k] += apart(parts[k]) @ self.residual[channel]
+        size = np.sqrt(np.maximum(np.einsum("ncdd->nd", grams), 0.0))
+        before = before.reshape(count, width)
+        size = np.where(size > SPANNED * before, size, np.inf)  # what the model spans is left out
+        none = ~np.isfinite(before).all(axis=1)
+        size[none], grams[none], loads[none] = np.inf, 0.0, 0.0
+        scale = size[:, None, :]
+        unit = grams / (scale[..., None] * scale[:, :, None, :])
+        return _Products(before, size, unit, loads / scale, own)
+
+    def _unit(self, rows: Mapping[EstimationRow, Array]) -> Unit | None:
+        """Return columns of length one that the model does not span; None where it spans them all."""
+        parts = self._whitened(rows)
+        if not parts:
+            return None
+        sums = self._sums(parts, 1, projected=True)
+        live = np.isfinite(sums.size[0])
+        if not live.any():
+            return None
+        solved, _ = _least_squares(sums.grams.sum(axis=1), sums.loads.sum(axis=1))
+        size = sums.size[0][live][:, None]
+        own = {k: part[live] / size for k, part in parts.items()}
+        return Unit(own, sums.shared[0][live] / size, solved[0][live])
 
     def _full(self, units: Sequence[Unit]) -> list[Array]:
         """Return unit columns in all equations, (K, d) each."""
@@ -244,88 +279,34 @@ class Projected:
             own_gram[item.fold] += part.T @ part
             own_load[item.fold] += part.T @ self.residual[item.slice]
         gains = np.zeros(self.folds)
-        for f in range(self.folds):
-            left, _ = _least_squares(gram.sum(axis=0) - gram[f], load.sum(axis=0) - load[f])
+        lefts, _ = _least_squares(gram.sum(axis=0) - gram, load.sum(axis=0) - load)
+        for f, left in enumerate(lefts):
             gains[f] = 2 * left @ own_load[f] - left @ own_gram[f] @ left
         power = np.trace(gram, axis1=1, axis2=2)
         return gains, power / max(float(power.sum()), 1e-300)
 
 
-def _least_squares(gram: Array, load: Array) -> tuple[Array, int]:
-    """Solve normal equations of a few unit columns, leaving out directions they hardly span."""
-    values, vectors = np.linalg.eigh(gram)
-    live = values > 1e-10 * max(float(values[-1]), 1e-300)
-    solution: Array = vectors[:, live] @ ((vectors[:, live].T @ load) / values[live])
-    return solution, int(live.sum())
+class _Products(NamedTuple):
+    """What the scores of several candidates are computed from."""
+
+    before: Array
+    """Sizes of their whitened columns, (n, d) …"""
+    size: Array
+    """… and of what the model does not span of them, (n, d); infinite where it spans them."""
+    grams: Array
+    """Gram matrices of that in every channel, scaled to length one, (n, channels, d, d) …"""
+    loads: Array
+    """… and its products with the residual, (n, channels, d)."""
+    shared: Array
+    """Products of the whitened columns with the basis, (n, d, r)."""
 
 
-def project(
-    observation: Observation,
-    extras: Sequence[ExtraColumns],
-    solution: Solution,
-    joints: tuple[JointWhitener, ...],
-    fold: NDArray[np.intp],
-    folds: int,
-) -> Projected:
-    """Whiten the present model's equations and project the residual.
+def _least_squares(gram: Array, load: Array) -> tuple[Array, NDArray[np.intp]]:
+    """Solve normal equations (…, d, d) of a few unit columns, leaving out directions they hardly span.
 
-    Parameters
-    ----------
-    observation, extras, solution
-        The present model and its fit.
-    joints
-        Whiteners of the joints.
-    fold
-        Fold of each instant, (M,); -1 for instants that the search must not see.
-    folds
-        Number of folds.
+    Returns the solutions (…, d) and the number of directions.
     """
-    instants = observation.instants
-    columns_of = {
-        group.row: _dense(group.row, observation, extras, solution) for group in observation.groups if group.count
-    }
-    parts, targets, places, kept, adapted = [], [], [], [], []
-    stretches: list[Stretch] = []
-    first = 0
-    channels = 0
-    for whitener in joints:
-        r = len(whitener.rows)
-        seen = whitener.use & (fold >= 0)
-        series = np.array([columns_of[row] for row in whitener.rows])
-        whitener = whitener.mixed_by(series[:, -1:], seen)
-        adapted.append(whitener)
-        instant = np.flatnonzero(seen)
-        instant = instant[np.argsort(fold[instant], kind="stable")]
-        white = whitener.apply(series)[:, :, instant].transpose(0, 2, 1).reshape(r * len(instant), -1)
-        parts.append(white[:, :-1])
-        targets.append(white[:, -1])
-        kept.append(instant)
-        places.append(slice(first, first + len(white)))
-        edges = np.searchsorted(fold[instant], np.arange(folds + 1))
-        for k in range(r):
-            start = first + k * len(instant)
-            stretches += [
-                Stretch(channels + k, f, slice(start + int(edges[f]), start + int(edges[f + 1]))) for f in range(folds)
-            ]
-        first += len(white)
-        channels += r
-    columns, target = np.concatenate(parts), np.concatenate(targets)
-    norms = np.linalg.norm(columns, axis=0)
-    columns = columns[:, norms > 0] / norms[norms > 0]
-    basis, triangle = np.linalg.qr(columns)
-    basis = basis[:, np.abs(np.diag(triangle)) > 1e-9]
-    target = target - basis @ (basis.T @ target)
-    return Projected(tuple(adapted), tuple(kept), tuple(places), basis, target, tuple(stretches), folds, instants)
-
-
-def _dense(row: EstimationRow, observation: Observation, extras: Sequence[ExtraColumns], solution: Solution) -> Array:
-    """Return the basis columns and, last, the residual of a row group, (r + 1, M)."""
-    group = observation.group(row)
-    index, columns = full_columns(group, extras, observation.parameters)
-    place = {int(column): k for k, column in enumerate(solution.basis)}
-    dense = np.zeros((len(solution.basis) + 1, observation.instants))
-    for k, column in enumerate(index):
-        if int(column) in place:
-            dense[place[int(column)]] = columns[k]
-    dense[-1] = group.target - solution.values[index] @ columns
-    return dense
+    values, vectors = np.linalg.eigh(gram)
+    live = values > 1e-10 * np.maximum(values[..., -1:], 1e-300)
+    turned = np.einsum("...de,...d->...e", vectors, load) / np.where(live, values, np.inf)
+    return np.einsum("...de,...e->...d", vectors, turned), live.sum(axis=-1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.diagnosis.fit.channels import Fault, unknowns_of_channels, without_idle_offsets
 from elid_cli.diagnosis.fit.divided_log import Log
-from elid_cli.diagnosis.fit.projection import Projected, project
+from elid_cli.diagnosis.fit.projection import Projected
+from elid_cli.diagnosis.fit.whitened import project
 from elid_cli.diagnosis.fit.whitening import whiteners
 from elid_cli.estimation.data import Solved, sum_row
 from elid_cli.estimation.default_fit import solve_with
@@ -64,6 +65,8 @@ class State:
     """Covariance of the solution's basis where another estimator found the values, (r, r)."""
     but: frozenset[Fault] = frozenset()
     """Faults of torque channels that the model is taken not to have."""
+    lacking: dict[int, State] = field(init=False, default_factory=dict, repr=False, compare=False)
+    """The model fitted without an effect, by its number, as asked for last (`without`)."""
 
     @property
     def extras(self) -> tuple[ExtraColumns, ...]:
@@ -309,6 +312,13 @@ def without(state: State, number: int) -> State:
 
     A fault of a torque channel that is named as an effect does not come back as one that every fit estimates along.
     """
+    if number not in state.lacking:
+        state.lacking.clear()  # what is asked of one effect is asked one after the other
+        state.lacking[number] = _without(state, number)
+    return state.lacking[number]
+
+
+def _without(state: State, number: int) -> State:
     effect = state.effects[number]
     log = state.log
     if effect.corrects is not None:

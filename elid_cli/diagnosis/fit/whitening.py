@@ -62,11 +62,12 @@ class JointWhitener:
     def apply(self, series: Array) -> Array:
         """Return whitened series, (r, d, M) to (r, d, M); instants outside `use` are zero."""
         clean = np.nan_to_num(series)
-        result = clean.copy()
-        for lag in range(1, len(self.lags) + 1):
-            result[:, :, lag:] -= np.einsum("ab,bdm->adm", self.lags[lag - 1], clean[:, :, :-lag])
-        mixed: Array = np.einsum("ab,bdm->adm", self.mix, result)
-        return mixed * self.use
+        flat = clean.reshape(len(self.rows), -1)
+        mixed: Array = (self.mix @ flat).reshape(clean.shape)
+        for number, taps in enumerate(self.mix @ self.lags, 1):
+            mixed[:, :, number:] -= (taps @ flat).reshape(clean.shape)[:, :, :-number]
+        mixed *= self.use
+        return mixed
 
 
 def whiteners(observation: Observation, floor: Floor) -> tuple[JointWhitener, ...]:

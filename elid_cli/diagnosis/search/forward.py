@@ -18,7 +18,7 @@ from elid_cli.diagnosis.search.encoders_first import (
     seen_again,
     seen_in_positions,
 )
-from elid_cli.diagnosis.search.screening import Candidate, score, screen, sensible
+from elid_cli.diagnosis.search.screening import Candidate, best_of, score, sensible
 from elid_cli.diagnosis.search.steps import Found, Step
 from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.triangles import ExtraColumns
@@ -87,9 +87,8 @@ def search(
     try:
         for number in range(STEPS):
             if state is not screened:  # one that was refused leaves all as it was
-                candidates = screen(state, library, progress, f"search {number + 1}", jobs)
-                screened = state
-            tried = max(tried, len(candidates))
+                candidates, count = best_of(state, library, progress, f"search {number + 1}", jobs)
+                screened, tried = state, max(tried, count)
             chosen = _choose(state, [c for c in candidates if c.net > AGAIN * refused.get(c.key, -np.inf)])
             remaining = candidates
             if chosen is None:

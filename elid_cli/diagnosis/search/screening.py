@@ -9,6 +9,7 @@ import numpy as np
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.fit.gain import JUDGED, Gain, settled
+from elid_cli.diagnosis.fit.projection import LEAST_SHARE
 from elid_cli.diagnosis.fit.state import State, fit
 from elid_cli.diagnosis.search.side_by_side import side_by_side
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of
@@ -71,6 +72,12 @@ class Candidate:
         """Gain in log-likelihood minus the price of its parameters and of the search."""
         return self.gain.likelihood - self.price
 
+    @property
+    def most(self) -> float:
+        """The most that `net` can be, whatever share of the equations is independent: in it, it is convex."""
+        shares = (LEAST_SHARE, 1.0)
+        return max(self.gain.whole * share - self._price(self.gain.count * share) for share in shares)
+
     def merit(self, share: float) -> float:
         """Net gain with `share` of the instants counted: candidates for one residual are compared at the same share.
 
@@ -101,14 +108,24 @@ def validated(gain: Gain) -> bool:
 
 
 def screen(
+    state: State, library: Mapping[str, type[Effect]], jobs: int = 1, joints: Container[int] | None = None
+) -> list[Candidate]:
+    """Return one candidate per effect and joint, best first (`best_of`)."""
+    return best_of(state, library, jobs=jobs, joints=joints, least=-np.inf)[0]
+
+
+def best_of(
     state: State,
     library: Mapping[str, type[Effect]],
     progress: Progress | None = None,
     label: str = "screening",
     jobs: int = 1,
     joints: Container[int] | None = None,
-) -> list[Candidate]:
-    """Return one candidate per effect and joint, best first.
+    least: float = 0.0,
+) -> tuple[list[Candidate], int]:
+    """Return the candidates, one per effect and joint, that may gain more than `least`, best first, and their number.
+
+    The number is that of all; the best `REFITTED` are returned whatever they gain.
 
     Parameters
     ----------
@@ -124,6 +141,8 @@ def screen(
         Processes that try effects side by side; the result is the same for any number.
     joints
         Joints at which effects are tried, besides those of the whole robot; None: all.
+    least
+        Net gain.
     """
     groups = [
         (kind, joint)
@@ -133,7 +152,7 @@ def screen(
     known = state.log.columns
     parts = [groups[first : first + JUDGED] for first in range(0, len(groups), JUDGED)]
     if not groups:
-        return []
+        return [], 0
     state.projected.prepared()  # what all parts share must be there before they part
 
     def tried(number: int) -> tuple[list[Candidate], Fresh]:
@@ -143,26 +162,38 @@ def screen(
             progress(f"{label}, {kind.name.replace('_', ' ')} at {name}", number / len(parts))
         with known.fresh() as fresh:
             best = [_best_shape(state, kind, joint, len(groups)) for kind, joint in parts[number]]
-            return _settled([candidate for candidate in best if candidate is not None]), fresh
+            return [replace(c, gain=replace(c.gain, source=None)) for c in best if c is not None], fresh
 
-    found: list[Candidate] = []
+    waiting: list[Candidate] = []
     for candidates, fresh in side_by_side(tried, len(parts), jobs):
         known.learn(fresh)
-        found += candidates
-    found.sort(key=lambda c: -c.net)
+        waiting += [replace(c, gain=replace(c.gain, source=(state.projected, c.columns.rows))) for c in candidates]
+    count = len(waiting)
+    waiting.sort(key=lambda c: c.most)
+    found = _judged([], waiting, least)
     best = found[:REFINED]
-    shaped = side_by_side(
+    found[:REFINED] = side_by_side(
         lambda k: refine(state, best[k], len(groups)) if best[k].effect.shape else best[k], len(best), jobs
     )
-    found[:REFINED] = shaped
-    found.sort(key=lambda c: -c.net)
+    found = _judged(found, waiting, least)
     high = found[:REFITTED]
     found[:REFITTED] = side_by_side(
         lambda k: refitted(state, high[k]) if high[k].effect.place in ("spring", "encoder") else high[k],
         len(high),
         jobs,
     )
-    return found
+    return found, count
+
+
+def _judged(found: list[Candidate], waiting: list[Candidate], least: float) -> list[Candidate]:
+    """Return candidates by their net gain, with those that wait, most last, as far as they may be among the best."""
+    while waiting:
+        most = waiting[-1].most
+        if most <= least and sum(c.net >= most for c in found) >= REFITTED:
+            break
+        found = [*found, *_settled(waiting[-JUDGED:])]
+        del waiting[-JUDGED:]
+    return sorted(found, key=lambda c: -c.net)
 
 
 def refitted(state: State, candidate: Candidate) -> Candidate:
