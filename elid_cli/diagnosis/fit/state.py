@@ -24,6 +24,7 @@ from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stretches import STRETCHES
 from elid_cli.estimation.validation.cross_validation import all_others, left_out
 from elid_cli.estimation.validation.noise_floor import Floor
+from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects.declared import Declared
 from elid_cli.model.effects.effect import Effect, Nuisance
 from elid_cli.model.effects.kinds import CurveEffect
@@ -182,13 +183,14 @@ class State:
             if value < 0 and name.kind in POSITIVE and self.log.base.classes[name] == "independent"
         )
 
-    @property
-    def base_values(self) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Base parameters, their standard errors, and which of them the data determine, (b,) each."""
-        log = self.log
-        fit = Solved(log.base, log.data, self.extras, None, self.triangles, self.solution)
+    def base_values(self, base: BaseParameters) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Return base parameters, their standard errors, and which of them the data determine, (b,) each.
+
+        `base` may be that of another state: where a tilted base is found, gravity has shown more of them.
+        """
+        fit = Solved(base, self.log.data, self.extras, None, self.triangles, self.solution)
         return (
-            log.base.transform @ self.standard,
+            base.transform @ self.standard,
             fit.deviations(self.covariance),
             self.solution.estimable(fit.transform),
         )

@@ -54,7 +54,7 @@ def distance(state: State) -> float | None:
     """Return the median relative distance of well-known base parameters from the file's values; None: too few given."""
     log = state.log
     given = log.base.values(log.model.robot.reference())
-    estimate, deviation, determined = state.base_values
+    estimate, deviation, determined = state.base_values(state.log.base)
     known = determined & np.isfinite(given) & (np.abs(estimate) > SURE * deviation)
     known &= np.abs(given) > 0
     if np.count_nonzero(known) < FEWEST:
