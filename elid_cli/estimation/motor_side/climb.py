@@ -11,6 +11,7 @@ prior on the rotors grows with the misfit.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.motor_side.link_side import LinkTerms
 from elid_cli.estimation.motor_side.motor_log import MotorLog
 from elid_cli.estimation.motor_side.operators import KnotSpline, filtered
-from elid_cli.estimation.motor_side.rungs import FIRST_RUNG, RATIO, ClimbEnd, highest, met, rungs
+from elid_cli.estimation.motor_side.rungs import FIRST_RUNG, ClimbEnd, highest, met, rungs
 from elid_cli.estimation.motor_side.unknowns import (
     DAMPING_SPREAD,
     DELAY_SPREAD,
@@ -298,23 +299,19 @@ class Climb:
         self.tops.append(trace[-1])
         return highest(trace)
 
-    def ends(self) -> list[ClimbEnd]:
-        """Return the distinct ends of climbs from rigid and soft joints, and at the robot file's K, the best first."""
-        found = []
+    def ends(self) -> Iterator[ClimbEnd]:
+        """Yield distinct ends of climbs from rigid and soft joints and at the robot file's K, each when it is asked for."""
+        found: list[ClimbEnd] = []
         told = self.link.told_compliance
         for locked, known in ((None, None), (SOFT_START, None), *([] if told is None else [(None, told)])):
             try:
                 end = self.ascend(locked, known)
             except (np.linalg.LinAlgError, ValueError):
                 continue
-            if np.all(np.isfinite(end.x)):
+            apart = all(self.unknowns.apart(end.x, other.x) > _SAME for other in found)
+            if np.all(np.isfinite(end.x)) and apart:
                 found.append(end)
-        found.sort(key=lambda end: (-round(np.log(end.top) / np.log(RATIO)), end.cost))
-        kept: list[ClimbEnd] = []
-        for end in found:
-            if all(self.unknowns.apart(end.x, other.x) > _SAME for other in kept):
-                kept.append(end)
-        return kept
+                yield end
 
     def motion(self, end: ClimbEnd, t: Array) -> Array:
         """Return the links' positions that an end means at instants t (M,), (M, n)."""

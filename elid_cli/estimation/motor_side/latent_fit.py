@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.banded import BandedFactor
 from elid_cli.estimation.motor_side.by_motion import ByMotion
+from elid_cli.estimation.motor_side.iteration import Iteration
 from elid_cli.estimation.motor_side.latent import PARTS, Latent, Model
 from elid_cli.estimation.motor_side.pieces import Pieces
 
@@ -23,10 +24,6 @@ SHARES = (1.0, 0.3, 0.1)
 """Shares of a step that are tried: friction's kinks, which move with the path, make a whole one too long."""
 _BLOCKS = 20
 """Blocks of time whose scores tell of correlated residuals."""
-_FAR, _FAR_FALL = 10.0, 0.3
-"""Costs beyond this many times the one asked about, falling by less than that share, will not come down to it."""
-_HOPELESS = 100.0
-"""Steps as large as the last one that a fit would need to come down to it, from which on it is not waited for."""
 _SETTLED = 0.1
 """Move of every compliance, in standard errors, below which iteration may end."""
 
@@ -126,33 +123,6 @@ class LatentFit:
         return whole
 
 
-@dataclass(frozen=True)
-class Iteration:
-    """How a fit iterates."""
-
-    steps: int = 12
-    tolerance: float = 1e-3
-    robust: bool = True
-    settle: bool = False
-    """Whether it goes on until the compliances have settled."""
-    near: float = 0.0
-    """Move of a compliance, share of it, that counts as settled in any case."""
-    least: int = 2
-    """Fewest steps."""
-    low: float = 0.0
-    """Cost that is low enough to end."""
-    high: float = np.inf
-    """Cost that is asked about: far above it, and falling slowly, no more is to be learnt."""
-    above: float = np.inf
-    """Cost clearly above it: nothing more is to be learnt where two steps in a row foresee more."""
-
-    def decided(self, cost: float, fall: float, foreseen: float) -> bool:
-        """Return whether a cost that fell by a share of it, to at least what is foreseen, answers what was asked."""
-        above = cost > _FAR * self.high and fall < _FAR_FALL
-        hopeless = (cost - self.high) * (1 - fall) > _HOPELESS * cost * fall
-        return cost < self.low or above or hopeless or foreseen > self.above
-
-
 def fit(
     problem: Latent, x: Array, coefficients: Array, free: NDArray[np.bool_], how: Iteration | None = None
 ) -> LatentFit:
@@ -208,8 +178,9 @@ class _Descent:
         theta, tau, now = problem.residual(coefficients, x)
         weight = self._weight(tau)
         cost, taken = self._cost(theta, tau, weight, x), 0
-        foreseen = before = cost
-        for number in range(self.how.steps):
+        foreseen: list[float] = []
+        costs = [cost]
+        for _ in range(self.how.steps):
             root = np.sqrt(weight)
             rows = _Rows(problem, now, x, (theta, tau), root, self.free)
             normal = _Normal(rows, self.pull[self.free], (x - problem.prior_mean)[self.free])
@@ -217,24 +188,22 @@ class _Descent:
             if step is None:
                 break
             there, trial, after, lower = step.coefficients, step.x, step.residual, step.cost
-            before, foreseen = foreseen, step.foreseen
+            foreseen.append(step.foreseen)
             fall, taken = (cost - lower) / cost, taken + 1
             coefficients, x, (theta, tau, now) = there, trial, after
             weight = self._weight(tau)
             cost = self._cost(theta, tau, weight, x)
-            if number + 1 < self.how.least:
-                continue
-            if self.how.decided(cost, fall, min(before, foreseen)):
-                break
-            if fall < self.how.tolerance and (not self.how.settle or self._settled(step)):
+            costs.append(cost)
+            slow = taken >= self.how.least and fall < self.how.tolerance
+            if self.how.decided(cost, fall, foreseen) or (slow and (self._settled(step) or self.how.creeps(costs))):
                 break
         undamped = normal.eliminated(0.0)
         if undamped is None:
             raise np.linalg.LinAlgError("singular")
         freedom = theta.size + tau.size - coefficients.size - len(self.free)
         return LatentFit(
-            problem, x, coefficients, now, cost, min(foreseen, cost), freedom, (theta, tau), self.free, taken, root,
-            undamped,
+            problem, x, coefficients, now, cost, min([*foreseen[-1:], cost]), freedom, (theta, tau), self.free, taken,
+            root, undamped,
         )  # fmt: skip
 
     def _stepped(self, normal: _Normal, coefficients: Array, x: Array, weight: Array, cost: float) -> _Step | None:
@@ -261,6 +230,8 @@ class _Descent:
         return None
 
     def _settled(self, step: _Step) -> bool:
+        if not self.how.settle:
+            return True
         deviation = step.schur.scale * np.sqrt(np.abs(np.diag(np.linalg.pinv(step.unit, hermitian=True))))
         c = np.isin(self.free, self.problem.unknowns["c"])
         enough = np.maximum(_SETTLED * deviation[c], self.how.near * np.abs(step.x[self.free[c]]))

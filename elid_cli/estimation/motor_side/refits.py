@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.gyros import watched
+from elid_cli.estimation.motor_side.iteration import Iteration
 from elid_cli.estimation.motor_side.latent import Friction, Latent
-from elid_cli.estimation.motor_side.latent_fit import Iteration, LatentFit, fit
+from elid_cli.estimation.motor_side.latent_fit import LatentFit, fit
 from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples
 from elid_cli.estimation.motor_side.search import FLOORS, LOST_SHARE, MISFIT, Search
 from elid_cli.estimation.motor_side.unknowns import Unknowns
@@ -223,7 +224,7 @@ def friction_width(found: Search) -> Array:
         samples = replace(setting.samples, width=factor * setting.samples.width)
         log = MotorLog(samples, 2 / setting.spacing)
         log.theta_noise, log.tau_noise = found.best.problem.log.theta_noise, found.best.problem.log.tau_noise
-        moves.append(np.abs(refits.move(refits.fitted(log))))
+        moves.append(np.abs(refits.move(refits.fitted(log, how=ROUGHLY))))
     return np.asarray(np.max(moves, axis=0))
 
 

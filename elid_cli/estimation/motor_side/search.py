@@ -15,7 +15,8 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.climb import Climb
-from elid_cli.estimation.motor_side.latent_fit import Iteration, LatentFit, fit
+from elid_cli.estimation.motor_side.iteration import Iteration
+from elid_cli.estimation.motor_side.latent_fit import LatentFit, fit
 from elid_cli.estimation.motor_side.motor_log import MotorLog
 from elid_cli.estimation.motor_side.rungs import FIRST_RUNG, RATIO, ClimbEnd
 from elid_cli.estimation.motor_side.setting import Setting
@@ -38,8 +39,10 @@ EXPLAINED = 1.1
 their true unknowns 0.5 to 1.0."""
 _STRIBECK_FROM, _LOST_FROM, _CORNERED, UNFIT = 1.1, 1.1, 2.5, 2.0
 """Misfits from which on are tried: Stribeck's columns, lost motion, all from the start; that of a fit far off."""
-_OTHER_CLIMBS = ((True, 16.0), (False, None))
+_OTHER_CLIMBS = ((True, 16.0), (False, None), (False, 8.0))
 """Further climbs where no start leads to noise: whether with load friction, from which locked frequency, Hz."""
+_PATIENCE = 15
+"""Further steps with the coarsest floor from starts that were still on their way, where no start leads to noise."""
 _SETTLING = Iteration(settle=True, least=3)
 FURTHER, FALL, _RUNS = Iteration(20, 1e-4, least=1), 0.001, 4
 """How the best end is gone on from, the fall of its cost, share of it, that ends it, and the most times: a fit that
@@ -63,7 +66,6 @@ MISFIT = 3.0
 """Most cost per degree of freedom of a model that is believed."""
 _SAME_COST, _SAME_PLACE, _ELSEWHERE = 1e-3, 0.003, 0.03
 """Share of the cost, and logarithm of the compliances, within which two ends are one; the latter for starts."""
-_ENDS = 3
 _CLIMB_RATE = 16.0
 """Sample rate of the climb over the end of the band."""
 
@@ -96,12 +98,19 @@ def search(setting: Setting) -> Search:
     climb_log = MotorLog(setting.samples, _CLIMB_RATE * setting.band)
     climb = Climb(climb_log, setting.unknowns, setting.rotors, setting.band)
     fits = _Fits(setting, climb)
-    for start in [start for start in climb.ends() if not _lost(start)][:_ENDS]:
-        fits.look_at(start)
-    fits.go_on()
-    for start in _others(fits):
+    lost = True
+    for start in climb.ends():
+        if not _lost(start):
+            lost = False
+            fits.look_at(start)
+            fits.go_on()
+            if fits.told:
+                break
+    fits.be_patient()
+    for start in _others(fits, lost):
         fits.look_at(start)
         fits.go_on()
+        fits.be_patient()
     fits.take_the_best()
     if not fits.ends:
         raise np.linalg.LinAlgError("no start leads to a fit")
@@ -122,12 +131,17 @@ def _lost(start: ClimbEnd) -> bool:
     return start.cost > (LOST_AT_ONCE if start.top < RATIO * FIRST_RUNG else LOST)
 
 
-def _others(fits: _Fits) -> Iterator[ClimbEnd]:
-    """Yield starts as long as none led to noise: a climb's last rung, ends of other climbs."""
+def _others(fits: _Fits, lost: bool) -> Iterator[ClimbEnd]:
+    """Yield starts as long as none led to noise: a climb's last rung, ends of other climbs.
+
+    Where all climbs so far are lost and the last rung comes near nothing, either, the equations fail: no other climb.
+    """
     climb, apart = fits.climb, fits.setting.unknowns.apart
     starts = [start.end for start in fits.seen]
     if not fits.explained:
         yield from (top for top in climb.tops[:1] if all(top is not start for start in starts))
+    if lost and not any(start.coarsest.chi <= UNFIT for start in fits.seen):
+        return
     for load, locked in _OTHER_CLIMBS:
         if fits.explained or not fits.seen:
             return
@@ -161,6 +175,11 @@ class _Fits:
         """Whether an end leaves the sensors' noise alone."""
         return any(end.chi <= EXPLAINED for end in self.ends)
 
+    @property
+    def told(self) -> bool:
+        """Whether an end leaves the sensors' noise alone and tells every compliance: no other start says more."""
+        return any(end.chi <= EXPLAINED and _close(end) for end in self.ends)
+
     def look_at(self, start: ClimbEnd) -> None:
         """Fit from a start with the coarsest floor."""
         with suppress(np.linalg.LinAlgError, ValueError):
@@ -172,10 +191,17 @@ class _Fits:
     def go_on(self) -> None:
         """Fit from the starts that leave noise with the coarsest floor, the best first, until one tells everything."""
         for columns in sorted(self._waiting, key=lambda start: start.coarsest.cost):
-            told = any(end.chi <= EXPLAINED and _close(end) for end in self.ends)
-            if columns.coarsest.chi <= EXPLAINED and not told:
+            if columns.coarsest.chi <= EXPLAINED and not self.told:
                 self._waiting.remove(columns)
                 self._add(columns)
+
+    def be_patient(self) -> None:
+        """Fit on from starts that had not arrived, the best first, where none led to noise."""
+        for columns in sorted(self._waiting, key=lambda start: start.coarsest.cost):
+            if not self.explained and columns.on_the_way:
+                with suppress(np.linalg.LinAlgError, ValueError):
+                    columns.go_further()
+                    self.go_on()
 
     def take_the_best(self) -> None:
         """Fit from the best start where none led anywhere: what refuses wants its figures, too."""
@@ -226,6 +252,16 @@ class _Columns:
         return self.level(
             ("load",), self.x, self.coefficients, (COARSEST,), asked=replace(_SETTLING, above=UNFIT * self.freedom)
         )
+
+    @property
+    def on_the_way(self) -> bool:
+        """Whether the coarsest floor's fit ran out of steps where it had come near to fitting."""
+        return self.coarsest.steps == COARSEST[1] and EXPLAINED < self.coarsest.chi <= UNFIT
+
+    def go_further(self) -> None:
+        """Go on from where the coarsest floor's fit stopped."""
+        first = self.coarsest
+        self.coarsest = self.level(("load",), first.x, first.coefficients, ((COARSEST[0], _PATIENCE),))
 
     def _motion_first(self, x: Array, q: Array) -> LatentFit:
         """Return the start with the links' motion fitted and the parameters held: else the fit leaves a good start."""
