@@ -22,6 +22,9 @@ SURE = 5.0
 """Compliance over its standard error, at least; the standard error over the compliance, at most: `CLOSE`."""
 NEGATIVE = 3.0
 """Standard errors beyond which a compliance below zero is impossible, as for all parameters (`validation.verdicts`)."""
+QUIET_GAIN = 1.5
+"""The same as `GAIN` where the fit leaves the sensors' noise alone: no rigid joint leaves half as much again by chance,
+and what a compliance could imitate would leave more than noise itself."""
 LOWEST = 0.98
 """Least cost of any rigid joint over the cost; of the joint itself: `GAIN`."""
 MOVE, HALVES = 0.03, 0.05
@@ -95,7 +98,7 @@ def _seen(told: Figures, i: int) -> list[str]:
         "close": error <= CLOSE * c,
         "band": told.watched[i] or told.band[i] >= REACH * told.antiresonance[i],
         "misfit": told.chi <= MISFIT,
-        "gain": told.gain[i] >= GAIN,
+        "gain": told.gain[i] >= (QUIET_GAIN if told.chi <= EXPLAINED else GAIN),
         "settled": told.fall < FALL or (told.fall < CREEPS and told.moved[i] < STILL * MOVE),
         "lowest": told.gain.min() > LOWEST,
     }
