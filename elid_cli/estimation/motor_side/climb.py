@@ -300,7 +300,7 @@ class Climb:
         return highest(trace)
 
     def ends(self) -> Iterator[ClimbEnd]:
-        """Yield distinct ends of climbs from rigid and soft joints and at the robot file's K, each when it is asked for."""
+        """Yield distinct ends of climbs from rigid and soft joints and from the robot file's K, as asked for."""
         found: list[ClimbEnd] = []
         told = self.link.told_compliance
         for locked, known in ((None, None), (SOFT_START, None), *([] if told is None else [(None, told)])):
