@@ -132,10 +132,7 @@ def _lost(start: ClimbEnd) -> bool:
 
 
 def _others(fits: _Fits, lost: bool) -> Iterator[ClimbEnd]:
-    """Yield starts as long as none led to noise: a climb's last rung, ends of other climbs.
-
-    Where all climbs so far are lost and the last rung comes near nothing, either, the equations fail: no other climb.
-    """
+    """Yield starts while none led to noise: a climb's last rung and, unless all are lost, ends of other climbs."""
     climb, apart = fits.climb, fits.setting.unknowns.apart
     starts = [start.end for start in fits.seen]
     if not fits.explained:
