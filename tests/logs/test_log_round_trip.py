@@ -128,6 +128,16 @@ def test_a_gyroscope_is_mapped_to_the_link_that_carries_it(tmp_path: Path, unit:
     assert got.gyro["gyro_z"][:, 1] == pytest.approx(factor * rates["gyro_z"][:, 0])
 
 
+def test_a_gyroscope_without_one_axis_is_dropped_and_said(tmp_path: Path) -> None:
+    base = recording()
+    axes = {axis: np.where(np.arange(3) == 1, base.q, np.nan) for axis in GYRO}
+    whole = np.where(np.arange(3) < 2, base.q, np.nan)
+    got = read(written(tmp_path, "log.h5", like(base, gyro={**axes, "gyro_x": whole, "gyro_z": whole})))
+    assert got.turning.tolist() == [False, True, False]
+    assert np.isnan(got.gyro["gyro_x"][:, 0]).all()
+    assert got.warnings == (f"{JOINTS[0]}: no gyro_y: its gyroscope is not used, as an axis is missing",)
+
+
 def test_a_unit_that_no_gyroscope_has_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="unknown unit 'm/s'"):
         read_recording([written(tmp_path, "log.csv")], ROBOT, {"gyro_x": {"from": "gyro_x.{joint}", "unit": "m/s"}})

@@ -184,16 +184,9 @@ class State:
         )
 
     def base_values(self, base: BaseParameters) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return base parameters, their standard errors, and which of them the data determine, (b,) each.
-
-        `base` may be that of another state: where a tilted base is found, gravity has shown more of them.
-        """
+        """Return base parameters, of this state or another, their standard errors, which are determined, (b,) each."""
         fit = Solved(base, self.log.data, self.extras, None, self.triangles, self.solution)
-        return (
-            base.transform @ self.standard,
-            fit.deviations(self.covariance),
-            self.solution.estimable(fit.transform),
-        )
+        return base.transform @ self.standard, fit.deviations(self.covariance), self.solution.estimable(fit.transform)
 
     def rms(self, row: EstimationRow) -> float:
         """Return the training residual rms of a row group, N·m."""

@@ -60,7 +60,7 @@ def gyros_of(robot: Robot, recording: Recording, moving: Sequence[int]) -> Gyros
     """
     joints, columns = [], []
     for k in np.flatnonzero(recording.turning).tolist():
-        carrying = [j for j in (*robot.ancestors[k], k) if j in moving]
+        carrying = [j for j in robot.ancestors[k] if j in moving]
         if carrying:
             joints.append(list(moving).index(carrying[-1]))
             columns += [recording.gyro[axis][:, k] for axis in GYRO]

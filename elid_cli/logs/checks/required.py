@@ -18,6 +18,7 @@ from elid_cli.logs.mapping.plan import ReadPlan
 from elid_cli.logs.repair.stuck import drop_stuck
 from elid_cli.memory import passed, writable
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import GYRO
 
 NOTHING = 1e-30
 """An effort or velocity, in SI units, that is none: its square may not even be a number."""
@@ -56,6 +57,7 @@ def check(
     filled |= {s: values for s, values in signals.items() if s not in filled}
     warnings = _drop_zeros(filled, robot.joint_names)
     warnings += _drop_stuck(filled, robot)
+    warnings += _drop_gyros(filled, robot)
     notes: list[str] = []
     _name_efforts(filled, robot, plan, notes)
     computed = _compute_torque(filled, robot, plan, segments, dt, notes) if samples else ""
@@ -79,6 +81,21 @@ def check(
     warnings += _lacking(robot, fault, ~has["q"], ~has["tau"] & ~read, strict=strict)
     optional = {s: values for s, values in filled.items() if s not in MEANING and not np.isnan(values).all()}
     return Checked(filled["q"], filled["theta"], filled["tau"], optional, warnings, notes, computed)
+
+
+def _drop_gyros(filled: dict[str, Array], robot: Robot) -> list[str]:
+    """Drop gyroscopes of which an axis is not in the log; say so."""
+    warnings = []
+    for j, joint in enumerate(robot.joints):
+        lacking = [axis for axis in GYRO if axis not in filled or np.isnan(filled[axis][:, j]).all()]
+        if 0 < len(lacking) < len(GYRO):
+            warnings.append(
+                f"{joint.name}: no {' and '.join(lacking)}: its gyroscope is not used, as an axis is missing"
+            )
+            for axis in set(GYRO) - set(lacking):
+                filled[axis] = writable(filled[axis])
+                filled[axis][:, j] = np.nan
+    return warnings
 
 
 def _lacking(
