@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.collocation.layout import Moved, Scanned, UnknownsLayout, moved_together, shaped, slots_of
-from elid_cli.estimation.collocation.problem import States
+from elid_cli.estimation.collocation.effect_rows import EffectRows, EffectsHere, apart_by_speed
+from elid_cli.estimation.collocation.layout import Moved, Scanned, UnknownsLayout, moved_together, slots_of
+from elid_cli.estimation.collocation.problem import KEPT, States
 from elid_cli.estimation.regression.effect_columns import FittedEffects
-from elid_cli.model.effects.declared import Declared
-from elid_cli.model.effects.effect import Effect
-from elid_cli.model.effects.scene import EquationRow, Scene, direction_widths
+from elid_cli.memory import Recent
+from elid_cli.model.effects.scene import direction_widths
 from elid_cli.model.program import Program, compile_program
-from elid_cli.model.regressor import INPUTS, EstimationRow, fill_inputs
+from elid_cli.model.regressor import INPUTS, fill_inputs
 from elid_cli.model.tracing import Graph, Scalar
 from elid_cli.signals.motion import STATES, Motion
 
@@ -25,11 +25,6 @@ _SLOW_WEIGHT = 0.05
 REVERSES = 2.0
 """Samples before and after a reversal in which torques that were moved in time count as little: where the delay is no
 whole number of samples, the step of Coulomb friction is smeared over as many."""
-_SHAPE_STEP = 1e-4
-"""Step of differences in a shape's logarithm."""
-
-Placed = tuple[Effect, list[int]]
-"""An effect, and where its amplitudes stand in p; -1 where they do not."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +35,9 @@ class _Here:
     motion: Motion
     inputs: Array
     """Inputs of the traced programs, (inputs, instants)."""
-    scene: Scene | None
-    """What effects are computed from, where there are any."""
+    effects: EffectsHere | None
+    torques: dict[str, tuple[Array, Array, Array]] = field(default_factory=dict)
+    """(p, z, torques of the rows) that were asked for last: of the ``model`` alone, and of the ``whole``."""
 
 
 class RobotEquations:
@@ -63,19 +59,20 @@ class RobotEquations:
             [slots_of(side, k, d, elastic=self._model.robot.joints[k].elastic) for d in range(3)]
             for side, k in layout.channels
         ]
-        self._kept: dict[tuple[int, int, int], tuple[Array, Array, Array]] = {}
-        self._known: _Here | None = None
-        if self._fit.effects is not None:
-            self._stiffness = np.nan_to_num(self._fit.effects.scene.stiffness)
-            self._rigid = ~np.isfinite(self._fit.effects.scene.stiffness)
+        self._effects = EffectRows(layout)
+        points = sum(rate.shape[1] for rate in layout.rates) * self._model.robot.n
+        self.kept = 2 * len(layout.rates) if 0 < points <= KEPT else 1
+        """Pieces at some states of which is kept what was computed: at an iterate and at the next one."""
+        self._known: Recent[_Here] = Recent(self.kept)
 
     def _here(self, states: States) -> _Here:
         """Return what residual, slopes and columns at the same states share."""
-        if self._known is None or self._known.states is not states:
+
+        def made() -> _Here:
             motion = self.motion(states)
-            scene = None if self._fit.effects is None else self._scene(motion, states)
-            self._known = _Here(states, motion, self._inputs(motion), scene)
-        return self._known
+            return _Here(states, motion, self._inputs(motion), self._effects.here(motion, states))
+
+        return self._known.of(id(states), made)
 
     def motion(self, states: States) -> Motion:
         """Return the motion of all joints at the collocation points."""
@@ -92,14 +89,27 @@ class RobotEquations:
         return Motion(t, **arrays)
 
     def residual(self, states: States, p: Array, z: Array) -> Array:
-        """Return the model's torques in link and motor rows, (rows, instants)."""
+        """Return the model's torques in link and motor rows, (rows, instants), which nobody may change."""
         here = self._here(states)
-        out = np.empty((len(self._layout.rows), here.motion.samples))
-        self._program.run(here.inputs, out, list(map(np.asarray, p)))
-        for effect, places in self._placed(z):
-            self._add(out, effect, places, here.scene, p)
+        known = here.torques.get("whole")
+        if known is not None and known[0] is p and known[1] is z:
+            return known[2]
+        out = self._model_torques(here, p, z).copy()
+        if here.effects is not None:
+            here.effects.add(out, self._effects.placed(z), p)
         for place, row, values in self._nuisances(states):
             out[row] += p[place] * values
+        here.torques["whole"] = p, z, out
+        return out
+
+    def _model_torques(self, here: _Here, p: Array, z: Array) -> Array:
+        """Return the torques of the traced rows, (rows, instants), which nobody may change."""
+        known = here.torques.get("model")
+        if known is not None and known[0] is p:
+            return known[2]
+        out = np.empty((len(self._layout.rows), here.motion.samples))
+        self._program.run(here.inputs, out, list(map(np.asarray, p)))
+        here.torques["model"] = p, z, out
         return out
 
     def slopes(self, states: States, p: Array, z: Array, steps: Array) -> Array:
@@ -110,8 +120,7 @@ class RobotEquations:
         """
         here, program, values = self._here(states), self._program, list(map(np.asarray, p))
         motion, inputs = here.motion, here.inputs
-        before, after = np.empty((2, len(self._layout.rows), motion.samples))
-        program.run(inputs, before, values)
+        before, after = self._model_torques(here, p, z), np.empty((len(self._layout.rows), motion.samples))
         found = np.zeros((3, len(before), len(self._layout.channels), motion.samples))
         present = np.empty_like(inputs)
         for group in self._together:
@@ -122,27 +131,30 @@ class RobotEquations:
             program.run(present, after, values)
             for c, d, touched in group:
                 found[d, touched, c] = (after[touched] - before[touched]) / steps[d, c]
-        by_speed, others = self._by_speed(self._placed(z))
+        if here.effects is not None:
+            self._add_effects(found, here.effects, here.states, (p, z), steps)
+        return found
+
+    def _add_effects(
+        self, found: Array, here: EffectsHere, states: States, unknowns: tuple[Array, Array], steps: Array
+    ) -> None:
+        """Add the derivatives of the effects' torques to those of the model's rows, (3, rows, channels, instants)."""
+        p, z = unknowns
+        by_speed, others = apart_by_speed(self._effects.placed(z))
+        motion = here.scene.motion
         for c, (side, joint) in enumerate(self._layout.channels):
             motor = side == "theta" or not self._model.robot.joints[joint].elastic
             for d in range(3):
                 placed = [*others, *(by_speed.get(joint, []) if motor and d == 1 else [])]
                 if not placed:
                     continue
-                self._effects(here.scene, p, placed, before)
+                before, after = np.zeros((2, found.shape[1], motion.samples))
+                here.add(before, placed, p)
                 with self._moved(motion, c, d, steps[d, c]):
-                    self._effects(self._scene(motion, states), p, placed, after)
+                    there = self._effects.here(motion, states)
+                    assert there is not None
+                    there.add(after, placed, p)
                 found[d, :, c] += (after - before) / steps[d, c]
-        return found
-
-    @staticmethod
-    def _by_speed(placed: Sequence[Placed]) -> tuple[dict[int, list[Placed]], list[Placed]]:
-        """Return the effects that follow from a motor's speed alone, by joint, and the others."""
-        by_speed: dict[int, list[Placed]] = {}
-        for item in placed:
-            if item[0].of_motor_speed:
-                by_speed.setdefault(item[0].joint, []).append(item)
-        return by_speed, [item for item in placed if not item[0].of_motor_speed]
 
     @contextmanager
     def _moved(self, motion: Motion, channel: int, derivative: int, step: float) -> Iterator[int]:
@@ -157,32 +169,9 @@ class RobotEquations:
         for column, values in zip(columns, held, strict=True):
             column[:] = values
 
-    def _effects(self, scene: Scene | None, p: Array, placed: Sequence[Placed], out: Array) -> None:
-        """Write the torques of effects alone, (rows, instants)."""
-        out[:] = 0.0
-        for effect, places in placed:
-            self._add(out, effect, places, scene, p)
-
     def shape_slopes(self, states: States, p: Array, z: Array) -> Array:
         """Return the derivatives of `residual` by the logarithms of the effects' shapes, (rows, shapes, instants)."""
-        scene = self._here(states).scene
-        assert scene is not None
-        found = np.zeros((len(self._layout.rows), len(z), scene.samples))
-        before = self._placed(z)
-        torques: dict[int, Array] = {}
-        for k in range(len(z)):
-            moved = z.copy()
-            moved[k] += _SHAPE_STEP
-            for number, (here, there) in enumerate(zip(before, self._placed(moved), strict=True)):
-                if here[0].shape == there[0].shape:
-                    continue
-                if number not in torques:
-                    torques[number] = np.zeros((len(found), scene.samples))
-                    self._add(torques[number], *here, scene, p)
-                after = np.zeros_like(torques[number])
-                self._add(after, *there, replace(scene, cache={}), p)
-                found[:, k] = (after - torques[number]) / _SHAPE_STEP
-        return found
+        return self._effects.shape_slopes(self._here(states).effects, p, z)
 
     def _inputs(self, motion: Motion) -> Array:
         rows = np.empty((INPUTS * self._model.robot.n, motion.samples))
@@ -190,32 +179,9 @@ class RobotEquations:
             fill_inputs(rows, motion, k, range(len(rows)), width)
         return rows
 
-    def _placed(self, z: Array) -> list[Placed]:
-        """Return the effects at shapes whose logarithms are z, with the places of their amplitudes in p, or -1."""
-        if self._fit.effects is None:
-            return []
-        found, column = [], self._fit.first_amplitude
-        for effect in shaped(self._fit.effects, z):
-            found.append((effect, [self._place.get(column + d, -1) for d in range(len(effect.amplitudes))]))
-            column += len(effect.amplitudes)
-        return found
-
-    def _add(self, out: Array, effect: Effect, places: Sequence[int], scene: Scene | None, p: Array) -> None:
-        """Add an effect's torques to those of the rows (rows, instants)."""
-        assert scene is not None
-        for key, rows in effect.columns(scene).items():
-            row = self._row_of(key)
-            for place, values in zip(places, rows, strict=True):
-                if place >= 0:
-                    out[row] += p[place] * values
-
-    def _row_of(self, key: EquationRow) -> int:
-        elastic = self._model.robot.joints[key.joint].elastic
-        return self._row[EstimationRow(key.side, key.joint) if elastic else EstimationRow("sum", key.joint)]
-
     def trust(self, states: States) -> Array:
         """Return the weight of every row at given states: friction is undefined where a motor reverses or sticks."""
-        motion, signals = self.motion(states), self._fit.signals
+        motion, signals = self._here(states).motion, self._fit.signals
         weight = np.ones((len(self._layout.rows), motion.samples))
         for k, row in enumerate(self._layout.rows):
             if row.kind != "link" and not signals.still[row.joint]:
@@ -239,9 +205,10 @@ class RobotEquations:
                     columns[k, self._place[int(column)]] = rows[item.row][position]
         for place, number, values in self._nuisances(states):
             columns[number, place] = values
-        for effect, places in self._placed(z):
-            kept = [d for d, place in enumerate(places) if place >= 0]
-            columns[:, [places[d] for d in kept]] = self._effect_rows(effect, here.scene)[kept].swapaxes(0, 1)
+        if here.effects is not None:
+            for effect, places in self._effects.placed(z):
+                kept = [d for d, place in enumerate(places) if place >= 0]
+                columns[:, [places[d] for d in kept]] = here.effects.rows(effect)[kept].swapaxes(0, 1)
         return columns
 
     @cached_property
@@ -279,66 +246,14 @@ class RobotEquations:
                     k = self._row[row]
                     yield self._place[number], k, 1.0 if rates is None else rates[k, here]
 
-    def _effect_rows(self, effect: Effect, scene: Scene | None) -> Array:
-        """Return an effect's columns, (amplitudes, rows, instants)."""
-        assert scene is not None
-        out = np.zeros((len(effect.amplitudes), len(self._layout.rows), scene.motion.samples))
-        for key, rows in effect.columns(scene).items():
-            out[:, self._row_of(key)] += rows
-        return out
-
     def scanned(self, z: Array) -> list[Scanned]:
         """Return the effects that have one free, positive shape, which z holds."""
-        if self._fit.effects is None:
-            return []
-        found, place, column = [], 0, self._fit.first_amplitude
-        for number, item in enumerate(self._fit.effects.effects):
-            free = [k for k in item.free if item.effect.shape[k] > 0]
-            columns = range(column, column + len(item.effect.amplitudes))
-            if len(free) == 1 and all(c in self._place for c in columns):
-                spec = item.effect.shapes[free[0]]
-                limits = (np.log(spec.low) if spec.low > 0 else -np.inf, np.log(spec.high))
-                spots = np.array([self._place[c] for c in columns], dtype=np.intp)
-                found.append(Scanned(number, item.effect.joint, place, spots, limits))
-            column += len(item.effect.amplitudes)
-            place += len(free)
-        return found
+        return self._effects.scanned(z)
 
     def dictionary(self, states: States, items: Sequence[Scanned], grids: Sequence[Array]) -> Array:
         """Return columns of effects at every shape of their grids of logarithms, (rows, columns, instants)."""
-        assert self._fit.effects is not None
-        scene, columns = self._here(states).scene, []
-        for item, grid in zip(items, grids, strict=True):
-            declared = self._fit.effects.effects[item.number]
-            (free,) = (k for k in declared.free if declared.effect.shape[k] > 0)
-            for value in grid:
-                shape = list(declared.effect.shape)
-                shape[free] = float(np.exp(value))
-                columns.append(self._effect_rows(type(declared.effect)(item.joint, shape), scene))
-        return np.concatenate(columns).transpose(1, 0, 2)
-
-    def _scene(self, motion: Motion, states: States) -> Scene:
-        assert self._fit.effects is not None
-        scene = self._fit.effects.scene
-        every = self._layout.setting.stride // self._layout.setting.points
-        where = (states.piece, states.first, motion.samples)
-        if where not in self._kept:
-            begin = scene.starts[min(states.piece, len(scene.starts) - 1)] + states.first * every
-            index = np.minimum(begin + np.arange(motion.samples) * every, len(scene.tau) - 1)
-            self._kept[where] = scene.tau[index], scene.predicted[index], scene.load[index]
-        tau, predicted, known = self._kept[where]
-        load = known if self._rigid.all() else np.where(self._rigid, known, self._stiffness * (motion.theta - motion.q))
-        return replace(
-            scene, motion=motion, dt=scene.dt * every, tau=tau, load=load,
-            predicted=predicted, starts=(0,), temperature=None, cache={},
-        )  # fmt: skip
+        return self._effects.dictionary(self._here(states).effects, items, grids)
 
     def final_effects(self, z: Array) -> FittedEffects | None:
         """Return the fit's effects with the shapes found."""
-        fitted = self._fit.effects
-        if fitted is None:
-            return None
-        items: Sequence[Declared] = [
-            replace(item, effect=effect) for item, effect in zip(fitted.effects, shaped(fitted, z), strict=True)
-        ]
-        return replace(fitted, effects=tuple(items))
+        return self._effects.final(z)

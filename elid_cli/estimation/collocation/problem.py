@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.memory import Recent
 from elid_cli.signals.splines import DEGREE, ORDER, basis
 
 if TYPE_CHECKING:
@@ -30,6 +31,9 @@ _STEPS = (1e-6, 1e-6, 1e-4)
 """Relative steps of differences in position, velocity and acceleration."""
 _CHUNK = 3000
 """Collocation points whose Jacobian is held at a time."""
+KEPT = 20_000
+"""Collocation points of all pieces, times the joints, up to which what is computed at an iterate is kept for the next
+question about it: an iteration asks for its cost, its spread and its slopes in turn."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class CollocationSegment:
         return found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class States:
     """Values and two derivatives of every channel at collocation points, (3, channels, instants)."""
 
@@ -78,6 +82,8 @@ class States:
     piece: int
     first: int
     """First instant within the piece."""
+    of: Array | None = None
+    """The coefficients, which live as long as the states do."""
 
 
 Further = Callable[[States], Array]
@@ -154,6 +160,7 @@ class Problem:
         """Part of each row's assumed noise that is the sensors', the rest being assumed for what knots are too free to
         leave in the residual, (rows,)."""
         self._trust = [np.ones((len(rho), p.intervals * setting.points)) for p in self.pieces]
+        self._states: Recent[States] = Recent(equations.kept)
         self.samples = setting.at_samples
         own = np.eye(setting.scale.shape[1])
         self._turns = [np.kron(weights, own) for weights in setting.at_points.transpose(1, 0, 2)]
@@ -162,7 +169,7 @@ class Problem:
     def trust(self, *now: Iterate) -> None:
         """Decide anew where motors reverse, from the trajectory as it is now; of several, where any does."""
         for number in range(len(self.pieces)):
-            states = (States(coefficients_to_states(self.setting, n.coefficients[number]), number, 0) for n in now)
+            states = (self._whole(number, n.coefficients[number]) for n in now)
             self._trust[number] = np.minimum.reduce([self.equations.trust(each) for each in states])
 
     @property
@@ -220,9 +227,17 @@ class Problem:
         misfit: Array = np.where(piece.weight > 0, piece.measured - fitted, 0.0) * piece.weight
         return misfit
 
+    def _whole(self, number: int, coefficients: Array) -> States:
+        """Return the states of a whole piece, the same object for the same coefficients as long as it is kept."""
+
+        def made() -> States:
+            return States(coefficients_to_states(self.setting, coefficients), number, 0, coefficients)
+
+        return self._states.of(id(coefficients), made)
+
     def _residual(self, number: int, now: Iterate) -> Array:
         piece = self.pieces[number]
-        states = States(coefficients_to_states(self.setting, now.coefficients[number]), number, 0)
+        states = self._whole(number, now.coefficients[number])
         residual: Array = self.equations.residual(states, now.p, now.z) - piece.torque.reshape(len(self.rho), -1)
         return residual
 
@@ -246,8 +261,12 @@ class Problem:
 
         """
         setting, piece, rows = self.setting, self.pieces[number], len(self.rho)
-        values = coefficients_to_states(setting, now.coefficients[number][part.start : part.stop + DEGREE])
-        here = States(values, number, part.start * setting.points)
+        coefficients = now.coefficients[number]
+        if part.stop - part.start == piece.intervals:
+            here = self._whole(number, coefficients)
+        else:
+            own = coefficients[part.start : part.stop + DEGREE]
+            here = States(coefficients_to_states(setting, own), number, part.start * setting.points, own)
         error = self.equations.residual(here, now.p, now.z) - piece.torque[:, part].reshape(rows, -1)
         mask = self._mask(number)[:, part.start * setting.points : part.stop * setting.points]
         scaled = np.abs(error) * mask / self.rho[:, None]

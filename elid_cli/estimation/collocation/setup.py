@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -293,7 +294,7 @@ class Setup:
         matrix[k, k] = 1.0 / SHAPE_SPREAD**2
         gradient[k] = (now.z - self.z_start) / SHAPE_SPREAD**2
         cost += float(np.sum((now.z - self.z_start) ** 2)) / SHAPE_SPREAD**2
-        rows = amplitude_prior(self.effects.effects, self.fit.first_amplitude, self.fit.triangles.width)
+        rows = self._amplitudes
         if rows is not None:
             here = rows[:, self.p_columns]
             miss = here @ now.p - rows[:, -1]
@@ -301,6 +302,12 @@ class Setup:
             gradient[: len(now.p)] += here.T @ miss
             cost += float(miss @ miss)
         return cost, matrix, gradient
+
+    @cached_property
+    def _amplitudes(self) -> Array | None:
+        """What is known of the effects' amplitudes, equations [columns | target]."""
+        assert self.effects is not None
+        return amplitude_prior(self.effects.effects, self.fit.first_amplitude, self.fit.triangles.width)
 
     def common_cost(self, now: Iterate) -> float:
         """Return the cost of unknowns with the noise and the weights that were assumed at first, to compare by."""

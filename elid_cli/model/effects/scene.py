@@ -58,6 +58,7 @@ class Scene:
     """Measured torque in the transmission, where joint torque sensors exist."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False, repr=False)
     """Results that several effects share, keyed by (name, …)."""
+    _directions: dict[int, Array] = field(init=False, default_factory=dict, compare=False, repr=False)
 
     @property
     def samples(self) -> int:
@@ -65,10 +66,18 @@ class Scene:
         return self.motion.samples
 
     def direction(self, joint: int) -> Array:
-        """Return the rounded sign of motor velocity, shape (N,)."""
-        width = DIRECTION_WIDTH if self.robot.joints[joint].revolute else ARM * DIRECTION_WIDTH
-        rounded: Array = np.tanh(self.motion.dtheta[:, joint] / width)
-        return rounded
+        """Return the rounded sign of motor velocity, shape (N,), read-only where it is of more than one instant.
+
+        Most frictions are a multiple of it: it is kept, but for the one instant that a simulator overwrites.
+        """
+        if joint not in self._directions:
+            width = DIRECTION_WIDTH if self.robot.joints[joint].revolute else ARM * DIRECTION_WIDTH
+            rounded: Array = np.tanh(self.motion.dtheta[:, joint] / width)
+            if self.samples == 1:
+                return rounded
+            rounded.flags.writeable = False
+            self._directions[joint] = rounded
+        return self._directions[joint]
 
     def deflection(self, joint: int) -> Array:
         """Return q - theta, shape (N,)."""
