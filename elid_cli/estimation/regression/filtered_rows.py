@@ -10,7 +10,7 @@ not smooth, the torque and the direction of motion, passes the filter at the log
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,8 +76,7 @@ def observed_blocks(model: Regressor, signals: Signals, plan: RegressorPlan) -> 
         every = 1
     done, width, filter_ = 0, program.outputs, signals.filter
     smooth = filter_.thinned(every) if every > 1 else filter_
-    weights = np.abs(filter_.taps)
-    window = replace(filter_, taps=weights / weights.sum())
+    window = filter_.window
     slope = filter_.differentiated(signals.dt)
     readings = signals.tau_link if any(item.row.kind in SENSOR_KINDS for item in plan.rows) else None
     nothing = np.zeros((0, len(signals.tau)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import cast
 
 import numpy as np
@@ -31,6 +31,15 @@ FIRM = 1e-3
 """Pivot of unit columns from which on weights are iterated by normal equations."""
 LOWEST = 1e-5
 """Share of a row group's torque below which its residual counts as this, so that a perfect fit stays finite."""
+
+
+_EPSILON = float(np.finfo(float).eps)
+
+
+@lru_cache(maxsize=64)
+def _upper(rows: int, columns: int) -> NDArray[np.bool_]:
+    """Return which elements of a matrix lie on and above its diagonal."""
+    return np.triu(np.ones((rows, columns), dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -57,7 +66,7 @@ class Solution:
         """Condition number of the scaled basis."""
         return float(np.linalg.cond(self.corner))
 
-    @property
+    @cached_property
     def live(self) -> NDArray[np.intp]:
         """Columns that are not zero, in the basis or dependent on it, in ascending order."""
         return np.sort(np.concatenate([self.basis, self.others[self.dependence.any(axis=0)]]))
@@ -136,12 +145,12 @@ def solve_system(
         raise DataError("the log excites no parameter", hint="check that torque and motion are in the log: elid info")
     reflected, order, tau, _, _ = lapack().dgeqp3(np.array(columns[:, live] / norms[live], order="F"), overwrite_a=1)
     order -= 1
-    r = np.triu(reflected[: len(tau)])
-    pivots = np.abs(np.diag(r))
+    r = np.where(_upper(len(tau), len(live)), reflected[: len(tau)], 0.0)
+    pivots = np.abs(r.diagonal())
     count = int(np.sum(pivots > DATA_TOLERANCE * pivots[0]))
     if rank is not None:
         count = min(count, rank)
-    margin = float(pivots[count - 1] / max(pivots[count] if count < len(pivots) else 0.0, np.finfo(float).eps))
+    margin = float(pivots[count - 1] / max(pivots[count] if count < len(pivots) else 0.0, _EPSILON))
     kept, dropped = live[order[:count]], live[order[count:]]
     corner = r[:count, :count]
     turned = lapack().dormqr("L", "T", reflected[:, : len(tau)], tau, target[:, None], 64)[0]
@@ -215,6 +224,16 @@ class _Groups:
     known: Array
     """That of what is known, (b + 1, b + 1)."""
 
+    @cached_property
+    def equations(self) -> int:
+        """Equations of all row groups together."""
+        return int(self.lengths.sum())
+
+    @cached_property
+    def starts(self) -> NDArray[np.intp]:
+        """First equation of each row group."""
+        return np.asarray(np.cumsum(self.lengths) - self.lengths)
+
     @classmethod
     def of(cls, whole: Triangles, basis: NDArray[np.intp]) -> _Groups:
         """Return those of joined triangles."""
@@ -239,8 +258,8 @@ class _Groups:
 
     def rms(self, values: Array) -> Array:
         """Return the residual rms of every row group, N·m."""
-        left = (self.stack @ np.append(values, -1.0))[: self.lengths.sum()]
-        return np.sqrt(np.add.reduceat(left**2, np.cumsum(self.lengths) - self.lengths) / self.counts)
+        left = (self.stack @ np.append(values, -1.0))[: self.equations]
+        return np.sqrt(np.add.reduceat(left**2, self.starts) / self.counts)
 
     def solved(self, weight: Array) -> Array | None:
         """Return the solution with a weight of every row group; None where a column may depend on the others.
@@ -249,15 +268,15 @@ class _Groups:
         residuals feel an error of the solution in second order.
         """
         gram = np.tensordot(weight**2, self.grams, axes=1) + self.known
-        norms = np.sqrt(np.diag(gram)[:-1])
+        norms = np.sqrt(gram.diagonal()[:-1])
         if len(self.stack) <= len(norms) or not norms.all():
             return None
-        corner, fault = lapack().dpotrf(gram[:-1, :-1] / np.outer(norms, norms))
-        if fault == 0 and np.diag(corner).min() > FIRM:
+        corner, fault = lapack().dpotrf(gram[:-1, :-1] / (norms[:, None] * norms))
+        if fault == 0 and corner.diagonal().min() > FIRM:
             solved: Array = lapack().dpotrs(corner, gram[:-1, -1] / norms)[0] / norms
             return solved
         each = np.ones(len(self.stack))
-        each[: self.lengths.sum()] = np.repeat(weight, self.lengths)
+        each[: self.equations] = np.repeat(weight, self.lengths)
         return _least_squares(self.stack * each[:, None])
 
 

@@ -97,8 +97,8 @@ class Persistence:
             top = np.nansum(4 * rho**2 * innovation**2 / (1 - rho) ** 8)
             bottom = np.nansum(innovation**2 / (1 - rho) ** 4)
         alpha = float(top / bottom) if bottom > 0 else 0.0
-        wanted = 2.6614 * (alpha * self.instants) ** 0.2
-        return float(np.clip(wanted, NARROWEST, max(self.instants / 6, NARROWEST)))
+        wanted: float = 2.6614 * (alpha * self.instants) ** 0.2
+        return min(max(wanted, NARROWEST), max(self.instants / 6, NARROWEST))
 
 
 @lru_cache(maxsize=64)

@@ -113,7 +113,7 @@ class Triangles:
         groups: dict[EstimationRow, list[Triangle]] = {}
         for triangle in self.items:
             groups.setdefault(triangle.row, []).append(triangle)
-        items = tuple(replace(merged_triangle(parts, self.joint.get(row)), fold=0) for row, parts in groups.items())
+        items = tuple(merged_triangle(parts, self.joint.get(row), 0) for row, parts in groups.items())
         return replace(self, items=items, folds=1)
 
     def stacked(self, weights: Mapping[EstimationRow, float], folds: Sequence[int] | None = None) -> Array:
@@ -136,13 +136,15 @@ class Triangles:
         return factor_of(np.concatenate(parts))
 
 
-def merged_triangle(parts: Sequence[Triangle], known: Array | None = None) -> Triangle:
-    """Return the triangle of several of one row group, which has the fold of the first; `known`: its factor."""
+def merged_triangle(parts: Sequence[Triangle], known: Array | None = None, fold: int | None = None) -> Triangle:
+    """Return the triangle of several of one row group, by default with the fold of the first; `known`: its factor."""
     first = parts[0]
+    fold = first.fold if fold is None else fold
     if len(parts) == 1:
-        return first
+        return Triangle(first.row, fold, first.index, first.factor, first.count, first.power)
     factor = factor_of(np.concatenate([part.factor for part in parts])) if known is None else known
-    return replace(first, factor=factor, count=sum(p.count for p in parts), power=sum(p.power for p in parts))
+    count, power = sum([p.count for p in parts]), sum([p.power for p in parts])
+    return Triangle(first.row, fold, first.index, factor, count, power)
 
 
 def with_columns(items: Sequence[Triangle], number: NDArray[np.intp], *, reduced: bool) -> tuple[Triangle, ...]:
@@ -162,7 +164,7 @@ def with_columns(items: Sequence[Triangle], number: NDArray[np.intp], *, reduced
         index, chosen = columns[id(triangle.index)]
         factor = triangle.factor if chosen is None else triangle.factor[:, chosen]
         factor = factor_of(factor) if reduced and chosen is not None else factor
-        found.append(replace(triangle, index=index, factor=factor))
+        found.append(Triangle(triangle.row, triangle.fold, index, factor, triangle.count, triangle.power))
     return tuple(found)
 
 

@@ -20,6 +20,7 @@ from elid_cli.logs.checks.known_masses import (
     Scale,
     Weighed,
     about,
+    evenly,
     listed,
 )
 from elid_cli.logs.checks.limits import WRONG
@@ -109,7 +110,7 @@ def inertia_scales(q: Array, theta: Array, tau: Array, dt: float, robot: Robot) 
     most = max(lags, default=0)
     if not most or len(q) < 2 * most + FEWEST:
         return
-    at = np.unique(np.linspace(most, len(q) - 1 - most, INSTANTS).astype(int))
+    at = evenly(most, len(q) - 1 - most, INSTANTS)
     (speed, bend), (spin, turn) = (_rates(values, at, lags, dt) for values in (q, theta))
     inertia, weight = inertial_torques(robot, q[at], speed, bend), gravity_torques(robot, q[at])
     least = ROUNDING * float(np.nanmax(np.abs(inertia), initial=0.0))

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.logs.checks.encoder_pairs import as_yaml, proposed
@@ -169,6 +170,14 @@ def _key(off: Sequence[Scale], robot: Robot, plan: ReadPlan, signal: str) -> str
     return ", ".join([*kept, f"scale: {{{', '.join(sizes)}}}"])
 
 
+@lru_cache(maxsize=16)
+def evenly(first: int, last: int, count: int) -> NDArray[np.intp]:
+    """Return up to `count` numbers of samples, evenly taken from `first` to `last`."""
+    at = np.unique(np.linspace(first, last, count).astype(np.intp))
+    at.setflags(write=False)
+    return at
+
+
 def weight_scales(q: Array, tau: Array, dt: float, robot: Robot, factors: Array) -> list[list[Scale]]:
     """Return how many times the weight of what it carries each joint's torque holds, where that shows.
 
@@ -189,9 +198,10 @@ def weight_scales(q: Array, tau: Array, dt: float, robot: Robot, factors: Array)
     lag = max(1, round(LAG / dt))
     if len(q) < 2 * lag + FEWEST or not any(robot.gravity):
         return found
-    at = np.unique(np.linspace(lag, len(q) - 1 - lag, INSTANTS).astype(int))
+    at = evenly(lag, len(q) - 1 - lag, INSTANTS)
     here, ahead, behind, torque = q[at], q[at + lag], q[at - lag], tau[at]
     speed, bend = ahead - behind, ahead - 2.0 * here + behind
+    smooth = bool(np.isfinite(bend).all())
     weight = gravity_torques(robot, (factors[:, None] * here).reshape(-1, robot.n)).reshape(len(factors), *here.shape)
     least = NOTHING * np.nanmax(np.abs(weight), axis=(1, 2), initial=0.0)
     for j in range(robot.n):
@@ -203,7 +213,8 @@ def weight_scales(q: Array, tau: Array, dt: float, robot: Robot, factors: Array)
         if not shown.size:
             continue
         chain = [k for k in range(robot.n) if k in robot.ancestors[j] or j in robot.ancestors[k]]
-        own = np.column_stack([speed[:, j], np.sign(speed[:, j]), np.nan_to_num(bend[:, chain]), np.ones(at.size)])
+        bends = bend[:, chain] if smooth else np.nan_to_num(bend[:, chain])
+        own = np.column_stack([speed[:, j], np.sign(speed[:, j]), bends, np.ones(at.size)])
         slopes = slopes_beside(own[used], own_weight[shown].T, torque[used, j], OWN)
         for k, slope in zip(shown.tolist(), slopes, strict=True):
             if math.isfinite(slope.ratio):

@@ -297,10 +297,9 @@ def _stale(checked: Checked, start: int, stop: int, robot: Robot) -> Iterator[st
             if np.isnan(column[0]):
                 continue
             changed = np.flatnonzero(np.diff(column))
-            if changed.size < 20:
+            if not 20 <= changed.size < STALE * column.size * 1.05:
                 continue
             holds = np.diff(changed)
             period = float(np.median(holds))
-            regular = np.count_nonzero(holds == period) > 0.8 * holds.size
-            if period >= 2 and regular and changed.size < STALE * column.size * 1.05:
+            if period >= 2 and np.count_nonzero(holds == period) > 0.8 * holds.size:
                 yield f"{name}: {signal} changes only every {period:.0f} samples: sampled at a lower rate and repeated"

@@ -6,6 +6,7 @@ reading would run code, follow another file or allocate without bound are named 
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -142,8 +143,8 @@ class Hdf5Log:
         """Return (samples, values per sample); MATLAB writes arrays transposed."""
         shape = dataset.shape
         if len(shape) <= 1 or 1 in shape:
-            return int(np.prod(shape)), 1
-        return (shape[1], shape[0]) if self._transposed(dataset) else (shape[0], int(np.prod(shape[1:])))
+            return math.prod(shape), 1
+        return (shape[1], shape[0]) if self._transposed(dataset) else (shape[0], math.prod(shape[1:]))
 
     def _transposed(self, dataset: Any) -> bool:
         shape = dataset.shape
@@ -231,7 +232,8 @@ def _gains(group: Any, datasets: dict[str, Any]) -> dict[str, Array]:
     found = {f"/{gain}": group.attrs[gain] for gain in GAINS if gain in group.attrs}
     longest = max((max(d.shape, default=0) for d in datasets.values()), default=0)
     for path in (f"/{gain}" for gain in GAINS):
-        held = datasets.get(path, group.get(path[1:]))
+        held = datasets.get(path)
+        held = group.get(path[1:]) if held is None else held
         if path not in found and held is not None and getattr(held, "size", longest) < longest:
             found[path] = held[()]
             datasets.pop(path, None)
@@ -253,7 +255,7 @@ def _names(value: Any) -> tuple[str, ...]:
 
 
 def _length(dataset: Any) -> int:
-    return int(np.prod(dataset.shape))
+    return math.prod(dataset.shape)
 
 
 def _reason(error: Exception) -> str:

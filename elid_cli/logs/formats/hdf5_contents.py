@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
-
-import numpy as np
 
 from elid_cli.budget import MOST_AT_ONCE
 
@@ -87,7 +86,7 @@ def _is_empty(dataset: Any) -> bool:
 
 def _empty_size(dataset: Any) -> bool:
     """Whether an array is declared far larger than the file, or than any signal."""
-    size = float(np.prod(dataset.shape, dtype=float)) * dataset.dtype.itemsize
+    size = math.prod(dataset.shape) * dataset.dtype.itemsize
     return size > MOST_AT_ONCE or bool(size > LARGE and min(dataset.shape) > WIDEST)
 
 

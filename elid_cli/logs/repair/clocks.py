@@ -139,7 +139,9 @@ def _from_origin(
     if whole:
         factor = 1e-9
     elif factor is None:
-        factor = _epoch_unit(max(abs(_middle(unique[key])) for key in ends), notes)
+        largest = max(abs(end) for pair in ends.values() for end in pair)
+        epoch = largest > EPOCHS[-1][0]  # else no stamp can be one
+        factor = _epoch_unit(max(abs(_middle(unique[key])) for key in ends), notes) if epoch else 1.0
     first, last = min(low for low, _ in ends.values()), max(high for _, high in ends.values())
     if not (last - first) * factor < LONGEST:  # broken stamps among them: those near the middle tell the origin
         first = _believed_origin([unique[key] for key in ends], factor)
