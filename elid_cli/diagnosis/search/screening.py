@@ -150,25 +150,31 @@ def best_of(
         if joints is None or kind.whole_robot or joint in joints
     ]
     known = state.log.columns
-    parts = [groups[first : first + JUDGED] for first in range(0, len(groups), JUDGED)]
+    # joint by joint: columns that act in the same rows are whitened and projected together
+    order = sorted(range(len(groups)), key=lambda k: groups[k][1])
+    parts = [order[first : first + JUDGED] for first in range(0, len(order), JUDGED)]
     if not groups:
         return [], 0
     state.projected.prepared()  # what all parts share must be there before they part
 
-    def tried(number: int) -> tuple[list[Candidate], Fresh]:
+    def tried(number: int) -> tuple[list[tuple[int, Candidate]], Fresh]:
         if progress is not None:
-            kind, joint = parts[number][0]
+            kind, joint = groups[parts[number][0]]
             name = state.log.model.robot.joint_names[joint]
             progress(f"{label}, {kind.name.replace('_', ' ')} at {name}", number / len(parts))
         with known.fresh() as fresh:
-            best = [_best_shape(state, kind, joint, len(groups)) for kind, joint in parts[number]]
-            return [replace(c, gain=replace(c.gain, source=None)) for c in best if c is not None], fresh
+            best = zip(parts[number], _best_shapes(state, [groups[k] for k in parts[number]], len(groups)), strict=True)
+            return [(k, replace(c, gain=replace(c.gain, source=None))) for k, c in best if c is not None], fresh
 
-    waiting: list[Candidate] = []
+    numbered: list[tuple[int, Candidate]] = []
     for candidates, fresh in side_by_side(tried, len(parts), jobs):
         known.learn(fresh)
-        waiting += [replace(c, gain=replace(c.gain, source=(state.projected, c.columns.rows))) for c in candidates]
-    count = len(waiting)
+        numbered += candidates
+    count = len(numbered)
+    waiting = [
+        replace(c, gain=replace(c.gain, source=(state.projected, c.columns.rows)))
+        for _, c in sorted(numbered, key=lambda item: item[0])
+    ]
     waiting.sort(key=lambda c: c.most)
     found = _judged([], waiting, least)
     best = found[:REFINED]
@@ -231,19 +237,29 @@ def _periodic(kind: type[Effect]) -> bool:
     return kind.shapes[0].name in ("order", "frequency")
 
 
-def _best_shape(state: State, kind: type[Effect], joint: int, groups: int) -> Candidate | None:
-    shapes, looks = kind.grid(state.scene, joint), kind.looks(state.scene, joint)
-    present = [e.shape for e in state.effects if (e.name, e.joint) == (kind.name, joint)]
-    effects = [kind(joint, shape) for shape in shapes if kind.distinct(state.scene, joint, shape, present)]
-    best: dict[tuple[float, ...], Candidate] = {}
-    for candidate in _scored(state, effects, looks, groups):
-        form = tuple(value for k, value in enumerate(candidate.effect.shape) if _whole(kind, k))
-        if form not in best or candidate.rank > best[form].rank:
-            best[form] = candidate
-    if not best:
-        return None
-    order = sorted(best.values(), key=lambda c: c.rank, reverse=True)
-    return replace(order[0], forms=tuple(c.effect.shape for c in order[:FORMS]))
+def _best_shapes(state: State, places: Sequence[tuple[type[Effect], int]], groups: int) -> list[Candidate | None]:
+    """Return the best shape of every effect at its joint; None where the model explains it already."""
+    tried = []
+    for kind, joint in places:
+        present = [e.shape for e in state.effects if (e.name, e.joint) == (kind.name, joint)]
+        shapes = [s for s in kind.grid(state.scene, joint) if kind.distinct(state.scene, joint, s, present)]
+        tried.append([kind(joint, shape) for shape in shapes])
+    columns = [state.log.columns.of(effect, state.scene) for effects in tried for effect in effects]
+    gains = state.projected.gains([extra.rows for extra in columns])
+    scored, found = zip(columns, gains, strict=True), list[Candidate | None]()
+    for (kind, joint), effects in zip(places, tried, strict=True):
+        looks = kind.looks(state.scene, joint)
+        best: dict[tuple[float, ...], Candidate] = {}
+        for effect, (extra, gain) in zip(effects, scored, strict=False):
+            if gain is None:
+                continue
+            candidate = _candidate(state, effect, extra, gain, looks, groups)
+            form = tuple(value for k, value in enumerate(effect.shape) if _whole(kind, k))
+            if form not in best or candidate.rank > best[form].rank:
+                best[form] = candidate
+        order = sorted(best.values(), key=lambda c: c.rank, reverse=True)
+        found.append(replace(order[0], forms=tuple(c.effect.shape for c in order[:FORMS])) if order else None)
+    return found
 
 
 def score(state: State, effect: Effect, shapes: int, groups: int) -> Candidate | None:
@@ -254,15 +270,6 @@ def score(state: State, effect: Effect, shapes: int, groups: int) -> Candidate |
     columns = extra_of(effect, state.scene, state.log.signals)
     gain = state.projected.gain(columns.rows)
     return None if gain is None else _candidate(state, effect, columns, gain, shapes, groups)
-
-
-def _scored(state: State, effects: Sequence[Effect], shapes: int, groups: int) -> Iterator[Candidate]:
-    """Yield what shapes of one effect at one joint gain (`score`), all of them whitened and projected together."""
-    columns = [state.log.columns.of(effect, state.scene) for effect in effects]
-    gains = state.projected.gains([extra.rows for extra in columns])
-    for effect, extra, gain in zip(effects, columns, gains, strict=True):
-        if gain is not None:
-            yield _candidate(state, effect, extra, gain, shapes, groups)
 
 
 def _candidate(state: State, effect: Effect, columns: ExtraColumns, gain: Gain, shapes: int, groups: int) -> Candidate:

@@ -17,16 +17,18 @@ from elid_cli.model.kinematics import JointState, chain
 from elid_cli.model.program import Program, compile_program
 from elid_cli.model.regressor import INPUTS, inputs_of, states_of
 from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, Side
-from elid_cli.model.terms.rigid_body import RigidBody
+from elid_cli.model.terms.rigid_body import RigidBody, wrench_of
 from elid_cli.model.terms.rotor import Rotor
 from elid_cli.model.terms.spring import Spring
 from elid_cli.model.terms.viscous import Viscous
+from elid_cli.model.towards_base import Wrench, component_of, joint_torques, unit_twists
 from elid_cli.model.tracing import Graph, Scalar
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
 
-SMOOTH: tuple[BaseTerm, ...] = (RigidBody(), Rotor(), Viscous(), Spring())
+SMOOTH: tuple[BaseTerm, ...] = (Rotor(), Viscous(), Spring())
+"""Terms beside the bodies that no motion interrupts."""
 SIDES: tuple[Side, ...] = ("motor", "link")
 
 
@@ -43,7 +45,7 @@ def gravity_torque(robot: Robot, q: Array, parameters: Array, gravity: Sequence[
 
 def body_torque(robot: Robot, motion: Motion, parameters: Array) -> Array:
     """Return the torques (n, N) that the bodies need from the link rows, rotors left out."""
-    return _traced(robot, motion, np.nan_to_num(parameters), (RigidBody(),))[robot.n :]
+    return _traced(robot, motion, np.nan_to_num(parameters), ())[robot.n :]
 
 
 def model_torque(robot: Robot, motion: Motion, parameters: Array) -> Array:
@@ -58,25 +60,35 @@ _PROGRAMS: Recent[Program] = Recent(16)
 
 
 def _traced(robot: Robot, motion: Motion, parameters: Array, terms: tuple[BaseTerm, ...]) -> Array:
-    """Return the torques of some terms in motor and link equations, (2n, N)."""
+    """Return the torques of the bodies and of some terms in motor and link equations, (2n, N)."""
     key = (robot.structure, tuple(term.name for term in terms))
     program = _PROGRAMS.of(key, lambda: _program(robot, terms))
     out = np.empty((program.outputs, motion.samples))
-    program.run(inputs_of(motion), out, list(map(np.asarray, parameters)))
+    program.run(inputs_of(motion, program), out, list(map(np.asarray, parameters)))
     return out
 
 
 def _program(robot: Robot, terms: Sequence[BaseTerm]) -> Program:
-    """Trace terms; inputs are those of `inputs_of`, then the standard parameters."""
+    """Trace bodies and terms; inputs are those of `inputs_of`, then the standard parameters."""
     names = robot.parameter_names()
     graph = Graph(INPUTS * robot.n + len(names))
     values = {name: graph.input(INPUTS * robot.n + k) for k, name in enumerate(names)}
     states, motors = states_of([graph.input(k) for k in range(INPUTS * robot.n)], robot)
-    moving = ChainMotion(chain(robot, states), motors)
+    # what moves bodies and rotors is carried from body to body: half the operations of a sum over all parameters
+    base, *moved = chain(robot, states, twists=False)
+    ten = [[values[StandardParameter(kind, k)] for kind in LINK_PARAMETERS] for k in range(robot.n)]
+    wrenches: list[list[Scalar]] = [[0.0] * 6, *([*force, *moment] for force, moment in map(wrench_of, moved, ten))]
     torque: list[Scalar] = [0.0] * (2 * robot.n)
+    moving = ChainMotion([base, *(replace(body, twists=unit_twists(k)) for k, body in enumerate(moved, 1))], motors)
     for side, joint, name, value in (entry for term in terms for entry in term.entries(robot, moving)):
-        place = SIDES.index(side) * robot.n + joint
-        torque[place] = torque[place] + value * values[name]
+        if (at := component_of(joint)) is not None:
+            wrenches[at[0]][at[1]] = wrenches[at[0]][at[1]] + value * values[name]
+        else:
+            place = SIDES.index(side) * robot.n + joint
+            torque[place] = torque[place] + value * values[name]
+    held = joint_torques(robot, states, [Wrench((x, y, z), (a, b, c)) for x, y, z, a, b, c in wrenches])
+    for k, own in enumerate(held, robot.n):
+        torque[k] = torque[k] + own
     return compile_program(graph, torque)
 
 

@@ -45,15 +45,14 @@ class Harmonic(Effect):
         """
         if not super().plausible(scene, joint, values):
             return False
-        angle = scene.motion.theta[:, joint]
-        span, travel = float(np.ptp(angle)), float(np.sum(np.abs(np.diff(angle))))
+        span, travel = covered(scene, joint)
         passed = travel > PASSED * span or span > 2 * math.pi * TURNS
         return passed and values["order"] * span > 2 * math.pi * cls.periods * (1.0 - SHORT)
 
     @classmethod
     def distinct(cls, scene: Scene, joint: int, shape: Sequence[float], present: Sequence[Sequence[float]]) -> bool:
         """Whether the order is told apart from those present over the angle covered: nearer ones only beat."""
-        span = float(np.ptp(scene.motion.theta[:, joint]))
+        span, _ = covered(scene, joint)
         return all(abs(shape[0] - other[0]) * span > 2 * math.pi * APART for other in present)
 
     def waves(self, scene: Scene) -> tuple[Array, Array]:
@@ -74,14 +73,23 @@ class Harmonic(Effect):
         return amplitude * np.array([math.cos(phase), math.sin(phase)]), (float(values["order"]),)
 
 
+def covered(scene: Scene, joint: int) -> tuple[float, float]:
+    """Return the range of a motor's angle, and the way that it goes within it."""
+
+    def made() -> tuple[float, float]:
+        angle = scene.motion.theta[:, joint]
+        return float(np.ptp(angle)), float(np.sum(np.abs(np.diff(angle))))
+
+    return scene.of_motion(("covered", joint), made)
+
+
 def orders(scene: Scene, joint: int, highest: int, periods: float = 1.0) -> list[float]:
     """Return orders to try: integers for a turning joint, multiples of the range for a sliding one, the gear's own.
 
     An order with less than `periods` in the covered angle is a bend that other effects explain as well; two
     orders closer than a quarter period over that angle look alike, so that the step follows the range.
     """
-    angle = scene.motion.theta[:, joint]
-    span = float(np.ptp(angle)) if len(angle) else 0.0
+    span = covered(scene, joint)[0] if scene.samples else 0.0
     if span <= 0 or not math.isfinite(span):
         return []
     least = 2 * math.pi * periods / span
@@ -91,7 +99,7 @@ def orders(scene: Scene, joint: int, highest: int, periods: float = 1.0) -> list
         found = [float(k) for k in (*range(1, 10), *range(10, highest + 1, step)) if k >= least]
     else:
         found = [least * k for k in np.arange(1.0, 33.0 / periods, 0.5 / periods)]
-    fastest = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.9))
+    fastest = scene.top_speed(joint, 0.9)
     gear = abs(description.gear_ratio or math.nan)  # nothing is slower than an unknown gear
     # the rotor's own orders, as long as they are slow enough to be sampled
     own = [gear * k for k in (1.0, 2.0, 4.0) if gear * k * fastest < 2 * math.pi / (8 * scene.dt)]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,9 @@ DIRECTION_WIDTH = 5e-3
 ARM = 0.1
 """m; speeds of prismatic joints count as those of a point at this distance from a revolute joint's axis. Rounded over
 5 mm/s, the friction of a lift at 0.2 m/s would look like Stribeck friction."""
+
+
+T = TypeVar("T")
 
 
 class EquationRow(NamedTuple):
@@ -58,26 +61,34 @@ class Scene:
     """Measured torque in the transmission, where joint torque sensors exist."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False, repr=False)
     """Results that several effects share, keyed by (name, …)."""
-    _directions: dict[int, Array] = field(init=False, default_factory=dict, compare=False, repr=False)
+    _of_motion: dict[object, Any] = field(init=False, default_factory=dict, compare=False, repr=False)
 
     @property
     def samples(self) -> int:
         """Number of instants."""
         return self.motion.samples
 
-    def direction(self, joint: int) -> Array:
-        """Return the rounded sign of motor velocity, shape (N,), read-only where it is of more than one instant.
+    def of_motion(self, key: object, make: Callable[[], T]) -> T:
+        """Return what follows from the motion alone; it is kept by its key, but for a simulator's one instant."""
+        if self.samples == 1:
+            return make()
+        if key not in self._of_motion:
+            self._of_motion[key] = make()
+        found: T = self._of_motion[key]
+        return found
 
-        Most frictions are a multiple of it: it is kept, but for the one instant that a simulator overwrites.
-        """
-        if joint not in self._directions:
-            width = DIRECTION_WIDTH if self.robot.joints[joint].revolute else ARM * DIRECTION_WIDTH
-            rounded: Array = np.tanh(self.motion.dtheta[:, joint] / width)
-            if self.samples == 1:
-                return rounded
-            rounded.flags.writeable = False
-            self._directions[joint] = rounded
-        return self._directions[joint]
+    def direction(self, joint: int) -> Array:
+        """Return the rounded sign of motor velocity, shape (N,), which nobody may change."""
+        width = DIRECTION_WIDTH if self.robot.joints[joint].revolute else ARM * DIRECTION_WIDTH
+        return self.of_motion(("direction", joint), lambda: np.tanh(self.motion.dtheta[:, joint] / width))
+
+    def speed(self, joint: int) -> Array:
+        """Return the size of motor velocity, shape (N,), which nobody may change."""
+        return self.of_motion(("speed", joint), lambda: np.abs(self.motion.dtheta[:, joint]))
+
+    def top_speed(self, joint: int, share: float = 0.98) -> float:
+        """Return the motor velocity that is not exceeded in a share of the instants."""
+        return self.of_motion(("top", joint, share), lambda: float(np.quantile(self.speed(joint), share)))
 
     def deflection(self, joint: int) -> Array:
         """Return q - theta, shape (N,)."""

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from elid_cli.model.kinematics import Body, Vector, acceleration_field, add, cross, dot, scale
 from elid_cli.model.terms.base_term import ChainMotion, Entry
 from elid_cli.model.towards_base import Wrench
+from elid_cli.model.tracing import Scalar
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
 
@@ -39,7 +40,7 @@ class RigidBody:
                     yield Entry("link", j, name, dot(w, moment))
 
 
-def wrench_of(body: Body, ten: Sequence[float]) -> Wrench:
+def wrench_of(body: Body, ten: Sequence[Scalar]) -> Wrench:
     """Return what moves a body of such parameters, in the order of `LINK_PARAMETERS`, at its frame's origin."""
     mass, x, y, z, *inertia = ten
     a, first = body.acceleration, (x, y, z)

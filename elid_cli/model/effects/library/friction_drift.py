@@ -57,7 +57,7 @@ class FrictionDrift(Effect):
         coulomb, viscous = known[StandardParameter("fs", joint)], known[StandardParameter("fv", joint)]
         if coulomb <= 0 and viscous <= 0:
             return True
-        speed = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.9))
+        speed = scene.top_speed(joint, 0.9)
         whole = max(coulomb, 0.0) + max(viscous, 0.0) * speed
         return bool(abs(values["coulomb"]) + abs(values["viscous"]) * speed < 1.5 * whole)
 

@@ -84,7 +84,7 @@ class ServoFriction(Effect):
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
         """Return the directional member with a usual Stribeck velocity; nothing where the joint does not move."""
-        top = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.98))
+        top = scene.top_speed(joint)
         return [(float(DIRECTIONAL), TYPICAL * top, 1.0, EVEN)] if top > 0 else []
 
     def named(self, scene: Scene, coefficients: Array) -> dict[str, float]:

@@ -91,7 +91,7 @@ class Stribeck(Effect):
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
         """Return velocities from the slowest that the log resolves to half its top speed, in the three forms."""
-        top = float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.98))
+        top = scene.top_speed(joint)
         if top <= 0:
             return []
         fading = [v for v in (0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.35, 0.6) if 0.01 * top < v < 0.5 * top]
@@ -107,7 +107,7 @@ class Stribeck(Effect):
     @classmethod
     def whole_curves(cls, scene: Scene, joint: int, shape: Sequence[float]) -> tuple[Shapes, ...]:
         """Return a term that fades, as an exponential or a Gaussian, with one that vanishes at standstill (eq. 43)."""
-        start = TYPICAL * float(np.quantile(np.abs(scene.motion.dtheta[:, joint]), 0.98))
+        start = TYPICAL * scene.top_speed(joint)
         if start <= 0:
             return ()
         pairs = [((start, exponent), (start, -1.0)) for exponent in (1.0, 2.0)]
@@ -120,8 +120,7 @@ class Stribeck(Effect):
         Below it there is the motor's sticking only; a curve that does not fade within the speeds of the log is Coulomb
         and viscous friction. What a motion that is never that slow leaves is no friction at low speed.
         """
-        speed = np.abs(scene.motion.dtheta[:, joint])
-        top = float(np.quantile(speed, 0.98))
+        speed, top = scene.speed(joint), scene.top_speed(joint)
         if not (super().plausible(scene, joint, values) and SLOWEST * top < values["velocity"] < top):
             return False
         slow = speed < min(SLOW * values["velocity"], HALF * top)
@@ -130,7 +129,7 @@ class Stribeck(Effect):
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the amplitude in the motor row."""
         velocity, exponent = self.shape
-        ratio = np.abs(scene.motion.dtheta[:, self.joint]) / velocity
+        ratio = scene.speed(self.joint) / velocity
         if exponent < 0:
             ratio = np.maximum(ratio, 1e-12)
         return motor_row(self.joint, scene.direction(self.joint) * np.exp(-(ratio**exponent)))
