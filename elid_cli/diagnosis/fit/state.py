@@ -18,11 +18,11 @@ from elid_cli.diagnosis.fit.whitening import whiteners
 from elid_cli.estimation.data import Solved, sum_row
 from elid_cli.estimation.default_fit import solve_with
 from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of
-from elid_cli.estimation.regression.least_squares import Solution, reweighted, solve
+from elid_cli.estimation.regression.least_squares import Solution, reweighted
 from elid_cli.estimation.regression.standard_errors import covariance_with_shapes
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
 from elid_cli.estimation.stretches import STRETCHES
-from elid_cli.estimation.validation.cross_validation import all_others, left_out
+from elid_cli.estimation.validation.cross_validation import fold_fits, left_out
 from elid_cli.estimation.validation.noise_floor import Floor
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects.declared import Declared
@@ -168,10 +168,7 @@ class State:
     @cached_property
     def left_out(self) -> dict[EstimationRow, Array]:
         """Residual sum of squares of every row group per fold, predicted by a fit to the other folds, (folds,)."""
-        rank, weights = len(self.solution.basis), self.solution.weights
-        return left_out(
-            self.triangles, (solve(self.triangles, weights, others, rank).values for others in all_others(STRETCHES))
-        )
+        return left_out(self.triangles, fold_fits(self.triangles, self.solution))
 
     @property
     def impossible(self) -> frozenset[str]:

@@ -61,11 +61,13 @@ class JointWhitener:
 
     def apply(self, series: Array) -> Array:
         """Return whitened series, (r, d, M) to (r, d, M); instants outside `use` are zero."""
-        clean = np.nan_to_num(series)
-        flat = clean.reshape(len(self.rows), -1)
-        mixed: Array = (self.mix @ flat).reshape(clean.shape)
-        for number, taps in enumerate(self.mix @ self.lags, 1):
-            mixed[:, :, number:] -= (taps @ flat).reshape(clean.shape)[:, :, :-number]
+        clean = series if np.isfinite(series).all() else np.nan_to_num(series)
+        # one product for all lags: the rows of a joint are one or two, and such flat products take their time each
+        taps = np.concatenate([self.mix, *(self.mix @ self.lags)])
+        parts: Array = (taps @ clean.reshape(len(self.rows), -1)).reshape(-1, *clean.shape)
+        mixed: Array = parts[0]
+        for number in range(1, len(parts)):
+            mixed[:, :, number:] -= parts[number, :, :, :-number]
         mixed *= self.use
         return mixed
 

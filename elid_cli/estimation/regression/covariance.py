@@ -48,11 +48,7 @@ def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extr
         residual = group.target - sum(solution.values[own] @ columns for own, columns in spans)
         residual = np.where(group.use, residual, 0.0) * weight**2
         for own, columns in spans:
-            kept = place[own] >= 0
-            here = columns * residual if kept.all() else columns[kept] * residual
-            if not np.isfinite(here).all():
-                here[:, ~group.use] = 0.0  # what is not known must not spread
-            scores[place[own[kept]]] += here
+            _add_scores(scores, place[own], columns, residual, group.use)
     # of each column's own scores: any rotation of them by the order of the pivots would change the width
     memory = Persistence(len(live))
     memory.feed(scores)
@@ -63,6 +59,22 @@ def sandwich(observation: Observation, solution: Solution, extras: Sequence[Extr
     meat *= uncertain(observation.instants, bandwidth)
     covariance: Array = solution.inverse @ (solution.inverse.T @ meat @ solution.inverse) @ solution.inverse.T
     return covariance
+
+
+def _add_scores(
+    scores: Array, places: NDArray[np.intp], columns: Array, residual: Array, use: NDArray[np.bool_]
+) -> None:
+    """Add columns (k, M) times a residual (M,) to the scores at their places, -1 of those that have none.
+
+    Column by column: one stays in the cache, where all at once pass through memory four times.
+    """
+    own = np.empty_like(residual)
+    for place, column in zip(places.tolist(), columns, strict=True):
+        if place >= 0:
+            np.multiply(column, residual, out=own)
+            if not np.isfinite(own).all():
+                own[~use] = 0.0  # what is not known must not spread
+            scores[place] += own
 
 
 def lasting_weights(
