@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from elid_cli._types import Progress
+from elid_cli.diagnosis.by_motion.able import by_motion
 from elid_cli.diagnosis.evidence.driving_friction import impossible_with
 from elid_cli.diagnosis.evidence.held_out import held_out_gain
 from elid_cli.diagnosis.evidence.leftover import only_helps, silences
@@ -127,13 +128,13 @@ def diagnose(
     UsageError
         An effect that can act at no joint, or a motion that cannot judge this log.
     """
-    from elid_cli.diagnosis.by_motion.diagnose import by_motion, diagnose_motion
-
     options = options or DiagnoseOptions()
     able = options.by != "torque" and signals.recording is not None and by_motion(robot, signals.recording)
     if options.by == "motion" and not able:
         raise UsageError("the motion cannot judge this log", detail="it must hold commands, of a robot of known bodies")
     if able and (options.by == "motion" or not options.lookup):
+        from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+
         return diagnose_motion(robot, signals, None, options.only, progress)
     return diagnose_torque(robot, signals, options, progress, usual)
 

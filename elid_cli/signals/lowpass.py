@@ -84,8 +84,8 @@ class LowPass:
         flat = rows.reshape(-1, rows.shape[-1])
         begin = int(centres[0]) - self.half
         result = self._filtered(flat, begin, count)
-        lost = np.flatnonzero(~np.isfinite(result).all(axis=1))
-        for row in lost:
+        sound = np.isfinite(result)
+        for row in () if sound.all() else np.flatnonzero(~sound.all(axis=1)):
             finite = np.isfinite(flat[row])
             holes = np.concatenate([[0], np.cumsum(~finite)])
             seen = holes[centres + self.half + 1] - holes[centres - self.half]

@@ -56,6 +56,10 @@ class Motion:
         """Return the motion with other arrays for some states, (N, n)."""
         return Motion(self.t, *(states.get(name, values) for name, values in zip(STATES, self.states, strict=True)))
 
+    def of_joint(self, joint: int) -> Motion:
+        """Return the motion of one joint alone, (N, 1)."""
+        return Motion(self.t, *(values[:, joint : joint + 1] for values in self.states))
+
     def __getitem__(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Motion:
         return Motion(self.t[index], *(values[index] for values in self.states))
 

@@ -82,7 +82,7 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
     with progress(output, "reading") as advance:
         from elid_cli.diagnosis import DiagnoseOptions, Diagnosis
         from elid_cli.diagnosis import diagnose as find
-        from elid_cli.diagnosis.by_motion.diagnose import by_motion
+        from elid_cli.diagnosis.by_motion.able import by_motion
         from elid_cli.estimation.identify import identify
         from elid_cli.estimation.refined_robot import remarks
         from elid_cli.estimation.validation.prediction import validate

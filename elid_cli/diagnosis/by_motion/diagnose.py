@@ -10,7 +10,7 @@ import numpy as np
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View
-from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
+from elid_cli.diagnosis.by_motion.result import ABOVE, MotionDiagnosis, PositionBeforeAfter
 from elid_cli.diagnosis.by_motion.search import search
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.views import views_of
@@ -27,32 +27,17 @@ from elid_cli.estimation.trajectory.identification import (
     declared_along,
     identification_of,
     started_from,
-    unsuited,
 )
-from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
 
-ABOVE = 3.0
-"""Times the encoders' noise from which what is left is called unexplained."""
 BINS = 16
 ONE_CURVE = 0.98
 """Part of an effect's torque that other first moments of the links would make as well, from which both are named."""
 MOMENTS = ("cx", "cy", "cz")
-
-
-def by_motion(robot: Robot, recording: Recording) -> bool:
-    """Whether a simulated motion can judge a log: one of commands, no torque logged, bodies known, joints rigid."""
-    if not recording.commanded.all() or unsuited(robot):
-        return False
-    known = dict(zip(robot.parameter_names(), robot.reference(), strict=True))
-    classes = find_base(Regressor(replace(robot, effects=()))).classes
-    bodies = [p for p in known if p.kind not in ("Ja", "fs", "fv") and classes[p] != "unidentifiable"]
-    return all(np.isfinite(known[p]) for p in bodies)
 
 
 def least_squares(robot: Robot, signals: Signals) -> Identification:

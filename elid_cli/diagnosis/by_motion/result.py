@@ -15,6 +15,9 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.tables import Shown
 
+ABOVE = 3.0
+"""Times the encoders' noise from which what is left is called unexplained."""
+
 
 @dataclass(frozen=True)
 class PositionBeforeAfter:

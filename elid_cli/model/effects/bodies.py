@@ -13,9 +13,10 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.memory import Recent
+from elid_cli.model.effects.scene import Scene
 from elid_cli.model.kinematics import JointState, chain
 from elid_cli.model.program import Program, compile_program
-from elid_cli.model.regressor import INPUTS, inputs_of, states_of
+from elid_cli.model.regressor import INPUTS, fill_inputs, inputs_of, states_of
 from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, Side
 from elid_cli.model.terms.rigid_body import RigidBody, wrench_of
 from elid_cli.model.terms.rotor import Rotor
@@ -43,28 +44,43 @@ def gravity_torque(robot: Robot, q: Array, parameters: Array, gravity: Sequence[
     return torque
 
 
-def body_torque(robot: Robot, motion: Motion, parameters: Array) -> Array:
-    """Return the torques (n, N) that the bodies need from the link rows, rotors left out."""
-    return _traced(robot, motion, np.nan_to_num(parameters), ())[robot.n :]
+Moved = tuple[int, Motion]
+"""A joint, and another motion of it alone, (N, 1)."""
 
 
-def model_torque(robot: Robot, motion: Motion, parameters: Array) -> Array:
-    """Return the torques of all motor equations, then of all link equations, (2n, N).
+def body_torque(scene: Scene, parameters: Array, moved: Moved | None = None) -> Array:
+    """Return the torques (n, N) that the bodies need from the link rows, rotors left out, along a scene's motion.
 
-    All of the model is in them but Coulomb friction; standard parameters (p,), NaN where unknown.
+    Standard parameters (p,), NaN where unknown; where a joint is `moved`, with its other motion.
     """
-    return _traced(robot, motion, np.nan_to_num(parameters), SMOOTH)
+    return _traced(scene, np.nan_to_num(parameters), (), moved)[scene.robot.n :]
+
+
+def model_torque(scene: Scene, parameters: Array, moved: Moved | None = None) -> Array:
+    """Return the torques of all motor equations, then of all link equations, (2n, N), as `body_torque`.
+
+    All of the model is in them but Coulomb friction.
+    """
+    return _traced(scene, np.nan_to_num(parameters), SMOOTH, moved)
 
 
 _PROGRAMS: Recent[Program] = Recent(16)
+_INPUTS: Recent[Array] = Recent(1)
+"""Inputs along the motion of the scene that was asked about last."""
 
 
-def _traced(robot: Robot, motion: Motion, parameters: Array, terms: tuple[BaseTerm, ...]) -> Array:
+def _traced(scene: Scene, parameters: Array, terms: tuple[BaseTerm, ...], moved: Moved | None) -> Array:
     """Return the torques of the bodies and of some terms in motor and link equations, (2n, N)."""
+    robot = scene.robot
     key = (robot.structure, tuple(term.name for term in terms))
     program = _PROGRAMS.of(key, lambda: _program(robot, terms))
-    out = np.empty((program.outputs, motion.samples))
-    program.run(inputs_of(motion, program), out, list(map(np.asarray, parameters)))
+    inputs = _INPUTS.of(scene.of_motion(("inputs",), object), lambda: inputs_of(scene.motion))
+    if moved is not None:
+        joint, motion = moved
+        inputs = inputs.copy()
+        fill_inputs(inputs[INPUTS * joint :], motion, 0, range(INPUTS))
+    out = np.empty((program.outputs, scene.samples))
+    program.run(inputs, out, list(map(np.asarray, parameters)))
     return out
 
 

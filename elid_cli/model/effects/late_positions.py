@@ -33,15 +33,14 @@ class LatePositions(Effect):
         return abs(age) >= LEAST * scene.dt and super().plausible(scene, joint, values)
 
     def moved(self, scene: Scene) -> Motion:
-        """Return the motion with the late positions as they are `STEP` later."""
+        """Return the motion of this joint alone with the late positions as they are `STEP` later, (N, 1)."""
         motion, j, arrays = scene.motion, self.joint, dict[str, Array]()
         for name in self.late:
             position, speed, bend = (getattr(motion, f"{order}{name}") for order in ("", "d", "dd"))
             rates = speed[:, j], bend[:, j], derivative(bend[:, j], scene.dt, scene.starts)
             for order, values, rate in zip(("", "d", "dd"), (position, speed, bend), rates, strict=True):
-                arrays[f"{order}{name}"] = np.array(values)
-                arrays[f"{order}{name}"][:, j] += STEP * rate
-        return motion.changed(**arrays)
+                arrays[f"{order}{name}"] = (values[:, j] + STEP * rate)[:, None]
+        return motion.of_joint(j).changed(**arrays)
 
     def logged(self, signals: Mapping[str, Array], dt: float, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the late positions and speeds as logged: each reading is that old."""

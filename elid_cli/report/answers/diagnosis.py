@@ -15,7 +15,6 @@ from elid_cli.report.answers.error_tables import torque_unit
 from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.known import parameter_words, some
 from elid_cli.report.answers.missing import further_items, held_out_size, loud_rows, missing_words, repeating
-from elid_cli.report.answers.motion_diagnosis import ADDED
 from elid_cli.report.tree import KeyValues, Report, Section, Text, number_text
 from elid_cli.signals.recording import Recording
 
@@ -154,7 +153,7 @@ def _trust_words(told: DiagnosisInput) -> str:
 
 def _moved_section(told: DiagnosisInput) -> list[Section]:
     """Return what holds of all parameters together: what the missing effects had moved, and how far the file is."""
-    words = [ADDED if told.contributions else ""]
+    words = [tables.ADDED if told.contributions else ""]
     moved = [m.name for m in told.found.moved if abs(m.deviations) > MOVED]
     if moved and not told.found.unexplained:
         words.append(f"Without it these are biased by more than {MOVED:g} standard errors: {some(moved)}.")

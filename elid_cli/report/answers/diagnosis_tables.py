@@ -45,6 +45,7 @@ NOTES = {
 }
 SIZE_ONLY = ": the residual is "
 """What a line of the triage has that says nothing but how large a residual is, as the list of what is left does."""
+ADDED = "All values are those with what is missing added to the model."
 SAME = "does as well: this log cannot tell it apart"
 
 

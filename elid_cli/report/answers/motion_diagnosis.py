@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from math import hypot
 from typing import Any
 
-from elid_cli.diagnosis.by_motion.diagnose import ABOVE
-from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
+from elid_cli.diagnosis.by_motion.result import ABOVE, MotionDiagnosis
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers import inputs
-from elid_cli.report.answers.diagnosis_tables import SAME
+from elid_cli.report.answers.diagnosis_tables import ADDED, SAME
 from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.known import parameter_words
@@ -32,7 +31,6 @@ from elid_cli.report.tree import (
     picked,
 )
 
-ADDED = "All values are those with what is missing added to the model."
 METHOD = "judged by the simulated motion, on stretches that the values were not fitted to"
 PARTIAL = (
     "stopped by Ctrl-C: this is what the search had found so far; more effects may be missing, and no robot file is"

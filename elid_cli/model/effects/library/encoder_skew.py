@@ -60,7 +60,7 @@ class EncoderSkew(LatePositions):
             return np.zeros((scene.robot.n, scene.samples))
         still = ("body torque",)
         if still not in scene.cache:
-            scene.cache[still] = body_torque(scene.robot, scene.motion, scene.parameters)
-        moved = body_torque(scene.robot, self.moved(scene), scene.parameters)
+            scene.cache[still] = body_torque(scene, scene.parameters)
+        moved = body_torque(scene, scene.parameters, (self.joint, self.moved(scene)))
         change: Array = (moved - scene.cache[still]) / (STEP * stiffness)
         return change

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.model.effects.bodies import SIDES, model_torque
+from elid_cli.model.effects.bodies import SIDES, Moved, model_torque
 from elid_cli.model.effects.effect import Columns, Parameter
 from elid_cli.model.effects.late_positions import STEP, LatePositions
 from elid_cli.model.effects.rows import motor_row
 from elid_cli.model.effects.scene import EquationRow, Scene
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.motion import Motion
 
 
 class PositionDelay(LatePositions):
@@ -52,17 +51,17 @@ class PositionDelay(LatePositions):
             return motor_row(self.joint, np.zeros(scene.samples))
         key = ("model torques",)
         if key not in scene.cache:
-            scene.cache[key] = self._torques(scene, scene.motion)
-        change = (self._torques(scene, self.moved(scene)) - scene.cache[key]) / STEP
+            scene.cache[key] = self._torques(scene)
+        change = (self._torques(scene, (self.joint, self.moved(scene))) - scene.cache[key]) / STEP
         rows = (EquationRow(side, k) for side in SIDES for k in range(scene.robot.n))
         return {row: values[None] for row, values in zip(rows, change, strict=True) if np.any(values)}
 
     @staticmethod
-    def _torques(scene: Scene, motion: Motion) -> Array:
+    def _torques(scene: Scene, moved: Moved | None = None) -> Array:
         """Return the torques of motor and link equations, (2n, N); friction keeps its direction: it is left out."""
         values = np.array(scene.parameters)
         place = {name: k for k, name in enumerate(scene.robot.parameter_names())}
         for k, stiffness in enumerate(np.nan_to_num(scene.stiffness).tolist()):
             if (name := StandardParameter("K", k)) in place:
                 values[place[name]] = stiffness
-        return model_torque(scene.robot, motion, values)
+        return model_torque(scene, values, moved)
