@@ -36,12 +36,12 @@ def shoulder() -> Robot:
 
 @cache
 def motion(arm: str = "planar", hysteresis: float = 0.0) -> Simulation:
-    """Return 8 s of motion, exact; 5 s with hysteresis, whose state takes long to integrate."""
+    """Return 8 s of motion, exact; 3 s with hysteresis, whose state takes long to integrate."""
     robot = planar() if arm == "planar" else shoulder()
     if hysteresis:
         spec = EffectSpec("hysteresis", "joint1", {"torque": hysteresis, "distance": 1e-3})
         robot = replace(robot, effects=(spec,))
-    return run(robot, SimulationOptions(duration=5.0 if hysteresis else 8.0, rate=500.0, seed=5))
+    return run(robot, SimulationOptions(duration=3.0 if hysteresis else 8.0, rate=500.0, seed=5))
 
 
 def logged(

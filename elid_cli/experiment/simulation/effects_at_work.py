@@ -93,8 +93,11 @@ class Stage:
             stiffness=dynamics.stiffness,
             temperature=self._temperature,
         )
-        self._K = np.nan_to_num(dynamics.stiffness)
+        self._springs = [
+            (k, K) for k, K in enumerate(np.nan_to_num(dynamics.stiffness).tolist()) if dynamics.robot.elastic[k]
+        ]
         self._elastic = dynamics.robot.elastic
+        self._rest, self._load = [0.0] * n, [0.0] * n
 
     def set(
         self, t: float, q: list[float], dq: list[float], theta: list[float], dtheta: list[float], tau: list[float]
@@ -103,17 +106,17 @@ class Stage:
         self._t[0] = t
         self._temperature[0] = warm_up(t)
         self.scene.cache.clear()
-        values = self._joint[:, 0]
-        values[0], values[1], values[3], values[4], values[6] = q, dq, theta, dtheta, tau
-        values[8] = tau
-        values[2] = values[5] = 0.0
-        values[7] = np.where(self._elastic, self._K * (values[3] - values[0]), values[7])
+        for k, stiffness in self._springs:
+            self._load[k] = stiffness * (theta[k] - q[k])
+        # one assignment of all: each would take as long
+        self._joint[:, 0] = (q, dq, self._rest, theta, dtheta, self._rest, tau, self._load, tau)
         return self.scene
 
     def loaded(self, loads: list[float]) -> float:
         """Set the loads of rigid joints, and return by how much they changed, as a part of them."""
         before = self._joint[7, 0].copy()
         self._joint[7, 0] = np.where(self._elastic, before, loads)
+        self._load = self._joint[7, 0].tolist()
         self.scene.cache.clear()
         return float(np.max(np.abs(self._joint[7, 0] - before)) / max(float(np.max(np.abs(before))), 1e-9))
 

@@ -141,17 +141,22 @@ class System:
             ddq, ddtheta = self.dynamics.solve(q, dq, dtheta, deflection, [0.0] * self._n, tau)
             return ddq, ddtheta, []
         scene = self._stage.set(t, q, dq, theta, dtheta, tau)
-        ddq, ddtheta = self._solved(x, scene, deflection, tau)
+        ddq, ddtheta = self._solved(x, (q, dq, dtheta), scene, deflection, tau)
         for _ in range(LOADED if self._loaded else 0):
             # the load of a rigid joint is known with its acceleration, which friction that grows with it changes
             loads = self.dynamics.rigid_loads(q, dq, ddq)
             if self._stage.loaded(loads) < SETTLED:
                 break
-            ddq, ddtheta = self._solved(x, scene, deflection, tau)
+            ddq, ddtheta = self._solved(x, (q, dq, dtheta), scene, deflection, tau)
         return ddq, ddtheta, self._rates(x, ddq, ddtheta)
 
     def _solved(
-        self, x: list[float], scene: Scene, deflection: list[float], tau: list[float]
+        self,
+        x: list[float],
+        motion: tuple[list[float], list[float], list[float]],
+        scene: Scene,
+        deflection: list[float],
+        tau: list[float],
     ) -> tuple[list[float], list[float]]:
         link, motor = [0.0] * self._n, list(tau)
         for active, (start, stop) in zip(self._effects, self._places, strict=True):
@@ -160,8 +165,7 @@ class System:
                     link[joint] -= value
                 else:
                     motor[joint] -= value
-        q, dq, _, dtheta = self.split(x)
-        return self.dynamics.solve(q, dq, dtheta, deflection, link, motor)
+        return self.dynamics.solve(*motion, deflection, link, motor)
 
     def _rates(self, x: list[float], ddq: list[float], ddtheta: list[float]) -> list[float]:
         if self.size == 2 * (self._n + self._m):
