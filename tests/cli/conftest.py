@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests import forked
+
 QUIET = ("NO_COLOR", "FORCE_COLOR", "COLUMNS", "ELID_ROBOT", "_ELID_COMPLETE", "PYTHONIOENCODING", "PYTHONWARNINGS")
 
 
@@ -28,17 +30,14 @@ def interruptible() -> None:
 
 
 class Elid:
-    """Runs elid as its own process, on pipes."""
+    """Runs elid as its own process; but where Python itself is looked at, forked (`tests.forked`)."""
 
     command = (sys.executable, "-m", "elid_cli")
 
     def __call__(
         self, *arguments: str, cwd: Path | None = None, stdin: str = "", timeout: float = 120, **env: str
     ) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [*self.command, *arguments], input=stdin, capture_output=True, encoding="utf-8", errors="surrogateescape",
-            env=environment(**env), cwd=cwd, timeout=timeout, check=False,
-        )  # fmt: skip
+        return forked.run(arguments, cwd=cwd, env=environment(**env), stdin=stdin, timeout=timeout)
 
     def python(self, code: str, *arguments: str, **env: str) -> subprocess.CompletedProcess[str]:
         """Run a few lines that end in calling elid's main."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -15,6 +14,7 @@ from elid_cli.diagnosis import Diagnosis, diagnose
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
+from tests import forked
 from tests.diagnosis.diagnosis_logs import Diagnosed, Logs, arm, log_with, moved
 
 
@@ -44,9 +44,6 @@ def elid() -> Callable[..., subprocess.CompletedProcess[str]]:
     kept = {k: v for k, v in os.environ.items() if k not in ("NO_COLOR", "FORCE_COLOR", "COLUMNS", "ELID_ROBOT")}
 
     def run(*arguments: str, cwd: Path, **env: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "elid_cli", *arguments], capture_output=True, encoding="utf-8", cwd=cwd,
-            env={**kept, "LC_ALL": "C.UTF-8", **env}, timeout=300, check=False,
-        )  # fmt: skip
+        return forked.run(arguments, cwd=cwd, env={**kept, "LC_ALL": "C.UTF-8", **env})
 
     return run

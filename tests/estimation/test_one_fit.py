@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,6 +25,7 @@ from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.signals import prepare
+from tests import forked
 
 ROOT = Path(__file__).parents[2]
 LOGS = ROOT / "sample_logs"
@@ -37,10 +35,7 @@ ROUNDING = 1e-6
 
 
 def elid(*words: str | Path, cwd: Path) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "elid_cli", *map(str, words)], cwd=cwd, capture_output=True, encoding="utf-8",
-        env={**os.environ, "PYTHONPATH": str(ROOT)}, check=False,
-    )  # fmt: skip
+    done = forked.run([str(word) for word in words], cwd=cwd)
     assert (done.returncode, done.stderr) == (0, ""), done.stderr
     return done.stdout
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -26,6 +24,7 @@ from elid_cli.robot.files import read_robot
 from elid_cli.robot.locking import beside_chain, locked
 from elid_cli.robot.robot import Limits, Robot
 from elid_cli.robot.urdf.write import urdf_text
+from tests import forked
 from tests.logs.mcap_made import Bag, joint_state
 from tests.robot.random_robots import random_robot
 
@@ -176,10 +175,7 @@ def test_identify_with_a_plain_urdf_and_q_alone(arm: Path, tmp_path: Path) -> No
     columns |= {f"tau.{n}": recording.tau[:, k] for k, n in enumerate(recording.joints)}
     table = np.column_stack([recording.t, *columns.values()])
     np.savetxt(log, table, delimiter=",", header=",".join(["t", *columns]), comments="")
-    done = subprocess.run(
-        [sys.executable, "-m", "elid_cli", "identify", str(log), "--robot", str(arm), "--json"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = forked.run(["identify", str(log), "--robot", str(arm), "--json"])
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
     assert answer["joints"] == list(truth.joint_names)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import html.parser
 import json
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -58,6 +57,7 @@ from elid_cli import (
 )
 from elid_cli.logs import robot_as_logged
 from elid_cli.tables import Shown
+from tests import forked
 from tests.diagnosis.by_motion import plant
 
 ROBOT = read_robot("planar2")
@@ -65,9 +65,8 @@ KNOWN_TO_COMMANDS_ONLY = {"schema", "command", "version", "log"}
 
 
 def elid(*arguments: str) -> dict[str, Any]:
-    done = subprocess.run(
-        [sys.executable, "-m", "elid_cli", *arguments, "--json"], capture_output=True, text=True, check=True
-    )
+    done = forked.run([*arguments, "--json"])
+    assert done.returncode == 0, done.stderr
     values: dict[str, Any] = json.loads(done.stdout)
     return values
 

@@ -20,6 +20,7 @@ from elid_cli.estimation.result import EstimateOptions
 from elid_cli.robot.files import read_robot, robot_from_text
 from elid_cli.robot.robot import Payload
 from elid_cli.robot.text import text_of
+from tests import forked
 from tests.cli.test_json_schema import SCHEMA, closed, faults
 from tests.system.reproduce.drive_gains import loaded, pair
 
@@ -128,16 +129,17 @@ def test_what_is_written_is_a_payload_or_refused() -> None:
 
 
 def test_the_command_prints_gains_and_a_mapping_to_go_on_with(logs: list[str]) -> None:
-    line = [sys.executable, "-m", "elid_cli", "identify", *logs, "--robot", "planar2", "--payload", f"{MASS}@joint2"]
-    done = subprocess.run([*line, "--json"], capture_output=True, text=True, check=True)
+    line = ["identify", *logs, "--robot", "planar2", "--payload", f"{MASS}@joint2"]
+    done = forked.run([*line, "--json"])
     output = json.loads(done.stdout)
     assert faults(closed(SCHEMA), output) == []
     low, high = output["drive_gains"][1]["interval"]
     assert 0.9 * GAINS[1] < low < high < 1.1 * GAINS[1]
-    report = subprocess.run(line, capture_output=True, text=True, check=True).stdout
+    report = forked.run(line).stdout
     assert "gains of the drives" in report
     current = [*line, "--map", "tau: {from: /tau, unit: A}"]
-    done = subprocess.run(current, capture_output=True, text=True, check=True)
+    done = forked.run(current)
+    assert done.returncode == 0
     assert "which is no torque" not in done.stdout + done.stderr
     assert "Only if" not in done.stdout
     pasted = shlex.split(done.stdout.partition("Next: ")[2])

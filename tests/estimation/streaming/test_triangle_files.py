@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import zipfile
 from concurrent.futures import Future
 from dataclasses import asdict, replace
@@ -26,6 +25,7 @@ from elid_cli.robot.text import text_of
 from elid_cli.signals.options import SignalOptions
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
+from tests import forked
 
 LOGS = Path(__file__).parents[3] / "sample_logs"
 
@@ -50,8 +50,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def elid(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "elid_cli", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, encoding="utf-8", timeout=120, check=False)
+    return forked.run(arguments, cwd=cwd)
 
 
 def jobs(place: Path, *logs: str) -> list[Job]:

@@ -6,7 +6,6 @@ import hashlib
 import json
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +15,13 @@ from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, sim
 from elid_cli.logs import read_recording
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.ideal import with_ideal_drives
+from tests import forked
 
 SHORT = ("--robot", "planar2", "--duration", "0.5")
 
 
 def elid(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "elid_cli", "simulate", *arguments], cwd=cwd, capture_output=True, text=True, timeout=300
-    )
+    return forked.run(["simulate", *arguments], cwd=cwd)
 
 
 @pytest.mark.parametrize("suffix", ["csv.gz", "h5", "mcap"])
