@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import multiprocessing
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -33,8 +34,12 @@ def run(
     env: Mapping[str, str] | None = None,
     stdin: str = "",
     timeout: float = 300.0,
+    limits: Mapping[int, int] | None = None,
 ) -> subprocess.CompletedProcess[str]:
-    """Run elid, as `subprocess.run` with its output captured as UTF-8; what Python itself is told starts Python."""
+    """Run elid, as `subprocess.run` with its output captured as UTF-8; what Python itself is told starts Python.
+
+    `limits` are those of `resource.setrlimit`, for the process alone.
+    """
     wanted = dict(os.environ if env is None else env)
     if any(wanted.get(name) != os.environ.get(name) for name in wanted if name.startswith("PYTHON")):
         return subprocess.run(
@@ -47,7 +52,8 @@ def run(
         streams = [Path(folder) / name for name in ("stdin", "stdout", "stderr")]
         streams[0].write_text(stdin, "utf-8", errors="surrogateescape")
         place = str(Path.cwd() if cwd is None else cwd)
-        process = context.Process(target=_elid, args=(list(arguments), place, wanted, list(map(str, streams))))
+        order = (list(arguments), place, wanted, list(map(str, streams)), dict(limits or {}))
+        process = context.Process(target=_elid, args=order)
         process.start()
         process.join(timeout)
         if process.exitcode is None:
@@ -58,8 +64,12 @@ def run(
         return subprocess.CompletedProcess([*COMMAND, *arguments], process.exitcode, *said)
 
 
-def _elid(arguments: list[str], place: str, environment: dict[str, str], streams: list[str]) -> None:
+def _elid(
+    arguments: list[str], place: str, environment: dict[str, str], streams: list[str], limits: dict[int, int]
+) -> None:
     """Become elid: in the forked process."""
+    for kind, most in limits.items():
+        resource.setrlimit(kind, (most, most))
     os.chdir(place)
     os.environ.clear()
     os.environ.update(environment)

@@ -94,7 +94,7 @@ def test_a_mistyped_parameter_of_a_declared_effect_is_refused() -> None:
 def test_declared_stribeck_friction_is_fitted() -> None:
     spec = EffectSpec("stribeck", "joint2", {"amplitude": 1.0, "velocity": 0.2, "exponent": 1.0})
     true = replace(PLANAR, effects=(spec,))
-    options = SimulationOptions(duration=6.0, seed=2, control=ControlOptions(continuous=True))
+    options = SimulationOptions(duration=6.0, rate=500.0, seed=2, control=ControlOptions(continuous=True))
     log = simulate(true, options)
     declared = replace(PLANAR, effects=(replace(spec, parameters={"velocity": 0.1, "exponent": 1.0}),))
     result = found(log, declared)
@@ -218,7 +218,7 @@ def test_load_friction_of_a_rigid_joint_leaves_its_parameters_alone(coefficient:
         replace(robot, effects=(EffectSpec("load_friction", "joint2", values),))
         for values in ({"coefficient": coefficient}, {})
     )
-    log = simulate(known, SimulationOptions(duration=8.0, control=ControlOptions(continuous=True)))
+    log = simulate(known, SimulationOptions(duration=4.0, control=ControlOptions(continuous=True)))
     found = identify(asked, prepare(log, asked), EstimateOptions(guards=False))
     own = [k for k, name in enumerate(found.base.names) if name in ("Jm2", "fs2", "fv2")]
     assert len(own) == 3

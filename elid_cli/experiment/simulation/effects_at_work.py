@@ -96,7 +96,6 @@ class Stage:
         self._springs = [
             (k, K) for k, K in enumerate(np.nan_to_num(dynamics.stiffness).tolist()) if dynamics.robot.elastic[k]
         ]
-        self._elastic = dynamics.robot.elastic
         self._rest, self._load = [0.0] * n, [0.0] * n
 
     def set(
@@ -114,11 +113,13 @@ class Stage:
 
     def loaded(self, loads: list[float]) -> float:
         """Set the loads of rigid joints, and return by how much they changed, as a part of them."""
-        before = self._joint[7, 0].copy()
-        self._joint[7, 0] = np.where(self._elastic, before, loads)
-        self._load = self._joint[7, 0].tolist()
+        before, self._load = self._load, list(loads)
+        for k, _ in self._springs:
+            self._load[k] = before[k]
+        self._joint[7, 0] = self._load
         self.scene.cache.clear()
-        return float(np.max(np.abs(self._joint[7, 0] - before)) / max(float(np.max(np.abs(before))), 1e-9))
+        change = max(abs(now - old) for now, old in zip(self._load, before, strict=True))
+        return change / max(*map(abs, before), 1e-9)
 
     def accelerate(self, ddq: list[float], ddtheta: list[float]) -> Scene:
         """Return the scene with accelerations."""
