@@ -72,15 +72,18 @@ def scene_of(model: Regressor, signals: Signals, standard: Array) -> Scene:
     robot = model.robot
     played = _played(signals, model.estimation.program.distinct[0])
     motion = played.motion
-    predicted, link = _torques(model, played, standard)
     stiffness = np.full(robot.n, np.nan)
-    load = link
     for k, joint in enumerate(robot.joints):
         if joint.elastic:
             value = float(standard[model.index[StandardParameter("K", k)]])
             if np.isfinite(value) and value > 0:
                 stiffness[k] = value
-                load[:, k] = value * (motion.theta[:, k] - motion.q[:, k])
+    springs = np.isfinite(stiffness)
+    predicted, link = _torques(model, played, standard, np.flatnonzero(~springs))
+    load = np.empty((motion.samples, robot.n))
+    load[:, ~springs] = link
+    for k in np.flatnonzero(springs).tolist():
+        load[:, k] = stiffness[k] * (motion.theta[:, k] - motion.q[:, k])
     tau = _joined_rows(signals.tau, signals.segments)
     lengths = [len(segment) for segment in signals.segments]
     temperature = None if signals.temperature is None else _joined_rows(signals.temperature, signals.segments)
@@ -147,23 +150,28 @@ def _joined(motion: Motion, segments: Sequence[Segment]) -> Motion:
     return motion[index]
 
 
-def _torques(model: Regressor, played: _Played, standard: Array) -> tuple[Array, Array]:
-    """Return predicted motor torque and the link's share of it (what passes the transmission), each (N, n)."""
+def _torques(model: Regressor, played: _Played, standard: Array, of_links: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return predicted motor torque, (N, n), and the link's share of it (what passes the transmission) of some joints.
+
+    The share is (N, k).
+    """
     plan, n, motion = model.estimation, model.robot.n, played.motion
     program, place = plan.program.distinct
     known = np.nan_to_num(standard)
-    weights = np.zeros((2 * n, program.outputs))
+    weights = np.zeros((n + len(of_links), program.outputs))
+    shares = {int(joint): n + number for number, joint in enumerate(of_links)}
     for item in plan.rows:
         if item.row.kind == "sum":
             k = item.row.joint
-            own = [model.names[c].joint == k and model.names[c].kind in MOTOR_PARAMETERS for c in item.columns]
             np.add.at(weights[k], place[item.slots], known[item.columns])
-            np.add.at(weights[n + k], place[item.slots], np.where(own, 0.0, known[item.columns]))
-    torque = np.empty((motion.samples, 2 * n))
+            if k in shares:
+                own = [model.names[c].joint == k and model.names[c].kind in MOTOR_PARAMETERS for c in item.columns]
+                np.add.at(weights[shares[k]], place[item.slots], np.where(own, 0.0, known[item.columns]))
+    torque = np.empty((motion.samples, len(weights)))
     for start in range(0, motion.samples, _CHUNK):
         part = slice(start, start + _CHUNK)
         torque[part] = (weights @ (_run(program, motion[part]) if played.rows is None else played.rows)).T
-    return torque[:, :n], torque[:, n:].copy()
+    return torque[:, :n], torque[:, n:]
 
 
 class _Played(NamedTuple):
@@ -210,8 +218,11 @@ def extra_of(effect: Effect, scene: Scene, signals: Signals) -> ExtraColumns:
 
 def _reduced(name: str, rows: Mapping[EstimationRow, Array], signals: Signals, units: tuple[str, ...]) -> ExtraColumns:
     samples = signals.motion.samples
-    reduced = {}
+    reduced, known = {}, dict[int, Array]()
     for row, values in rows.items():
+        if id(values) in known:
+            reduced[row] = known[id(values)]
+            continue
         spread = values
         if not _whole(signals.segments, samples):
             spread = np.zeros((values.shape[0], samples))
@@ -219,5 +230,5 @@ def _reduced(name: str, rows: Mapping[EstimationRow, Array], signals: Signals, u
             for segment in signals.segments:
                 spread[:, segment.start : segment.stop] = values[:, place : place + len(segment)]
                 place += len(segment)
-        reduced[row] = signals.decimate(spread)
+        reduced[row] = known[id(values)] = signals.decimate(spread)
     return ExtraColumns(name, reduced, units)

@@ -215,10 +215,10 @@ def pair(
     """
     rows: dict[EstimationRow, Array] = {}
     for (side, joint), values in effects.items() if not reading else ():
-        total = EstimationRow("sum", joint)
-        rows[total] = rows[total] + values if total in rows else np.array(values, dtype=float)
+        total, own = EstimationRow("sum", joint), np.array(values, dtype=float)
+        rows[total] = rows[total] + own if total in rows else own
         if side == "motor" and robot.joints[joint].elastic:
-            rows[EstimationRow("motor", joint)] = np.array(values, dtype=float)
+            rows[EstimationRow("motor", joint)] = own  # the same array where nothing else acts: it is filtered once
     for joint in np.flatnonzero(sensed).tolist() if sensed is not None else ():
         if robot.joints[joint].elastic:
             rows |= _read(effects.get(("link", joint)), effects.get(("motor", joint)), joint, reading=reading)
