@@ -292,7 +292,7 @@ def advance_arrays(
     x, v = (np.broadcast_to(value, shape).copy() for value in start)
     positions, velocities = np.empty((2, instants, *shape))
     positions[0], velocities[0] = x, v
-    held = np.zeros(shape)
+    held, gained = np.zeros((2, *shape))
     push, grip = (np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints))
     every, own = np.arange(size), [np.index_exp[..., k] for k in range(size)]
     for k in range(instants - 1):
@@ -310,18 +310,28 @@ def advance_arrays(
         for j in range(steps):
             middle = x + 0.5 * h * v
             drive = drives.told[k * steps + j] - drives.kp * middle - drives.kd * v
-            drive = np.clip(drive, -drives.limit, drives.limit) - joints.viscous * v
+            # what the drive gives as the velocity changes is in `inverse`: beyond its limit it gives none
+            given = (0.5 * drives.kd + 0.25 * h * drives.kp) * gained
+            drive = np.clip(drive - given, -drives.limit, drives.limit) + given - joints.viscous * v
             drive -= pulled + (j + 0.5) * pull
             drive -= _times(bend, middle - (place + (j + 0.5) * move))
             faster = v + _times(inverse, h * drive - held)
             for _ in range(SWEEPS):
                 for i in every:
                     here = own[i]
-                    now = np.clip(held[here] + faster[here] / give[here], -bound[here], bound[here])
+                    free, slid = faster[here] + give[here] * held[here], np.sign(v[here]) * bound[here]
+                    # of one that passes through rest, friction turns when it does
+                    end = free - give[here] * slid
+                    with np.errstate(divide="ignore", invalid="ignore"):
+                        turned = np.where(end * v[here] < 0, slid * (v[here] + end) / (v[here] - end), -slid)
+                    still = v[here] == 0
+                    low = np.where(still, -bound[here], np.minimum(slid, turned))
+                    high = np.where(still, bound[here], np.maximum(slid, turned))
+                    now = np.clip(free / give[here], low, high)
                     faster -= columns[i] * (now - held[here])[..., None]
                     held[here] = now
             x = x + 0.5 * h * (v + faster)
-            v = faster
+            gained, v = faster - v, faster
         positions[k + 1], velocities[k + 1] = x, v
     return positions, velocities
 

@@ -44,13 +44,14 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
     inverse, bend = np.empty((size, size)), np.empty((size, size))
     x, v, held, middle, rhs, faster = (np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
                                        np.empty(size))  # fmt: skip
-    pulled, pull, where, move, off, pushed, bound = (np.empty(size), np.empty(size), np.empty(size), np.empty(size),
-                                                     np.empty(size), np.empty(size), np.empty(size))  # fmt: skip
+    pulled, pull, where, move, off, pushed, bound, gained = (
+        np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
+        np.empty(size))  # fmt: skip
     for a in range(variants):
         for s in range(stretches):
             for c in range(chains):
                 for i in range(size):
-                    x[i], v[i], held[i] = x0[s, c, i], v0[s, c, i], 0.0
+                    x[i], v[i], held[i], gained[i] = x0[s, c, i], v0[s, c, i], 0.0, 0.0
                     xs[0, a, s, c, i], vs[0, a, s, c, i] = x[i], v[i]
                 for k in range(instants - 1):
                     for i in range(size):
@@ -85,7 +86,10 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             off[i] = middle[i] - (where[i] + w * move[i])
                         for i in range(size):
                             drive = told[k * each + j, s, c, i] - kp[s, c, i] * middle[i] - kd[s, c, i] * v[i]
-                            drive = min(max(drive, -limit[a, s, c, i]), limit[a, s, c, i]) - offset[a, s, c, i]
+                            # what the drive gives as the velocity changes is in `inverse`: beyond its limit it gives none
+                            given = (0.5 * kd[s, c, i] + 0.25 * h * kp[s, c, i]) * gained[i]
+                            drive = min(max(drive - given, -limit[a, s, c, i]), limit[a, s, c, i]) + given
+                            drive -= offset[a, s, c, i]
                             drive -= viscous[a, s, c, i] * v[i] + pushed[i]
                             drive -= pulled[i] + w * pull[i]
                             for m in range(size):
@@ -98,7 +102,19 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                         for _ in range(SWEEPS):
                             settled = True
                             for i in range(size):
-                                new = min(max(held[i] + faster[i] / inverse[i, i], -bound[i]), bound[i])
+                                # of one that passes through rest, friction turns when it does
+                                give = inverse[i, i]
+                                free = faster[i] + give * held[i]
+                                low, high = -bound[i], bound[i]
+                                if v[i] > 0.0:
+                                    end = free - give * high
+                                    if end < 0.0:
+                                        low = high * (v[i] + end) / (v[i] - end)
+                                elif v[i] < 0.0:
+                                    end = free - give * low
+                                    if end > 0.0:
+                                        high = low * (v[i] + end) / (v[i] - end)
+                                new = min(max(free / give, low), high)
                                 change = new - held[i]
                                 if change != 0.0:
                                     settled = False
@@ -109,6 +125,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                                 break
                         for i in range(size):
                             x[i] += 0.5 * h * (v[i] + faster[i])
+                            gained[i] = faster[i] - v[i]
                             v[i] = faster[i]
                     for i in range(size):
                         xs[k + 1, a, s, c, i], vs[k + 1, a, s, c, i] = x[i], v[i]

@@ -24,8 +24,10 @@ CONSTANT = 1e-9
 """Relative change of a torque that counts as none."""
 AGREEING, AGREED = 4, 2e-5
 """Times that a motion with effects is simulated until it is, rms in rad (m), the one along which they act."""
-FINER = 4
-"""Times that steps are shorter where what they change is looked at."""
+FINER = 2
+"""Times that steps are shorter where what they change is looked at …"""
+LEFT = 1.0 / (FINER**2 - 1)
+"""… and what steps without end would change beyond that, as part of it: errors fall with the square of the steps."""
 COARSEST = 5e-3
 """rad (m); a change by shorter steps that is larger is no small correction: the motion runs away."""
 NEAR = 1e-4
@@ -113,7 +115,7 @@ def refine(equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, p
         _stepped(equations, replace(item), as_late(item, unknowns, z, finer), unknowns, z, parameters, ())[0]
         for finer in (1, FINER)
     ]
-    change = moved[1] - moved[0]
+    change = (1.0 + LEFT) * (moved[1] - moved[0])
     item.finer = np.where(np.abs(change) < COARSEST, change, 0.0)[:, 0, : unknowns.robot.n]
 
 

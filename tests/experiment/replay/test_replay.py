@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace as changed
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,29 @@ def test_finer_steps_come_nearer(arm: Robot, log: Recording, monkeypatch: pytest
     fine = replay(arm, log).mean_abs
     monkeypatch.setattr("elid_cli.model.runs.STEP", 5.1e-3)
     assert replay(arm, log).mean_abs > 2.5 * fine
+
+
+@pytest.mark.parametrize("share", [0.4, np.inf])
+def test_steps_of_half_leave_a_quarter_where_joints_turn_and_drives_are_at_their_limits(
+    arm: Robot, log: Recording, share: float
+) -> None:
+    (run,) = runs_of(log, arm, None, np.zeros(2), commanded=True)
+    equations, none = Linearised(arm), np.zeros((1, 2))
+    kp, kd, told = (log.commands[name] for name in ("kp", "kd", "q_des"))
+    needed = kp * (told - log.q) + kd * (log.commands["dq_des"] - log.dq)
+    limit = share * np.abs(needed).max(axis=0)
+    joints = Joints(none, np.array([[12.0, 5.0]]), np.array([[1.5, 1.5]]), none)
+    local, found = equations.about(run.near[:, None], np.gradient(run.near, DT, axis=0)[:, None]), []
+    for finer in (1, 2, 4):
+        moved = run.delayed(np.zeros(2), finer=finer)
+        alone = changed(moved, drives=changed(moved.drives, limit=limit))
+        alone = alone.together([alone], equations.coordinates)
+        x, v = rollout.variants_of(equations, local, alone.start, alone.drives, joints, DT)
+        found.append(x[:, 0, 0])
+    turns = np.diff(np.sign(v[:, 0, 0]), axis=0) != 0
+    assert (np.count_nonzero(turns, axis=0) >= 3).all()
+    coarse, fine = (np.sqrt(np.mean((b - a) ** 2, axis=0)) for a, b in pairwise(found))
+    assert (coarse > 3.0 * fine).all()
 
 
 def test_wrong_friction_shows(arm: Robot, log: Recording) -> None:
