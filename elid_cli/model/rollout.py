@@ -310,7 +310,7 @@ def advance_arrays(
         for j in range(steps):
             middle = x + 0.5 * h * v
             drive = drives.told[k * steps + j] - drives.kp * middle - drives.kd * v
-            # what the drive gives as the velocity changes is in `inverse`: beyond its limit it gives none
+            # what a drive gives as the velocity changes is in `inverse`: at its limit it gives none
             given = (0.5 * drives.kd + 0.25 * h * drives.kp) * gained
             drive = np.clip(drive - given, -drives.limit, drives.limit) + given - joints.viscous * v
             drive -= pulled + (j + 0.5) * pull

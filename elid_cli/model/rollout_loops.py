@@ -86,7 +86,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             off[i] = middle[i] - (where[i] + w * move[i])
                         for i in range(size):
                             drive = told[k * each + j, s, c, i] - kp[s, c, i] * middle[i] - kd[s, c, i] * v[i]
-                            # what the drive gives as the velocity changes is in `inverse`: beyond its limit it gives none
+                            # what a drive gives as the velocity changes is in `inverse`: at its limit it gives none
                             given = (0.5 * kd[s, c, i] + 0.25 * h * kp[s, c, i]) * gained[i]
                             drive = min(max(drive - given, -limit[a, s, c, i]), limit[a, s, c, i]) + given
                             drive -= offset[a, s, c, i]

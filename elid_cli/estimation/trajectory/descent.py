@@ -63,7 +63,7 @@ def descended(
         last = plain
         trial = unknowns.possible(z + np.where(np.append(waiting, not prompt)[unknowns.chain_of], step, 0.0))
         motions = [(item.x, item.v, item.local) for item in tracked]
-        tried, _ = passed(equations, tracked, unknowns, trial, parameters, 1.0 / np.maximum(found.size, 1e-7), columns)
+        tried, _ = passed(equations, tracked, unknowns, trial, parameters, columns)
         now = costs(tried, unknowns)
         fell = now <= cost + SLIGHT if prompt else np.full(len(cost), now.sum() <= cost.sum() + SLIGHT)
         z = np.where(np.append(fell, fell.all())[unknowns.chain_of], trial, z)

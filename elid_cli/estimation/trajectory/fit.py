@@ -189,21 +189,20 @@ def fitted(
     robot = unknowns.robot
     equations, parameters = Linearised(robot, without=("Ja", "fs", "fv")), robot.reference()
     z = unknowns.possible(z)
-    weights = np.ones(robot.n)
     before: Array | None = None
     still = False
     for number in range(1, cycles + 1):
         if tell is not None:
             tell((number - 1) / cycles)
-        if number >= REFINED:
-            for item in tracked:
+        for item in tracked:
+            item.local = None  # a cost about this motion and one about an older one are not compared
+            if number >= REFINED:
                 refine(equations, item, unknowns, z, parameters)
         held = prompt or number < REFINED
-        every, columns = passed(equations, tracked, unknowns, z, parameters, weights)
+        every, columns = passed(equations, tracked, unknowns, z, parameters)
         if not np.isfinite(every.rms).all():
             raise DataError("the simulated motion runs away from the measured one", hint="are the gains right?")
         before = every.rms if before is None else before
-        weights = 1.0 / np.maximum(every.size, 1e-7)
         if number == cycles or (number > REFINED and (still or is_settled(unknowns, z, every, prompt=prompt))):
             break
         last = z

@@ -45,6 +45,14 @@ def weighed(error: Array, usual: Array | float, counts: NDArray[np.bool_]) -> We
     return Weighed(error, light, np.where(light > 0, usual**2 * np.log1p(square), 0.0), (1.0 - square) * light**4)
 
 
+def size_of(seen: Sequence[Weighed]) -> Array:
+    """Return the size of the errors of all stretches, large ones counted less, rad (m), (n,)."""
+    found: Array = np.sqrt(
+        np.sum([item.loss.sum(axis=0) for item in seen], axis=0) / sum(len(item.loss) for item in seen)
+    )
+    return found
+
+
 def bent(seen: Sequence[Weighed]) -> Array:
     """Return by how much the loss of every joint bends, as a part of its weights, (n,)."""
     bend = np.sum([item.bend.sum(axis=0) for item in seen], axis=0)

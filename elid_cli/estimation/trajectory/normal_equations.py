@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.trajectory.acting import Acting, acting, resisting, scene_along
 from elid_cli.estimation.trajectory.block_sums import Equations, summed
-from elid_cli.estimation.trajectory.loss import bent, usual_size, weighed
+from elid_cli.estimation.trajectory.loss import bent, size_of, usual_size, weighed
 from elid_cli.estimation.trajectory.unknowns import Unknowns, steps_of
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.rollout import Drives, Joints, Linearised, Local, variants_of
@@ -30,6 +30,8 @@ LEFT = 1.0 / (FINER**2 - 1)
 """… and what steps without end would change beyond that, as part of it: errors fall with the square of the steps."""
 COARSEST = 5e-3
 """rad (m); a change by shorter steps that is larger is no small correction: the motion runs away."""
+SMALLEST = 1e-7
+"""rad (m); errors are not taken to be smaller."""
 NEAR = 1e-4
 """rad (m); the equations are linearised again where the motion is farther, rms, from where they were."""
 
@@ -231,12 +233,12 @@ def _variants(
 
 
 def passed(
-    equations: Linearised, tracked: list[Tracked], unknowns: Unknowns, z: Array, parameters: Array, weights: Array,
+    equations: Linearised, tracked: list[Tracked], unknowns: Unknowns, z: Array, parameters: Array,
     columns: list[Array] | None = None,
 ) -> tuple[Equations, list[Array]]:  # fmt: skip
     """Simulate every stretch with unknowns (U,), and their variants unless `columns` of a pass before are to serve.
 
-    `weights` are of every joint's error, 1/rad, (n,). The columns of the stretches are returned, too.
+    Every joint's error is weighted by its size. The columns of the stretches are returned, too.
     """
     moved = [simulated(equations, item, unknowns, z, parameters, plain=columns is not None) for item in tracked]
     whole = columns is None
@@ -245,7 +247,7 @@ def passed(
         for item, own in zip(tracked, moved, strict=True):
             item.usual = usual_size(own.error, item.counts)
     seen = [weighed(own.error, item.usual, item.counts) for item, own in zip(tracked, moved, strict=True)]
-    bend = np.sqrt(bent(seen))
+    bend, weights = np.sqrt(bent(seen)), 1.0 / np.maximum(size_of(seen), SMALLEST)
     found = [
         summed(item.run, own, slopes, weights, bend, unknowns, whole=whole)
         for item, own, slopes in zip(tracked, seen, columns, strict=True)

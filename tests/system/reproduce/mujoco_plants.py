@@ -1,8 +1,8 @@
 """Public robots under commands with MuJoCo as the plant: two arms, a biped's leg and a biped, drives drawn at random.
 
 MuJoCo reads the public file itself and steps it by Runge and Kutta every tenth of a millisecond. Its friction loss is
-soft: a joint's friction turns before the joint does, and one at rest creeps. By default that is below some hundredths of
-a radian per second; at twice the step, as stiff as MuJoCo allows, friction still turns by the step too early, and
+soft: a joint turns after its friction does, and creeps where it rests: by default, below some hundredths of
+a radian per second. At twice the step, as stiff as MuJoCo allows, friction still turns by the step too early, and
 the truth would be another than drives and friction say, by up to a quarter of a percent. So steps are five times
 shorter, and friction as much stiffer, wherever a joint is slow.
 
