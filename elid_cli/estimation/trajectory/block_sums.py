@@ -14,6 +14,8 @@ from elid_cli.model.runs import Run
 
 BLOCKS = 6
 """Blocks of a recording, each of which is left out in turn for the standard errors (METHODS of leaving out blocks)."""
+DAMPING = 1e-6
+"""Of the normal equations' diagonal: directions that the motion does not show stay where they are."""
 SHORT = 16
 """Parts of a block whose sums tell whether the error has a memory."""
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.normal_equations import step_of, steps_without
-from elid_cli.estimation.trajectory.block_sums import Equations
+from elid_cli.estimation.trajectory.block_sums import DAMPING, Equations
+from elid_cli.estimation.trajectory.memory import has_memory, without_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked, passed
 from elid_cli.estimation.trajectory.unknowns import LATEST, Unknowns
 from elid_cli.model.rollout import Linearised
@@ -31,8 +32,6 @@ SLIGHT = 1e-4
 """Relative change of the error that does not count as a rise."""
 SLOWEST = 0.8
 """Largest part of the step before that a step is taken to be, for where they lead."""
-DAMPING = 1e-6
-"""Of the normal equations' diagonal: directions that the motion does not show stay where they are."""
 
 
 def costs(found: Equations, unknowns: Unknowns) -> Array:
@@ -97,6 +96,8 @@ def is_small(step: Array, found: Equations) -> bool:
     """Whether a step is far smaller than the standard errors."""
     moved = steps_without(found.matrix, found.load, DAMPING)
     deviation = np.sqrt(len(moved) - 1) * np.std(moved, axis=0)
+    if not has_memory(found):
+        deviation = np.minimum(deviation, np.sqrt(np.diag(without_memory(found))))
     return bool((np.abs(step) <= SETTLED * deviation).all())
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without
-from elid_cli.estimation.trajectory.descent import DAMPING
+from elid_cli.estimation.trajectory.block_sums import DAMPING
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 

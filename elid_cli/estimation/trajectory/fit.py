@@ -15,10 +15,10 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.long_run import at_least, beyond_normal
-from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without, white_covariance
-from elid_cli.estimation.trajectory.block_sums import Equations
-from elid_cli.estimation.trajectory.descent import DAMPING, descended, is_settled, is_small
-from elid_cli.estimation.trajectory.memory import has_memory
+from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without
+from elid_cli.estimation.trajectory.block_sums import DAMPING, Equations
+from elid_cli.estimation.trajectory.descent import descended, is_settled, is_small
+from elid_cli.estimation.trajectory.memory import has_memory, without_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked, passed, refine
 from elid_cli.estimation.trajectory.start_noise import start_covariance
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, started
@@ -211,7 +211,7 @@ def fitted(
         still = is_small(z - last, every)
     assert before is not None
     final = every.holding(unknowns.delays) if prompt else every
-    white = _white(final)
+    white = without_memory(final)
     inverse = white / max(final.spread, 1e-300)
     white += start_covariance(equations, tracked, columns, unknowns, z, final, inverse)
     covariance, between, alone, left = _spread(final, z, unknowns, white)
@@ -267,12 +267,3 @@ def _spread(found: Equations, z: Array, unknowns: Unknowns, white: Array) -> tup
     coarse[3 : unknowns.drives : len(KINDS)] = coarse[1 : unknowns.drives : len(KINDS)]  # offsets: as the friction
     coarse[unknowns.delays] = PROMPT / COARSE
     return covariance + np.diag((COARSE * coarse) ** 2), between, alone, z + steps
-
-
-def _white(found: Equations) -> Array:
-    """Return the covariance that an error without memory would leave; weights make each joint's error 1."""
-    whole = found.matrix.sum(axis=0)
-    inverse: Array = found.spread * white_covariance(whole, DAMPING)
-    hidden = np.diag(whole) <= 0
-    inverse[hidden], inverse[:, hidden] = 0.0, 0.0
-    return inverse

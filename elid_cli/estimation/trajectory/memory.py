@@ -11,9 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.regression.normal_equations import sizes
-from elid_cli.estimation.trajectory.block_sums import Equations
-from elid_cli.estimation.trajectory.descent import DAMPING
+from elid_cli.estimation.regression.normal_equations import sizes, white_covariance
+from elid_cli.estimation.trajectory.block_sums import DAMPING, Equations
 
 SHOWN = 2.0
 """Standard deviations from which the sums scatter more than without a memory."""
@@ -22,7 +21,16 @@ SHOWN = 2.0
 def has_memory(found: Equations) -> bool:
     """Whether errors near each other in time are alike, by sums over blocks of time or over their parts."""
     parts = ((found.matrix, found.load), (found.short_matrix, found.short_load))
-    return any(excess(matrix, load, found.spread) > SHOWN for matrix, load in parts)
+    return any(len(load) > 0 and excess(matrix, load, found.spread) > SHOWN for matrix, load in parts)
+
+
+def without_memory(found: Equations) -> Array:
+    """Return the covariance of unknowns that an error without memory would leave, (U, U); 0 of what is not shown."""
+    whole = found.matrix.sum(axis=0)
+    inverse: Array = found.spread * white_covariance(whole, DAMPING)
+    hidden = np.diag(whole) <= 0
+    inverse[hidden], inverse[:, hidden] = 0.0, 0.0
+    return inverse
 
 
 def excess(matrix: Array, load: Array, spread: float) -> float:

@@ -101,7 +101,7 @@ def test_intervals_hold_the_truth(arm: Robot, clean: Recording, monkeypatch: pyt
 def test_a_declared_spring_as_stiff_as_the_drive_is_fitted(arm: Robot, place: int, stiffness: float) -> None:
     springs = stiffness * np.eye(2)[place]
     spec = EffectSpec("link_spring", arm.joint_names[place], {"stiffness": 0.8 * stiffness, "preload": 0.0})
-    found = fitted(replace(bare(arm), effects=(spec,)), logged(commanded(arm, 8.0, OFFSET, springs), 1))
+    found = fitted(replace(bare(arm), effects=(spec,)), logged(commanded(arm, 12.0, OFFSET, springs), 1))
     assert found.effects[0].parameters["stiffness"] == pytest.approx(stiffness, rel=2e-3)
     known = unknowns(found)
     for kind, values in TRUTH.items():
