@@ -64,9 +64,13 @@ def moved(
         """Return the velocity after a time under what acts at a state."""
         torque = KP * (q_des[told] - where) + KD * (dq_des[told] - speed) - OFFSET - VISCOUS * speed
         torque -= weight * np.sin(where) + (push(where, speed, bodies) if push is not None else 0.0)
-        free = v + over * torque / inertia
-        hold = over * (COULOMB + (grip(where, speed, bodies) if grip is not None else 0.0)) / inertia
-        after: np.ndarray = np.sign(free) * np.maximum(np.abs(free) - hold, 0.0)
+        pulled = torque / inertia
+        braked = (COULOMB + (grip(where, speed, bodies) if grip is not None else 0.0)) / inertia
+        slid = v + over * (pulled - np.sign(v) * braked)
+        # a joint that comes to rest within the time is at rest, or goes on, for what is left of it
+        left = np.where(v == 0, 1.0, np.where(slid * v < 0, slid / np.where(slid == v, 1.0, slid - v), 0.0))
+        from_rest = np.sign(pulled) * np.maximum(np.abs(pulled) - braked, 0.0)
+        after: np.ndarray = np.where(left > 0, over * left * from_rest, slid)
         return after
 
     for k in range(len(states) - 1):
