@@ -33,8 +33,8 @@ from elid_cli.estimation.regression.normal_equations import descend
 
 LAST_RUNG = 1.1
 """The last cut-off over the end of the band."""
-SOFT_START = 8.0
-"""Locked frequency of all joints in a second climb, Hz."""
+SOFT_START = 7.0, 8.0
+"""Locked frequency of all joints in a second climb, and up to which cut-off it is held, Hz."""
 _BEYOND = 1.35
 """Band limit of the signals over the cut-off."""
 _MODEL_ERROR = 0.003
@@ -271,8 +271,14 @@ class Climb:
 
     # ---- the climb
 
-    def ascend(self, locked: float | None = None, told: Array | None = None) -> ClimbEnd:
-        """Climb from rigid joints, from the compliance that a locked frequency, Hz, means, or at compliances `told`."""
+    def ascend(
+        self, locked: float | None = None, told: Array | None = None, *, held_to: float = 0.0
+    ) -> tuple[ClimbEnd, ClimbEnd]:
+        """Climb from rigid joints, from the compliance that a locked frequency, Hz, means, or at compliances `told`.
+
+        Those of a locked frequency are held below the cut-off `held_to`, Hz: far below antiresonances the equations'
+        own errors would drive them off. Returns the highest rung that fits, and the one that fits best.
+        """
         unknowns, elastic = self.unknowns, self.link.elastic
         idle = ["lost", "bumps", "gyro", "further", *(() if self.with_load else ("load",))]
         x = np.zeros(unknowns.size)
@@ -288,30 +294,33 @@ class Climb:
             soft = 0.5 * self.mass(x) * (2 * np.pi * cutoff) ** 2 if held else None
             rows = 2 * self.link.n * max(8, int(np.searchsorted(self._frequencies, 1.5 * cutoff)))
             strength = float(np.sqrt(max(1.0, cost) * max(rows, 20) / 20))
-            x, cost = self.rung(x, cutoff, unknowns.free(*idle, *(() if told is None else ("c",))), strength, soft)
+            kept = told is not None or cutoff < held_to
+            x, cost = self.rung(x, cutoff, unknowns.free(*idle, *(("c",) if kept else ())), strength, soft)
             trace.append(ClimbEnd(x, cost, float(cutoff)))
-            if told is None and (earlier := met(trace[-1], self._traces[self.with_load], unknowns.apart)):
+            if not kept and (earlier := met(trace[-1], self._traces[self.with_load], unknowns.apart)):
                 trace = earlier
                 break
+        best = min((rung for rung in trace if rung.top >= held_to), key=lambda rung: rung.cost)
         if told is not None:  # no compliance was climbed to
-            return min(trace, key=lambda rung: rung.cost)
+            return best, best
         self._traces[self.with_load].append(trace)
         self.tops.append(trace[-1])
-        return highest(trace)
+        return highest(trace), best
 
     def ends(self) -> Iterator[ClimbEnd]:
         """Yield distinct ends of climbs from rigid and soft joints and from the robot file's K, as asked for."""
         found: list[ClimbEnd] = []
-        told = self.link.told_compliance
-        for locked, known in ((None, None), (SOFT_START, None), *([] if told is None else [(None, told)])):
+        told, (soft, held_to) = self.link.told_compliance, SOFT_START
+        for locked, known in ((None, None), (soft, None), *([] if told is None else [(None, told)])):
             try:
-                end = self.ascend(locked, known)
+                ends = self.ascend(locked, known, held_to=held_to if locked else 0.0)
             except (np.linalg.LinAlgError, ValueError):
                 continue
-            apart = all(self.unknowns.apart(end.x, other.x) > _SAME for other in found)
-            if np.all(np.isfinite(end.x)) and apart:
-                found.append(end)
-                yield end
+            for end in ends if locked else ends[:1]:
+                apart = all(self.unknowns.apart(end.x, other.x) > _SAME for other in found)
+                if np.all(np.isfinite(end.x)) and apart:
+                    found.append(end)
+                    yield end
 
     def motion(self, end: ClimbEnd, t: Array) -> Array:
         """Return the links' positions that an end means at instants t (M,), (M, n)."""

@@ -39,8 +39,9 @@ EXPLAINED = 1.1
 their true unknowns 0.5 to 1.0."""
 _STRIBECK_FROM, _LOST_FROM, _CORNERED, UNFIT = 1.1, 1.1, 2.5, 2.0
 """Misfits from which on are tried: Stribeck's columns, lost motion, all from the start; that of a fit far off."""
-_OTHER_CLIMBS = ((True, 16.0), (False, None), (False, 8.0))
-"""Further climbs where no start leads to noise: whether with load friction, from which locked frequency, Hz."""
+_OTHER_CLIMBS = ((True, 14.0, 14.0), (True, 8.0, 0.0), (True, 16.0, 0.0), (False, None, 0.0), (False, 8.0, 0.0))
+"""Further climbs where no start leads to noise: whether with load friction, from which locked frequency, Hz, and below
+which cut-off it is held."""
 _PATIENCE = 15
 """Further steps with the coarsest floor from starts that were still on their way, where no start leads to noise."""
 _SETTLING = Iteration(settle=True, least=3)
@@ -139,17 +140,18 @@ def _others(fits: _Fits, lost: bool) -> Iterator[ClimbEnd]:
         yield from (top for top in climb.tops[:1] if all(top is not start for start in starts))
     if lost and not any(start.coarsest.chi <= UNFIT for start in fits.seen):
         return
-    for load, locked in _OTHER_CLIMBS:
+    for load, locked, held_to in _OTHER_CLIMBS:
         if fits.explained or not fits.seen:
             return
         climb.with_load = load
         try:
-            end = climb.ascend(locked)
+            ends = climb.ascend(locked, held_to=held_to)
         except (np.linalg.LinAlgError, ValueError):
             continue
-        if np.all(np.isfinite(end.x)) and all(apart(end.x, other.x) >= _ELSEWHERE for other in starts):
-            starts.append(end)
-            yield end
+        for end in ends[::-1] if held_to else ends[:1]:
+            if np.all(np.isfinite(end.x)) and all(apart(end.x, other.x) >= _ELSEWHERE for other in starts):
+                starts.append(end)
+                yield end
 
 
 class _Fits:

@@ -98,6 +98,15 @@ def test_a_climb_that_no_rung_of_fits_still_leads_to_the_stiffness() -> None:
     assert joint.stiffness == pytest.approx(arm.stiffness[1], rel=0.005)
 
 
+def test_compliances_held_far_below_the_antiresonance_lead_where_free_ones_go_astray() -> None:
+    generator = np.random.default_rng([6216, 77])
+    arm = random_motor_arm(generator, 2)
+    case = Case(signal_to_noise=70.0, stribeck=arm.coulomb * generator.uniform(0.3, 1.0, 2))
+    for joint, true in zip(found_of(arm, 6216, case), arm.stiffness, strict=True):
+        assert joint.verdict == "supported"
+        assert joint.stiffness == pytest.approx(true, rel=0.005)
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.05])
 def test_a_rigid_arm_is_refused_without_a_number(friction: float) -> None:
     arm = arm_of(2, rigid=(0,))
