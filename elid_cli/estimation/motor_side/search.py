@@ -16,6 +16,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.climb import Climb
 from elid_cli.estimation.motor_side.iteration import Iteration
+from elid_cli.estimation.motor_side.latent import PARTS
 from elid_cli.estimation.motor_side.latent_fit import LatentFit, fit
 from elid_cli.estimation.motor_side.motor_log import MotorLog
 from elid_cli.estimation.motor_side.rungs import FIRST_RUNG, RATIO, ClimbEnd
@@ -209,6 +210,8 @@ class _Fits:
                 break
             if columns.coarsest.chi <= UNFIT:
                 self._add(columns)
+            elif (found := columns.with_all()) is not None:
+                self.ends.append(found)
             elif columns.coarsest.chi > MISFIT:
                 self._give_up(columns.coarsest)
 
@@ -281,7 +284,7 @@ class _Columns:
         """Return the fit with some columns, floor by floor; `asked`: with the costs that are asked about."""
         problem = self.setting.problem(parts, lost_scale)
         x = x.copy()
-        for name in {"load", "bumps", "lost"} - set(parts):
+        for name in set(PARTS) - set(parts):
             x[self.unknowns[name]] = 0.0
         for floor, steps in floors:
             problem.filter_torque(self.setting.cutoff, floor)
@@ -294,8 +297,18 @@ class _Columns:
     def may_fit(self, first: LatentFit) -> bool:
         """Return whether all columns from the start foresee a misfit that is believed: later floors only raise it."""
         scale = LOST_SHARE * first.model.spring.std(axis=0)
-        found = self.level(("load", "bumps", "lost"), self.x, self.coefficients, (COARSEST, COARSE), scale)
+        found = self.level(PARTS, self.x, self.coefficients, (COARSEST, COARSE), scale)
         return found.foreseen <= MISFIT * found.freedom
+
+    def with_all(self) -> LatentFit | None:
+        """Return the fit with all columns from the start, or None where it leaves more than noise at once."""
+        scale = LOST_SHARE * self.coarsest.model.spring.std(axis=0)
+        with suppress(np.linalg.LinAlgError, ValueError):
+            found = self.level(PARTS, self.x, self.coefficients, (COARSEST,), scale)
+            if found.chi <= EXPLAINED:
+                found = self.level(PARTS, found.x, found.coefficients, (COARSE, *FLOORS), scale)
+                return None if _gains_motion(found) else found
+        return None
 
     def best(self, fine: LatentFit) -> LatentFit:
         """Return the fit with the columns that pay, from the floor before the last with load friction alone."""
@@ -325,7 +338,7 @@ class _Columns:
         if _pays(found, richer) and not _gains_motion(richer):
             found = richer
         if found.chi > _CORNERED:
-            fresh = self.level(("load", "bumps", "lost"), self.x, self.coefficients, (COARSEST, COARSE, *FLOORS), scale)
+            fresh = self.level(PARTS, self.x, self.coefficients, (COARSEST, COARSE, *FLOORS), scale)
             if _pays(found, fresh) and fresh.cost < 0.8 * found.cost and not _gains_motion(fresh):
                 found = fresh
         return found
