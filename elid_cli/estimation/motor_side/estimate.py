@@ -33,6 +33,8 @@ ASYMMETRY = 0.25
 """Standard deviation of how differently load friction brakes in driving and back-driving, share of it."""
 OF_FORM = 0.5
 """Standard deviation of what the form of friction and of lost motion may hide, share of what it moved."""
+LOW = 1.0
+"""Its own standard errors from which on the move of a refit to low frequencies counts."""
 RIGID_ERROR = 0.05
 """Error of the torque up to which a rigid joint counts as a description."""
 DITHER = (2.0, 6.0)
@@ -205,7 +207,12 @@ def _judged(
         return judged
     c, error = float(told.compliance[place]), float(told.error[place])
     share = max(error / c, LEAST_ERROR if told.chi > WELL_FITTED or _crawls(told, place, FALL) else 0.0)
-    parts = ASYMMETRY * told.load_friction[place], OF_FORM * _form(told, place), _of_damper(told, place)
+    parts = (
+        ASYMMETRY * told.load_friction[place],
+        OF_FORM * _form(told, place),
+        _of_damper(told, place),
+        *_of_rows(told, place),
+    )
     systematic = float(np.linalg.norm(parts)) / c
     return replace(
         judged, stiffness=1 / c, std_error=float(np.hypot(share / c, systematic)), systematic=systematic,
@@ -219,6 +226,22 @@ def _form(told: Figures, place: int) -> float:
     """Return how far other forms of friction and of lost motion moved a compliance at most, share of it."""
     moves = told.moves
     return 0.0 if moves is None else float(max(abs(moves.friction[place]), abs(moves.spring[place])))
+
+
+def _of_rows(told: Figures, place: int) -> tuple[float, ...]:
+    """Return how far other rows move a compliance, shares of it: low frequencies, finer knots, both halves together.
+
+    The same samples are in all: such a move is none of their noise, but what the equations and the spline leave out.
+    Low frequencies alone have an error of their own, within which they count nothing.
+    """
+    moves = told.moves
+    if moves is None:
+        return ()
+    low, low_error = (float(values[place]) for values in moves.low)
+    share = [move[place] for move, _ in moves.halves]
+    weight = [1 / max(float(error[place]), 1e-12) ** 2 for _, error in moves.halves]
+    halves = float(np.average(share, weights=weight))
+    return (low if abs(low) > LOW * low_error else 0.0), float(moves.knots[place]), halves
 
 
 def _of_damper(told: Figures, place: int) -> float:
@@ -248,6 +271,12 @@ def _gates(told: Figures, i: int) -> dict[str, float]:
     }  # fmt: skip
     if told.moves:
         moves = told.moves
-        seen |= {"cut": moves.cut[i], "knots": moves.knots[i], "friction": moves.friction[i], "spring": moves.spring[i]}
+        seen |= {
+            "cut": moves.cut[i],
+            "low": moves.low[0][i],
+            "knots": moves.knots[i],
+            "friction": moves.friction[i],
+            "spring": moves.spring[i],
+        }
         seen |= {name: half[0][i] for name, half in zip(("first_half", "second_half"), moves.halves, strict=True)}
     return {name: float(value) for name, value in seen.items()}

@@ -19,6 +19,8 @@ from elid_cli.estimation.motor_side.unknowns import Unknowns
 
 LOWER_CUT, FINER = 0.75, 0.75
 """Cut-off of the torque rows over the end of the band, and distance of knots over the first one, of two refits."""
+LOWEST_CUT = 0.3
+"""The same of a third one: what bends further up, a link's own mode for one, hardly acts there."""
 GAIN = 2.0
 """Least cost of a rigid joint over the cost."""
 WIDTHS = (0.4, 2.5)
@@ -41,6 +43,8 @@ class Moves:
     """How far the compliances move in refits, shares of them, (n,) each."""
 
     cut: Array
+    low: tuple[Array, Array]
+    """With the lowest cut-off: move and standard error."""
     knots: Array
     halves: tuple[tuple[Array, Array], ...]
     """Per half of the stretch: move and standard error."""
@@ -129,6 +133,12 @@ class _Refits:
         with np.errstate(all="ignore"):
             return np.asarray(found.compliance / self.best.compliance - 1)
 
+    def low(self) -> tuple[Array, Array]:
+        found = self.fitted(cutoff=LOWEST_CUT * self.setting.band)
+        if found is None:
+            return np.zeros(self.n), np.full(self.n, np.inf)
+        return self.move(found), self._own_error(found)
+
     def halves(self) -> tuple[tuple[Array, Array], ...]:
         samples, log = self.setting.samples, self.best.problem.log
         middle = len(samples.t) // 2
@@ -141,9 +151,13 @@ class _Refits:
         found = self.fitted(log, how=ROUGHLY)
         if found is None:
             return np.full(self.n, np.inf), np.zeros(self.n)
-        place = found.problem.unknowns["c"]
-        error = np.sqrt(np.abs(np.diag(found.covariance)[place]) * max(1.0, found.foreseen / found.freedom))
-        return self.move(found), error / np.abs(self.best.compliance)
+        return self.move(found), self._own_error(found)
+
+    def _own_error(self, found: LatentFit) -> Array:
+        """Return the standard errors that a refit's noise gives its compliances, shares of the best fit's, (n,)."""
+        variance = np.abs(np.diag(found.covariance)[found.problem.unknowns["c"]])
+        error: Array = np.sqrt(variance * max(1.0, found.foreseen / found.freedom)) / np.abs(self.best.compliance)
+        return error
 
     def frictions(self) -> list[Friction]:
         """Return a bump, a square and a wider friction of every joint."""
@@ -186,6 +200,7 @@ def with_moves(found: Search, told: Figures) -> Figures:
     spring = refits.fitted(lost_scale=share * best.model.spring.std(axis=0))
     moves = Moves(
         cut=refits.move(refits.fitted(cutoff=LOWER_CUT * setting.band, how=ROUGHLY)),
+        low=refits.low(),
         knots=refits.move(refits.fitted(MotorLog(setting.samples, 2 / finer), spacing=finer, how=ROUGHLY)),
         halves=refits.halves(),
         friction=refits.move(friction),

@@ -58,8 +58,8 @@ class MotorSideJoint:
     """K, N·m/rad (N/m); NaN where refused."""
     std_error: float = float("nan")
     systematic: float = 0.0
-    """Part of the standard error that load friction may hide, as it may differ between driving and back-driving, and
-    other forms of friction and of lost motion."""
+    """Part of the standard error that is not the noise's: what load friction may hide, as it may differ between driving
+    and back-driving, other forms of friction and of lost motion, and what moves with the rows that are used."""
     reference: float = float("nan")
     """K of the robot file; NaN where unknown."""
     rotor: float = float("nan")

@@ -29,6 +29,8 @@ LOWEST = 0.98
 """Least cost of any rigid joint over the cost; of the joint itself: `GAIN`."""
 MOVE, HALVES = 0.03, 0.05
 """Most that the compliance may move in a refit, and on half of the log."""
+DOUBT = 3.0
+"""Standard errors of the refit to low frequencies that are allowed beyond that."""
 FRICTION_GAIN, FRICTION_MOVE = 1.6, 0.01
 """Where richer friction lowers the cost by this factor, most that the compliance may move."""
 PULL, PULL_OTHER = 2.5, 5.0
@@ -123,7 +125,11 @@ def _stable(asked: Moves, i: int, chi: float) -> list[str]:
 
 def _rows_disagree(asked: Moves, i: int) -> list[str]:
     """Return failed gates about whether other rows of the same model say the same."""
-    failed = [name for name, move in {"cut": asked.cut, "knots": asked.knots}.items() if not abs(move[i]) < MOVE]
+    low, low_error = asked.low
+    moves = {"cut": asked.cut, "knots": asked.knots}
+    failed = [name for name, move in moves.items() if not abs(move[i]) < MOVE]
+    if not abs(low[i]) < MOVE + DOUBT * low_error[i] and "cut" not in failed:
+        failed.append("cut")
     (one, one_error), (two, two_error) = asked.halves
     apart = max(HALVES, 4 * float(np.hypot(one_error[i], two_error[i])))
     if not (max(abs(one[i]), abs(two[i])) < HALVES and abs(one[i] - two[i]) < apart):

@@ -141,7 +141,7 @@ def test_a_fit_with_a_negative_compliance_is_believed_at_no_joint() -> None:
 def test_starts_that_end_apart_far_from_noise_are_believed_at_no_joint() -> None:
     one, none = np.ones(1), np.zeros(1)
     half = none, 0.001 * one
-    moves = Moves(none, none, (half, half), none, 1.0, none, (0.07 * one, 1.7))
+    moves = Moves(none, half, none, (half, half), none, 1.0, none, (0.07 * one, 1.7))
     told = Figures(
         compliance=1e-3 * one, error=1e-6 * one, chi=1.0, delay=0.0, damping=none, rotor=one, rotor_pull=none,
         rotor_sensitivity=none, load_friction=none, load_friction_error=0.01 * one, band=20 * one,
@@ -156,7 +156,7 @@ def test_starts_that_end_apart_far_from_noise_are_believed_at_no_joint() -> None
 def test_a_sure_neighbour_that_moves_with_the_rows_refuses_a_joint_where_more_than_noise_is_left() -> None:
     one, none = np.ones(2), np.zeros(2)
     still, moving = (none, 0.01 * one), (np.array([0.0, 0.25]), 0.01 * one)
-    moves = Moves(none, np.array([0.0, -0.1]), (still, moving), none, 1.0, none, (np.full(2, np.inf), np.inf))
+    moves = Moves(none, still, np.array([0.0, -0.1]), (still, moving), none, 1.0, none, (np.full(2, np.inf), np.inf))
     told = Figures(
         compliance=np.array([3e-4, 5e-5]), error=np.array([1e-6, 4e-6]), chi=1.4, delay=0.0, damping=none, rotor=one,
         rotor_pull=none, rotor_sensitivity=none, load_friction=none, load_friction_error=0.01 * one, band=30 * one,
