@@ -33,8 +33,8 @@ ASYMMETRY = 0.25
 """Standard deviation of how differently load friction brakes in driving and back-driving, share of it."""
 OF_FORM = 0.5
 """Standard deviation of what the form of friction and of lost motion may hide, share of what it moved."""
-LOW = 1.0
-"""Its own standard errors from which on the move of a refit to low frequencies counts."""
+LOW = 2.0
+"""Its own standard errors from which on the move of a refit to low frequencies counts, unless that knows too little."""
 RIGID_ERROR = 0.05
 """Error of the torque up to which a rigid joint counts as a description."""
 DITHER = (2.0, 6.0)
@@ -228,20 +228,21 @@ def _form(told: Figures, place: int) -> float:
     return 0.0 if moves is None else float(max(abs(moves.friction[place]), abs(moves.spring[place])))
 
 
-def _of_rows(told: Figures, place: int) -> tuple[float, ...]:
+def _of_rows(figures: Figures, place: int) -> tuple[float, ...]:
     """Return how far other rows move a compliance, shares of it: low frequencies, finer knots, both halves together.
 
     The same samples are in all: such a move is none of their noise, but what the equations and the spline leave out.
     Low frequencies alone have an error of their own, within which they count nothing.
     """
-    moves = told.moves
+    moves = figures.moves
     if moves is None:
         return ()
     low, low_error = (float(values[place]) for values in moves.low)
     share = [move[place] for move, _ in moves.halves]
     weight = [1 / max(float(error[place]), 1e-12) ** 2 for _, error in moves.halves]
     halves = float(np.average(share, weights=weight))
-    return (low if abs(low) > LOW * low_error else 0.0), float(moves.knots[place]), halves
+    told = LOW * low_error < min(abs(low), 2 * MOVE)
+    return (low if told else 0.0), float(moves.knots[place]), halves
 
 
 def _of_damper(told: Figures, place: int) -> float:
