@@ -172,7 +172,9 @@ def main() -> None:
             found, spent = judged(number, kinds)
             joints += found
             seconds.setdefault(found[0].kind, []).append(spent)
-            said = ", ".join(f"{joint.verdict} {100 * joint.error:+.2f}% ({joint.sigmas:.1f} errors)" for joint in found)
+            said = ", ".join(
+                f"{joint.verdict} {100 * joint.error:+.2f}% ({joint.sigmas:.1f} errors)" for joint in found
+            )
             print(f"{number:4d} {found[0].kind:27} {spent:5.1f} s  {said}", file=sys.stderr, flush=True)
     print(table(joints, seconds))
 
