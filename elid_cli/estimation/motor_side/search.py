@@ -40,7 +40,7 @@ EXPLAINED = 1.1
 their true unknowns 0.5 to 1.0."""
 _STRIBECK_FROM, _LOST_FROM, _CORNERED, UNFIT = 1.1, 1.1, 2.5, 2.0
 """Misfits from which on are tried: Stribeck's columns, lost motion, all from the start; that of a fit far off."""
-_OTHER_CLIMBS = ((True, 14.0, 14.0), (True, 8.0, 0.0), (True, 16.0, 0.0), (False, None, 0.0), (False, 8.0, 0.0))
+_OTHER_CLIMBS = ((True, 14.0, 14.0), (False, None, 0.0))
 """Further climbs where no start leads to noise: whether with load friction, from which locked frequency, Hz, and below
 which cut-off it is held."""
 _PATIENCE = 15
