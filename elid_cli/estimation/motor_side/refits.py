@@ -30,6 +30,8 @@ PATIENT = Iteration(60, 1e-5)
 MOVED = Iteration(15, np.inf, settle=True, least=3, near=2e-4)
 ROUGHLY = replace(MOVED, near=0.003, least=2)
 """How a fit iterates of which the compliances alone are asked, and where they are held against a gate of percents."""
+SHARP_FLOOR, SHARPLY = FLOORS[-1][0] / 3, Iteration(8, 1e-3)
+"""Least noise of the torque rows, share of the torque, of a refit that must fit them as well, and how it iterates."""
 WATCHED = 25
 """Every so many samples are looked at for what gyroscopes tell."""
 CLEAR = 3.0
@@ -43,6 +45,8 @@ class Moves:
     """How far the compliances move in refits, shares of them, (n,) each."""
 
     cut: Array
+    sharp: float
+    """Misfit with a third of the torque rows' least noise, over the misfit."""
     low: tuple[Array, Array]
     """With the lowest cut-off: move and standard error."""
     knots: Array
@@ -99,7 +103,7 @@ class _Refits:
     def fitted(
         self, log: MotorLog | None = None, *, spacing: float = 0.0, cutoff: float = 0.0,
         further: Sequence[Friction] = (), lost_scale: Array | None = None, held: tuple[int, float] | None = None,
-        how: Iteration = MOVED,
+        floor: float = FLOORS[-1][0], how: Iteration = MOVED,
     ) -> LatentFit | None:  # fmt: skip
         """Return a refit from the best fit's end, or None where it fails; `held`: a joint at a compliance, 0 if rigid.
 
@@ -120,7 +124,7 @@ class _Refits:
             x[unknowns["c"][joint]], free[unknowns["c"][joint]] = compliance, False
             if compliance == 0.0:
                 q[:, joint], same = log.theta[:, joint], False
-        problem.filter_torque(cutoff or setting.cutoff, FLOORS[-1][0])
+        problem.filter_torque(cutoff or setting.cutoff, floor)
         try:
             return fit(problem, x, best.coefficients if same else problem.spline.fit(q), free, how)
         except (np.linalg.LinAlgError, ValueError):
@@ -132,6 +136,10 @@ class _Refits:
             return np.full(self.n, np.inf)
         with np.errstate(all="ignore"):
             return np.asarray(found.compliance / self.best.compliance - 1)
+
+    def sharp(self) -> float:
+        found = self.fitted(floor=SHARP_FLOOR, how=SHARPLY)
+        return np.inf if found is None else found.foreseen / found.freedom / self.best.chi
 
     def low(self) -> tuple[Array, Array]:
         found = self.fitted(cutoff=LOWEST_CUT * self.setting.band)
@@ -200,6 +208,7 @@ def with_moves(found: Search, told: Figures) -> Figures:
     spring = refits.fitted(lost_scale=share * best.model.spring.std(axis=0))
     moves = Moves(
         cut=refits.move(refits.fitted(cutoff=LOWER_CUT * setting.band, how=ROUGHLY)),
+        sharp=refits.sharp(),
         low=refits.low(),
         knots=refits.move(refits.fitted(MotorLog(setting.samples, 2 / finer), spacing=finer, how=ROUGHLY)),
         halves=refits.halves(),
