@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.columns import EXPLAINED
 from elid_cli.estimation.motor_side.gyros import gyros_of, mounted
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
 from elid_cli.estimation.motor_side.response import Response, responses_of
 from elid_cli.estimation.motor_side.result import PAST, Gyroscope, MotorSide, MotorSideJoint, NextMotion, why
 from elid_cli.estimation.motor_side.rotors import rotors_of
-from elid_cli.estimation.motor_side.search import EXPLAINED, FALL, RESTS, Search, search
+from elid_cli.estimation.motor_side.search import FALL, RESTS, Search, search
 from elid_cli.estimation.motor_side.setting import Setting
 from elid_cli.estimation.motor_side.stretch import stretch_of
 from elid_cli.estimation.motor_side.verdict import CRAWLS, MOVE, RISES, TIGHT, failed_gates, verdict_of

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.estimation.motor_side.columns import FLOORS, LOST_SHARE, MISFIT
 from elid_cli.estimation.motor_side.gyros import watched
 from elid_cli.estimation.motor_side.iteration import Iteration
 from elid_cli.estimation.motor_side.latent import Friction, Latent
 from elid_cli.estimation.motor_side.latent_fit import LatentFit, fit
 from elid_cli.estimation.motor_side.motor_log import MotorLog, Samples
-from elid_cli.estimation.motor_side.search import FLOORS, LOST_SHARE, MISFIT, Search
+from elid_cli.estimation.motor_side.search import Search
 from elid_cli.estimation.motor_side.unknowns import Unknowns
 
 LOWER_CUT, FINER = 0.75, 0.75
