@@ -22,10 +22,12 @@ def lapack() -> Any:
 
 def _extension() -> Any:
     """Return SciPy's extension module alone, None where it lies elsewhere than in the releases known."""
-    import scipy
-
+    if sys.platform == "win32":
+        import scipy  # noqa: F401  # finds the libraries that the extension needs; elsewhere it knows where they are
+    package = util.find_spec("scipy")
+    folder = Path(package.origin).parent if package is not None and package.origin else Path()
     for suffix in machinery.EXTENSION_SUFFIXES:
-        path = Path(scipy.__file__).parent / "linalg" / f"_flapack{suffix}"
+        path = folder / "linalg" / f"_flapack{suffix}"
         if path.exists():
             spec = util.spec_from_file_location("_flapack", path)
             if spec is not None and spec.loader is not None:

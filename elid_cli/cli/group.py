@@ -33,13 +33,18 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 @cache
 def summaries() -> dict[str, str]:
     """Return verb -> one line, without importing any verb."""
-    found: dict[str, str] = {}
-    for module in pkgutil.iter_modules(importlib.import_module(PACKAGE).__path__):
-        source = _source(f"{PACKAGE}.{module.name}")
-        if re.search(rf"^@verb\((.|\n)*^def {module.name}\(", source, re.MULTILINE):
-            found[module.name] = (ast.get_docstring(ast.parse(source)) or "").split("\n")[0].rstrip(".")
+    names = [module.name for module in pkgutil.iter_modules(importlib.import_module(PACKAGE).__path__)]
+    sources = {name: source for name in names if (source := _verb_source(name))}
+    found = {n: (ast.get_docstring(ast.parse(s)) or "").split("\n")[0].rstrip(".") for n, s in sources.items()}
     rest = sorted(set(found) - set(ORDER))
     return {name: found[name] for name in (*ORDER, *rest) if name in found}
+
+
+@cache
+def _verb_source(name: str) -> str:
+    """Return the source text of a verb; nothing where there is no such file, or where it is no verb."""
+    source = _source(f"{PACKAGE}.{name}") if name.isidentifier() else ""
+    return source if re.search(rf"^@verb\((.|\n)*^def {name}\(", source, re.MULTILINE) else ""
 
 
 def _source(name: str) -> str:
@@ -145,7 +150,7 @@ class Verbs(ExampleFirst, click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return a verb; None where there is no such file."""
-        if cmd_name not in summaries():
+        if not _verb_source(cmd_name):
             return None
         command = getattr(importlib.import_module(f"{PACKAGE}.{cmd_name}"), cmd_name)
         assert isinstance(command, click.Command)
@@ -156,7 +161,7 @@ class Verbs(ExampleFirst, click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the verb, or say which one was probably meant."""
         name = args[0]
-        if name not in summaries() and not ctx.resilient_parsing:
+        if not _verb_source(name) and not ctx.resilient_parsing:
             raise UsageError(f"elid: no such command {name!r}", hint=_meant(name))
         return super().resolve_command(ctx, args)
 

@@ -127,7 +127,7 @@ def log_request(source: Source, robot: Robot, spread: Spread, output: Output, pr
 
 def samples_of(source: Source, robot: Robot, output: Output, progress: Progress | None) -> Signals | None:
     """Return the signals of the logs for figures, or None (and say so) where only their triangles are at hand."""
-    from elid_cli.estimation.streaming.files import is_triangle_file
+    from elid_cli.estimation.streaming.stored import is_triangle_file
 
     if any(is_triangle_file(log) for log in source.logs):
         note(["no figures of torques: reduced logs hold no samples"], output)

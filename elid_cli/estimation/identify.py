@@ -25,7 +25,7 @@ from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
 from elid_cli.estimation.sanity import physics_warnings
-from elid_cli.estimation.validation.prediction import ByLog
+from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
 from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import nuisance_of
@@ -192,14 +192,12 @@ def identify_logs(
         found, apart = identify_reduced(request.robot, logs, options)  # refuses logs that do not belong together
         side = motor_side_of_logs(request, logs) if asks(options) else None
         return Identified(with_motor_side(found, side), joined_recording(logs), apart, None)
-    from elid_cli.estimation.refined_robot import identified_robot
-    from elid_cli.estimation.streaming.merge import identify_reduced
-    from elid_cli.estimation.streaming.reduce import asked_of, reduce_each
-    from elid_cli.estimation.streaming.reduced_log import without_positions
-    from elid_cli.estimation.validation.prediction import errors_by_log
-
     recording, signals = read_signals(request)
     if is_long(signals, request.robot) and not samples_needed(request.robot, options):
+        from elid_cli.estimation.streaming.merge import identify_reduced
+        from elid_cli.estimation.streaming.reduce import asked_of, reduce_each
+        from elid_cli.estimation.streaming.reduced_log import without_positions
+
         side = asked_motor_side(request.robot, signals, options)
         if not keep_signals:
             recording = without_positions(recording)
@@ -208,6 +206,8 @@ def identify_logs(
         found, _ = identify_reduced(request.robot, logs, options)
         found = with_motor_side(found, side)
         return Identified(found, logs[0].recording, (), signals if keep_signals else None)
+    from elid_cli.estimation.refined_robot import identified_robot
+
     found = identify(request.robot, signals, options)
     apart = errors_by_log(identified_robot(found), signals, recording.files)
     return Identified(found, recording, apart, signals)
@@ -247,7 +247,7 @@ def _merges(request: LogRequest, options: EstimateOptions) -> bool:
     UsageError
         A triangle file where the samples are needed.
     """
-    from elid_cli.estimation.streaming.files import is_triangle_file
+    from elid_cli.estimation.streaming.stored import is_triangle_file
 
     reason = samples_needed(request.robot, options)
     stored = [log for log in request.logs if is_triangle_file(log)]

@@ -13,7 +13,6 @@ from elid_cli.robot.frames import rotation_z, rpy_of, translation, z_to
 from elid_cli.robot.inertia import inertial_parameters, moved, pseudo_inertia
 from elid_cli.robot.parameter import LINK_PARAMETERS
 from elid_cli.robot.robot import BASE, Joint, Robot
-from elid_cli.robot.urdf.write import in_joint_frames, origins
 
 
 def locked(robot: Robot, values: Mapping[str, float]) -> Robot:
@@ -37,6 +36,8 @@ def locked(robot: Robot, values: Mapping[str, float]) -> Robot:
         return robot
     if len(values) == robot.n:
         raise RobotError(f"{robot.name}: no joint is left to move", detail=f"locked: {' '.join(values)}")
+    from elid_cli.robot.urdf.write import in_joint_frames, origins
+
     full = in_joint_frames(robot)
     places, kept = origins(full), []
     # of every joint frame: the kept joint that carries it, and its pose in that one's frame

@@ -13,7 +13,8 @@ import pytest
 from elid_cli.cli import main
 from elid_cli.errors import LogError, UsageError
 from elid_cli.estimation.judgement import JointError
-from elid_cli.logs import inspect_log, read_map_options
+from elid_cli.logs import read_map_options
+from elid_cli.logs.inspect import inspect_log
 from elid_cli.logs.mapping.language import parse_mapping
 from elid_cli.report.answers.summary import trust_words
 from elid_cli.robot.robot import Limits

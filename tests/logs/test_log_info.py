@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from elid_cli.logs import inspect_log
 from elid_cli.logs.contract import Channel
+from elid_cli.logs.inspect import inspect_log
 from elid_cli.logs.mapping.suggest import suggestion
 from tests.logs.faults import table
 from tests.logs.made_logs import JOINTS, ROBOT, like, read, recording, same, written

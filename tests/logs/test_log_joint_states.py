@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli.logs import inspect_log, read_map_options
+from elid_cli.logs import read_map_options
 from elid_cli.logs.formats.csv import FIELDS
+from elid_cli.logs.inspect import inspect_log
 from elid_cli.robot.robot import Robot
 from tests.logs.made_logs import JOINTS, ROBOT, read, recording
 from tests.logs.mcap_made import Bag, joint_state

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import LogError
-from elid_cli.logs import inspect_log, read_recording
+from elid_cli.logs import read_recording
+from elid_cli.logs.inspect import inspect_log
 from tests import peaks
 from tests.logs.made_logs import JOINTS, ROBOT, read, recording, same
 

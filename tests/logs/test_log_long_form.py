@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from elid_cli.errors import LogError, UsageError
-from elid_cli.logs import inspect_log, read_map_options, read_recording
+from elid_cli.logs import read_map_options, read_recording
+from elid_cli.logs.inspect import inspect_log
 from elid_cli.robot.robot import Joint, Robot
 
 ROBOT = Robot("arm", tuple(Joint(name, transmission="rigid") for name in ("shoulder", "elbow")))

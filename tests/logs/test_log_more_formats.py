@@ -14,8 +14,8 @@ import pytest
 import zstandard
 
 from elid_cli.errors import LogError
-from elid_cli.logs import inspect_log
 from elid_cli.logs.formats import db3
+from elid_cli.logs.inspect import inspect_log
 from elid_cli.logs.mcap.container import Container, Messages
 from elid_cli.logs.mcap.write import joint_state_schema
 from tests.logs.made_logs import JOINTS, ROBOT, read, recording, same, written

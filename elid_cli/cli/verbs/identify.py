@@ -74,7 +74,6 @@ def identify(
     with progress(output, "reading") as advance:
         from elid_cli.estimation.refined_robot import identified_robot, remarks, with_stiffnesses
         from elid_cli.report.answers.identification import identification_report
-        from elid_cli.report.answers.physical import with_physical
 
         machine = load_robot(source.robot)
         check_names(gates, machine)
@@ -106,6 +105,8 @@ def identify(
             if signals is not None:
                 report = with_figures(report, identification_figures(found, predicting, signals))
         if beyond.physical:
+            from elid_cli.report.answers.physical import with_physical
+
             report = with_physical(report, built, found.base)
     emit(motor_rows_told(report, gates, found.error, output), output)
     if written.refusal:

@@ -29,7 +29,8 @@ def info(
     check_output(output)
     with progress(output, "reading"):
         from elid_cli.files import write_text
-        from elid_cli.logs import inspect_log, read_map_options
+        from elid_cli.logs import read_map_options
+        from elid_cli.logs.inspect import inspect_log
         from elid_cli.report.answers.info import info_report, mapping_lines
 
         machine = None if robot is None else load_robot(robot, any_size=True)

@@ -17,7 +17,7 @@ from elid_cli.estimation.identify import EstimateOptions, Identified, identify, 
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import DriveGain, Verdict
-from elid_cli.estimation.streaming.files import is_triangle_file
+from elid_cli.estimation.streaming.stored import is_triangle_file
 from elid_cli.logs.checks.known_masses import BESIDE_WEIGHT
 from elid_cli.logs.checks.limits import beyond_limits
 from elid_cli.logs.checks.units_and_signs import NOT_TORQUE

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint
-from elid_cli.estimation.motor_side.several import motor_side_of_files
+from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
+
+if TYPE_CHECKING:
+    from elid_cli.estimation.motor_side.result import MotorSide, MotorSideJoint
 
 ENOUGH = 3.0
 """Independent instants per parameter of a joint that a lower cut-off must leave."""
@@ -24,11 +27,12 @@ def asked_motor_side(robot: Robot, signals: Signals, options: EstimateOptions) -
 
     Fits that hold on to what they were told do not ask.
     """
-    from elid_cli.estimation.motor_side.estimate import motor_side
-
     recording = signals.recording
-    if recording is None or not asks(options):
+    if recording is None or not asks(options) or not hidden_joints(robot, recording):
         return None
+    from elid_cli.estimation.motor_side.estimate import motor_side
+    from elid_cli.estimation.motor_side.several import motor_side_of_files
+
     if len({segment.source for segment in signals.segments}) > 1:
         return motor_side_of_files(robot, recording, signals.still)
     return motor_side(robot, recording, signals.still)

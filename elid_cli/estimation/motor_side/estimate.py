@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.estimation.motor_side.columns import EXPLAINED
 from elid_cli.estimation.motor_side.gyros import gyros_of, mounted
+from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
 from elid_cli.estimation.motor_side.response import Response, responses_of
@@ -25,7 +26,7 @@ from elid_cli.estimation.motor_side.vibration import Vibration
 from elid_cli.robot.locking import locked
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import Recording, is_empty
+from elid_cli.signals.recording import Recording
 
 LEAST_ERROR, WELL_FITTED = 0.01, 1.2
 """Least standard error, share of the stiffness, where the cost per degree of freedom is above the second, or where
@@ -42,13 +43,6 @@ DITHER = (2.0, 6.0)
 """Accelerations of all inertia that a torque multisine should make, rad/s² (m/s²)."""
 GUESSED_TOP = 2.0
 """Highest frequency of the multisine over this log's band where the antiresonance to expect is unknown."""
-
-
-def hidden_joints(robot: Robot, recording: Recording) -> list[int]:
-    """Return the numbers of the elastic joints of which a log holds the motor's position and torque, not the link's."""
-    lacking = np.flatnonzero(robot.elastic & recording.missing_link).tolist()
-    # no look at the other joints' columns: of a long log all would be in memory
-    return [k for k in lacking if not is_empty(recording.theta[:, k]) and not is_empty(recording.tau[:, k])]
 
 
 def motor_side(robot: Robot, recording: Recording, still: NDArray[np.bool_]) -> MotorSide | None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from elid_cli.estimation.motor_side.response import Response
-from elid_cli.estimation.motor_side.verdict import WORDS
 from elid_cli.estimation.result import Verdict
 from elid_cli.robot.parameter import StandardParameter
+
+if TYPE_CHECKING:
+    from elid_cli.estimation.motor_side.response import Response
 
 NOT_SHOWN = "not shown by this log"
 PAST = 1.3
@@ -146,5 +148,7 @@ class MotorSide:
 
 def why(failed: tuple[str, ...]) -> str:
     """Return the weightiest failed gates in words: others follow from them."""
+    from elid_cli.estimation.motor_side.verdict import WORDS
+
     weightiest = sorted(failed, key=list(WORDS).index)
     return "; ".join(WORDS[name] for name in weightiest[:TOLD])

@@ -32,10 +32,8 @@ def motor_side_of_files(robot: Robot, recording: Recording, still: NDArray[np.bo
 
     `still` are the joints that rest in all of them, (n,).
     """
-    from elid_cli.estimation.motor_side.estimate import hidden_joints, motor_side
+    from elid_cli.estimation.motor_side.estimate import motor_side
 
-    if not hidden_joints(robot, recording):
-        return None
     found = []
     for number, name in list(enumerate(recording.files))[:MOST]:
         log = _of_file(recording, number)

@@ -9,7 +9,7 @@ positive definite by construction, and smooth scores need not be summed at every
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -18,7 +18,13 @@ from elid_cli.signals.lowpass import LowPass
 
 MANY = 400.0
 """Degrees of freedom from which on Student's t is the normal distribution."""
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
+
+
+@cache
+def _gauss() -> tuple[Array, Array]:
+    """Return nodes and weights of Gauss's rule on -1 … 1, made when it is first needed."""
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    return nodes, weights
 
 
 @lru_cache(maxsize=256)
@@ -28,11 +34,12 @@ def student_quantile(degrees: float, probability: float) -> float:
     Substituting t = sqrt(d) tan(a) makes the density proportional to cos(a)^(d - 1) on a finite interval, which is
     integrated by Gauss's rule and solved by Newton's.
     """
+    nodes, weights = _gauss()
     constant = math.exp(math.lgamma((degrees + 1) / 2) - math.lgamma(degrees / 2)) / math.sqrt(math.pi)
     angle = math.atan(2.0 / math.sqrt(degrees))
     for _ in range(50):
         half = angle / 2
-        area = constant * half * float(_WEIGHTS @ np.cos(half * (_NODES + 1)) ** (degrees - 1))
+        area = constant * half * float(weights @ np.cos(half * (nodes + 1)) ** (degrees - 1))
         step = (area - (probability - 0.5)) / (constant * math.cos(angle) ** (degrees - 1))
         angle = min(max(angle - step, angle / 2), (angle + math.pi / 2) / 2)
         if abs(step) < 1e-13:

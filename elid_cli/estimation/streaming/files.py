@@ -38,32 +38,11 @@ ROWS = ("sum", "motor", "load", "drive", "spring")
 
 
 SCHEMA = "elid-triangles/2"
-_MAGIC = b"PK\x03\x04"
 _FAULTS = (
     zipfile.BadZipFile, KeyError, ValueError, IndexError, TypeError, AttributeError, EOFError, zlib.error, struct.error,
     RuntimeError, OverflowError, MemoryError, SyntaxError, tokenize.TokenError,
 )  # fmt: skip
 _KNOWN = ("files", "sha256", "repairs", "notes", "warnings")
-
-
-def is_triangle_file(path: str | Path) -> bool:
-    """Return whether a file is one that `write_triangles` wrote, or what is left of one, by its content.
-
-    NumPy's archives of other arrays are logs. A pipe or device is never opened.
-    """
-    try:
-        if not Path(path).is_file():
-            return False
-        with Path(path).open("rb") as stream:
-            head = stream.read(80)
-        if not head.startswith(_MAGIC):
-            return False
-        if b"elid.npy" in head:
-            return True
-        with zipfile.ZipFile(path) as archive:
-            return "elid.npy" in archive.namelist()
-    except (OSError, zipfile.BadZipFile):
-        return False
 
 
 def write_triangles(logs: Sequence[ReducedLog], path: str | Path) -> None:

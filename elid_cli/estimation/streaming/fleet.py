@@ -144,7 +144,8 @@ def reduced_logs(request: LogRequest) -> list[ReducedLog]:
     UsageError
         A triangle file that was made with other options than those of the request.
     """
-    from elid_cli.estimation.streaming.files import is_triangle_file, read_triangles
+    from elid_cli.estimation.streaming.files import read_triangles
+    from elid_cli.estimation.streaming.stored import is_triangle_file
     from elid_cli.robot.text import text_of
 
     wish, text = asked_of(request.signals), text_of(request.robot)

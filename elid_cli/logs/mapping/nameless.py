@@ -14,7 +14,6 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import LogError
 from elid_cli.logs.contract import Channel, Pick, Stream
-from elid_cli.robot.locking import beside_chain
 from elid_cli.robot.robot import Robot
 
 HEADERLESS = re.compile(r"column\d+")
@@ -110,6 +109,8 @@ def _chains(robot: Robot) -> list[tuple[str, tuple[str, ...]]]:
     found = []
     for link, by in robot.links.items():
         if by in robot.joint_names:
+            from elid_cli.robot.locking import beside_chain
+
             beside = set(beside_chain(robot, link))
             found.append((link, tuple(name for name in robot.joint_names if name not in beside)))
     return [("", robot.joint_names), *sorted(found, key=lambda item: -len(item[1]))]

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from elid_cli.logs import ChannelInfo, LogInfo
+from elid_cli.logs.inspect import ChannelInfo, LogInfo
 from elid_cli.report.answers.summary import listed
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked
 from elid_cli.robot.files import fingerprint

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from elid_cli.estimation.motor_side.result import Gyroscope, MotorSideJoint
 from elid_cli.estimation.result import Identification
 from elid_cli.report.answers.classification import verdict_mark
 from elid_cli.report.tree import Cell, Column, Quantity, Section, Table, Text, Tone, picked
+
+if TYPE_CHECKING:
+    from elid_cli.estimation.motor_side.result import Gyroscope, MotorSideJoint
 
 NOTE = (
     "rigid to: a rigid joint's torque is within 5 % up to there; antiresonance: link against held motor; resonance: "

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from elid_cli.estimation.physical.nearest import PhysicalParameters
-from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.report.tree import (
     Cell,
     Column,
@@ -21,6 +19,10 @@ from elid_cli.report.tree import (
     number_text,
     picked,
 )
+
+if TYPE_CHECKING:
+    from elid_cli.estimation.physical.nearest import PhysicalParameters
+    from elid_cli.model.base_parameters import BaseParameters
 
 SHOWN = 28
 """Standard parameters printed without --all."""

@@ -11,7 +11,7 @@ import pytest
 
 from elid_cli import Identification, identify, prepare
 from elid_cli.cli import main
-from elid_cli.estimation.motor_side.estimate import hidden_joints
+from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
 from elid_cli.logs import write_recording
 from elid_cli.report.answers.identification_json import identification_payload

@@ -15,10 +15,11 @@ import pytest
 from elid_cli.errors import LogError, UsageError
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.result import Identification
-from elid_cli.estimation.streaming.files import is_triangle_file, read_triangles, write_triangles
+from elid_cli.estimation.streaming.files import read_triangles, write_triangles
 from elid_cli.estimation.streaming.fleet import Job, _collected, reduce_jobs
 from elid_cli.estimation.streaming.merge import identify_reduced
 from elid_cli.estimation.streaming.reduce import reduce_log
+from elid_cli.estimation.streaming.stored import is_triangle_file
 from elid_cli.logs import read_recording, write_recording
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.text import text_of

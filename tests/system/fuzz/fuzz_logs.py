@@ -19,7 +19,8 @@ import numpy as np
 from mcap.writer import CompressionType
 
 from elid_cli.errors import ElidError
-from elid_cli.logs import inspect_log, read_recording, write_recording
+from elid_cli.logs import read_recording, write_recording
+from elid_cli.logs.inspect import inspect_log
 from elid_cli.signals.recording import Recording
 from tests.logs.made_logs import ROBOT, recording
 from tests.logs.mcap_made import canonical
