@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.estimation.data import FitData, sum_row
+from elid_cli.estimation.data import FitData, Solved, sum_row
 from elid_cli.estimation.default_fit import DefaultFit
 from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.regression.long_run import at_least
@@ -58,47 +58,81 @@ def assemble(
     `before` is the fit by triangles that `fit` was refined from: held-out stretches are then predicted by the
     triangles' fit to the others, moved by what the refinement changed.
     """
-    base, solution, robot = fit.base, fit.solution, fit.model.robot
-    transform = fit.transform
-    known = solution.estimable(transform)
-    estimate = transform @ solution.values
-    own = transform[:, solution.basis]
+    own = fit.transform[:, fit.solution.basis]
     spread = own @ fit.covariance @ own.T
     if fit.scatter is not None:
         spread = at_least(spread, np.diag(own @ fit.scatter @ own.T))
-    deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    values = Estimates(base, estimate, deviation, torque_scale(base, fit.triangles), known)
-    facts = fit.data.facts
-    left = freedom(facts, fit.triangles, len(solution.basis))
-    verdict, reasons = judge(values, robot, facts, refused or {}, left)
-    unsaid = np.array([v == "refused" for v in verdict])
-    reference = base.values(robot.reference())
-    parameters, covariance = records(base, estimate, spread, unsaid, reference, verdict, reasons)
+    facts, robot = fit.data.facts, fit.model.robot
+    errors = held_out(robot, fit.triangles, fit.solution, None if before is None else before.solution)
+    left = freedom(facts, fit.triangles, len(fit.solution.basis))
+    fresh = weighed(fit, spread, _of_delivered(fit, errors), refused or {}, left)
     nuisances, delays = _nuisances(fit)
     doubts = () if fit.data.samples is None else fit.signals.doubts
-    lacking = shortfall(base, known, robot, facts)
-    fresh = Identification(
-        robot=robot,
-        base=base,
-        parameters=parameters,
-        error=_of_delivered(fit, held_out(robot, fit.triangles, solution, None if before is None else before.solution)),
-        condition=solution.condition,
-        rank_margin=solution.margin,
-        rank=int(known.sum()),
-        covariance=covariance,
-        standard=solution.values[: len(base.parameters)],
+    lacking = shortfall(fit.base, fresh.rank, robot, facts)
+    fresh = replace(
+        fresh,
         delays=delays,
         settings=_settings(fit.data, options),
         nuisances=nuisances,
         effects=_effects(fit),
-        warnings=(*suspicious(base, estimate, deviation, known), *doubts),
+        warnings=(*fresh.warnings, *doubts),
         notes=(*((lacking,) if lacking else ()), *(sentences(fit.effects, robot) if fit.effects else ())),
         estimator=options.estimator,
+    )
+    found = with_both_regressions(fresh, lambda joint: fit.data.two_ways(fresh.standard, joint))
+    return _agreeing(with_link_stiffness(found, lambda joint: fit.data.link_stiffness(fit.base, joint)))
+
+
+def weighed(
+    fit: Solved,
+    spread: Array,
+    error: Mapping[str, JointError],
+    refused: Mapping[str, str],
+    freedom: float = np.inf,
+    *,
+    lenient: bool = False,
+) -> Identification:
+    """Return the base parameters of a fit with a verdict on each, as far as every estimator gives them alike.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+    spread
+        Covariance of the base parameters, (b, b).
+    error
+        Error of each joint on data not used.
+    refused, freedom
+        See `verdicts.judge`.
+    lenient
+        Whether only what the log's rank leaves open is refused, however large the error of the rest.
+    """
+    base, solution, robot = fit.base, fit.solution, fit.model.robot
+    known = solution.estimable(fit.transform)
+    estimate = fit.transform @ solution.values
+    deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    values = Estimates(base, estimate, deviation, torque_scale(base, fit.triangles), known)
+    verdict, reasons = judge(values, robot, fit.data.facts, refused, freedom)
+    if lenient:
+        verdict = tuple("weak" if v == "refused" and known[k] else v for k, v in enumerate(verdict))
+    unsaid = np.array([v == "refused" for v in verdict])
+    reference = base.values(robot.reference())
+    parameters, covariance = records(base, estimate, spread, unsaid, reference, verdict, reasons)
+    return Identification(
+        robot=robot,
+        base=base,
+        parameters=parameters,
+        error=error,
+        condition=solution.condition,
+        rank_margin=solution.margin,
+        rank=int(known.sum()),
+        covariance=covariance,
+        standard=fit.standard,
+        delays=np.zeros(robot.n),
+        warnings=suspicious(base, estimate, deviation, known),
         triangles=fit.triangles,
         weights=solution.weights,
     )
-    found = with_both_regressions(fresh, lambda joint: fit.data.two_ways(fresh.standard, joint))
-    return _agreeing(with_link_stiffness(found, lambda joint: fit.data.link_stiffness(base, joint)))
 
 
 def _agreeing(found: Identification) -> Identification:

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError
-from elid_cli.estimation.facts import facts_of
+from elid_cli.estimation.assembly import weighed
+from elid_cli.estimation.data import SampledData, Solved
 from elid_cli.estimation.regression.least_squares import Solution, solve
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.triangles import Triangles, to_triangles
-from elid_cli.estimation.result import EstimateOptions, Identification, records
+from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.stretches import stretch_of
 from elid_cli.estimation.validation.cross_validation import all_others, joint_errors, left_out
-from elid_cli.estimation.validation.verdicts import Estimates, judge, suspicious, torque_scale
-from elid_cli.model.base_parameters import BaseParameters, find_base
+from elid_cli.model.base_parameters import find_base
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.lowpass import low_pass
@@ -70,44 +70,21 @@ def identify_paper(
     triangles = to_triangles(observation, (), fold)
     equal = dict.fromkeys(triangles.rows, 1.0)
     solution = solve(triangles, equal, rank=base.count)
-    known = solution.estimable(base.transform)
-    estimate = base.transform @ solution.values
+    fit = Solved(base, SampledData(model, signals, observation, fold), (), None, triangles, solution)
     power = sum(t.squares(solution.values) for t in triangles.items)
     spare = max(sum(t.count for t in triangles.items) - len(solution.basis), 1)
     spread = base.transform[:, solution.basis] @ solution.inverse
-    covariance = spread @ spread.T * power / spare
-    deviation = np.sqrt(np.diag(covariance))
-    values = Estimates(base, estimate, deviation, torque_scale(base, triangles), known)
-    verdict, reasons = judge(values, robot, facts_of(signals, observation.known), {})
-    unsaid = ~known
-    verdict = tuple(v if v != "refused" or unsaid[k] else "weak" for k, v in enumerate(verdict))
-    reference = base.values(robot.reference())
-    parameters, covariance = records(base, estimate, covariance, unsaid, reference, verdict, reasons)
-    error = joint_errors(robot, *_prediction(model, base, signals, triangles, solution, options))
-    return Identification(
-        robot=robot,
-        base=base,
-        parameters=parameters,
-        error=error,
-        condition=solution.condition,
-        rank_margin=solution.margin,
-        rank=int(known.sum()),
-        covariance=covariance,
-        standard=solution.values[: model.parameters],
-        delays=np.zeros(robot.n),
-        settings={
-            "cutoff": CUTOFF,
-            "rate": 1.0 / classical.dt,
-            "instants": observation.instants,
-            "min_velocity": slowest.tolist(),
-            "estimator": "paper",
-            "folds": options.folds,
-        },
-        warnings=suspicious(base, estimate, deviation, known),
-        estimator="paper",
-        triangles=triangles,
-        weights=equal,
-    )
+    error = joint_errors(robot, *_prediction(model, signals, triangles, solution, options))
+    settings = {
+        "cutoff": CUTOFF,
+        "rate": 1.0 / classical.dt,
+        "instants": observation.instants,
+        "min_velocity": slowest.tolist(),
+        "estimator": "paper",
+        "folds": options.folds,
+    }
+    found = weighed(fit, spread @ spread.T * power / spare, error, {}, lenient=True)
+    return replace(found, settings=settings, estimator="paper")
 
 
 def _without(observation: Observation, slow: NDArray[np.bool_]) -> Observation:
@@ -169,12 +146,7 @@ def classical_signals(signals: Signals, robot: Robot, noise: RateNoise | None = 
 
 
 def _prediction(
-    model: Regressor,
-    base: BaseParameters,
-    signals: Signals,
-    triangles: Triangles,
-    solution: Solution,
-    options: EstimateOptions,
+    model: Regressor, signals: Signals, triangles: Triangles, solution: Solution, options: EstimateOptions
 ) -> tuple[Triangles, dict[EstimationRow, Array]]:
     """Return sum and motor rows, filtered as the default estimator does, and squares predicted from other folds."""
     observation = observe(model, signals, model.estimation)

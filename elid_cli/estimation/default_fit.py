@@ -13,9 +13,10 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.data import FitData, SampledData, Solved, sampled, sum_row
-from elid_cli.estimation.fitted_shapes import Step, rescened, shaped, start_effects
 from elid_cli.estimation.judgement import JointError
-from elid_cli.estimation.regression.effect_columns import FittedEffects, extra_of
+from elid_cli.estimation.regression.covariance import lasting_weights
+from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of, with_effects
+from elid_cli.estimation.regression.effect_shapes import fit_declared
 from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.nuisances import LONGEST, reading_columns, short_enough, significant
 from elid_cli.estimation.regression.other_shapes import check_shape_ambiguity
@@ -25,6 +26,7 @@ from elid_cli.estimation.result import EstimateOptions
 from elid_cli.estimation.validation.cross_validation import held_out
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.effects import nuisance_of
+from elid_cli.model.effects.declared import declared_effects
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.signals.signals import Signals
@@ -95,12 +97,14 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
     elif options.mask is None:
         data = _with_gliding(base, data, [*delays, *offsets])
     nuisances = [*(delays if options.delays else ()), *(offsets if options.offsets else ())]
-    effects = start_effects(base, data, options.hold)
+    effects = _start_effects(base, data, options.hold)
     if options.offsets and data.samples is not None and data.samples.rows_of_sensors():
         nuisances += _reading_columns(base, data.samples, nuisances, effects)
     solved = solve_with(base, data, nuisances, effects, shaping=not options.hold, valleys=options.valleys)
     for _ in range(RESCENED if effects and options.hold else 0):  # columns from what the fit made of the parameters
-        solved = solve_with(base, data, solved.nuisances, rescened(data, effects, solved.standard))
+        scene = scene_of(data.model, solved.signals, solved.standard)
+        again = FittedEffects.of(effects.effects, scene, solved.signals) if effects else None
+        solved = solve_with(base, data, solved.nuisances, again)
     covariance = covariance_of(solved)
     if solved.effects and data.samples is not None and not options.hold:
         effects, covariance = check_shape_ambiguity(solved, solved.effects, covariance)
@@ -138,8 +142,7 @@ def solve_with(
     before = None
     for last in (False, True):
         if shaping and effects and data.samples is not None:
-            steps = (Step.SCAN, Step.RESCAN, Step.REFINE) if valleys and not last else (Step.REFINE, Step.REFINE)
-            effects = shaped(base, data.samples, nuisances, effects, steps)
+            effects = _shaped(base, data.samples, nuisances, effects, valleys=valleys and not last)
         solved = replace(Solved.of(base, data, nuisances, effects), before=before)
         if last or not nuisances:
             break
@@ -154,6 +157,53 @@ def solve_with(
     return solved
 
 
+def _start_effects(base: BaseParameters, data: FitData, hold: float = 0.0) -> FittedEffects | None:
+    """Return the robot file's effects at the shapes it gives, or None where it declares none.
+
+    `hold`: part of themselves within which amplitudes stay.
+    """
+    model, samples = data.model, data.samples
+    if not model.robot.effects or samples is None:
+        return None
+    if hold:  # what the file says is known: a fit without effects would start further away
+        rough = np.nan_to_num(model.robot.reference())
+    else:
+        rough = reweighted(to_triangles(samples.observation), base.count).values[: model.parameters]
+    scene = scene_of(model, samples.signals, rough)
+    effects = declared_effects(model.robot, scene)
+    if hold:
+        effects = tuple(replace(e, spread=np.where(e.mean != 0, hold * np.abs(e.mean), np.inf)) for e in effects)
+    return FittedEffects.of(effects, scene, samples.signals)
+
+
+def _shaped(
+    base: BaseParameters,
+    data: SampledData,
+    nuisances: Sequence[ExtraColumns],
+    effects: FittedEffects,
+    *,
+    valleys: bool,
+) -> FittedEffects:
+    """Return effects with refined shapes, in the valley that they are in or in the best of all `valleys` of the cost.
+
+    Which valley is right is a matter of a few standard deviations, in which rows with a slow residual, as that of a
+    stiff spring's torque, count for far less than their number, and what the file gives counts as it stands. So all
+    about that are searched twice, the second time with what the residual's colour leaves of the rows.
+    """
+    for scan, lasting in ((True, False), (True, True), (False, False)) if valleys else ((False, False),) * 2:
+        solved = Solved.of(base, data, nuisances, effects)
+        scene = scene_of(data.model, data.signals, solved.standard)
+        scene = with_effects(scene, [(e.effect, a) for e, a in zip(effects.effects, solved.amplitudes(), strict=True)])
+        weights, items = solved.solution.weights, effects.effects
+        if scan:
+            items = tuple(replace(item, effect=item.start or item.effect) for item in items)
+        if lasting:
+            weights = lasting_weights(data.observation, solved.solution, solved.extras)
+        found = fit_declared(data.observation, data.signals, scene, items, weights, nuisances, scan=scan)
+        effects = replace(found, others=found.others if lasting else effects.others)
+    return effects
+
+
 def _with_gliding(base: BaseParameters, data: FitData, nuisances: Sequence[ExtraColumns]) -> FitData:
     """Return the data with reversals counted for the joints whose residual there is no larger than elsewhere.
 
@@ -161,7 +211,7 @@ def _with_gliding(base: BaseParameters, data: FitData, nuisances: Sequence[Extra
     Coulomb friction just there. Joints with declared effects stay masked: a friction curve is bent by what happens at
     standstill more than it learns there.
     """
-    effects = start_effects(base, data)
+    effects = _start_effects(base, data)
     extras = () if effects is None else effects.extras
     # what is known of the effects' amplitudes does not count yet: the columns alone, as further nuisances
     solved = Solved.of(base, data, [*nuisances, *extras])
@@ -224,8 +274,8 @@ def _borne_out(
 
 def reshaped(fit: DefaultFit, effects: FittedEffects) -> DefaultFit:
     """Return the fit with effects in other shapes, their columns and everything linear fitted anew."""
-    extras = tuple(extra_of(item.effect, effects.scene, fit.signals) for item in effects.effects)
-    solved = Solved.of(fit.base, fit.data, fit.nuisances, replace(effects, extras=extras, others=()))
+    effects = FittedEffects.of(effects.effects, effects.scene, fit.signals)
+    solved = Solved.of(fit.base, fit.data, fit.nuisances, effects)
     return DefaultFit(**vars(solved), covariance=fit.covariance)
 
 

@@ -44,6 +44,11 @@ class FittedEffects:
     """One joint's effects, by place in `effects`, in shapes of another valley of the cost that explain the log
     about as well."""
 
+    @classmethod
+    def of(cls, effects: Sequence[Declared], scene: Scene, signals: Signals) -> FittedEffects:
+        """Return effects with their columns computed from a scene of the signals."""
+        return cls(tuple(effects), tuple(extra_of(item.effect, scene, signals) for item in effects), scene)
+
 
 def triangles_with_effects(
     observation: Observation,

@@ -189,11 +189,11 @@ def impossible(base: BaseParameters, k: int, estimate: float, deviation: float) 
     return positive and bool(estimate < -DOUBT * deviation)
 
 
-def shortfall(base: BaseParameters, known: NDArray[np.bool_], robot: Robot, facts: SignalFacts) -> str:
+def shortfall(base: BaseParameters, rank: int, robot: Robot, facts: SignalFacts) -> str:
     """Return a sentence where the log's rank falls short of the structural one, else an empty string."""
-    missing = base.count - int(known.sum())
+    missing = base.count - rank
     if not missing:
         return ""
     still = [robot.joint_names[k] for k in np.flatnonzero(facts.still)]
     cause = f"{', '.join(still)} did not move" if still else "some directions of motion are missing"
-    return f"this log determines {base.count - missing} of {base.count} base parameters: {cause}"
+    return f"this log determines {rank} of {base.count} base parameters: {cause}"
