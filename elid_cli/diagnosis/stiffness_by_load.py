@@ -25,10 +25,10 @@ from elid_cli.estimation.stiffness.link_equation import (
     GOOD,
     LinkStiffness,
     TwoWays,
-    link_stiffness,
     taken,
     two_ways,
 )
+from elid_cli.estimation.stiffness.links import link_stiffness
 from elid_cli.estimation.stretches import QUARTERS, quarter_of
 
 CLEAR = 0.95
@@ -56,9 +56,7 @@ class ByLoad:
 def stiffness_by_load(state: State, joint: int) -> ByLoad | None:
     """Return a joint's stiffness by its load, or None where the load does not tell it."""
     log = state.log
-    motion = log.signals.motion
-    deflection = log.signals.decimate((motion.theta[:, joint] - motion.q[:, joint])[None])[0]
-    load = link_load(state, joint)
+    deflection, load = log.observation.channels[joint], link_load(state, joint)
     known = np.isfinite(deflection) & np.isfinite(load) & ~log.observation.reversing[joint]
     if known.sum() < LEAST:
         return None

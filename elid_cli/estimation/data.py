@@ -19,7 +19,8 @@ from elid_cli.estimation.regression.least_squares import Solution, reweighted
 from elid_cli.estimation.regression.nuisances import delay_columns, offset_columns
 from elid_cli.estimation.regression.observation import Observation, observe
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles
-from elid_cli.estimation.stiffness.link_equation import LinkStiffness, TwoWays, link_stiffness, two_ways
+from elid_cli.estimation.stiffness.link_equation import LinkStiffness, TwoWays, two_ways
+from elid_cli.estimation.stiffness.links import link_stiffness
 from elid_cli.estimation.stretches import STRETCHES, stretch_of
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow, Regressor
@@ -58,20 +59,14 @@ class SampledData:
         """Return the data with the reversals of some joints (n,) counted as well."""
         return replace(self, observation=self.observation.unmasked(gliding))
 
-    def delays(self) -> list[ExtraColumns]:
-        """Return the delay of every torque channel that has equations."""
-        return list(self._delays)
-
-    def offsets(self) -> list[ExtraColumns]:
-        """Return the offset of every torque channel that has equations."""
-        return list(self._offsets)
-
     @cached_property
-    def _delays(self) -> list[ExtraColumns]:
+    def delays(self) -> list[ExtraColumns]:
+        """The delay of every torque channel that has equations."""
         return delay_columns(self.observation)
 
     @cached_property
-    def _offsets(self) -> list[ExtraColumns]:
+    def offsets(self) -> list[ExtraColumns]:
+        """The offset of every torque channel that has equations."""
         return offset_columns(self.observation)
 
     def triangles(self, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None) -> Triangles:

@@ -91,7 +91,7 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
     DataError
         If the log excites no parameter at all.
     """
-    delays, offsets = data.delays(), data.offsets()
+    delays, offsets = data.delays, data.offsets
     if options.mask is False:
         data = data.counting(np.ones(data.model.robot.n, dtype=bool))
     elif options.mask is None:
@@ -235,7 +235,7 @@ def with_delays(fit: DefaultFit, options: EstimateOptions) -> DefaultFit:
         for spec in fit.model.robot.effects
         if nuisance_of(spec.effect) == "delay" and spec.joint in names
     }
-    missing = [e for e in fit.data.delays() if sum_row(e).joint not in had]
+    missing = [e for e in fit.data.delays if sum_row(e).joint not in had]
     while missing and options.delays:
         nuisances = (*fit.nuisances, *missing)
         solved = Solved.of(fit.base, fit.data, nuisances, fit.effects)

@@ -14,9 +14,9 @@ from elid_cli.estimation.collocation.knots import astray, between_knots, between
 from elid_cli.estimation.facts import deflection_noise
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.regression.observation import observe
-from elid_cli.estimation.stiffness.link_equation import TwoWays, link_stiffness, with_both_regressions
+from elid_cli.estimation.stiffness.link_equation import TwoWays, with_both_regressions
+from elid_cli.estimation.stiffness.links import link_stiffness, merged_stiffness
 from elid_cli.estimation.stiffness.noise import pull
-from elid_cli.estimation.streaming.links import merged_stiffness
 from elid_cli.estimation.streaming.reduce import reduce_log
 from elid_cli.experiment.reference import ReferenceOptions
 from elid_cli.experiment.simulation import ControlOptions, SimulationOptions, simulate

@@ -23,8 +23,8 @@ def unknowns_of_channels(
     Not those that effects of the model are: a late channel, a constant torque in the rows of the channel.
     """
     late = {e.joint for e in effects if e.corrects == "torque"} | {joint for kind, joint in but if kind == "delay"}
-    delays = [extra for extra in data.delays() if sum_row(extra).joint not in late]
-    offsets = [extra for extra in data.offsets() if ("offset", sum_row(extra).joint) not in but]
+    delays = [extra for extra in data.delays if sum_row(extra).joint not in late]
+    offsets = [extra for extra in data.offsets if ("offset", sum_row(extra).joint) not in but]
     return delays + [extra for extra in offsets if not any(_constant(own, extra) for own in columns)]
 
 

@@ -76,9 +76,7 @@ def _regressed(state: State, joint: int) -> tuple[Skew, float] | None:
     robot = log.model.robot
     if not robot.joints[joint].elastic or log.signals.still[joint]:
         return None
-    motion = log.signals.motion
-    deflection = log.signals.decimate((motion.theta[:, joint] - motion.q[:, joint])[None])[0]
-    speed = log.signals.decimate(motion.dq[:, joint][None])[0]
+    deflection, speed = log.observation.channels[[joint, 2 * robot.n + joint]]
     load = link_load(state, joint)
     known = np.isfinite(deflection) & np.isfinite(load)
     train, test = known & (log.fold >= 0), known & (log.fold < 0)

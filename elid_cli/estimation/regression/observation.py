@@ -63,6 +63,8 @@ class Observation:
     """Instants at which a joint's motor reverses or sticks, (n, M); masked in `groups` unless unmasked."""
     known: NDArray[np.bool_]
     """Instants at which a joint's torque is known, (n, M)."""
+    channels: Array
+    """Filtered deflections (theta - q), their rates, link velocities and accelerations, (4 n, M)."""
     blocks: tuple[FilteredBlock, ...] = ()
     """What `groups` were made of, where one block held it all; else none is kept."""
     reductions: list[object] = field(init=False, default_factory=list, repr=False, compare=False)
@@ -148,7 +150,7 @@ def observe(model: Regressor, signals: Signals, plan: RegressorPlan | None = Non
     outputs = signals.outputs
     columns = np.empty((plan.program.outputs, len(outputs)))
     tau, read = np.empty((n, len(outputs))), np.full((n, len(outputs)), np.nan)
-    rate = np.empty((n, len(outputs)))
+    rate, channels = np.empty((n, len(outputs))), np.empty((4 * n, len(outputs)))
     reversal = np.zeros((n, len(outputs)))
     segment = np.zeros(len(outputs), dtype=np.intp)
     blocks: tuple[FilteredBlock, ...] = ()
@@ -158,7 +160,7 @@ def observe(model: Regressor, signals: Signals, plan: RegressorPlan | None = Non
         for output, row in enumerate(block.place.tolist()):  # all at once would take another array of their size
             columns[output, here] = block.rows[row]
         tau[:, here], rate[:, here] = block.tau, block.tau_rate
-        reversal[:, here], segment[here] = block.reversal, block.segment
+        channels[:, here], reversal[:, here], segment[here] = block.channels, block.reversal, block.segment
         if len(block.tau_link):
             read[:, here] = block.tau_link
     known = np.isfinite(tau)
@@ -175,6 +177,7 @@ def observe(model: Regressor, signals: Signals, plan: RegressorPlan | None = Non
         signals.rate,
         reversing,
         known,
+        channels,
         blocks,
     )
 

@@ -11,18 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.estimation.facts import deflection_noise
-from elid_cli.estimation.regression.covariance import regression
 from elid_cli.estimation.regression.observation import Observation
+from elid_cli.estimation.regression.triangles import Triangle
 from elid_cli.estimation.result import BaseEstimate, Identification, Verdict
-from elid_cli.estimation.stiffness.noise import pull
-from elid_cli.model.base_parameters import BaseParameters
-from elid_cli.model.regressor import EstimationRow
-from elid_cli.robot.parameter import POSITIVE, StandardParameter
-from elid_cli.signals.signals import Signals
+from elid_cli.robot.parameter import StandardParameter
 
 EXPLAINED = 0.6
 """Least part of the bodies' torque that the transmission's must explain."""
@@ -51,65 +45,6 @@ class LinkStiffness:
     """With what noise of the encoders in the deflection pulls the value by (`stiffness.pull`)."""
     explained: float
     """Part of the variance of the bodies' torque that spring, damping and link friction explain."""
-
-
-def link_stiffness(
-    base: BaseParameters, observation: Observation, signals: Signals, reference: Array, joint: int
-) -> LinkStiffness | None:
-    """Return the stiffness of one joint from its link's equation, or None where the file's inertias do not suffice.
-
-    Parameters
-    ----------
-    base
-        Base parameters.
-    observation, signals
-        The log.
-    reference
-        Reference values of the standard parameters, (p,); NaN where unknown.
-    joint
-        Joint number from 0.
-    """
-    rows = {group.row: group for group in observation.groups}
-    if EstimationRow("motor", joint) not in rows or EstimationRow("sum", joint) not in rows or signals.still[joint]:
-        return None  # of a joint that is held the deflection is one more constant
-    total = rows[EstimationRow("sum", joint)]
-    factors = load_factors(base, reference, joint, total.index)
-    if not np.isfinite(factors).all():
-        return None
-    load = np.zeros(observation.instants)
-    for position in np.flatnonzero(factors):
-        load = load + factors[position] * total.columns[position]
-    motion = signals.motion
-    others = [k for k in range(signals.n) if k != joint and not signals.still[k]]
-    channels = [
-        motion.theta[:, joint] - motion.q[:, joint],
-        motion.dtheta[:, joint] - motion.dq[:, joint],
-        motion.dq[:, joint],
-        *(motion.ddq[:, k] for k in others),
-    ]
-    columns = np.vstack([signals.decimate(np.array(channels)), np.ones((1, observation.instants))])
-    known = np.isfinite(columns).all(axis=0) & np.isfinite(load)
-    if known.sum() < LEAST or not np.any(load[known]):
-        return None
-    return _fitted(columns[:, known].T, load[known], observation.segment[known], deflection_noise(signals, joint))
-
-
-def load_factors(base: BaseParameters, reference: Array, joint: int, columns: NDArray[np.intp]) -> Array:
-    """Return what makes a joint's sum row, of columns (k,), the torque of its bodies by reference values (p,), (k,).
-
-    NaN where these are unknown.
-    """
-    values = dict(zip(base.leaders.tolist(), base.values(reference), strict=True))
-    own = {StandardParameter(kind, joint) for kind in POSITIVE}
-    return np.array([0.0 if base.parameters[k] in own else values.get(k, 0.0) for k in columns.tolist()])
-
-
-def _fitted(columns: Array, load: Array, segment: NDArray[np.intp], noise: float) -> LinkStiffness:
-    found = regression(columns, load, segment)
-    variance = float(np.var(load))
-    explained = 1.0 - float(np.var(load - columns @ found.values)) / variance if variance > 0 else 0.0
-    value = float(found.values[0])
-    return LinkStiffness(value, float(np.hypot(found.spread[0], pull(value, noise, float(found.alone[0])))), explained)
 
 
 @dataclass(frozen=True)
@@ -141,20 +76,47 @@ class TwoWays:
 def two_ways(observation: Observation, standard: Array, names: Sequence[str], joint: int) -> TwoWays | None:
     """Return a joint's stiffness by both regressions of its motor row, or None where they do not exist.
 
-    The torque is the motor's less rotor inertia and friction as identified, or the joint torque sensor's; a constant is
-    eliminated.
+    The torque is the motor's less rotor inertia and friction as identified, or the joint torque sensor's.
     """
-    rows = {group.row: group for group in observation.groups}
-    group = rows.get(observation.spring_row(joint))
-    if group is None or group.count < 50:
+    row, constant = observation.spring_row(joint), observation.parameters
+    groups = [group for group in observation.groups if group.row == row]
+    parts = []
+    for group in groups:
+        rows = np.vstack([group.columns, np.ones(observation.instants), group.target])[:, group.use].T
+        parts.append(Triangle(row, 0, np.append(group.index, constant), rows, group.count, 0.0))
+    return ways_of(parts, standard, names, joint, constant)
+
+
+def ways_of(
+    parts: Sequence[Triangle], standard: Array, names: Sequence[str], joint: int, constant: int
+) -> TwoWays | None:
+    """Return a joint's stiffness by both regressions of a row that holds it; None where they do not exist.
+
+    Parameters
+    ----------
+    parts
+        The row's triangles, or its equations themselves.
+    standard, names
+        The standard parameters as identified and their names, (p,): their part is taken off the torque.
+    joint
+        Joint number from 0.
+    constant
+        Number of the column of ones, which is eliminated.
+    """
+    count, index = sum(part.count for part in parts), parts[0].index if parts else np.zeros(0, dtype=np.intp)
+    places = {names[k] if k < len(names) else k: place for place, k in enumerate(index.tolist())}
+    spring = places.pop(StandardParameter("K", joint), None)
+    if spring is None or count < LEAST:
         return None
-    spring = [k for k, column in enumerate(group.index) if names[column] == StandardParameter("K", joint)]
-    if not spring:
-        return None
-    own = [k for k in range(len(group.index)) if k not in spring]
-    torque = group.target - standard[group.index[own]] @ group.columns[own]
-    x, y = (values[group.use] - values[group.use].mean() for values in (group.columns[spring[0]], torque))
-    xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
+    factor = np.concatenate([part.factor for part in parts])
+    x, ones = factor[:, spring], factor[:, places[constant]]
+    own = [place for place in places.values() if index[place] < len(names)]
+    y = factor[:, -1] - factor[:, own] @ standard[index[own]]
+
+    def product(a: Array, b: Array) -> float:
+        return float(a @ b) - float(a @ ones) * float(b @ ones) / count
+
+    xx, yy, xy = product(x, x), product(y, y), product(x, y)
     return TwoWays(xy / xx, yy / xy) if xx > 0 and xy > 0 else None
 
 

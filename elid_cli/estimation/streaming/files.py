@@ -27,8 +27,8 @@ from elid_cli.errors import LogError
 from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.judgement import Insufficient, Judgement, RowNoise
 from elid_cli.estimation.regression.triangles import Triangle
+from elid_cli.estimation.stiffness.links import LinkSystem
 from elid_cli.estimation.streaming.believed import check_reduced, need
-from elid_cli.estimation.streaming.links import LinkSystem
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, Scores
 from elid_cli.files import replacing
 from elid_cli.model.regressor import EstimationRow

@@ -17,8 +17,8 @@ from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.triangles import Triangles
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.stiffness.link_equation import LinkStiffness
+from elid_cli.estimation.stiffness.links import merged_stiffness
 from elid_cli.estimation.streaming.between_logs import Together, together
-from elid_cli.estimation.streaming.links import merged_stiffness
 from elid_cli.estimation.streaming.merged import MergedTriangles, TriangleData, counted, numbers_of
 from elid_cli.estimation.streaming.reduced_log import ReducedLog
 from elid_cli.estimation.streaming.scores import lifted
@@ -85,7 +85,7 @@ def merged_data(model: Regressor, logs: Sequence[ReducedLog]) -> TriangleData:
     def spread(solution: Solution, nuisances: Sequence[int], gliding: NDArray[np.bool_]) -> Array:
         return together(logs, merged, solution, nuisances, gliding).covariance
 
-    return TriangleData(model, facts, merged, spread, by_links)
+    return TriangleData(model, facts, merged, spread, by_links, np.zeros(model.robot.n, dtype=bool))
 
 
 def _disagreement(data: TriangleData, logs: Sequence[ReducedLog], fit: DefaultFit) -> tuple[str, ...]:
@@ -218,7 +218,7 @@ def _counted(fit: DefaultFit) -> NDArray[np.bool_]:
     """Return the joints whose reversals count in a fit to triangles, (n,)."""
     if not isinstance(fit.data, TriangleData):
         raise TypeError("not a fit to triangles")
-    return fit.data.counted
+    return fit.data.gliding
 
 
 def _told(value: object) -> str:

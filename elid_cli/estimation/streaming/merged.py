@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from functools import cached_property
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +21,9 @@ from elid_cli.estimation.regression.effect_columns import FittedEffects
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.regression.nuisances import DELAY, OFFSET
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangle, Triangles, merged_triangle, with_columns
-from elid_cli.estimation.stiffness.link_equation import LEAST, LinkStiffness, TwoWays
+from elid_cli.estimation.stiffness.link_equation import LinkStiffness, TwoWays, ways_of
 from elid_cli.model.base_parameters import BaseParameters
 from elid_cli.model.regressor import EstimationRow, Regressor
-from elid_cli.robot.parameter import StandardParameter
 
 _ORDER = {"link": 0, "sum": 1, "motor": 2}
 
@@ -43,10 +43,6 @@ class MergedTriangles:
     )
     """What was made before, by gliding joints and nuisances: a fit asks for the same again and again."""
 
-    def counted(self, gliding: NDArray[np.bool_]) -> list[Triangle]:
-        """Return the triangles that count with the reversals of the `gliding` joints (n,)."""
-        return counted(self, gliding)
-
     def chosen(self, gliding: NDArray[np.bool_], nuisances: Sequence[int]) -> Triangles:
         """Return the triangles to fit: reversals of the `gliding` joints (n,) and some nuisances only.
 
@@ -56,7 +52,7 @@ class MergedTriangles:
         key = glides, tuple(nuisances)
         if key not in self._chosen:
             if glides not in self._combined:
-                self._combined[glides] = combined(self.counted(gliding))
+                self._combined[glides] = combined(counted(self, gliding))
             self._chosen[key] = self._with(self._combined[glides], nuisances)
         return self._chosen[key]
 
@@ -69,10 +65,14 @@ class MergedTriangles:
         return Triangles(items, self.parameters, len(nuisances), self.folds, tuple(rows))
 
     @property
+    def channels(self) -> list[int]:
+        """Torque channels that have equations."""
+        return sorted({t.row.joint for t in self.steady})
+
+    @property
     def nuisances(self) -> list[int]:
         """Delay and offset of every channel that has equations."""
-        present = sorted({t.row.joint for t in self.steady})
-        return [*present, *(self.joints + k for k in present)]
+        return [*self.channels, *(self.joints + k for k in self.channels)]
 
 
 class Parts(Protocol):
@@ -121,24 +121,16 @@ class TriangleData:
     merged: MergedTriangles
     spread: Spread
     links: LinkWay
-    gliding: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    """Joints whose reversals count, (n,); empty: none."""
-
-    @property
-    def samples(self) -> SampledData | None:
-        """There are none."""
-        return None
-
-    @property
-    def counted(self) -> NDArray[np.bool_]:
-        """Joints whose reversals count, (n,)."""
-        return self.gliding if len(self.gliding) else np.zeros(self.merged.joints, dtype=bool)
+    gliding: NDArray[np.bool_]
+    """Joints whose reversals count, (n,)."""
+    samples: ClassVar[SampledData | None] = None
+    """There are none."""
 
     @property
     def masked(self) -> Array:
         """Share of instants left out around reversals, per joint, (n,)."""
         used = np.zeros(self.merged.joints, dtype=np.intp)
-        for triangle in self.merged.counted(self.counted):
+        for triangle in counted(self.merged, self.gliding):
             used[triangle.row.joint] += triangle.count if triangle.row.kind == "sum" else 0
         share: Array = (self.facts.known - used) / np.maximum(self.facts.known, 1)
         return share
@@ -147,17 +139,19 @@ class TriangleData:
         """Return the data with the reversals of some joints (n,) counted as well."""
         return replace(self, gliding=gliding)
 
+    @cached_property
     def delays(self) -> list[ExtraColumns]:
-        """Return the delay of every torque channel that has equations."""
+        """The delay of every torque channel that has equations."""
         return self._columns(DELAY, "s")
 
+    @cached_property
     def offsets(self) -> list[ExtraColumns]:
-        """Return the offset of every torque channel that has equations."""
+        """The offset of every torque channel that has equations."""
         return self._columns(OFFSET, "N·m")
 
     def _columns(self, name: str, unit: str) -> list[ExtraColumns]:
-        present = sorted({t.row.joint for t in self.merged.steady})
-        return [ExtraColumns(name, {EstimationRow("sum", k): np.zeros((1, 0))}, (unit,)) for k in present]
+        nothing = np.zeros((1, 0))
+        return [ExtraColumns(name, {EstimationRow("sum", k): nothing}, (unit,)) for k in self.merged.channels]
 
     def numbers(self, nuisances: Sequence[ExtraColumns]) -> list[int]:
         """See `numbers_of`."""
@@ -165,11 +159,11 @@ class TriangleData:
 
     def triangles(self, nuisances: Sequence[ExtraColumns], effects: FittedEffects | None = None) -> Triangles:
         """Return the triangles of all stretches with the columns of nuisances, then of effects."""
-        return self.merged.chosen(self.counted, self.numbers(nuisances))
+        return self.merged.chosen(self.gliding, self.numbers(nuisances))
 
     def covariance(self, solution: Solution, extras: Sequence[ExtraColumns]) -> Array:
         """Return the covariance (r, r) of a solution's basis, correlated residuals accounted for."""
-        return self.spread(solution, self.numbers(extras), self.counted)
+        return self.spread(solution, self.numbers(extras), self.gliding)
 
     def at_reversals(self, values: Array, extras: Sequence[ExtraColumns]) -> tuple[Array, Array]:
         """Return the rms residual of every joint's sum row at reversals and elsewhere, (n,) each; NaN where none."""
@@ -190,24 +184,12 @@ class TriangleData:
 
     def two_ways(self, standard: Array, joint: int) -> TwoWays | None:
         """Return a joint's stiffness by both regressions of its row, other parameters (p,) given."""
-        merged, model = self.merged, self.model
-        chosen = merged.chosen(self.counted, merged.nuisances).of(EstimationRow("motor", joint))
-        spring = model.index.get(StandardParameter("K", joint))
-        if sum(t.count for t in chosen) < LEAST or spring is None or spring not in chosen[0].index:
+        merged, p = self.merged, self.model.parameters
+        if joint not in merged.channels:
             return None
-        index, count = chosen[0].index, sum(t.count for t in chosen)
-        factor = np.concatenate([t.factor for t in chosen])
-        own = np.flatnonzero((index < model.parameters) & (index != spring))
-        offset = model.parameters + merged.nuisances.index(merged.joints + joint)
-        ones = factor[:, np.flatnonzero(index == offset)[0]]
-        x = factor[:, np.flatnonzero(index == spring)[0]]
-        y = factor[:, -1] - factor[:, own] @ standard[index[own]]
-
-        def product(a: Array, b: Array) -> float:
-            return float(a @ b) - float(a @ ones) * float(b @ ones) / count
-
-        xx, yy, xy = product(x, x), product(y, y), product(x, y)
-        return TwoWays(xy / xx, yy / xy) if xx > 0 and xy > 0 else None
+        parts = merged.chosen(self.gliding, merged.nuisances).of(EstimationRow("motor", joint))
+        constant = p + merged.nuisances.index(merged.joints + joint)
+        return ways_of(parts, standard, self.model.names, joint, constant)
 
     def link_stiffness(self, base: BaseParameters, joint: int) -> LinkStiffness | None:
         """Return a joint's stiffness from its link's equation with the robot file's inertias."""

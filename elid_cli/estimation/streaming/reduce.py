@@ -17,11 +17,11 @@ from elid_cli.estimation.cutoff import at_best_cutoff
 from elid_cli.estimation.data import Solved
 from elid_cli.estimation.default_fit import DefaultFit, fit_data
 from elid_cli.estimation.facts import facts_of
-from elid_cli.estimation.regression.filtered_rows import observed_blocks
+from elid_cli.estimation.regression.filtered_rows import FilteredBlock, observed_blocks
 from elid_cli.estimation.regression.least_squares import Solution
 from elid_cli.estimation.result import EstimateOptions
+from elid_cli.estimation.stiffness.links import LinkSums, Loads, load_factors
 from elid_cli.estimation.streaming.accumulate import ReductionBlock, TriangleAccumulator, kept
-from elid_cli.estimation.streaming.links import LinkSums
 from elid_cli.estimation.streaming.merged import MergedTriangles, TriangleData, numbers_of
 from elid_cli.estimation.streaming.reduced_log import ReducedLog, hollow
 from elid_cli.estimation.streaming.scores import LogScores
@@ -99,11 +99,13 @@ def reduce_log(
     pile = TriangleAccumulator(layout, len(signals.outputs), STRETCHES)
     blocks: list[ReductionBlock] = []
     single = plan.program.outputs * len(signals.outputs) * 8 > SINGLE
-    links = LinkSums(model, base, reference, plan, single=single)
+    loads = load_factors(base, reference, {item.row: item.columns for item in plan.rows})
+    loads = {joint: factors for joint, factors in loads.items() if not signals.still[joint]}
+    links = LinkSums(loads, model.robot.n, single=single)
     for block in seen or observed_blocks(model, signals, plan):
         rows = kept(block, plan, signals)
         pile.add(rows)
-        links.add(block)
+        links.add(block.segment, block.channels, _torques(loads, plan, block))
         blocks.append(rows.single() if single else rows)
         if progress is not None:
             progress(block.last / len(signals.outputs))
@@ -114,7 +116,9 @@ def reduce_log(
     for one in asked:
         scores.covariance(*one)
     if not asked:
-        fit_data(base, TriangleData(model, facts, merged, scores.covariance, lambda joint: None), EstimateOptions())
+        none = np.zeros(model.robot.n, dtype=bool)
+        data = TriangleData(model, facts, merged, scores.covariance, lambda joint: None, none)
+        fit_data(base, data, EstimateOptions())
     return ReducedLog(
         fingerprint(robot),
         dict(options),
@@ -128,6 +132,16 @@ def reduce_log(
         reference,
         judgement,
     )
+
+
+def _torques(loads: Loads, plan: RegressorPlan, block: FilteredBlock) -> Array:
+    """Return the torque of joints' bodies at the instants of a block, (joints, m)."""
+    weights = np.zeros((len(loads), len(block.rows)))
+    slots = {item.row.joint: item.slots for item in plan.rows if item.row.kind == "sum"}
+    for number, (joint, factors) in enumerate(loads.items()):
+        np.add.at(weights[number], block.place[slots[joint]], factors)
+    found: Array = weights @ block.rows
+    return found
 
 
 _MODELS: Recent[tuple[Robot, Regressor, BaseParameters, Array]] = Recent(4)

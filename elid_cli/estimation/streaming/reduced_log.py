@@ -17,7 +17,7 @@ from elid_cli._types import Array
 from elid_cli.estimation.facts import SignalFacts
 from elid_cli.estimation.judgement import Judgement
 from elid_cli.estimation.regression.triangles import Triangle
-from elid_cli.estimation.streaming.links import LinkSystem
+from elid_cli.estimation.stiffness.links import LinkSystem
 from elid_cli.model.regressor import EstimationRow
 from elid_cli.signals.recording import Recording, without_samples
 

@@ -205,7 +205,7 @@ def _excerpt(fit: DefaultFit) -> DefaultFit:
         return fit
     data = sampled(fit.model, replace(signals, segments=segments))
     data = data.counting(fit.observation.gliding)
-    of_channel = {(e.name, sum_row(e).joint): e for e in (*data.delays(), *data.offsets())}
+    of_channel = {(e.name, sum_row(e).joint): e for e in (*data.delays, *data.offsets)}
     wanted = [(e.name, sum_row(e).joint) for e in fit.nuisances]
     if any(key not in of_channel for key in wanted):
         return fit

@@ -31,7 +31,7 @@ def test_they_have_the_same_products_and_solution(log: Log) -> None:
     scene = scene_of(log.model, log.signals, np.ones(log.model.parameters))
     for name in ("load_friction", "torque_ripple", "encoder_offset"):
         kind = effect_classes()[name]
-        extras = [*log.data.delays(), log.columns.of(kind(1, kind.grid(scene, 1)[0]), scene)]
+        extras = [*log.data.delays, log.columns.of(kind(1, kind.grid(scene, 1)[0]), scene)]
         whole = to_triangles(log.training, extras, log.fold)
         own = beside_own(log.training, extras, log.fold)
         assert own is not None
@@ -48,4 +48,4 @@ def test_they_have_the_same_products_and_solution(log: Log) -> None:
 
 def test_a_first_reduction_keeps_nothing(log: Log) -> None:
     fresh = log.observation.only(log.fold >= 0)
-    assert beside_own(fresh, log.data.delays(), log.fold) is None
+    assert beside_own(fresh, log.data.delays, log.fold) is None

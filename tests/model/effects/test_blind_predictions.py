@@ -236,7 +236,7 @@ def test_quarters_are_predicted_blindly(name: str) -> None:
         other = altered(signals, joint, how, samples_of(signals, chosen))
         log_ = divided(before.log.level, other)
         scene = replace(before.scene, tau=other.tau, cache={})
-        every = [*log_.data.delays(), *log_.data.offsets()]
+        every = [*log_.data.delays, *log_.data.offsets]
         found = tuple(
             next(e for e in every if e.nuisance == old.nuisance and e.rows.keys() == old.rows.keys())
             for old in before.nuisances
