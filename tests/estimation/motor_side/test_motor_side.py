@@ -8,10 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elid_cli.estimation.motor_side import estimate
+from elid_cli.estimation.motor_side.climb import Climb
+from elid_cli.estimation.motor_side.columns import FLOORS, Columns
 from elid_cli.estimation.motor_side.estimate import motor_side
 from elid_cli.estimation.motor_side.link_side import LinkSide, reflected
+from elid_cli.estimation.motor_side.motor_log import MotorLog
 from elid_cli.estimation.motor_side.refits import Figures, Moves
 from elid_cli.estimation.motor_side.result import MotorSideJoint
+from elid_cli.estimation.motor_side.search import Search
+from elid_cli.estimation.motor_side.setting import Setting
 from elid_cli.estimation.motor_side.verdict import failed_gates
 from elid_cli.logs import read_recording
 from elid_cli.robot.files import read_robot
@@ -173,14 +179,23 @@ def test_a_sure_neighbour_that_moves_with_the_rows_refuses_a_joint_where_more_th
     assert failed_gates(unsure, 0) == []
 
 
-def test_a_fit_to_the_torques_least_noise_but_not_to_the_sensors_is_no_stiffness() -> None:
-    """Its wrong valley, K 2937 and 2451 where 3000 and 1800 are true, leaves less than 0.3 % of the torque."""
+def test_a_fit_to_the_torques_least_noise_but_not_to_the_sensors_is_no_stiffness(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A wrong valley, K 2937 and 2451 where 3000 and 1800 are true, leaves less than 0.3 % of the torque."""
+
+    def from_there(setting: Setting) -> Search:
+        climb = Climb(MotorLog(setting.samples, 16 * setting.band), setting.unknowns, setting.rotors, setting.band)
+        start = Columns(setting, climb, climb.ascend(told=1 / np.array([2937.0, 2451.0]))[0])
+        return Search(setting, (start.level((), start.x, start.coefficients, FLOORS),), 0.0, np.zeros(2))
+
+    monkeypatch.setattr(estimate, "search", from_there)
     robot = read_robot("planar2")
     log = read_recording([str(Path(__file__).parents[3] / "sample_logs" / "planar2.csv")], robot)
     found = motor_side(robot, replace(log, q=np.full_like(log.q, np.nan)), np.zeros(2, dtype=bool))
     assert found is not None
-    for joint, true in zip(found.joints, (3000.0, 1800.0), strict=True):
-        assert joint.verdict == "refused" or abs(joint.stiffness - true) < 4 * joint.std_error
+    assert found.misfit < 1.0
+    assert [joint.failed for joint in found.joints] == [("noise",), ("noise",)]
 
 
 def test_smooth_motion_under_noise_is_refused_and_told_what_would_show_it() -> None:
