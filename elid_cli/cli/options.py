@@ -9,6 +9,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import click
@@ -253,7 +254,7 @@ def out(meaning: str, *, required: bool = True, metavar: str = "FILE") -> Decora
 
 @dataclass(frozen=True)
 class Output:
-    """Where the report goes, and in which form."""
+    """Where the report goes, and in which form; a place that could not be written to is refused (UsageError)."""
 
     json: bool = False
     markdown: bool = False
@@ -268,6 +269,13 @@ class Output:
     def __post_init__(self) -> None:
         if self.json and self.markdown:
             raise click.UsageError("--json and --markdown exclude each other", click.get_current_context(silent=True))
+        if self.report or self.plot is not None:  # what could not be written is refused before any work
+            from elid_cli.report import formats
+
+            for name in self.report:
+                formats.check_destination(Path(name))
+            if self.plot is not None:
+                formats.check_drawing(Path(self.plot), self.plot_format)
 
 
 output = gathered(

@@ -6,7 +6,7 @@ import os
 import shlex
 import shutil
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +18,7 @@ from elid_cli.cli.color import is_terminal, wants_color
 from elid_cli.cli.options import LOCK, TIP, Output
 from elid_cli.errors import EXIT_LIMIT, ElidError, visible
 from elid_cli.report import formats
-from elid_cli.report.tree import Report, Section, Text
+from elid_cli.report.tree import Figure, Report, Section, Text
 
 SYMBOLS = "·±²→…σ"
 """Characters that a stream must know to be spared the ASCII spelling."""
@@ -26,17 +26,18 @@ BESIDES = 4
 """Lines of a terminal that a table's title, head, foot and the prompt take."""
 
 
-def check_output(output: Output) -> None:
-    """Refuse, before any work, a report file or a folder of plots that could not be written (UsageError)."""
-    for name in output.report:
-        formats.check_destination(Path(name))
-    if output.plot is not None:
-        formats.check_drawing(Path(output.plot), output.plot_format)
-
-
 def pictures_wanted(output: Output) -> bool:
     """Return whether anybody will look at the report's figures, which cost time."""
     return output.plot is not None or any(formats.shows_figures(Path(name)) for name in output.report)
+
+
+def illustrated(report: Report, output: Output, figures: Callable[[Any], Sequence[Figure]]) -> Report:
+    """Return the report with `figures`, made by the functions of `report.figures.build`, if anybody looks at them."""
+    if not pictures_wanted(output):
+        return report
+    from elid_cli.report.figures import build
+
+    return build.with_figures(report, figures(build))
 
 
 def emit(report: Report, output: Output) -> None:

@@ -132,11 +132,11 @@ def _label(value: Value, number: int) -> str:
     return f"joint {number}"
 
 
-def read_parameters(value: Value, names: Sequence[str] = JOINT_PARAMETERS) -> dict[str, float]:
+def read_parameters(value: Value) -> dict[str, float]:
     """Return a joint's reference parameters from a mapping of name to number (an empty value: none)."""
     if value.node.value == "":
         return {}
-    return {name: entry.number() for name, entry in value.fields((), names).items()}
+    return {name: entry.number() for name, entry in value.fields((), JOINT_PARAMETERS).items()}
 
 
 def read_limits(value: Value) -> Limits:

@@ -22,10 +22,9 @@ def classify(source: Source, spread: Spread, gates: Gates, output: Output) -> No
     With a log: also what its motion excites, and why anything is missing.
     """
     from elid_cli.cli.gates import check_gates, check_names
-    from elid_cli.cli.output import check_output, emit
+    from elid_cli.cli.output import emit
     from elid_cli.cli.progress import progress
 
-    check_output(output)
     with progress(output, "reading") as advance:
         from elid_cli.model.base_parameters import find_base
         from elid_cli.model.regressor import Regressor

@@ -73,11 +73,10 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
     from dataclasses import replace
 
     from elid_cli.cli.inputs import check_effects, load_recording, load_robot, load_signals, sharp
-    from elid_cli.cli.output import check_output, emit, note, pictures_wanted
+    from elid_cli.cli.output import emit, illustrated, note
     from elid_cli.cli.progress import progress
     from elid_cli.cli.robot_files import check_described, write_found
 
-    check_output(output)
     check_described(files)
     with progress(output, "reading") as advance:
         from elid_cli.diagnosis import DiagnoseOptions, Diagnosis
@@ -126,10 +125,9 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
             written.own, search.lookup, search.only,
         )  # fmt: skip
         report = diagnosis_report(told)
-        if pictures_wanted(output):
-            from elid_cli.report.figures.build import diagnosis_figures, with_figures
-
-            report = with_figures(report, diagnosis_figures(found, told.after, told.contributions, signals))
+        report = illustrated(
+            report, output, lambda build: build.diagnosis_figures(found, told.after, told.contributions, signals)
+        )
     emit(report, output)
     _end(found.partial, written, _broken(told, gates))
 
@@ -139,7 +137,7 @@ def _tell_motion(
 ) -> None:
     """Report and write what the motion simulated under a log's commands says."""
     from elid_cli.cli.gates import broken_gates
-    from elid_cli.cli.output import emit, pictures_wanted
+    from elid_cli.cli.output import emit, illustrated
     from elid_cli.cli.robot_files import write_found
     from elid_cli.diagnosis.by_motion.diagnose import least_squares
     from elid_cli.estimation.refined_robot import remarks
@@ -152,10 +150,7 @@ def _tell_motion(
         lambda other: by_trajectory(least_squares(other, signals), signals, delays=False), output,
     )  # fmt: skip
     report = motion_diagnosis_report(found, robot, written.own)
-    if pictures_wanted(output):
-        from elid_cli.report.figures.build import motion_figures, with_figures
-
-        report = with_figures(report, motion_figures(found))
+    report = illustrated(report, output, lambda build: build.motion_figures(found))
     emit(report, output)
     broken = [*broken_gates(gates, found.after.error), *(named_effects(found) if gates.fail_on_effect else ())]
     broken += [

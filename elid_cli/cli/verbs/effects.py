@@ -16,12 +16,11 @@ def effects(name: str | None, output: Output) -> None:
     """List the effects that elid knows, or explain one: physics, equation, typical size, how its residual looks,
     what it is confused with, and what to record to see it.
     """  # noqa: D205
-    from elid_cli.cli.output import check_output, emit
+    from elid_cli.cli.output import emit
     from elid_cli.errors import UsageError, did_you_mean
     from elid_cli.model.effects import effect_classes
     from elid_cli.report.answers.effects import effect_report, effects_report
 
-    check_output(output)
     library = effect_classes()
     if name is None:
         emit(effects_report(library), output)

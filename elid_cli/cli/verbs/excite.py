@@ -84,11 +84,10 @@ def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output:
     --resolve it says how probable it is that the next log decides between the effects; with --show-stiffness, which
     multisine is used.
     """
-    from elid_cli.cli.output import check_output, emit, pictures_wanted
+    from elid_cli.cli.output import emit, illustrated
     from elid_cli.cli.progress import progress
     from elid_cli.files import check_target
 
-    check_output(output)
     check_target(out, (".csv",), "a trajectory")
     if motion.show_stiffness and motion.resolve is None:
         _show_stiffness(robot, motion, out, output)
@@ -116,12 +115,7 @@ def excite(robot: str, reading: Reading, motion: MotionChoice, out: str, output:
             found = find(machine, _options(motion, machine, reading, output), told)
             report = excitation_report(found, robot, out, motion.rate)
         write_trajectory(out, machine.joint_names, *found.trajectory.sampled(motion.rate))
-        if pictures_wanted(output):
-            from elid_cli.report.figures import figures_of
-            from elid_cli.report.figures.build import with_figures
-            from elid_cli.report.figures.input import FigureInput
-
-            report = with_figures(report, figures_of(FigureInput(excitation=found)))
+        report = illustrated(report, output, lambda build: build.figures_of(build.FigureInput(excitation=found)))
     emit(report, output)
 
 

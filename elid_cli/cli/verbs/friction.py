@@ -22,11 +22,10 @@ def friction(source: Source, written: str | None, output: Output) -> None:
     quadratic) on stretches that no fit saw, and say which member the log of each joint supports.
     """  # noqa: D205
     from elid_cli.cli.inputs import load_robot, read_source
-    from elid_cli.cli.output import check_output, emit, pictures_wanted
+    from elid_cli.cli.output import emit, illustrated
     from elid_cli.cli.progress import progress
     from elid_cli.files import check_target
 
-    check_output(output)
     if written is not None:
         check_target(written, (".yaml", ".yml"), "a robot file with effects")
     with progress(output, "reading") as advance:
@@ -40,10 +39,7 @@ def friction(source: Source, written: str | None, output: Output) -> None:
         if written is not None:
             write_robot(found.refined, written, REMARKS)
         report = friction_report(found, recording, source.robot, () if written is None else (written,))
-        if pictures_wanted(output):
-            from elid_cli.report.figures.build import friction_figures, with_figures
-
-            report = with_figures(report, friction_figures(found))
+        report = illustrated(report, output, lambda build: build.friction_figures(found))
     emit(report, output)
 
 

@@ -61,11 +61,10 @@ def identify(
     from dataclasses import replace
 
     from elid_cli.cli.gates import check_gates, check_names, motor_rows_told
-    from elid_cli.cli.output import check_output, emit, pictures_wanted
+    from elid_cli.cli.output import emit, pictures_wanted
     from elid_cli.cli.progress import progress
     from elid_cli.cli.robot_files import check_described, write_found
 
-    check_output(output)
     if beyond.physical:
         from elid_cli.estimation.physical.semidefinite import need_solver
 

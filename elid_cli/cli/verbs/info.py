@@ -23,10 +23,9 @@ def info(
     """Show what is in a log: its channels with rates and gaps, and where elid would find each signal. Where it
     cannot decide, it proposes a mapping to paste. With --robot, for that robot's joints.
     """  # noqa: D205
-    from elid_cli.cli.output import check_output, emit, note
+    from elid_cli.cli.output import emit, note
     from elid_cli.cli.progress import progress
 
-    check_output(output)
     with progress(output, "reading"):
         from elid_cli.files import write_text
         from elid_cli.logs import read_map_options

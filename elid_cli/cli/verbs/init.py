@@ -38,7 +38,7 @@ def init(robot: str, log: str | None, maps: tuple[str, ...], out: str | None, fo
     """
     from pathlib import Path
 
-    from elid_cli.cli.output import check_output, emit, note
+    from elid_cli.cli.output import emit, note
     from elid_cli.errors import UsageError
     from elid_cli.files import check_target, write_text
     from elid_cli.logs import read_map_options
@@ -47,7 +47,6 @@ def init(robot: str, log: str | None, maps: tuple[str, ...], out: str | None, fo
     from elid_cli.robot.completion import completion_text
     from elid_cli.robot.files import read_robot
 
-    check_output(output)
     if Path(robot).suffix.lower() in LOGS:
         raise UsageError(f"{robot}: is a log; the robot's file comes first", hint=f"elid init {log or 'ROBOT'} {robot}")
     machine = read_robot(robot, beside=False)

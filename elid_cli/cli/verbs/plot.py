@@ -18,10 +18,9 @@ def plot(logs: tuple[str, ...], robot: str | None, reading: Reading, output: Out
     Without --robot, for the joints that the log names.
     """  # noqa: D205
     from elid_cli.cli.inputs import load_recording, load_robot
-    from elid_cli.cli.output import check_output, emit, pictures_wanted
+    from elid_cli.cli.output import emit, illustrated
     from elid_cli.cli.progress import progress
 
-    check_output(output)
     with progress(output, "reading") as advance:
         from elid_cli.logs.inspect import guessed_robot
         from elid_cli.report.answers.log import log_report
@@ -29,8 +28,5 @@ def plot(logs: tuple[str, ...], robot: str | None, reading: Reading, output: Out
         machine = guessed_robot(logs[0]) if robot is None else load_robot(robot)
         recording = load_recording(logs, machine, reading, output, None, advance)
         report = log_report(recording, machine, robot)
-        if pictures_wanted(output):
-            from elid_cli.report.figures.build import log_figures, with_figures
-
-            report = with_figures(report, log_figures(recording, machine))
+        report = illustrated(report, output, lambda build: build.log_figures(recording, machine))
     emit(report, output)

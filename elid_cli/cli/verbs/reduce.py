@@ -21,12 +21,11 @@ def reduce(source: Source, spread: Spread, out: str, output: Output) -> None:
 
     elid identify and elid classify take such files beside logs and give the same answer as from the logs.
     """
-    from elid_cli.cli.output import check_output, emit
+    from elid_cli.cli.output import emit
     from elid_cli.cli.progress import progress
     from elid_cli.errors import UsageError
     from elid_cli.files import check_target
 
-    check_output(output)
     check_target(out, (".npz",), "reduced logs")
     with progress(output, "reading") as advance:
         from elid_cli.estimation.identify import EstimateOptions, samples_needed

@@ -84,10 +84,9 @@ def replay(
     Logs that hold no commands are replayed with their torque, in short pieces.
     """  # noqa: D205
     from elid_cli.cli.inputs import load_recording, load_robot
-    from elid_cli.cli.output import LimitError, check_output, emit, pictures_wanted
+    from elid_cli.cli.output import LimitError, emit, illustrated
     from elid_cli.cli.progress import progress
 
-    check_output(output)
     with progress(output, "reading") as advance:
         from elid_cli.experiment.replay import ReplayOptions
         from elid_cli.experiment.replay import replay as simulate
@@ -106,10 +105,9 @@ def replay(
                 recording = load_recording((log,), machine, reading, output, None, advance, label=log)
                 replays.append(simulate(machine, recording, way))
         report = replay_report(found[0], found[1] if how.against else (), (robot, how.against or ""))
-        if pictures_wanted(output):
-            from elid_cli.report.figures.build import replay_figures, with_figures
-
-            report = with_figures(report, replay_figures(found[0][0], found[1][0] if how.against else None))
+        report = illustrated(
+            report, output, lambda build: build.replay_figures(found[0][0], found[1][0] if how.against else None)
+        )
     emit(report, output)
     sizes = {name: e.mean_abs for name, e in pooled(found[0]).items()}
     worst = max(sizes, key=lambda name: sizes[name])

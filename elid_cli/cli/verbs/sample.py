@@ -47,7 +47,7 @@ def sample(
     """
     from pathlib import Path
 
-    from elid_cli.cli.output import check_output, emit, note, pictures_wanted
+    from elid_cli.cli.output import emit, illustrated, note
     from elid_cli.cli.robot_files import check_sets, write_sets
     from elid_cli.estimation.sampling.files import RANGES, write_ranges
     from elid_cli.estimation.sampling.sets import sample as draw
@@ -55,7 +55,6 @@ def sample(
     from elid_cli.report.answers.sampling import sampling_report, with_samples
     from elid_cli.report.formats import write_report
 
-    check_output(output)
     check_sets(out, robot)
     if ranges is not None:
         check_target(ranges, RANGES, "ranges")
@@ -69,8 +68,5 @@ def sample(
         note(write_sets(sets, Path(out)), output, "left out")
     if ranges is not None:
         write_ranges(sets, ranges)
-    if pictures_wanted(output):
-        from elid_cli.report.figures.build import sampling_figures, with_figures
-
-        report = with_figures(report, sampling_figures(sets))
+    report = illustrated(report, output, lambda build: build.sampling_figures(sets))
     emit(report if out is not None else with_samples(report, sets), output)

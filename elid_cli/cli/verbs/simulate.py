@@ -55,12 +55,11 @@ def simulate(
     """
     from pathlib import Path
 
-    from elid_cli.cli.output import check_output, emit, note
+    from elid_cli.cli.output import emit, note
     from elid_cli.cli.progress import progress
     from elid_cli.files import check_writable
     from elid_cli.logs.writing import writer_for
 
-    check_output(output)
     for name in (written.out, written.truth):
         if name is not None:
             writer_for(name)

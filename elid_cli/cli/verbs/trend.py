@@ -41,11 +41,10 @@ def trend(
     """  # noqa: D205
     from pathlib import Path
 
-    from elid_cli.cli.output import LimitError, check_output, emit, pictures_wanted
+    from elid_cli.cli.output import LimitError, emit, illustrated
     from elid_cli.cli.progress import progress
     from elid_cli.errors import UsageError
 
-    check_output(output)
     logs = [name for name in recordings if not name.lower().endswith(".json")]
     folder = next((name for name in recordings if Path(name).is_dir()), None)
     if folder is not None:
@@ -69,10 +68,7 @@ def trend(
         places = None if hours is None else [value - min(hours) for value in hours]
         found = over_recordings(results, places, "recording" if hours is None else "hour")
         report = trend_report(found)
-        if pictures_wanted(output):
-            from elid_cli.report.figures.build import trend_figures, with_figures
-
-            report = with_figures(report, trend_figures(found))
+        report = illustrated(report, output, lambda build: build.trend_figures(found))
     emit(report, output)
     moved = [item.series.name for item in found.of("trend", "step")]
     moved += [f"{item.kind} of all joints" for item in found.families if item.word == "trend"]

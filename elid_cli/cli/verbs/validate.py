@@ -38,10 +38,9 @@ def validate(source: Source, part: Part, gates: Gates, output: Output) -> None:
     """Say how well a robot file, with its parameters and effects, predicts the motor torques of a log."""
     from elid_cli.cli.gates import check_gates, lacking, motor_rows_told
     from elid_cli.cli.inputs import load_robot, read_source
-    from elid_cli.cli.output import check_output, emit, pictures_wanted
+    from elid_cli.cli.output import emit, illustrated
     from elid_cli.cli.progress import progress
 
-    check_output(output)
     with progress(output, "reading") as advance:
         from elid_cli.estimation.stretches import search_folds, spans
         from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
@@ -63,10 +62,7 @@ def validate(source: Source, part: Part, gates: Gates, output: Output) -> None:
             cases = (*cases, *(ByLog(name, judged.error, f"{name}{where}") for name, judged in named))
         said = judge_prediction(found)
         report = validation_report(found, recording, robot, stretches, cases, said)
-        if pictures_wanted(output):
-            from elid_cli.report.figures.build import validation_figures, with_figures
-
-            report = with_figures(report, validation_figures(found, signals, cases))
+        report = illustrated(report, output, lambda build: build.validation_figures(found, signals, cases))
     emit(motor_rows_told(report, gates, found.error, output), output)
     check_gates(gates, found.error, broken=lacking(gates, said.insufficient))
 

@@ -26,6 +26,8 @@ WORDS: dict[str, tuple[str, Tone]] = {
 """Class -> word and tone in the grid of joints and parameters."""
 MOST_TERMS = 4
 """Terms of a combination that a table always shows."""
+REASONS = 12
+"""Reasons printed without --all."""
 LEGEND = "indep.: identifiable by itself; comb.: in a combination only; –: no effect on any torque"
 LEGEND_LOG = f"{LEGEND}; {ROUGH}: not {RULE}; {NOT_SHOWN}: by this log"
 
@@ -120,7 +122,7 @@ def _word(kind: str | None) -> Cell:
     return Mark(word, tone)
 
 
-def reasons_table(found: Identification, shown: int = 12, hiding: Collection[int] = ()) -> list[Section]:
+def reasons_table(found: Identification, hiding: Collection[int] = ()) -> list[Section]:
     """Return why parameters that the robot could identify are weak or missing; nothing where none is.
 
     `hiding` are joints at which so much stays unexplained that it hides what the motion shows.
@@ -137,7 +139,7 @@ def reasons_table(found: Identification, shown: int = 12, hiding: Collection[int
         return []
     columns = Column.texts(parameter="parameter", this_log="this log", reason="why")
     rows = tuple((" ".join(names), Mark(*WORDS[kind]), reason) for (kind, reason), names in groups.items())
-    return [Table("reasons", columns, rows, title="what this log cannot show", shown=shown)]
+    return [Table("reasons", columns, rows, title="what this log cannot show", shown=REASONS)]
 
 
 def _base_table(base: BaseParameters, found: Identification | None) -> Table:

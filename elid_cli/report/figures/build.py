@@ -80,10 +80,10 @@ def log_figures(recording: Recording, robot: Robot) -> tuple[Figure, ...]:
     return figures_of(FigureInput(recording=recording, described=robot))
 
 
-def replay_figures(found: Replay, other: Replay | None = None, names: Sequence[str] = ()) -> tuple[Figure, ...]:
-    """Return the figures of a replay, and of the same log with another robot where there is one; `names` of both."""
+def replay_figures(found: Replay, other: Replay | None = None) -> tuple[Figure, ...]:
+    """Return the figures of a replay, and of the same log with another robot where there is one."""
     replays = (found,) if other is None else (found, other)
-    labels = names if len(names) == len(replays) > 1 else ("error", "error of the other robot")
+    labels = ("error", "error of the other robot")
     # no bar is as long as the error of a motion that ran away
     cases = [(label, {joint: 1e3 * e.mean_abs for joint, e in item.error.items() if isfinite(e.mean_abs)})
              for label, item in zip(labels, replays, strict=False)]  # fmt: skip
