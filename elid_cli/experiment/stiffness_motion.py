@@ -247,7 +247,7 @@ def _fitting(robot: Robot, slow: SplineReference, k: int, unit: Multisine) -> tu
     if most < ACCELERATION[0]:
         raise DataError(
             f"the limits of {joint.name} leave room for a multisine of {max(most, 0.0):.2g} "
-            f"{'rad' if joint.revolute else 'm'}/s² only, {ACCELERATION[0]:g} are needed",
+            f"{joint.units[0]}/s² only, {ACCELERATION[0]:g} are needed",
             hint="check limits: of the joint in the robot file: position, velocity and acceleration",
         )
     return most, Multisine(unit.frequency, unit.phase, unit.amplitude * most)

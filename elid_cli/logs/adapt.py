@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError, UsageError
+from elid_cli.errors import LogError, UsageError, first_of
 from elid_cli.logs.checks.deflection import Sensed, same_position
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.language import parse_mapping
@@ -267,5 +267,4 @@ def _them(names: Sequence[str]) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    return ", ".join(names[:LISTED]) + more
+    return first_of(names, LISTED)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.errors import first_of
 from elid_cli.estimation.sampling.draw import draw_sets
 from elid_cli.estimation.sampling.pool import Distribution, Origin, pooled
 from elid_cli.estimation.sampling.saved import SavedDistribution, as_distribution
@@ -119,6 +120,5 @@ def _held_words(found: Distribution) -> list[str]:
     for origin, what in (("held", "held at the robot file's value"), ("unknown", "not known, and left out")):
         names = [name for name, own in zip(found.names, found.origin, strict=True) if own == origin]
         if names:
-            more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-            words.append(f"not shown by any result, {what}: {', '.join(names[:LISTED])}{more}")
+            words.append(f"not shown by any result, {what}: {first_of(names, LISTED)}")
     return words

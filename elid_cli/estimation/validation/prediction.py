@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.errors import RobotError
+from elid_cli.errors import RobotError, first_of
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.regression.effect_columns import extra_of, scene_of, with_effects
 from elid_cli.estimation.regression.observation import Observation, observe
@@ -143,10 +143,9 @@ def complete(robot: Robot, base: BaseParameters) -> Array:
     leaders = base.leaders[~np.isfinite(base.values(robot.reference()))]
     unknown = [base.parameters[k] for k in leaders if base.parameters[k].kind != "K"]
     if unknown:
-        more = f" and {len(unknown) - 8} more" if len(unknown) > 8 else ""
         raise RobotError(
             f"{robot.name}: the robot file does not give {len(unknown)} of {base.count} base parameters",
-            detail=f"not known: those led by {', '.join(unknown[:8])}{more}",
+            detail=f"not known: those led by {first_of(unknown, 8)}",
             hint=f"elid identify LOG --robot {robot.name} --write-robot {robot.name}-identified.yaml",
         )
     return np.nan_to_num(robot.reference())

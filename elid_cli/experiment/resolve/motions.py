@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -132,9 +132,3 @@ def improved(
         if progress is not None:
             progress((starts + number + 1) / (starts + steps))
     return family.motion(best), value
-
-
-def smaller(motion: SplineReference, factor: float) -> SplineReference:
-    """Return a motion about its rest position made smaller."""
-    splines = (ReferenceSpline(s.knots, s.points[0] + factor * (s.points - s.points[0])) for s in motion.splines)
-    return replace(motion, splines=tuple(splines))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError, nearest
+from elid_cli.errors import LogError, first_of, nearest
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.language import GAINS
 from elid_cli.logs.mapping.plan import Placement, ReadPlan
@@ -95,8 +95,7 @@ class MissingSignal:
     def _contents(self) -> str:
         shown = [channel for channel in self.raw.channels if not _about(channel.field)]
         named = list(dict.fromkeys(c.address if c.width else f"{c.source} (not decoded: {c.kind})" for c in shown))
-        more = f" and {len(named) - LISTED} more" if len(named) > LISTED else ""
-        return f"the log holds {', '.join(named[:LISTED])}{more}" if named else "the log holds no channels"
+        return f"the log holds {first_of(named, LISTED)}" if named else "the log holds no channels"
 
     def _hint(self, signal: str, joint: str) -> str:
         """Return what to paste: the nearest name where a place lacks the joint, else the channel that fits best."""

@@ -66,7 +66,7 @@ def _row(found: Identification, joint: MotorSideJoint) -> tuple[Cell, ...]:
 
 def stiffness_unit(found: Identification, joint: MotorSideJoint) -> str:
     """Return the unit of a joint's stiffness."""
-    return "N·m/rad" if found.robot.joints[joint.number].revolute else "N/m"
+    return "{1}/{0}".format(*found.robot.joints[joint.number].units)
 
 
 def stiffness_record(found: Identification, joint: MotorSideJoint) -> dict[str, Any]:

@@ -25,10 +25,9 @@ def figures(told: FigureInput) -> Iterator[Figure]:
     for joint in found.motor_side.joints:
         if joint.response is None:
             continue
-        revolute = found.robot.joints[joint.number].revolute
         data = asdict(joint.response) | {
             "rigid_to": joint.rigid_to, "antiresonance": joint.antiresonance, "resonance": joint.resonance,
-            "unit": "rad/s² per N·m" if revolute else "m/s² per N",
+            "unit": "{}/s² per {}".format(*found.robot.joints[joint.number].units),
         }  # fmt: skip
         title = f"{joint.joint}: frequency response of position over torque"
         caption = (
