@@ -11,14 +11,14 @@ than the arithmetic.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 
 from elid_cli.model.kinematics import Body, JointState, chain
 from elid_cli.model.program import Program, compile_program
-from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, Entry, MotorState
-from elid_cli.model.towards_base import Inertia, Wrench, component_of, joint_torques, mass_rows, unit_twists
+from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, MotorState, entries
+from elid_cli.model.towards_base import Inertia, JointRows, mass_rows, with_unit_twists
 from elid_cli.model.tracing import Graph, Scalar
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
@@ -132,15 +132,14 @@ class NumericEquations:
         """
         n = self.robot.n
         motion = ChainMotion(self._bodies(resting, gravity=False), [MotorState(0.0, 1.0, 0.0, 0.0)] * n)
-        rows, elastic = [_Rows(n) for _ in range(n)], self.elastic
-        for entry in (entry for term in self.terms for entry in term.entries(self.robot, motion)):
-            rows[entry.parameter.joint].take(entry, self.values, elastic)
+        rows = [JointRows(n) for _ in range(n)]
+        for entry in entries(self.terms, self.robot, motion):
+            rows[entry.parameter.joint].take(entry, self.values, self.elastic)
         return [own.torques(self.robot, resting)[0] for own in rows]
 
     def _bodies(self, states: Sequence[JointState], *, gravity: bool) -> list[Body]:
         """Return the bodies' motion with their own six unit motions as twists."""
-        base, *bodies = chain(self.robot, states, gravity=gravity, twists=False)
-        return [base, *(replace(body, twists=unit_twists(k)) for k, body in enumerate(bodies, 1))]
+        return with_unit_twists(chain(self.robot, states, gravity=gravity, twists=False))
 
     def _inertia(self, k: int) -> Inertia:
         """Return the inertia of the body that joint k moves."""
@@ -149,41 +148,10 @@ class NumericEquations:
 
     def _rows(self, states: Sequence[JointState], motors: Sequence[MotorState]) -> tuple[list[Scalar], list[Scalar]]:
         """Return (link rows, motor rows); the motor row of a rigid joint is merged into its link row."""
-        motion, rows = ChainMotion(self._bodies(states, gravity=True), motors), _Rows(self.robot.n)
-        elastic = self.elastic
-        for entry in (entry for term in self.terms for entry in term.entries(self.robot, motion)):
-            rows.take(entry, self.values, elastic)
+        motion, rows = ChainMotion(self._bodies(states, gravity=True), motors), JointRows(self.robot.n)
+        for entry in entries(self.terms, self.robot, motion):
+            rows.take(entry, self.values, self.elastic)
         return rows.torques(self.robot, states)
-
-
-class _Rows:
-    """Torques of all joints while the terms' entries come in."""
-
-    def __init__(self, n: int) -> None:
-        self._link: list[Scalar] = [0.0] * n
-        self._motor: list[Scalar] = [0.0] * n
-        self._parts: dict[int, list[Scalar]] = {}
-
-    def take(self, entry: Entry, values: Mapping[str, float], elastic: Collection[int]) -> None:
-        """Add an entry, its parameter's value put in."""
-        side, number, name, value = entry
-        own = value * values[name]
-        if (at := component_of(number)) is not None:
-            parts = self._parts.setdefault(at[0], [0.0] * 6)
-            parts[at[1]] = parts[at[1]] + own
-            return
-        rows = self._motor if side == "motor" and number in elastic else self._link
-        rows[number] = rows[number] + own
-
-    def torques(self, robot: Robot, states: Sequence[JointState]) -> tuple[list[Scalar], list[Scalar]]:
-        """Return (link rows, motor rows), what acts on bodies carried to the joints below."""
-        if not self._parts:
-            return self._link, self._motor
-        wrenches = [Wrench()] * (robot.n + 1)
-        for body, (x, y, z, a, b, c) in self._parts.items():
-            wrenches[body] = Wrench((x, y, z), (a, b, c))
-        held = joint_torques(robot, states, wrenches)
-        return [own + of_bodies for own, of_bodies in zip(self._link, held, strict=True)], self._motor
 
 
 class NotPositiveError(ValueError):

@@ -6,11 +6,13 @@ arithmetic like `kinematics.py`. A wrench and an inertia of body i are told in f
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from elid_cli._types import Array
-from elid_cli.model.kinematics import ZERO, JointState, Passage, Vector, add, cross, passages, scale
+from elid_cli.model.kinematics import ZERO, Body, JointState, Passage, Vector, add, cross, passages, scale
+from elid_cli.model.terms.base_term import Entry
 from elid_cli.model.tracing import Scalar
 from elid_cli.robot.robot import Robot
 
@@ -32,6 +34,11 @@ class Inertia(NamedTuple):
     mass: Scalar = 0.0
     first: Vector = ZERO
     tensor: Tensor = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def with_unit_twists(bodies: Sequence[Body]) -> list[Body]:
+    """Return bodies, the base first, whose twists are their own six unit motions."""
+    return [bodies[0], *(replace(body, twists=unit_twists(k)) for k, body in enumerate(bodies[1:], 1))]
 
 
 def unit_twists(body: int) -> tuple[tuple[int, tuple[Vector, Vector]], ...]:
@@ -56,6 +63,40 @@ def joint_torques(robot: Robot, states: Sequence[JointState], wrenches: Sequence
         place = robot.parents[k] + 1
         total[place] = Wrench(add(total[place].force, arrived.force), add(total[place].moment, arrived.moment))
     return torques
+
+
+class JointRows:
+    """Torques of all joints while the terms' entries come in, those of bodies with `unit_twists`."""
+
+    def __init__(self, n: int) -> None:
+        self._link: list[Scalar] = [0.0] * n
+        self._motor: list[Scalar] = [0.0] * n
+        self._parts: dict[int, list[Scalar]] = {}
+
+    def hold(self, body: int, wrench: Wrench) -> None:
+        """Let a body need a wrench besides."""
+        self._parts[body] = [*wrench.force, *wrench.moment]
+
+    def take(self, entry: Entry, values: Mapping[str, Scalar], elastic: Container[int]) -> None:
+        """Add an entry, its parameter's value put in; motor rows of joints that are not `elastic` go to link rows."""
+        side, number, name, value = entry
+        own = value * values[name]
+        if (at := component_of(number)) is not None:
+            parts = self._parts.setdefault(at[0], [0.0] * 6)
+            parts[at[1]] = parts[at[1]] + own
+            return
+        rows = self._motor if side == "motor" and number in elastic else self._link
+        rows[number] = rows[number] + own
+
+    def torques(self, robot: Robot, states: Sequence[JointState]) -> tuple[list[Scalar], list[Scalar]]:
+        """Return (link rows, motor rows), what acts on bodies carried to the joints below."""
+        if not self._parts:
+            return self._link, self._motor
+        wrenches = [Wrench()] * (robot.n + 1)
+        for body, (x, y, z, a, b, c) in self._parts.items():
+            wrenches[body] = Wrench((x, y, z), (a, b, c))
+        held = joint_torques(robot, states, wrenches)
+        return [own + of_bodies for own, of_bodies in zip(self._link, held, strict=True)], self._motor
 
 
 def mass_rows(

@@ -17,12 +17,12 @@ from elid_cli.model.effects.scene import Scene
 from elid_cli.model.kinematics import JointState, chain
 from elid_cli.model.program import Program, compile_program
 from elid_cli.model.regressor import INPUTS, fill_inputs, inputs_of, states_of
-from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, Side
+from elid_cli.model.terms.base_term import BaseTerm, ChainMotion, Side, entries
 from elid_cli.model.terms.rigid_body import RigidBody, wrench_of
 from elid_cli.model.terms.rotor import Rotor
 from elid_cli.model.terms.spring import Spring
 from elid_cli.model.terms.viscous import Viscous
-from elid_cli.model.towards_base import Wrench, component_of, joint_torques, unit_twists
+from elid_cli.model.towards_base import JointRows, with_unit_twists
 from elid_cli.model.tracing import Graph, Scalar
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.robot.robot import Robot
@@ -88,24 +88,16 @@ def _program(robot: Robot, terms: Sequence[BaseTerm]) -> Program:
     """Trace bodies and terms; inputs are those of `inputs_of`, then the standard parameters."""
     names = robot.parameter_names()
     graph = Graph(INPUTS * robot.n + len(names))
-    values = {name: graph.input(INPUTS * robot.n + k) for k, name in enumerate(names)}
+    values: dict[str, Scalar] = {name: graph.input(INPUTS * robot.n + k) for k, name in enumerate(names)}
     states, motors = states_of([graph.input(k) for k in range(INPUTS * robot.n)], robot)
     # what moves bodies and rotors is carried from body to body: half the operations of a sum over all parameters
-    base, *moved = chain(robot, states, twists=False)
-    ten = [[values[StandardParameter(kind, k)] for kind in LINK_PARAMETERS] for k in range(robot.n)]
-    wrenches: list[list[Scalar]] = [[0.0] * 6, *([*force, *moment] for force, moment in map(wrench_of, moved, ten))]
-    torque: list[Scalar] = [0.0] * (2 * robot.n)
-    moving = ChainMotion([base, *(replace(body, twists=unit_twists(k)) for k, body in enumerate(moved, 1))], motors)
-    for side, joint, name, value in (entry for term in terms for entry in term.entries(robot, moving)):
-        if (at := component_of(joint)) is not None:
-            wrenches[at[0]][at[1]] = wrenches[at[0]][at[1]] + value * values[name]
-        else:
-            place = SIDES.index(side) * robot.n + joint
-            torque[place] = torque[place] + value * values[name]
-    held = joint_torques(robot, states, [Wrench((x, y, z), (a, b, c)) for x, y, z, a, b, c in wrenches])
-    for k, own in enumerate(held, robot.n):
-        torque[k] = torque[k] + own
-    return compile_program(graph, torque)
+    bodies, rows = chain(robot, states, twists=False), JointRows(robot.n)
+    for k, body in enumerate(bodies[1:]):
+        rows.hold(k + 1, wrench_of(body, [values[StandardParameter(kind, k)] for kind in LINK_PARAMETERS]))
+    for entry in entries(terms, robot, ChainMotion(with_unit_twists(bodies), motors)):
+        rows.take(entry, values, range(robot.n))
+    link, motor = rows.torques(robot, states)
+    return compile_program(graph, [*motor, *link])
 
 
 def last_body(robot: Robot, motion: Motion) -> Array:

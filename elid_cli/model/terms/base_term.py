@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol
 
@@ -51,3 +51,9 @@ class BaseTerm(Protocol):
     def entries(self, robot: Robot, motion: ChainMotion) -> Iterator[Entry]:
         """Yield the non-zero coefficients of the term's parameters, row by row."""
         ...
+
+
+def entries(terms: Iterable[BaseTerm], robot: Robot, motion: ChainMotion) -> Iterator[Entry]:
+    """Yield the non-zero coefficients of the parameters of all terms."""
+    for term in terms:
+        yield from term.entries(robot, motion)
