@@ -190,6 +190,7 @@ def _shaped(
     stiff spring's torque, count for far less than their number, and what the file gives counts as it stands. So all
     about that are searched twice, the second time with what the residual's colour leaves of the rows.
     """
+    data = replace(data, stretch=np.zeros_like(data.stretch))  # nothing is left out here: one triangle per row group
     for scan, lasting in ((True, False), (True, True), (False, False)) if valleys else ((False, False),) * 2:
         solved = Solved.of(base, data, nuisances, effects)
         scene = scene_of(data.model, data.signals, solved.standard)

@@ -103,6 +103,11 @@ class SplineSegment:
     spline: UniformSpline
 
 
+def _made(side: int, derivative: int) -> cached_property[Array]:
+    """Return one of the arrays of `STATES`, made when it is asked for."""
+    return cached_property(lambda motion: motion._whole(side, derivative))
+
+
 class SplineMotion(Motion):
     """A `Motion` whose arrays are made when they are asked for whole; slices are evaluated from the splines.
 
@@ -231,35 +236,8 @@ class SplineMotion(Motion):
             out[part] = self.evaluated(part.start, part.stop, derivative + 1, first=derivative, sides=sides)[0, 0].T
         return out
 
-    @cached_property
-    def q(self) -> Array:
-        """Link positions, (N, n)."""
-        return self._whole(0, 0)
-
-    @cached_property
-    def dq(self) -> Array:
-        """Link velocities, (N, n)."""
-        return self._whole(0, 1)
-
-    @cached_property
-    def ddq(self) -> Array:
-        """Link accelerations, (N, n)."""
-        return self._whole(0, 2)
-
-    @cached_property
-    def theta(self) -> Array:
-        """Motor positions, (N, n)."""
-        return self._whole(1, 0)
-
-    @cached_property
-    def dtheta(self) -> Array:
-        """Motor velocities, (N, n)."""
-        return self._whole(1, 1)
-
-    @cached_property
-    def ddtheta(self) -> Array:
-        """Motor accelerations, (N, n)."""
-        return self._whole(1, 2)
+    q, dq, ddq = (_made(0, derivative) for derivative in range(3))
+    theta, dtheta, ddtheta = (_made(1, derivative) for derivative in range(3))
 
 
 def _as_slice(index: NDArray[np.intp] | NDArray[np.bool_]) -> slice | NDArray[np.intp] | NDArray[np.bool_]:

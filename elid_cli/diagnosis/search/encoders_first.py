@@ -9,13 +9,12 @@ import numpy as np
 
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, fit, refreshed
-from elid_cli.diagnosis.search.acceptance import improves, predicted_better
+from elid_cli.diagnosis.search.acceptance import improves, left_out_error, predicted_better
 from elid_cli.diagnosis.search.encoder_skew import Skew, looked_again, visible_skew
 from elid_cli.diagnosis.search.screening import score, sensible
 from elid_cli.diagnosis.search.steps import Step
 from elid_cli.model.effects import effect_classes, effect_that, twins_of
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.regressor import EstimationRow
 
 APART = 0.02
 """Part by which errors left out must differ for the torques to decide between a skew and friction."""
@@ -89,13 +88,8 @@ def against_friction(
     """
     kept = []
     for item in seen:
-        rows = [row for row in before.triangles.rows if row.joint == item.joint]
-        unit = {row: before.rms(row) ** -2 for row in rows if before.rms(row) > 0}
-
-        def left(state: State, unit: Mapping[EstimationRow, float] = unit) -> float:
-            return sum(weight * float(state.left_out[row].sum()) for row, weight in unit.items())
-
-        least, rivals = left(skewed), []
+        rows = [row for row in before.triangles.rows if row.joint == item.joint and before.rms(row) > 0]
+        least, rivals = left_out_error(skewed, before, rows), []
         for name in twins_of(effect_that(corrects="link")):
             kind = library.get(name)
             if kind is None or not kind.applies(before.log.model.robot, item.joint):
@@ -105,7 +99,7 @@ def against_friction(
             explains = visible_skew(other, item.joint) is None  # with its torque the positions show none
             possible = other.impossible <= skewed.impossible and sensible(other.effects[-1], other.scene, values)
             if explains and possible:
-                rivals.append((left(other), name, values))
+                rivals.append((left_out_error(other, before, rows), name, values))
         if any(error < (1 - APART) * least for error, _, _ in rivals):
             continue
         as_good = tuple((name, values) for error, name, values in rivals if error < (1 + APART) * least)

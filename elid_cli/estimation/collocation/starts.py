@@ -65,12 +65,8 @@ def other_valleys(setup: Setup, now: Iterate) -> list[Iterate]:
         matrix[index, index] += held
         gradient[index] -= held * np.tile(declared.mean, len(MOVES))
     left = eliminate_trajectory(setup.problem, now, (matrix, gradient), further)
-    by_joint = [
-        _valleys(setup, now, left.matrix, left.gradient, chosen, grids, places)
-        for joint in sorted({item.joint for item in items})
-        if (chosen := [k for k, item in enumerate(items) if item.joint == joint])
-    ]
     joints = [[k for k, item in enumerate(items) if item.joint == joint] for joint in sorted({i.joint for i in items})]
+    by_joint = [_valleys(setup, now, left.matrix, left.gradient, chosen, grids, places) for chosen in joints]
     best = [valleys[0] for valleys in by_joint]
     plans = [(0.0, best)]
     for number, valleys in enumerate(by_joint):
