@@ -6,7 +6,7 @@ A format is one module of `elid_cli/logs/formats` that defines `FORMAT`, a `LogF
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from numpy.typing import NDArray
@@ -62,8 +62,6 @@ class Stream:
     """Shape (N, columns); NaN where a message did not carry a column."""
     clocks: Mapping[str, NDArray[Any]]
     """Stamps by clock (``t``, ``header stamp``, ``log time``…), each of shape (N,); empty: the log has no time."""
-    missing: tuple[int | str, ...] = ()
-    """Columns that never occurred."""
 
 
 class RawLog(Protocol):
@@ -103,4 +101,3 @@ class LogFormat:
     """Encode a recording canonically; same recording, same bytes. The second argument is the file's name."""
     priority: int = 0
     """Formats are asked in ascending order; text, which would take anything, comes last."""
-    options: Mapping[str, Any] = field(default_factory=dict)

@@ -6,9 +6,10 @@ reading would run code, follow another file or allocate without bound are named 
 
 from __future__ import annotations
 
+import io
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -227,6 +228,23 @@ def _open(source: Source) -> Sequence[Hdf5Log]:
     return [Hdf5Log(source.name, stream, datasets, labels, source.path, refused, source.tell, gains)]
 
 
+def in_memory(source: Source, arrays: Iterable[tuple[str, Any]]) -> Sequence[Hdf5Log]:
+    """Return the arrays of numbers among those of another format, by path, as an HDF5 log in memory.
+
+    Names of joints are an array of their own, ``joint_names``.
+    """
+    import h5py
+
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        for path, array in arrays:
+            if path == "joint_names":
+                file.attrs[path] = [str(joint) for joint in array.ravel()]
+            elif array.dtype.kind in "fiub":
+                file[path] = array
+    return _open(Source(source.name, data=buffer.getvalue(), listener=source.listener))
+
+
 def _gains(group: Any, datasets: dict[str, Any]) -> dict[str, Array]:
     """Return gains that hold for a whole log, by path: attributes, or arrays of one value or one per joint."""
     found = {f"/{gain}": group.attrs[gain] for gain in GAINS if gain in group.attrs}
@@ -267,8 +285,6 @@ def _recognise(source: Source) -> bool:
 
 
 def _write(recording: Recording, name: str) -> bytes:
-    import io
-
     import h5py
 
     buffer = io.BytesIO()

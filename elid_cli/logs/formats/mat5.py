@@ -6,6 +6,7 @@ import io
 import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -32,22 +33,18 @@ _FAULTS = (
 
 def _open(source: Source) -> Sequence[RawLog]:
     """Return the numeric variables, those of structures by their path, as an HDF5 log in memory."""
-    import h5py
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError
 
-    data, buffer = source.read(), io.BytesIO()
+    data = source.read()
     _believe(data, Budget(source.name, source.size))
     try:
         found = loadmat(io.BytesIO(data), struct_as_record=False, squeeze_me=False)
-        arrays = dict(_arrays({name: value for name, value in found.items() if not name.startswith("__")}))
-        with h5py.File(buffer, "w") as file:
-            for name in list(arrays)[:MOST_ARRAYS]:
-                file[name] = arrays[name]
+        arrays = _arrays({name: value for name, value in found.items() if not name.startswith("__")})
+        return hdf5.in_memory(source, islice(arrays, MOST_ARRAYS))
     except (*_FAULTS, MatReadError) as error:
         detail = str(error).lower()[:120]
         raise LogError(f"{source.name}: MATLAB file is cut or damaged", detail=detail) from error
-    return hdf5.FORMAT.open(Source(source.name, data=buffer.getvalue(), listener=source.listener))
 
 
 def _believe(data: bytes, budget: Budget) -> None:

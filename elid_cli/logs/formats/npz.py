@@ -7,7 +7,8 @@ import math
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -35,32 +36,26 @@ def is_npz(head: bytes) -> bool:
 
 def _open(source: Source) -> Sequence[RawLog]:
     """Return the arrays as an HDF5 log in memory; names of joints are the array ``joint_names``."""
-    import h5py
-
-    buffer, budget = io.BytesIO(), Budget(source.name, source.size)
     if source.head.startswith(SINGLE):
         return _single(source)
     try:
-        with zipfile.ZipFile(io.BytesIO(source.read())) as archive, h5py.File(buffer, "w") as file:
-            members = [m for m in archive.infolist() if m.filename.endswith(".npy")][:MOST_ARRAYS]
-            for member in members:
-                budget.take(member.file_size)
-                array = np.lib.format.read_array(io.BytesIO(archive.read(member)), allow_pickle=False)
-                name = member.filename.removesuffix(".npy")
-                if name == "joint_names":
-                    file.attrs[name] = [str(joint) for joint in array.ravel()]
-                elif array.dtype.kind in "fiub":
-                    file[name] = array
+        with zipfile.ZipFile(io.BytesIO(source.read())) as archive:
+            return hdf5.in_memory(source, _arrays(archive, Budget(source.name, source.size)))
     except FAULTS as error:
         raise LogError(f"{source.name}: NumPy archive is cut or damaged", detail=str(error).lower()[:120]) from error
-    return hdf5.FORMAT.open(Source(source.name, data=buffer.getvalue(), listener=source.listener))
+
+
+def _arrays(archive: zipfile.ZipFile, budget: Budget) -> Iterator[tuple[str, Any]]:
+    """Yield the arrays of an archive by name, as many as are read."""
+    for member in [m for m in archive.infolist() if m.filename.endswith(".npy")][:MOST_ARRAYS]:
+        budget.take(member.file_size)
+        array = np.lib.format.read_array(io.BytesIO(archive.read(member)), allow_pickle=False)
+        yield member.filename.removesuffix(".npy"), array
 
 
 def _single(source: Source) -> Sequence[RawLog]:
     """Return a file of one array as an HDF5 log in memory."""
-    import h5py
-
-    buffer, data = io.BytesIO(), io.BytesIO(source.read())
+    data = io.BytesIO(source.read())
     try:
         version = np.lib.format.read_magic(data)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -73,11 +68,9 @@ def _single(source: Source) -> Sequence[RawLog]:
         if dtype.kind not in "fiub" or math.prod(shape) * dtype.itemsize > source.size:
             raise ValueError(f"{dtype} of shape {shape} in {source.size} bytes")
         data.seek(0)
-        with h5py.File(buffer, "w") as file:
-            file["array"] = np.lib.format.read_array(data, allow_pickle=False)
+        return hdf5.in_memory(source, [("array", np.lib.format.read_array(data, allow_pickle=False))])
     except FAULTS as error:
         raise LogError(f"{source.name}: NumPy array is cut or damaged", detail=str(error).lower()[:120]) from error
-    return hdf5.FORMAT.open(Source(source.name, data=buffer.getvalue(), listener=source.listener))
 
 
 FORMAT = LogFormat(
