@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 
-from elid_cli._types import Array
 from elid_cli.estimation.result import Identification, Verdict
 from elid_cli.estimation.validation.verdicts import REFUSED, WEAK
 from elid_cli.model.effects.breakaway import breakaway
@@ -142,21 +141,14 @@ def _errors_given_bodies(found: Identification) -> dict[StandardParameter, float
     places = [found.base.parameters.index(name) for name in names]
     deviation = np.sqrt(np.diag(covariance)[known])
     rows = found.base.transform[known][:, places] / deviation[:, None]
-    weight = _inverse(covariance[np.ix_(known, known)] / np.outer(deviation, deviation))
+    weight = np.linalg.pinv(covariance[np.ix_(known, known)] / np.outer(deviation, deviation), SINGULAR, hermitian=True)
     size = np.sqrt(np.maximum(np.diag(rows.T @ weight @ rows), 0.0))
     seen = size > 0
     unit = np.where(seen, size, 1.0)
-    spread = _inverse((rows.T @ weight @ rows / np.outer(unit, unit))[np.ix_(seen, seen)])
+    shown = (rows.T @ weight @ rows / np.outer(unit, unit))[np.ix_(seen, seen)]
+    spread = np.linalg.pinv(shown, SINGULAR, hermitian=True)
     errors = np.sqrt(np.maximum(np.diag(spread), 0.0)) / unit[seen]
     return {name: float(e) for name, e in zip((n for n, s in zip(names, seen, strict=True) if s), errors, strict=True)}
-
-
-def _inverse(matrix: Array) -> Array:
-    """Return the pseudo-inverse of a correlation matrix."""
-    values, vectors = np.linalg.eigh(matrix)
-    kept = values > SINGULAR * values[-1]
-    result: Array = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
-    return result
 
 
 def _static(found: Identification, written: Robot, dynamic: Mapping[str, Value]) -> dict[str, Value]:

@@ -24,6 +24,7 @@ from elid_cli._types import Array
 from elid_cli.experiment.real_bodies import apart, known_parameters, split_mass
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.declared import resolve
+from elid_cli.robot.frames import z_to
 from elid_cli.robot.inertia import about_centre, inertial_parameters
 from elid_cli.robot.mjcf.elements import stiffness_and_rest
 from elid_cli.robot.mjcf.read import SPRING
@@ -169,7 +170,7 @@ def _rotor(joint: Joint, mass: float, centre: Array, pad: str) -> Iterator[str]:
     friction = xml_number(max(joint.parameters.get("fs", 0.0), 0.0) / abs(k))
     damping = xml_number(joint.parameters.get("fv", 0.0) / k**2)
     name = joint.name + "_rotor"
-    turned = xml_numbers(_quaternion(_frame_with_z(np.asarray(joint.motor_axis))))
+    turned = xml_numbers(_quaternion(z_to(joint.motor_axis)[:3, :3]))
     yield f'{pad}<body name={quoted(name)} pos="{xml_numbers(centre)}" quat="{turned}">'
     half = xml_number(inertia / 2)
     yield f'{pad}  <inertial pos="0 0 0" mass="{xml_number(mass)}" diaginertia="{half} {half} {xml_number(inertia)}"/>'
@@ -239,12 +240,3 @@ def _quaternion(rotation: Array) -> Array:
     rows = np.array([[squares[0], a, b, c], [a, squares[1], d, e], [b, d, squares[2], f], [c, e, f, squares[3]]])
     row = rows[int(np.argmax(squares))]
     return np.asarray(row / np.linalg.norm(row))
-
-
-def _frame_with_z(z: Array) -> Array:
-    """Return a 3x3 rotation whose third column is the unit vector z."""
-    if z[2] == 1.0:
-        return np.eye(3)
-    x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
-    x = x / np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)

@@ -109,12 +109,9 @@ def _defaults(
 
 
 def about(axis: Array, angle: float, element: Element) -> Array:
-    """Return the 3x3 rotation about an axis by an angle in rad (Rodrigues)."""
-    x, y, z = _unit(axis, element)
+    """Return the 3x3 rotation about an axis by an angle in rad."""
     turn = rotation_z(angle)
-    s, c = turn[1, 0], turn[0, 0]
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + s * cross + (1 - c) * cross @ cross)
+    return _turn_about(_unit(axis, element), turn[1, 0], turn[0, 0])
 
 
 def from_z(z: Array) -> Array:
@@ -123,8 +120,13 @@ def from_z(z: Array) -> Array:
     s, c = float(np.linalg.norm(axis)), float(z[2])
     if s < 1e-12:
         return np.eye(3) if c > 0 else np.diag([1.0, -1.0, -1.0])
-    x, y, w = axis / s
-    cross = np.array([[0, -w, y], [w, 0, -x], [-y, x, 0]])
+    return _turn_about(axis / s, s, c)
+
+
+def _turn_about(axis: Array, s: float, c: float) -> Array:
+    """Return the 3x3 rotation about a unit vector by an angle of sine s and cosine c (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + s * cross + (1 - c) * cross @ cross)
 
 
