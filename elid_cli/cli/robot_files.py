@@ -165,6 +165,11 @@ def stays_aside(robot: Robot, path: str) -> list[str]:
         wanted, others = (", ".join(f"{value:g}" for value in gravity) for gravity in (robot.gravity, own))
         beside = Path(path).with_suffix(".elid.yaml").name
         said.append(f"gravity: [{wanted}]: {beside} has to hold it; without that the file means [{others}]")
+    if suffix != ".urdf" and (soft := _softened(robot)):
+        said.append(
+            f"friction of {', '.join(soft)} fades in over a speed: solreffriction and solimpfriction hold it for "
+            "MuJoCo; elid and other simulators take friction of an MJCF to hold a joint at rest"
+        )
     geared = [joint.name for joint in robot.joints if joint.gear_ratio is not None]
     if geared and suffix != ".urdf":
         said.append(
@@ -172,6 +177,13 @@ def stays_aside(robot: Robot, path: str) -> list[str]:
             "coupling to the body that carries it"
         )
     return said
+
+
+def _softened(robot: Robot) -> list[str]:
+    """Return the joints whose friction an MJCF softens."""
+    from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
+
+    return [spec.joint or robot.joint_names[0] for spec in robot.effects if is_soft_in_mjcf(robot, spec)]
 
 
 def _without(
@@ -230,8 +242,12 @@ def _lost(robot: Robot, path: str) -> list[EffectSpec]:
         return []
     from elid_cli.robot.mjcf.read import SPRING
 
-    springs = SPRING if _patches(robot, path) and Path(path).suffix.lower() != ".urdf" else ""
-    return [spec for spec in robot.effects if spec.effect != springs]
+    if Path(path).suffix.lower() == ".urdf":
+        return list(robot.effects)
+    from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
+
+    springs = SPRING if _patches(robot, path) else ""
+    return [spec for spec in robot.effects if spec.effect != springs and not is_soft_in_mjcf(robot, spec)]
 
 
 def _patches(robot: Robot, path: str) -> bool:
@@ -259,9 +275,10 @@ def write_described(robot: Robot, path: str, remarks: Sequence[str] = ()) -> Non
 
         write_robot(robot, path, remarks)
     elif _patches(robot, path):
+        from elid_cli.experiment.mjcf_friction import soft_attributes
         from elid_cli.robot.patch import patched
 
-        write_text(path, patched(robot, remarks))
+        write_text(path, patched(robot, remarks, soft_attributes(robot) if suffix != ".urdf" else {}))
     else:
         from elid_cli.experiment.mjcf import mjcf_text
         from elid_cli.robot.urdf.write import urdf_text

@@ -21,6 +21,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf, soft_attributes
 from elid_cli.experiment.real_bodies import apart, known_parameters, split_mass
 from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.declared import resolve
@@ -48,8 +49,8 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
     Parameters
     ----------
     robot
-        Any convention. Springs on links are joints' stiffness; its other effects are named in a comment, and not
-        exported.
+        Any convention. Springs on links are joints' stiffness, friction that fades in softens their friction; its
+        other effects are named in a comment, and not exported.
     parameters
         Standard parameters in standard order, shape (p,); the robot's reference values if None. Where they are not
         those of real bodies, parameters that no motion notices are changed until they are.
@@ -62,7 +63,7 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
     values = known_parameters(robot, parameters)
     full, links = apart(robot, values)
     lines = [f"<mujoco model={quoted(robot.name)}>"]
-    beyond = [effect.effect for effect in robot.effects if effect.effect != SPRING]
+    beyond = [s.effect for s in robot.effects if s.effect != SPRING and not is_soft_in_mjcf(robot, s)]
     if beyond:
         names = ", ".join(beyond)
         lines.append(f"  <!-- not in this file, though the robot description has them: {names} -->")
@@ -71,7 +72,7 @@ def mjcf_text(robot: Robot, parameters: Array | None = None) -> str:
         '  <compiler angle="radian" autolimits="false" inertiafromgeom="false"/>',
         f'  <option gravity="{xml_numbers(robot.gravity)}" timestep="{step}" integrator="implicitfast"/>',
         "  <worldbody>",
-        *_bodies(full, links),
+        *_bodies(full, links, soft_attributes(full)),
         "  </worldbody>",
         *_transmissions(full.joints),
         *_motors(full.joints),
@@ -98,7 +99,7 @@ def time_step(robot: Robot, parameters: Array) -> float:
     return TIMESTEP / max(1, math.ceil(TIMESTEP * fastest / MODE_STEP))
 
 
-def _bodies(robot: Robot, links: list[Array]) -> Iterator[str]:
+def _bodies(robot: Robot, links: list[Array], soft: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
     """Yield the nested bodies: in each the rotors that ride on it, then the next links."""
     places = origins(robot)
     springs = {resolve(robot, spec)[1]: spec.parameters for spec in robot.effects if spec.effect == SPRING}
@@ -115,7 +116,8 @@ def _bodies(robot: Robot, links: list[Array]) -> Iterator[str]:
             rotors += _rotor(robot.joints[k], mass, centre, pad)
         if link is not None:
             yield pad + _inertial(link)
-            yield pad + _link_joint(robot.joints[parent], springs.get(parent))
+            joint = robot.joints[parent]
+            yield pad + _link_joint(joint, springs.get(parent), soft.get(joint.name))
         for k in on:
             end = places[k][:3, 3]
             if link is not None and np.linalg.norm(end) > 1e-6:
@@ -148,7 +150,7 @@ def _inertial(link: Array) -> str:
     return f'<inertial pos="{xml_numbers(centre)}" mass="{xml_number(mass)}" fullinertia="{xml_numbers(order)}"/>'
 
 
-def _link_joint(joint: Joint, spring: Mapping[str, float] | None) -> str:
+def _link_joint(joint: Joint, spring: Mapping[str, float] | None, soft: Mapping[str, str] | None) -> str:
     kind = "hinge" if joint.revolute else "slide"
     limits = (
         f' limited="true" range="{xml_numbers(joint.limits.position)}"' if joint.limits.position is not None else ""
@@ -156,7 +158,9 @@ def _link_joint(joint: Joint, spring: Mapping[str, float] | None) -> str:
     motor = ""
     if _armature(joint):
         own = joint.parameters
-        friction = f'frictionloss="{xml_number(max(own.get("fs", 0.0), 0.0))}" solreffriction="{2 * TIMESTEP} 1"'
+        firm = {"solreffriction": f"{2 * TIMESTEP} 1"} if soft is None else soft
+        constraint = " ".join(f'{name}="{value}"' for name, value in firm.items())
+        friction = f'frictionloss="{xml_number(max(own.get("fs", 0.0), 0.0))}" {constraint}'
         motor = f' armature="{xml_number(own["Ja"])}" damping="{xml_number(own.get("fv", 0.0))}" {friction}'
     if spring is not None:
         stiffness, rest = stiffness_and_rest(spring)

@@ -13,6 +13,10 @@ from elid_cli._types import Array
 
 SWEEPS = 3
 """Sweeps over the joints that couple, each from the friction of the step before."""
+NEWTON = 40
+"""Most steps to the mean of friction that fades in and is within its width for a part of a step; three are usual."""
+SAME = 1e-9
+"""Part of such friction by which it may change between two sweeps that agree."""
 
 
 @cache
@@ -21,9 +25,11 @@ def compiled_steps() -> Callable[..., None] | None:
     if importlib.util.find_spec("numba") is None:
         return None
     from numba import njit
+    from numba.extending import register_jitable
 
     found: Any
     try:
+        register_jitable(error_model="numpy")(faded)
         found = njit(error_model="numpy", cache=True)(steps)
     except RuntimeError:  # nowhere to keep it
         found = njit(error_model="numpy")(steps)
@@ -33,8 +39,8 @@ def compiled_steps() -> Callable[..., None] | None:
 
 def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no calls
     mass: Array, force: Array, slope: Array, place: Array, told: Array, kp: Array, kd: Array, x0: Array, v0: Array,
-    inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, push: Array, grip: Array, dt: float,
-    xs: Array, vs: Array,
+    inertia: Array, coulomb: Array, viscous: Array, offset: Array, limit: Array, friction: Array, width: Array,
+    lead: Array, push: Array, grip: Array, dt: float, xs: Array, vs: Array,
 ) -> None:  # fmt: skip
     """Write positions and velocities to `xs` and `vs`, (N, V, S, L, s); the arrays are those of `rollout.Local`."""
     # scalars only: expressions of arrays take Numba seconds to compile, and memory at every step
@@ -47,11 +53,14 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
     pulled, pull, where, move, off, pushed, bound, gained = (
         np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size),
         np.empty(size))  # fmt: skip
+    soft, wide, ahead, slowed = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     for a in range(variants):
         for s in range(stretches):
             for c in range(chains):
                 for i in range(size):
                     x[i], v[i], held[i], gained[i] = x0[s, c, i], v0[s, c, i], 0.0, 0.0
+                    soft[i], wide[i], ahead[i] = h * friction[a, s, c, i], width[a, s, c, i], lead[a, s, c, i] / h
+                    slowed[i] = 0.0
                     xs[0, a, s, c, i], vs[0, a, s, c, i] = x[i], v[i]
                 for k in range(instants - 1):
                     for i in range(size):
@@ -94,7 +103,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             drive -= pulled[i] + w * pull[i]
                             for m in range(size):
                                 drive -= bend[i, m] * off[m]
-                            rhs[i] = h * drive - held[i]
+                            rhs[i] = h * drive - held[i] - slowed[i]
                         for i in range(size):
                             faster[i] = v[i]
                             for m in range(size):
@@ -102,8 +111,17 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                         for _ in range(SWEEPS):
                             settled = True
                             for i in range(size):
-                                # of one that passes through rest, friction turns when it does
                                 give = inverse[i, i]
+                                if soft[i] > 0.0:
+                                    free = faster[i] + give * slowed[i]
+                                    new = faded(v[i], free, give, soft[i], wide[i], ahead[i])
+                                    change = new - slowed[i]
+                                    if abs(change) > SAME * soft[i]:
+                                        settled = False
+                                        for m in range(size):
+                                            faster[m] -= inverse[m, i] * change
+                                        slowed[i] = new
+                                # of one that passes through rest, friction turns when it does
                                 free = faster[i] + give * held[i]
                                 low, high = -bound[i], bound[i]
                                 if v[i] > 0.0:
@@ -129,3 +147,57 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             v[i] = faster[i]
                     for i in range(size):
                         xs[k + 1, a, s, c, i], vs[k + 1, a, s, c, i] = x[i], v[i]
+
+
+def faded(v: float, free: float, give: float, bound: float, width: float, ahead: float) -> float:
+    """Return the impulse, N·m·s (N·s), of friction that fades in over a speed (`drives.Fading`), in one step.
+
+    It is the mean of the friction over the step, in which the velocity goes straight; of a joint that is within the
+    width all along, or comes to it within a step that is long beside its course there, that of the exponential which
+    its velocity follows: long steps must not ring.
+
+    Parameters
+    ----------
+    v
+        Velocity at the start, rad/s (m/s).
+    free, give
+        Velocity at the end without the impulse, and by how much an impulse of 1 lowers it.
+    bound
+        Impulse of the whole friction; positive.
+    width, ahead
+        Speed over which it fades in, and its lead in steps.
+    """
+    new = bound if v + free > 0.0 else -bound
+    far = ahead * (free - give * new - v)
+    first, last = v + far, free - give * new + far
+    if (new > 0.0 and min(first, last) >= width) or (new < 0.0 and max(first, last) <= -width):
+        return new
+    steep = bound / width
+    rate = steep * give / (1.0 + steep * give * ahead)
+    part = ahead + (0.5 + rate / 12.0 if rate < 1e-3 else 1.0 / (1.0 - np.exp(-rate)) - 1.0 / rate)
+    new = steep * (part * free + (1.0 - part) * v) / (1.0 + steep * part * give)
+    far = ahead * (free - give * new - v)
+    first, last = v + far, free - give * new + far
+    if abs(last) <= width and (abs(first) <= width or (rate > 1.0 and abs(new) <= bound)):
+        return new
+    low, high = -bound, bound
+    new = min(max(new, low), high)
+    for _ in range(NEWTON):
+        far = ahead * (free - give * new - v)
+        first, last = (v + far) / width, (free - give * new + far) / width
+        one, other = min(max(first, -1.0), 1.0), min(max(last, -1.0), 1.0)
+        gap = last - first
+        if abs(gap) > 1e-9:
+            # the integral of sat(u) is u²/2 within 1, |u| - 1/2 beyond
+            mean = (other * (last - 0.5 * other) - one * (first - 0.5 * one)) / gap
+            fall = (other * (1.0 + ahead) - one * ahead - mean) / gap
+        else:
+            mean, fall = other, (0.5 + ahead if abs(other) < 1.0 else 0.0)
+        miss = new - bound * mean
+        if abs(miss) <= 1e-12 * bound:
+            break
+        low, high = (low, new) if miss > 0.0 else (new, high)
+        new -= miss / (1.0 + bound * fall * give / width)
+        if not low < new < high:
+            new = 0.5 * (low + high)
+    return new

@@ -12,7 +12,8 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import LogError
 from elid_cli.model.coordinates import Coordinates
-from elid_cli.model.rollout import STEP, Drives
+from elid_cli.model.drives import Drives
+from elid_cli.model.rollout import STEP
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 

@@ -36,7 +36,7 @@ SAME = 1e-12
 _PHYSICAL = "full physical parameters first: elid identify … --physical"
 
 
-def patched(robot: Robot, remarks: Sequence[str] = ()) -> str:
+def patched(robot: Robot, remarks: Sequence[str] = (), further: Mapping[str, Mapping[str, str]] | None = None) -> str:
     """Return the text of the file that a robot came from (`Robot.source`) with the robot's parameters in it.
 
     Parameters
@@ -45,6 +45,8 @@ def patched(robot: Robot, remarks: Sequence[str] = ()) -> str:
         Read from a URDF or MJCF; its joints may be locked (`Robot.held`) and its parameters identified since.
     remarks
         Sentences for a comment in front.
+    further
+        Further attributes of joints of an MJCF, by their names.
 
     Raises
     ------
@@ -65,7 +67,7 @@ def patched(robot: Robot, remarks: Sequence[str] = ()) -> str:
         joint, was = new.joint(name), old.joint(name)
         changes[name] = (joint, _change(was, joint), _said(joint) if _said(joint) != _said(was) else {})
     if edit.root.tag == "mujoco":
-        _patch_mjcf(edit, text, robot, changes)
+        _patch_mjcf(edit, text, robot, changes, further or {})
     else:
         _patch_urdf(edit, changes)
     return edit.text()
@@ -189,7 +191,9 @@ def _is_real(body: Array) -> bool:
     return bool(ten[0] > 0 and real_tensor(about_centre(ten)[2]))
 
 
-def _patch_mjcf(edit: XmlEdit, text: str, robot: Robot, changes: _Changes) -> None:
+def _patch_mjcf(
+    edit: XmlEdit, text: str, robot: Robot, changes: _Changes, further: Mapping[str, Mapping[str, str]]
+) -> None:
     tree = MjcfTree(text, robot.source)
     springs = {spec.joint or robot.joint_names[0]: spec.parameters for spec in robot.effects if spec.effect == SPRING}
     meshes = [carrier for carrier, _ in tree.meshes]
@@ -203,7 +207,10 @@ def _patch_mjcf(edit: XmlEdit, text: str, robot: Robot, changes: _Changes) -> No
                 f"{item.name} is described in {item.element.file}", hint="give that file, or write a .yaml"
             )
         values = _dynamics(joint) | _spring(item, springs.get(item.name), tree.conventions.degrees)
-        edit.set_attributes(places[item.element.tag, item.element.start], _other(item.element, values))
+        edit.set_attributes(
+            places[item.element.tag, item.element.start],
+            _other(item.element, values) | dict(further.get(item.name, {})),
+        )
         if change is None:
             continue
         if item.owner is None or number in meshes:

@@ -7,7 +7,7 @@ from importlib.metadata import distributions
 import numpy as np
 import pytest
 
-from elid_cli.model.rollout import Linearised
+from elid_cli.model.linearised import Linearised
 
 mujoco = pytest.importorskip("mujoco")
 if not list(distributions(name="example-robot-data")):

@@ -81,7 +81,7 @@ def kinds_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[t
     """Return the effects of the library that a simulated motion can hold and a search tries."""
     return [
         kind for name, kind in library.items()
-        if can_act(kind) and (name in only if only else kind.searched) and not kind.whole_robot
+        if can_act(kind) and not kind.softens and (name in only if only else kind.searched) and not kind.whole_robot
     ]  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View
 from elid_cli.diagnosis.by_motion.result import ABOVE, MotionDiagnosis, PositionBeforeAfter
-from elid_cli.diagnosis.by_motion.search import search
+from elid_cli.diagnosis.by_motion.search import Searched, search
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
@@ -86,18 +86,19 @@ def diagnose_motion(
     return MotionDiagnosis(
         robot, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
-        _effects(robot, after, done.named, len(effects)), _rivals(robot, done.named, scene_of_fit(after)),
+        _effects(robot, after, done, len(effects)), _rivals(robot, done.named, scene_of_fit(after)),
         _unexplained(robot, after, views, signals, {c.effect.joint: c.gain for c in done.left}),
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),
     )  # fmt: skip
 
 
-def _effects(robot: Robot, fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tuple[FoundEffect, ...]:
-    values = fitted_effects(robot, fit)[declared:]
+def _effects(robot: Robot, fit: TrajectoryFit, done: Searched, declared: int) -> tuple[FoundEffect, ...]:
+    values, effects = fitted_effects(robot, fit)[declared:], fit.effects[declared:]
+    softer = [done.softer[effect.joint] for effect in effects if effect.softens]
     return tuple(
-        FoundEffect(item.effect.name, own.joint, own.parameters, own.std_error, item.gain, item.effect.summary)
-        for item, own in zip(named, values, strict=True)
+        FoundEffect(effect.name, own.joint, own.parameters, own.std_error, gain, effect.summary)
+        for effect, own, gain in zip(effects, values, (*softer, *(item.gain for item in done.named)), strict=True)
     )
 
 

@@ -20,7 +20,7 @@ from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.normal_equations import Tracked, as_late
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.model.effects.scene import Scene
-from elid_cli.model.rollout import Linearised
+from elid_cli.model.linearised import Linearised
 
 WINDOW = 0.03
 """s before and after an instant, over which the motion that effects are computed of is smoothed."""
@@ -95,8 +95,8 @@ def _driven(fit: TrajectoryFit, item: Tracked, q: Array, v: Array) -> Array:
 
 def _of_effects(fit: TrajectoryFit, scene: Scene) -> Array:
     """Return the torque of the effects that the fit holds, on the model's side, (N, n)."""
-    if not fit.unknowns.effects:
+    if not fit.unknowns.pushing:
         return np.zeros_like(scene.motion.q)
-    push, grip = acting(fit.effects, scene).total(fit.z[fit.unknowns.amplitudes])
+    push, grip = acting(fit.unknowns.pushing_at(fit.z), scene).total(fit.z[fit.unknowns.amplitudes])
     found: Array = push + grip * np.sign(scene.motion.dtheta)
     return found

@@ -9,6 +9,7 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
+from elid_cli.estimation.trajectory.softening import softened
 from elid_cli.estimation.trajectory.unknowns import Unknowns, started
 from elid_cli.model.effects.effect import Effect
 
@@ -38,10 +39,15 @@ def again(
     return fitted(unknowns, tracked, z, prompt=not fit.delays.any(), tell=tell, cycles=cycles)
 
 
+def softened_again(fit: TrajectoryFit) -> TrajectoryFit:
+    """Return the fit with friction that fades in over a speed, where the log asks for it now."""
+    return softened(fit, lambda unknowns, near, z: again(near, unknowns, z))
+
+
 def without(fit: TrajectoryFit, places: set[int], tell: Callable[[float], None] | None = None) -> TrajectoryFit:
     """Return the fit without some of its effects, none of them declared."""
     own = fit.unknowns
     kept = [k for k in range(len(own.effects)) if k not in places]
     unknowns = Unknowns(own.robot, tuple(fit.effects[k] for k in kept), own.recordings, own.held)
-    left = np.concatenate([np.zeros(0), *(fit.z[own.amplitudes_of(k)] for k in kept)])
+    left = np.concatenate([np.zeros(0), *(fit.z[own.amplitudes_of(k)] for k in kept if not fit.effects[k].softens)])
     return again(fit, unknowns, known_of(fit, unknowns, left), tell)

@@ -79,6 +79,7 @@ def _in_place(fit: TrajectoryFit, rivals: dict[int, Candidate]) -> TrajectoryFit
     parts = [
         np.zeros(len(effect.amplitudes)) if k in rivals else fit.z[own.amplitudes_of(k)]
         for k, effect in enumerate(effects)
+        if not effect.softens
     ]
     try:
         return again(fit, unknowns, known_of(fit, unknowns, np.concatenate(parts)))

@@ -6,7 +6,7 @@ blocks of time not fitted to support, fit all again. An effect stays only if the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,11 +24,13 @@ from elid_cli.diagnosis.by_motion.candidates import (
 )
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
-from elid_cli.diagnosis.by_motion.refits import again, grown, without
+from elid_cli.diagnosis.by_motion.refits import again, grown, softened_again, without
 from elid_cli.diagnosis.by_motion.rivals import with_rivals
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.views import views_of
-from elid_cli.estimation.trajectory.fit import CYCLES, TrajectoryFit, fit_trajectory
+from elid_cli.estimation.trajectory.decided import fit_trajectory
+from elid_cli.estimation.trajectory.fit import CYCLES, TrajectoryFit
+from elid_cli.estimation.trajectory.softening import gains_of
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
@@ -58,7 +60,10 @@ class Searched:
     """What a search came to."""
 
     before: TrajectoryFit
+    """The fit of the robot as it is described."""
     after: TrajectoryFit
+    softer: Mapping[int, float]
+    """What friction that fades in takes away, by joint; its effects stand before those of `named`."""
     named: tuple[Named, ...]
     left: tuple[Candidate, ...]
     """The best candidate of every joint that was not taken."""
@@ -94,10 +99,9 @@ def search(
     """
     kinds = kinds_of(effect_classes(), only)
     say = _Told(progress)
-    before = fit_trajectory(
-        robot, runs, start, declared, amplitudes, tell=say.within("fitting the motion", 0, SHARES[0])
-    )
-    fit, named, tried, partial = before, list[Named](), 0, False
+    fit = fit_trajectory(robot, runs, start, declared, amplitudes, tell=say.within("fitting the motion", 0, SHARES[0]))
+    before, softer, known = fit.held or fit, gains_of(fit), len(fit.effects)
+    named, tried, partial = list[Named](), 0, False
     left: tuple[Candidate, ...] = ()
     waiting: list[Named] = []
     dropped = frozenset[tuple[str, int]]()
@@ -110,20 +114,23 @@ def search(
             waiting = best
             tell = say.fitting(number, len(named) + len(best))
             # nothing counts as found before it is judged: Ctrl-C may come at any time
-            fit, named = _kept(grown(fit, [item.effect for item in best], tell), [*named, *best], len(declared), tell)
+            fit, named = _kept(grown(fit, [item.effect for item in best], tell), [*named, *best], known, tell)
             dropped = _dropped(dropped, best, named)
             waiting = []
+            if named:  # they may have hidden how friction turns
+                fit = softened_again(fit)
+                softer, known = softer | gains_of(fit), len(fit.effects) - len(named)
         else:
             _, left, _ = _best(fit, kinds)
         if named:
             # what a first effect left while its shape was on its way is none of its own
-            fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, len(declared))
-            fit, named, swapped = with_rivals(fit, named, len(declared))
+            fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known)
+            fit, named, swapped = with_rivals(fit, named, known)
             if swapped:
-                fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, len(declared))
+                fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known)
     except KeyboardInterrupt:
         partial = True
-    return Searched(before, fit, tuple(named), left, tried, partial, tuple(waiting))
+    return Searched(before, fit, softer, tuple(named), left, tried, partial, tuple(waiting))
 
 
 @dataclass(frozen=True)
@@ -180,9 +187,10 @@ def _best(
         if tell is not None:
             tell(f"{len(kinds)} effects at {name} ({joint + 1} of {len(names)})", joint / len(names))
         unknown = own_unknowns(fit.unknowns, joint)
-        further = any(effect.joint == joint for effect in fit.unknowns.effects)
+        further = any(effect.joint == joint and not effect.softens for effect in fit.unknowns.effects)
+        near = further or joint in fit.unknowns.soft
         # with an effect that was taken the motion is near
-        seen = views, measured if not further and is_clean(views, measured, joint) else ()
+        seen = views, measured if not near and is_clean(views, measured, joint) else ()
         candidates = best_of(
             *(screened(seen_by(of, unknown, joint), joint, kinds, fit.effects) if of else [] for of in seen)
         )

@@ -11,7 +11,7 @@ from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.loss import weighed
 from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
-from elid_cli.model.rollout import Linearised
+from elid_cli.model.linearised import Linearised
 
 
 def views_of(fit: TrajectoryFit) -> list[View]:

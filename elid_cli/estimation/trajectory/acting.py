@@ -10,10 +10,11 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import RobotError
 from elid_cli.model.coordinates import coordinates_of
+from elid_cli.model.drives import Fading
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
-from elid_cli.model.rollout import SLIGHT, Local
+from elid_cli.model.linearised import SLIGHT, Local
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.motion import Motion
 
@@ -89,8 +90,39 @@ def declared(robot: Robot, spec: EffectSpec, scene: Scene) -> tuple[Effect, Arra
     try:
         amplitudes, shape = kind.coefficients(scene, joint, spec.parameters)
     except KeyError as error:
-        raise RobotError(f"{spec.where or robot.name}: {spec.effect} of {spec.joint} has no {error.args[0]}") from None
+        raise _missing(robot, spec, error) from None
     return kind(joint, shape), amplitudes
+
+
+def declared_fading(robot: Robot) -> Fading | None:
+    """Return the friction that a robot declares to fade in over a speed, one variant; None where it declares none.
+
+    Raises
+    ------
+    RobotError
+        A parameter that it needs is not given.
+    """
+    friction, width, lead = np.zeros((3, 1, robot.n))
+    width += 1.0
+    for spec in robot.effects:
+        kind, joint = resolve(robot, spec)
+        if kind.softens:
+            try:
+                friction[0, joint], (width[0, joint], lead[0, joint]) = _softness(kind, spec)
+            except KeyError as error:
+                raise _missing(robot, spec, error) from None
+    return Fading(friction, width, lead) if friction.any() else None
+
+
+def _softness(kind: type[Effect], spec: EffectSpec) -> tuple[float, tuple[float, ...]]:
+    values = dict(spec.parameters)
+    (amplitude,) = kind.amplitudes
+    shape = tuple(float(values[p.name] if p.default is None else values.get(p.name, p.default)) for p in kind.shapes)
+    return float(values[amplitude.name]), shape
+
+
+def _missing(robot: Robot, spec: EffectSpec, error: KeyError) -> RobotError:
+    return RobotError(f"{spec.where or robot.name}: {spec.effect} of {spec.joint} has no {error.args[0]}")
 
 
 def scene_along(robot: Robot, x: Array, v: Array, local: Local, dt: float, parameters: Array, samples: int) -> Scene:

@@ -14,7 +14,7 @@ from elid_cli.estimation.trajectory.block_sums import DAMPING, Equations
 from elid_cli.estimation.trajectory.memory import has_memory, without_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked, passed
 from elid_cli.estimation.trajectory.unknowns import LATEST, Unknowns
-from elid_cli.model.rollout import Linearised
+from elid_cli.model.linearised import Linearised
 
 STEPS = 8
 """Most steps by the slopes of one motion."""
@@ -129,7 +129,8 @@ def _within_reach(unknowns: Unknowns, z: Array, step: Array) -> Array:
     fall[:, 3] = rise[:, 3] = np.inf
     down[: unknowns.drives], up[: unknowns.drives] = fall.ravel(), rise.ravel()
     shapes = slice(unknowns.amplitudes.stop, unknowns.delays.start)
-    down[shapes] = up[shapes] = BENT * np.maximum(np.abs(z[shapes]), 1e-6)
+    size = np.maximum(np.abs(z[shapes]), unknowns.usual_shapes)
+    down[shapes] = up[shapes] = np.where(unknowns.softening, FAR, BENT) * size
     down[unknowns.delays] = up[unknowns.delays] = 0.2 * LATEST
     over = np.maximum(np.maximum(-step / down, step / up), 1.0)
     part = np.ones(len(unknowns.chains) + 1)

@@ -46,7 +46,7 @@ def differing(fit: TrajectoryFit) -> tuple[Differing, ...]:
     labels = [
         (name, name, robot.joint_names[k], UNITS[name]) for k in range(robot.n) for name in (*PARAMETERS, "offset")
     ]
-    for effect in own.effects:
+    for effect in own.pushing:
         labels += [("", f"{effect.name} {p.name}", robot.joint_names[effect.joint], p.unit) for p in effect.amplitudes]
     for number, (kind, name, joint, unit) in enumerate(labels):
         values, sd = fit.alone[:, number], errors[:, number]

@@ -7,7 +7,7 @@ computed from them, does not bias it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,19 +21,16 @@ from elid_cli.estimation.trajectory.descent import descended, is_settled, is_sma
 from elid_cli.estimation.trajectory.memory import has_memory, without_memory
 from elid_cli.estimation.trajectory.normal_equations import Tracked, passed, refine
 from elid_cli.estimation.trajectory.start_noise import start_covariance
-from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns, started
+from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.rollout import Linearised
-from elid_cli.model.runs import Run
-from elid_cli.robot.robot import Robot
+from elid_cli.model.linearised import Linearised
 
 CYCLES = 30
 """Most motions whose slopes are computed; two to five are usual."""
+SOFT_CYCLES = 8
+"""The same with friction that fades in: a width that the log hardly shows may go to and fro by a part of its error."""
 REFINED = 2
 """Cycle, from 1, from which the motion is near enough to look at what shorter steps change."""
-SHOWN = 3.0
-"""Standard errors from which a delay is an unknown: in slow motion viscous friction and a delay are one, and a delay
-that the log does not show would only take the friction's precision."""
 COARSE = 3e-5
 """Part of itself to which the steps of the simulation give a value: without noise, errors are half of that …"""
 PROMPT = 1e-6
@@ -70,6 +67,8 @@ class TrajectoryFit:
     """Normal equations at the end."""
     tracked: tuple[Tracked, ...]
     """The stretches about their simulated motions."""
+    held: TrajectoryFit | None = None
+    """The fit with friction that holds a joint at rest, of one in which it was found to fade in at some joints."""
 
     @property
     def values(self) -> Array:
@@ -120,77 +119,25 @@ class TrajectoryFit:
         return found
 
 
-def fit_trajectory(
-    robot: Robot,
-    runs: Sequence[Run],
-    start: Array,
-    effects: Sequence[Effect] = (),
-    amplitudes: Sequence[float] = (),
-    *,
-    late: bool = True,
-    tell: Callable[[float], None] | None = None,
-) -> TrajectoryFit:
-    """Fit the drive parameters of a robot to stretches of logs.
-
-    Parameters
-    ----------
-    robot
-        Its bodies' parameters must be known.
-    runs
-        Stretches driven by commands, of one or more recordings.
-    start
-        Drive parameters to start from, (n, 4).
-    effects
-        Effects whose amplitudes are fitted along, in their shapes.
-    amplitudes
-        Their amplitudes to start from; 0 where not given.
-    late
-        Whether every recording may have a delay between commands and motion, where the log shows one.
-    tell
-        Called with the part of the work that is done, at most: a fit may end early.
-
-    Raises
-    ------
-    RobotError
-        Parameters of bodies are unknown.
-    DataError
-        The simulated motion runs away from the measured one.
-    """
-    unknowns = Unknowns(robot, tuple(effects), 1 + max(run.source for run in runs), len(effects))
-    z = started(unknowns, start, amplitudes)
-    tracked = [Tracked.of(run) for run in runs]
-    free, slow = None, z
-    if late:
-        try:
-            free = fitted(unknowns, tracked, z, tell=tell)
-        except DataError:  # with delays the motion ran away: without them it may not
-            tracked = [Tracked.of(run) for run in runs]
-        else:
-            if _shows_delays(free):
-                return free
-            slow = free.z.copy()
-            slow[unknowns.delays] = 0.0
-    return fitted(unknowns, tracked, slow, prompt=True, tell=None if free is not None else tell)
-
-
-def _shows_delays(fit: TrajectoryFit) -> bool:
-    """Whether the delay of a recording is clear of 0."""
-    own = fit.unknowns.delays
-    # what makes no memory may make a delay that is none: blocks of time know
-    blocks = np.sqrt(np.diag(jackknife(fit.left_out)))
-    return bool((np.abs(fit.delays) > SHOWN * np.maximum(fit.deviation, blocks)[own]).any())
-
-
 def fitted(
     unknowns: Unknowns, tracked: list[Tracked], z: Array, *, prompt: bool = False,
     tell: Callable[[float], None] | None = None, cycles: int = CYCLES,
 ) -> TrajectoryFit:  # fmt: skip
-    """Fit unknowns (U,), started from z (see `fit_trajectory`); `prompt`: the delays stay where they are."""
+    """Fit unknowns (U,), started from z (see `decided.fit_trajectory`); `prompt`: the delays stay where they are."""
+    return fitted_with_columns(unknowns, tracked, z, prompt=prompt, tell=tell, cycles=cycles)[0]
+
+
+def fitted_with_columns(
+    unknowns: Unknowns, tracked: list[Tracked], z: Array, *, prompt: bool = False,
+    tell: Callable[[float], None] | None = None, cycles: int = CYCLES,
+) -> tuple[TrajectoryFit, list[Array]]:  # fmt: skip
+    """Return the fit, and how the positions of its stretches change with the unknowns, (N, n, U) each."""
     robot = unknowns.robot
     equations, parameters = Linearised(robot, without=("Ja", "fs", "fv")), robot.reference()
     z = unknowns.possible(z)
     before: Array | None = None
     still = False
+    cycles = min(cycles, SOFT_CYCLES) if unknowns.softening.any() else cycles
     for number in range(1, cycles + 1):
         if tell is not None:
             tell((number - 1) / cycles)
@@ -221,8 +168,9 @@ def fitted(
     sizes = np.array([
         final.sizes[sources == r].sum(axis=0) / final.counts[sources == r].sum() for r in np.unique(sources)
     ])  # fmt: skip
-    return TrajectoryFit(unknowns, z, covariance, between, alone, final.rms, before, sizes, number, left, final.spans,
-                         final, tuple(tracked))  # fmt: skip
+    found = TrajectoryFit(unknowns, z, covariance, between, alone, final.rms, before, sizes, number, left, final.spans,
+                          final, tuple(tracked))  # fmt: skip
+    return found, columns
 
 
 def _unseen_delays(every: Equations, unknowns: Unknowns, dt: float) -> Array:

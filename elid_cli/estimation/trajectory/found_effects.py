@@ -15,7 +15,7 @@ from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
-from elid_cli.model.rollout import Linearised
+from elid_cli.model.linearised import Linearised
 from elid_cli.robot.robot import EffectSpec, Robot
 
 CONSTANT = 1e-9
@@ -30,6 +30,8 @@ def settled(fit: TrajectoryFit) -> Array:
     z, own = fit.z.copy(), fit.unknowns
     scene = scene_of_fit(fit)
     for place, effect in enumerate(fit.effects):
+        if effect.softens:
+            continue
         part = own.amplitudes_of(place)
         pushed = acting((effect,), scene).push[:, :, effect.joint]
         constant = np.ptp(pushed, axis=1) <= CONSTANT * np.maximum(np.abs(pushed).max(axis=1), 1e-300)
@@ -90,7 +92,7 @@ def robot_of(fit: TrajectoryFit, z: Array) -> Robot:
     scene = scene_of_fit(fit) if fit.unknowns.effects else None
     specs = [EffectSpec(offset_name(), joint.name, {"offset": float(row[3])})
              for joint, row in zip(robot.joints, values, strict=True)]  # fmt: skip
-    for place, effect in enumerate(fit.unknowns.effects_at(z)):
+    for place, effect in enumerate(fit.unknowns.effects_at(fit.unknowns.possible(z))):
         assert scene is not None
         named = effect.named(scene, z[fit.unknowns.amplitudes_of(place)])
         specs.append(EffectSpec(effect.name, robot.joint_names[effect.joint], named))

@@ -10,8 +10,9 @@ from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
 from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.trajectory.acting import can_act, declared, scene_along
+from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.differing import Differing, as_last, differing
-from elid_cli.estimation.trajectory.fit import TrajectoryFit, fit_trajectory
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import (
     delay_name,
     fitted_effects,
@@ -21,10 +22,11 @@ from elid_cli.estimation.trajectory.found_effects import (
 )
 from elid_cli.estimation.trajectory.held_out import by_simulated_motion, held_out_errors, with_late_commands
 from elid_cli.estimation.trajectory.normal_equations import Tracked
+from elid_cli.estimation.trajectory.softening import gains_of
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.rollout import Linearised
+from elid_cli.model.linearised import Linearised
 from elid_cli.model.runs import Run, runs_of
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
@@ -35,6 +37,8 @@ CONSTANT = 1e-9
 """Relative change of a torque that counts as none."""
 SHOWN = 3.0
 """Standard errors beyond which a delay is told."""
+AHEAD = 0.5
+"""ms; lead of friction that is worth a word."""
 SLOW = 0.1
 """Part of the usual speed below which friction is not looked at for the start."""
 
@@ -49,7 +53,8 @@ def by_trajectory(found: Identification, signals: Signals, *, delays: bool = Tru
     signals
         The log, with its recording.
     delays
-        Whether a delay between commands and motion is an unknown.
+        Whether a delay between commands and motion is an unknown, and friction may be found to fade in over a speed;
+        False: the fit is for a format that holds neither.
 
     Raises
     ------
@@ -75,7 +80,7 @@ def by_trajectory(found: Identification, signals: Signals, *, delays: bool = Tru
         raise UsageError(f"--fit trajectory: {why}", hint="leave --fit out: the torque is fitted")
     runs = commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
-    fit = fit_trajectory(robot, runs, started_from(robot, signals), effects, amplitudes, late=delays)
+    fit = fit_trajectory(robot, runs, started_from(robot, signals), effects, amplitudes, late=delays, soft=delays)
     return identification_of(found, as_last(fit, differing(fit)), signals)
 
 
@@ -115,7 +120,9 @@ def declared_along(robot: Robot, run: Run) -> tuple[list[Effect], list[float]]:
     local = item.equations(Linearised(robot, without=PARAMETERS))
     scene = scene_along(robot, item.x, item.v, local, run.dt, robot.reference(), len(item.x))
     known = [own for spec in robot.effects if (own := declared(robot, spec, scene)) is not None]
-    return [effect for effect, _ in known], [float(a) for _, amplitudes in known for a in amplitudes]
+    return [effect for effect, _ in known], [
+        float(a) for effect, amplitudes in known if not effect.softens for a in amplitudes
+    ]
 
 
 def started_from(robot: Robot, signals: Signals) -> Array:
@@ -157,7 +164,7 @@ def identification_of(found: Identification, fit: TrajectoryFit, signals: Signal
     standard = _standard(robot, places, fit.values)
     estimate = base.transform @ standard
     spread = base.transform @ covariance @ base.transform.T
-    apart = [difference_words(item) for item in differing(fit)]
+    apart = [*softness_words(robot, fit), *(difference_words(item) for item in differing(fit))]
     if fit.unknowns.recordings == 1:
         wider = float(np.median(fit.another[: fit.unknowns.drives] / fit.deviation[: fit.unknowns.drives]))
         apart.append(
@@ -195,6 +202,26 @@ def difference_words(item: Differing) -> str:
     return f"the recordings do not agree on {item.name} of {item.joint}: {values} {item.unit}{change}"
 
 
+def softness_words(robot: Robot, fit: TrajectoryFit) -> list[str]:
+    """Return that friction fades in over a speed, in a sentence; none where the fit did not find so."""
+    gains = softness(robot, fit)
+    if not gains:
+        return []
+    leads = [1e3 * effect.shape[1] for effect in fit.effects if effect.softens]
+    ahead = f", and acts {min(leads):.2g} to {max(leads):.2g} ms ahead of it" if max(leads) > AHEAD else ""
+    less = 100 * min(gains.values())
+    return [
+        f"friction of {', '.join(gains)} does not hold a joint at rest, but fades in over a speed{ahead}, as "
+        f"simulators smooth it (MuJoCo's default acts 9.5 ms ahead): that takes {less:.2g} % or more off the squared "
+        "error of motion that was not fitted, and moves other values, above all armature, viscous friction and delay"
+    ]
+
+
+def softness(robot: Robot, fit: TrajectoryFit) -> dict[str, float]:
+    """Return what friction that fades in takes off the squared error not fitted, of the joints where it was found."""
+    return {robot.joint_names[joint]: gain for joint, gain in gains_of(fit).items()}
+
+
 def channel_faults(robot: Robot, fit: TrajectoryFit) -> tuple[Nuisance, ...]:
     """Return the torque offset of every joint, and the delay of all: the mean of the recordings'."""
     values, errors = fit.unknowns.joint_values(settled(fit)), fit.unknowns.joint_values(fit.deviation)
@@ -217,6 +244,7 @@ def _settings(robot: Robot, fit: TrajectoryFit) -> dict[str, object]:
     return {
         "steps": fit.steps,
         "delays": fit.delays.tolist(),
+        "fading_friction": softness(robot, fit),
         "position_rms": dict(zip(robot.joint_names, fit.rms.tolist(), strict=True)),
         "position_rms_before": dict(zip(robot.joint_names, fit.rms_before.tolist(), strict=True)),
         "joint_parameters": {

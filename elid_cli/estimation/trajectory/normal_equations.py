@@ -12,8 +12,10 @@ from elid_cli.estimation.trajectory.acting import Acting, acting, resisting, sce
 from elid_cli.estimation.trajectory.block_sums import Equations, summed
 from elid_cli.estimation.trajectory.loss import bent, size_of, usual_size, weighed
 from elid_cli.estimation.trajectory.unknowns import Unknowns, steps_of
+from elid_cli.model.drives import Drives, Joints
 from elid_cli.model.effects.scene import Scene
-from elid_cli.model.rollout import Drives, Joints, Linearised, Local, variants_of
+from elid_cli.model.linearised import Linearised, Local
+from elid_cli.model.rollout import variants_of
 from elid_cli.model.runs import Run
 
 SETTLING = 0.4
@@ -83,15 +85,16 @@ class Moved:
 
 
 def simulated(
-    equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, parameters: Array, *, plain: bool = False
-) -> Moved:
+    equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, parameters: Array, *, plain: bool = False,
+    rounds: int = AGREEING,
+) -> Moved:  # fmt: skip
     """Simulate a stretch, and move on what its equations are linearised about; `plain`: without columns."""
     run, n = as_late(item, unknowns, z), unknowns.robot.n
-    for _ in range(AGREEING):
+    for _ in range(rounds):
         # effects act along a motion, which they move; equations are those about a motion near the one that comes out
         before = item.x
         x, v, steps, still = _stepped(equations, item, run, unknowns, z, parameters, ())
-        if item.is_near and (not unknowns.effects or np.sqrt(np.mean((item.x - before) ** 2)) < AGREED):
+        if item.is_near and (not unknowns.pushing or np.sqrt(np.mean((item.x - before) ** 2)) < AGREED):
             break
     groups = () if plain else unknowns.together
     if groups:
@@ -171,9 +174,9 @@ def _scene(unknowns: Unknowns, item: Tracked, local: Local, parameters: Array) -
 
 
 def _acting(unknowns: Unknowns, item: Tracked, local: Local, z: Array, parameters: Array) -> Acting | None:
-    if not unknowns.effects:
+    if not unknowns.pushing:
         return None
-    return _between(acting(unknowns.effects_at(z), _scene(unknowns, item, local, parameters)))
+    return _between(acting(unknowns.pushing_at(z), _scene(unknowns, item, local, parameters)))
 
 
 def _between(found: Acting) -> Acting:
@@ -191,6 +194,8 @@ def _bend_shapes(
     for number, own in enumerate(groups, start=1):
         for place in own[own >= first]:
             k, _ = unknowns.shapes[place - first]
+            if here[k].softens:
+                continue
             other = z.copy()
             other[place] += steps[place]
             amplitudes = z[unknowns.amplitudes_of(k)]
@@ -203,7 +208,7 @@ def _bend_shapes(
 def _resisting(unknowns: Unknowns, item: Tracked, local: Local, z: Array, parameters: Array) -> tuple[Array, Array]:
     """Return stiffness and damping of the effects that push, (m,) each."""
     none = np.zeros(item.x.shape[1])
-    places = [k for k, effect in enumerate(unknowns.effects) if not effect.holds()]
+    places = [k for k, effect in enumerate(unknowns.effects) if not effect.holds() and not effect.softens]
     if not places:
         return none, none
     shaped = unknowns.effects_at(z)
@@ -226,21 +231,27 @@ def _variants(
         made[number, own] += steps[own]
     values = np.stack([unknowns.joint_values(row) for row in made])
     inertia, coulomb, viscous, offset = (values[:, :, k] for k in range(values.shape[2]))
+    fading = unknowns.fading_of(made)
+    if fading is not None:
+        coulomb = coulomb - fading.friction
     if done is None:
-        return Joints(inertia, coulomb, viscous, offset)
+        return Joints(inertia, coulomb, viscous, offset, fading=fading)
     push, grip = done.total(made[:, unknowns.amplitudes])
-    return Joints(inertia, coulomb, viscous, offset, push[:, :, None], grip[:, :, None])
+    return Joints(inertia, coulomb, viscous, offset, push[:, :, None], grip[:, :, None], fading=fading)
 
 
 def passed(
     equations: Linearised, tracked: list[Tracked], unknowns: Unknowns, z: Array, parameters: Array,
-    columns: list[Array] | None = None,
+    columns: list[Array] | None = None, *, rounds: int = AGREEING,
 ) -> tuple[Equations, list[Array]]:  # fmt: skip
     """Simulate every stretch with unknowns (U,), and their variants unless `columns` of a pass before are to serve.
 
     Every joint's error is weighted by its size. The columns of the stretches are returned, too.
     """
-    moved = [simulated(equations, item, unknowns, z, parameters, plain=columns is not None) for item in tracked]
+    moved = [
+        simulated(equations, item, unknowns, z, parameters, plain=columns is not None, rounds=rounds)
+        for item in tracked
+    ]
     whole = columns is None
     if columns is None:
         columns = [own.columns for own in moved]

@@ -16,7 +16,7 @@ from elid_cli.estimation.trajectory.block_sums import Equations
 from elid_cli.estimation.trajectory.loss import weighed
 from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
 from elid_cli.estimation.trajectory.unknowns import Unknowns
-from elid_cli.model.rollout import Linearised
+from elid_cli.model.linearised import Linearised
 from elid_cli.model.runs import STARTING
 
 

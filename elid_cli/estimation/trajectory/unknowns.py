@@ -1,4 +1,7 @@
-"""Unknowns of the trajectory fit: four of every joint's drive, effects, a delay of every recording."""
+"""Unknowns of the trajectory fit: four of every joint's drive, effects, a delay of every recording.
+
+An effect that softens a joint's friction has no amplitude of its own: that is the joint's Coulomb friction.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.model.drives import Fading
 from elid_cli.model.effects.effect import Effect, Parameter
 from elid_cli.robot.robot import Robot
 
@@ -23,6 +27,8 @@ BENDING = 2e-3
 """Part of a shape by which its variant differs: an order of 30 turns a torque's phase with every hundredth of it."""
 STEP = 0.05
 """Part of a value, and of the usual size where it is small, by which variants differ."""
+USUAL = (3e-3, 3e-3)
+"""Usual width, rad/s (m/s), and lead, s, of friction that fades in: smaller ones vary and move by parts of these."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +58,35 @@ class Unknowns:
     @cached_property
     def owners(self) -> NDArray[np.intp]:
         """Joint of every amplitude, then of every shape, (A + S,)."""
-        amplitudes = [effect.joint for effect in self.effects for _ in effect.amplitudes]
+        amplitudes = [effect.joint for effect in self.pushing for _ in effect.amplitudes]
         return np.array([*amplitudes, *(self.effects[k].joint for k, _ in self.shapes)], dtype=np.intp)
+
+    @cached_property
+    def pushing(self) -> tuple[Effect, ...]:
+        """The effects but those that soften friction, in the shapes that a fit starts from."""
+        return tuple(effect for effect in self.effects if not effect.softens)
+
+    def pushing_at(self, z: Array) -> tuple[Effect, ...]:
+        """Return them in the shapes that unknowns (U,) have."""
+        return tuple(effect for effect in self.effects_at(z) if not effect.softens) if self.pushing else ()
+
+    @cached_property
+    def soft(self) -> dict[int, int]:
+        """Place among the effects of the one that softens a joint's friction, by joint."""
+        return {effect.joint: place for place, effect in enumerate(self.effects) if effect.softens}
+
+    def fading_of(self, z: Array) -> Fading | None:
+        """Return the friction that fades in of unknowns (V, U): all that a joint has where an effect softens it."""
+        if not self.soft:
+            return None
+        friction, width, lead = np.zeros((3, len(z), self.robot.n))
+        width += 1.0
+        for row, own in enumerate(z):
+            effects = self.effects_at(own)
+            for joint, place in self.soft.items():
+                friction[row, joint] = self.joint_values(own)[joint, 1]
+                width[row, joint], lead[row, joint] = effects[place].shape
+        return Fading(friction, width, lead)
 
     @property
     def delays(self) -> slice:
@@ -77,8 +110,13 @@ class Unknowns:
 
     def amplitudes_of(self, place: int) -> slice:
         """Return the place of one effect's amplitudes in z."""
-        first = self.drives + sum(len(effect.amplitudes) for effect in self.effects[:place])
-        return slice(first, first + len(self.effects[place].amplitudes))
+        own = self.effects[place]
+        if own.softens:
+            first = len(KINDS) * own.joint + 1
+        else:
+            before = (effect for effect in self.effects[:place] if not effect.softens)
+            first = self.drives + sum(len(effect.amplitudes) for effect in before)
+        return slice(first, first + len(own.amplitudes))
 
     def shapes_of(self, place: int) -> tuple[NDArray[np.intp], list[int]]:
         """Return the places of one effect's unknown shapes in z, and in its shape."""
@@ -95,6 +133,16 @@ class Unknowns:
                 shape[place] = value
             found.append(type(effect)(effect.joint, shape) if own else effect)
         return tuple(found)
+
+    @cached_property
+    def usual_shapes(self) -> Array:
+        """Size from which a shape counts as itself, (S,): smaller ones vary and move by parts of it."""
+        return np.array([USUAL[place] if self.effects[number].softens else 1e-6 for number, place in self.shapes])
+
+    @cached_property
+    def softening(self) -> NDArray[np.bool_]:
+        """Which shapes are those of friction that fades in, (S,)."""
+        return np.array([self.effects[number].softens for number, _ in self.shapes], dtype=bool)
 
     @property
     def _forms(self) -> list[Parameter]:
@@ -156,7 +204,8 @@ def steps_of(unknowns: Unknowns, z: Array, strength: Array) -> Array:
     usual[3] = max(usual[3], 0.1 * usual[1])
     own = STEP * np.maximum(np.abs(values), np.maximum(usual, 1e-6))
     effects = STEP * max(usual[1], 1e-6) / np.maximum(strength, 1e-9)
-    shapes = BENDING * np.maximum(np.abs(z[unknowns.amplitudes.stop : unknowns.delays.start]), 1e-6)
+    size = np.maximum(np.abs(z[unknowns.amplitudes.stop : unknowns.delays.start]), unknowns.usual_shapes)
+    shapes = np.where(unknowns.softening, STEP, BENDING) * size
     return np.concatenate([own.ravel(), effects, shapes, np.ones(unknowns.recordings)])
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.experiment.mjcf import mjcf_text
+from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
 from elid_cli.model.coordinates import coordinates_of
 from elid_cli.model.runs import Run
 from elid_cli.robot.mjcf.read import SPRING
@@ -44,8 +45,8 @@ def mujoco_motion(robot: Robot, runs: Sequence[Run], offsets: Array, file: str |
     if file is not None:
         model = _held(mujoco, file)
         return [_stepped(mujoco, model, robot, run, offsets, 1) for run in runs]
-    springs = tuple(spec for spec in robot.effects if spec.effect == SPRING)  # what an MJCF holds
-    model = mujoco.MjModel.from_xml_string(mjcf_text(replace(robot, effects=springs)))
+    held = tuple(spec for spec in robot.effects if spec.effect == SPRING or is_soft_in_mjcf(robot, spec))
+    model = mujoco.MjModel.from_xml_string(mjcf_text(replace(robot, effects=held)))
     return [_stepped(mujoco, model, robot, run, offsets, FINER) for run in runs]
 
 

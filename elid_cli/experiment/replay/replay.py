@@ -10,11 +10,21 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, RobotError, UsageError
-from elid_cli.estimation.trajectory.acting import acting, can_act, declared, resisting, scene_along
+from elid_cli.estimation.trajectory.acting import (
+    acting,
+    can_act,
+    declared,
+    declared_fading,
+    resisting,
+    scene_along,
+)
+from elid_cli.experiment.mjcf_friction import is_soft_in_mjcf
 from elid_cli.experiment.replay.errors import FARTHEST, PositionError, overall, position_errors
+from elid_cli.model.drives import Joints
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.shifts import declared_shifts
-from elid_cli.model.rollout import Added, Along, Joints, Linearised, Local, motion_of
+from elid_cli.model.linearised import Linearised, Local
+from elid_cli.model.rollout import Added, Along, motion_of
 from elid_cli.model.runs import Run, runs_of
 from elid_cli.robot.mjcf.read import SPRING
 from elid_cli.robot.robot import Robot
@@ -140,8 +150,9 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
 
 def _beyond_mujoco(robot: Robot) -> tuple[str, ...]:
     """Return the effects that elid's replay holds and MuJoCo's does not."""
-    held = ((spec, resolve(robot, spec)[0]) for spec in robot.effects)
-    return tuple(f"{spec.effect} of {spec.joint}" for spec, kind in held if can_act(kind) and spec.effect != SPRING)
+    acting_here = (spec for spec in robot.effects if can_act(resolve(robot, spec)[0]))
+    beyond = (spec for spec in acting_here if spec.effect != SPRING and not is_soft_in_mjcf(robot, spec))
+    return tuple(f"{spec.effect} of {spec.joint}" for spec in beyond)
 
 
 def _no_driving_friction(robot: Robot) -> None:
@@ -162,7 +173,9 @@ def _motion(robot: Robot, runs: list[Run], offsets: Array) -> list[Array]:
         values = {name.joint: float(v) for name, v in zip(names, own, strict=True) if name.kind == kind}
         return np.nan_to_num([[values.get(k, 0.0) for k in range(robot.n)]])
 
-    joints = Joints(np.zeros((1, robot.n)), of("fs"), of("fv"), offsets[None])
+    fading = declared_fading(robot)
+    coulomb = of("fs") if fading is None else np.maximum(of("fs") - fading.friction, 0.0)
+    joints = Joints(np.zeros((1, robot.n)), coulomb, of("fv"), offsets[None], fading=fading)
     found: dict[int, Array] = {}
     lengths: dict[int, list[int]] = {}
     for k, run in enumerate(runs):
@@ -180,7 +193,8 @@ def _motion(robot: Robot, runs: list[Run], offsets: Array) -> list[Array]:
 
 def _along(robot: Robot, dt: float, samples: int) -> Along | None:
     """Return what the robot's effects add along a motion; None where it declares none that a motion can hold."""
-    specs = [spec for spec in robot.effects if can_act(resolve(robot, spec)[0])]
+    kinds = ((spec, resolve(robot, spec)[0]) for spec in robot.effects)
+    specs = [spec for spec, kind in kinds if can_act(kind) and not kind.softens]
     if not specs:
         return None
     parameters = robot.reference()

@@ -151,6 +151,12 @@ def _active(robot: Robot, spec: EffectSpec, scene: Scene) -> ActiveEffect:
             detail=f"given: {given}",
             hint=f"it has {', '.join(kind.parameter_names())}",
         ) from None
+    if kind.softens and shape[1] > 0:
+        raise RobotError(
+            f"{robot.name}: effect {spec.effect}: a simulation does not hold its {kind.shapes[1].name}",
+            detail="friction that acts ahead of the speed follows the acceleration that it makes itself",
+            hint=f"{kind.shapes[1].name}: 0; elid replay simulates it",
+        )
     effect = kind(joint, shape)
     coefficients = np.asarray(coefficients, dtype=float)
     return ActiveEffect(effect, coefficients, effect.named(scene, coefficients))

@@ -168,6 +168,9 @@ class Effect(ABC):
     """What it is to a simulator that lacks it and applies it from its parameters (docs/how-to/mujoco_effects.py): a
     torque; dry friction of a size; dry friction of unlike sizes forwards and backwards, which simulators do not know
     and apply as a torque; empty: nothing that can be applied. Dry friction of a motor holds its joint at rest."""
+    softens: ClassVar[bool] = False
+    """Whether its amplitude is a part of the Coulomb friction that, in place of holding the joint, fades in over the
+    first shape and acts ahead by the second, s (`elid_cli.model.drives.Fading`)."""
     simulated: ClassVar[Simulated] = "torque"
     """Which of the simulator's hooks brings the effect into a simulated log."""
 

@@ -13,14 +13,18 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import elid_cli.model.rollout as rollout
+import elid_cli.model.rollout_steps as rollout_steps
 from elid_cli.cli import main
 from elid_cli.errors import LogError, UsageError
 from elid_cli.experiment.replay import ReplayOptions, replay
 from elid_cli.experiment.replay.errors import runaways
 from elid_cli.logs.reading import read_recording
 from elid_cli.logs.writing import write_recording
+from elid_cli.model.drives import Joints
 from elid_cli.model.dynamics import Dynamics
-from elid_cli.model.rollout import Joints, Linearised, advance_arrays, motion_of
+from elid_cli.model.linearised import Linearised
+from elid_cli.model.rollout import motion_of
+from elid_cli.model.rollout_steps import advance_arrays
 from elid_cli.model.runs import runs_of
 from elid_cli.robot.files import read_robot, write_robot
 from elid_cli.robot.robot import EffectSpec, Robot
@@ -144,7 +148,7 @@ def test_arrays_and_compiled_loops_take_the_same_steps(
 ) -> None:
     pytest.importorskip("numba")
     fast = replay(arm, log).simulated
-    monkeypatch.setattr(rollout, "compiled_steps", lambda: None)
+    monkeypatch.setattr(rollout_steps, "compiled_steps", lambda: None)
     np.testing.assert_allclose(replay(arm, log).simulated, fast, rtol=0, atol=1e-9)
     assert advance_arrays is not None
 

@@ -44,6 +44,7 @@ CASES: dict[str, tuple[str | None, dict[str, float], float]] = {
     "position_friction": ("joint2", {"amplitude": 2.0, "phase": 0.5, "order": 12.0}, 1e-6),
     "quadratic_viscous": ("joint1", {"amplitude": 1.0, "power": 2.0}, 1e-6),
     "saturation": ("joint2", {"limit": 14.0}, 1e-6),
+    "soft_friction": ("joint1", {"friction": 3.0, "velocity": 0.4}, 1e-6),
     "stribeck": ("joint1", {"amplitude": 3.0, "velocity": 0.12}, 1e-6),
     "torque_delay": ("joint1", {"delay": 1.3e-3}, 0.03),
     "torque_gain": ("joint2", {"gain": 0.05}, 0.06),

@@ -1,10 +1,14 @@
 """Command logs of public robots simulated by MuJoCo: recovery, coverage, and which missing effect is named.
 
     python -m tests.system.reproduce.mujoco_logs [--logs N] [--first SEED] [--effects N] [--only ROBOT …]
+                                                 [--friction default] [--held]
 
 The first table is of N clean logs per robot: how many armatures, frictions and offsets are within 3 % of the truth, and
 how many 95 % intervals hold it. The second, of N logs per effect, says how often the one effect of the plant, at a
 joint drawn at random, is named alone, among others that the log cannot tell apart, or not, and what else was named.
+
+The plants' friction is as stiff as MuJoCo allows. With ``--friction default`` it is MuJoCo's own, which fades in over a
+speed and acts ahead of it, and two more robots take part; ``--held`` fits friction that holds a joint at rest to all.
 """
 
 from __future__ import annotations
@@ -16,15 +20,17 @@ from pathlib import Path
 import numpy as np
 
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
-from elid_cli.estimation.trajectory.fit import TrajectoryFit, fit_trajectory
+from elid_cli.estimation.trajectory.decided import fit_trajectory
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
 from elid_cli.logs.reading import read_recording
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals, prepare
-from tests.system.reproduce.mujoco_plants import KINDS, Drives, Extra, Plant, State, logged, plant_of, written
+from tests.system.reproduce.mujoco_plants import FURTHER, KINDS, Drives, Extra, Plant, State, logged, plant_of, written
 
 NAMES = ("armature", "Coulomb", "viscous", "offset")
 EFFECTS = ("link_spring", "position_friction", "stribeck", "load_friction", "quadratic_viscous", "torque_ripple")
+SOFT = "soft_friction"
 WITHIN = 0.03
 
 
@@ -34,23 +40,24 @@ def read(plant: Plant, recording: Recording) -> Signals:
         return prepare(read_recording([written(Path(folder), recording)], plant.robot), plant.robot)
 
 
-def fitted(plant: Plant, signals: Signals) -> TrajectoryFit:
+def fitted(plant: Plant, signals: Signals, *, soft: bool = True) -> TrajectoryFit:
     assert signals.recording is not None
     runs = commanded_runs(signals.recording, plant.robot)
-    return fit_trajectory(plant.robot, runs, started_from(plant.robot, signals))
+    return fit_trajectory(plant.robot, runs, started_from(plant.robot, signals), soft=soft)
 
 
-def clean(names: list[str], first: int, logs: int) -> None:
+def clean(names: list[str], first: int, logs: int, *, default: bool = False, held: bool = False) -> None:
     """Print recovery and coverage, robot by robot."""
     head = "".join(f"{name:>18}" for name in NAMES)
     print(f"{'':10}{'logs':>5}{head}   delay off by\n{'':15}" + "   within 3 %  95 %" * 4 + "   ms, at most")
-    every: list[np.ndarray] = []
+    every, fading = list[np.ndarray](), 0
     for name in names:
-        plant, errors = plant_of(name), list[np.ndarray]()
+        plant, errors = plant_of(name, soft=default), list[np.ndarray]()
         late = []
         for seed in range(first, first + logs):
             recording, drives, delay = logged(plant, seed)
-            fit = fitted(plant, read(plant, recording))
+            fit = fitted(plant, read(plant, recording), soft=not held)
+            fading += len(fit.unknowns.soft)
             deviation = fit.unknowns.joint_values(fit.deviation)
             errors.append(np.stack([fit.values / drives.truth - 1, (fit.values - drives.truth) / deviation]))
             late.append(1e3 * abs(float(fit.delays[0]) - delay))
@@ -61,6 +68,7 @@ def clean(names: list[str], first: int, logs: int) -> None:
     print(f"armature and friction: {100 * np.mean(np.abs(whole[:, 0, :3]) < WITHIN):.1f} % within 3 %, "
           f"{100 * np.mean(np.abs(z) < 1.96):.1f} % of {z.size} intervals hold the truth, rms z "
           f"{np.sqrt(np.mean(z**2)):.2f}, largest {np.abs(z).max():.1f}")  # fmt: skip
+    print(f"friction fades in over a speed at {fading} of {len(whole)} joints")
 
 
 def line(name: str, logs: int, found: np.ndarray, more: str) -> None:
@@ -93,30 +101,34 @@ def extra_of(effect: str, joint: int, drives: Drives, reach: float) -> Extra:
     return Extra(joint, push, grip)
 
 
-def diagnosed(names: list[str], first: int, logs: int) -> None:
-    """Print which effects were named."""
+def diagnosed(names: list[str], first: int, logs: int, *, default: bool = False) -> None:
+    """Print which effects were named; friction that fades in, of plants that have it, is counted apart."""
     words = ("named", "in set", "wrong", "none")
     print(f"\n{'effect':20}" + "".join(f"{word:>8}" for word in words) + "   others named", flush=True)
-    total = dict.fromkeys(words, 0)
+    total, fading, joints = dict.fromkeys(words, 0), 0, 0
     for effect in ("clean", *EFFECTS):
         counts, others = dict.fromkeys(words, 0), list[str]()
         for number in range(logs):
             name, seed = names[number % len(names)], first + number
-            plant = plant_of(name)
+            plant = plant_of(name, soft=default)
             joint = int(np.random.default_rng([seed, len(effect)]).integers(plant.robot.n))
             extra = None if effect == "clean" else lambda d, j=joint, p=plant, e=effect: extra_of(e, j, d, p.kind.reach)
             recording, _, _ = logged(plant, seed, extra)
             found = diagnose_motion(plant.robot, read(plant, recording))
             at = plant.robot.joint_names[joint]
-            here = {e.effect for e in found.effects if e.joint == at}
+            fading += sum(e.effect == SOFT for e in found.effects)
+            joints += plant.robot.n
+            here = {e.effect for e in found.effects if e.joint == at and not (default and e.effect == SOFT)}
             beside = {r.effect for r in found.also_possible if r.joint == at}
             counts["named" if effect in here else "in set" if effect in beside else "wrong" if here else "none"] += 1
-            others += [f"{e.effect} of {name} {e.joint}" for e in found.effects if (e.effect, e.joint) != (effect, at)]
+            others += [f"{e.effect} of {name} {e.joint}" for e in found.effects
+                       if (e.effect, e.joint) != (effect, at) and not (default and e.effect == SOFT)]  # fmt: skip
         told = "".join(f"{counts[word]:8}" for word in words)
         print(f"{effect:20}{told}   {', '.join(others)}", flush=True)
         if effect != "clean":
             total = {word: total[word] + counts[word] for word in words}
     print(f"{'all with an effect':20}" + "".join(f"{total[word]:8}" for word in words))
+    print(f"friction fades in over a speed at {fading} of {joints} joints")
 
 
 def main() -> None:
@@ -125,12 +137,16 @@ def main() -> None:
     parser.add_argument("--logs", type=int, default=6)
     parser.add_argument("--effects", type=int, default=4)
     parser.add_argument("--first", type=int, default=100)
-    parser.add_argument("--only", nargs="+", choices=KINDS, default=list(KINDS), metavar="ROBOT")
+    parser.add_argument("--only", nargs="+", choices=KINDS | FURTHER, metavar="ROBOT")
+    parser.add_argument("--friction", choices=("stiff", "default"), default="stiff")
+    parser.add_argument("--held", action="store_true")
     options = parser.parse_args()
+    default = options.friction == "default"
+    names = options.only or [*KINDS, *(FURTHER if default else ())]
     if options.logs:
-        clean(options.only, options.first, options.logs)
+        clean(names, options.first, options.logs, default=default, held=options.held)
     if options.effects:
-        diagnosed(options.only, options.first, options.effects)
+        diagnosed(names, options.first, options.effects, default=default)
 
 
 if __name__ == "__main__":

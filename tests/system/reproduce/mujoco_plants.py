@@ -4,7 +4,9 @@ MuJoCo reads the public file itself and steps it by Runge and Kutta every tenth 
 soft: a joint turns after its friction does, and creeps where it rests: by default, below some hundredths of
 a radian per second. At twice the step, as stiff as MuJoCo allows, friction still turns by the step too early, and
 the truth would be another than drives and friction say, by up to a quarter of a percent. So steps are five times
-shorter, and friction as much stiffer, wherever a joint is slow.
+shorter, and friction as much stiffer, wherever a joint is slow. Plants may have the default instead, as most users' do:
+the force is at most the friction loss F, and below that it is ``D (v' + v / lead)``, with D the inertia that MuJoCo
+takes the joint to have times d / (1 - d) of ``solimpfriction``.
 
 elid sees the same file without drive parameters, and a log of commands, gains and positions of encoders. Rates, delays
 of commands, encoders and gains differ from log to log. The robots come with the extra ``robots``.
@@ -58,6 +60,11 @@ KINDS = {
     "g1 leg": Kind("g1_29dof_rev_1_0.urdf", "left_ankle_roll_link", {}, 0.35, (4.0, 7.0)),
     "bolt": Kind("bolt.urdf", None, {}, 0.4, (4.0, 7.0)),
 }
+FURTHER = {
+    "ur3": Kind("ur3_robot.urdf", None, {}, 0.3, (3.0, 5.0)),
+    "ur10": Kind("ur10_robot.urdf", None, {}, 0.2, (3.0, 5.0)),
+}
+"""Robots that only logs with MuJoCo's default friction are made of."""
 
 
 @dataclass(frozen=True)
@@ -105,13 +112,15 @@ class Plant:
     model: Any
     address: np.ndarray
     """Degree of freedom of every joint, (n,)."""
+    soft: bool = False
+    """Whether its friction is MuJoCo's default."""
 
 
-def plant_of(name: str) -> Plant:
-    """Return a robot of the public packages, its other joints held at 0."""
+def plant_of(name: str, *, soft: bool = False) -> Plant:
+    """Return a robot of the public packages, its other joints held at 0; `soft`: with MuJoCo's default friction."""
     import mujoco
 
-    kind = KINDS[name]
+    kind = (KINDS | FURTHER)[name]
     listed = importlib.metadata.files("example-robot-data") or []
     path = next(Path(str(f.locate())) for f in listed if f.name == kind.file)
     read = read_robot(path)
@@ -138,9 +147,10 @@ def plant_of(name: str) -> Plant:
                 [-joint.limits.torque, joint.limits.torque],
             )
     model = spec.compile()
-    model.dof_solimp[:, :2] = 0.999
+    if not soft:
+        model.dof_solimp[:, :2] = 0.999
     address = np.array([int(model.joint(joint).dofadr[0]) for joint in robot.joint_names])
-    return Plant(kind, robot, model, address)
+    return Plant(kind, robot, model, address, soft)
 
 
 def drawn(plant: Plant, rng: np.random.Generator) -> Drives:
@@ -216,6 +226,8 @@ def _stepped(
     model.dof_armature[at], model.dof_frictionloss[at] = drives.armature, drives.coulomb
     model.dof_damping.reshape(model.nv, -1)[at, 0] = drives.viscous
     data = mujoco.MjData(model)
+    if plant.soft:  # how soft MuJoCo makes friction goes with the inertia that it knows, as of a file with armatures
+        mujoco.mj_setConst(model, data)
     data.qpos[at] = told[0][0]
     found = np.empty_like(told[0])
     found[0] = data.qpos[at]
@@ -236,10 +248,12 @@ def _stepped(
                 model.dof_frictionloss[at[j]] = max(drives.coulomb[j] + extra.grip(state), 0.0)
         data.qfrc_applied[at] = torque
         speed, change = np.abs(data.qvel[at]), np.abs(data.qacc[at])
-        slow = bool((speed < STEP * (2 * change + 4 * drives.coulomb / drives.armature)).any())
+        slow = not plant.soft and bool((speed < STEP * (2 * change + 4 * drives.coulomb / drives.armature)).any())
         each = SHORTER if slow else 1
         if each != taken:
-            taken, model.opt.timestep, model.dof_solref[:, 0] = each, STEP / each, 2 * STEP / each
+            taken, model.opt.timestep = each, STEP / each
+            if not plant.soft:
+                model.dof_solref[:, 0] = 2 * STEP / each
         mujoco.mj_step(model, data, nstep=each)
         if (k + 1) % fine == 0:
             found[(k + 1) // fine] = data.qpos[at]

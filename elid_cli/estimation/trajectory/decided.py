@@ -1,0 +1,102 @@
+"""Which unknowns a trajectory fit has beside drive parameters and effects: a delay, and friction that fades in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.errors import DataError
+from elid_cli.estimation.regression.normal_equations import jackknife
+from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted_with_columns
+from elid_cli.estimation.trajectory.normal_equations import Tracked
+from elid_cli.estimation.trajectory.softening import softened
+from elid_cli.estimation.trajectory.unknowns import Unknowns, started
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.runs import Run
+from elid_cli.robot.robot import Robot
+
+SHOWN = 3.0
+"""Standard errors from which a delay is an unknown: in slow motion viscous friction and a delay are one, and a delay
+that the log does not show would only take the friction's precision."""
+
+
+def fit_trajectory(
+    robot: Robot,
+    runs: Sequence[Run],
+    start: Array,
+    effects: Sequence[Effect] = (),
+    amplitudes: Sequence[float] = (),
+    *,
+    late: bool = True,
+    soft: bool = True,
+    tell: Callable[[float], None] | None = None,
+) -> TrajectoryFit:
+    """Fit the drive parameters of a robot to stretches of logs.
+
+    Parameters
+    ----------
+    robot
+        Its bodies' parameters must be known.
+    runs
+        Stretches driven by commands, of one or more recordings.
+    start
+        Drive parameters to start from, (n, 4).
+    effects
+        Effects whose amplitudes are fitted along, in their shapes.
+    amplitudes
+        Their amplitudes to start from; 0 where not given.
+    late
+        Whether every recording may have a delay between commands and motion, where the log shows one.
+    soft
+        Whether friction may fade in over a speed, where the log asks for it.
+    tell
+        Called with the part of the work that is done, at most: a fit may end early.
+
+    Raises
+    ------
+    RobotError
+        Parameters of bodies are unknown.
+    DataError
+        The simulated motion runs away from the measured one.
+    """
+    unknowns = Unknowns(robot, tuple(effects), 1 + max(run.source for run in runs), len(effects))
+    z = started(unknowns, start, amplitudes)
+    fit, columns = _late_or_prompt(unknowns, [Tracked.of(run) for run in runs], z, late=late, tell=tell)
+    if not soft:
+        return fit
+
+    def refit(other: Unknowns, near: TrajectoryFit, begun: Array) -> TrajectoryFit:
+        tracked = [replace(item) for item in near.tracked]
+        return _late_or_prompt(other, tracked, begun, late=late)[0]
+
+    return softened(fit, refit, columns)
+
+
+def _late_or_prompt(
+    unknowns: Unknowns, tracked: list[Tracked], z: Array, *, late: bool, tell: Callable[[float], None] | None = None
+) -> tuple[TrajectoryFit, list[Array]]:
+    """Return the fit with delays, where they may be and the log shows one, or without."""
+    slow = z
+    if late:
+        copies = [replace(item) for item in tracked]
+        try:
+            free, columns = fitted_with_columns(unknowns, tracked, z, tell=tell)
+        except DataError:  # with delays the motion ran away: without them it may not
+            tracked = copies
+        else:
+            if _shows_delays(free):
+                return free, columns
+            slow, tell = free.z.copy(), None
+    slow[unknowns.delays] = 0.0
+    return fitted_with_columns(unknowns, tracked, slow, prompt=True, tell=tell)
+
+
+def _shows_delays(fit: TrajectoryFit) -> bool:
+    """Whether the delay of a recording is clear of 0."""
+    own = fit.unknowns.delays
+    # what makes no memory may make a delay that is none: blocks of time know
+    blocks = np.sqrt(np.diag(jackknife(fit.left_out)))
+    return bool((np.abs(fit.delays) > SHOWN * np.maximum(fit.deviation, blocks)[own]).any())

@@ -1,0 +1,57 @@
+"""What acts on the joints of a simulated motion: drives under commands, and the friction and inertia of motors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from elid_cli._types import Array
+
+
+@dataclass(frozen=True)
+class Drives:
+    """What acts on the motors of S stretches in K steps: ``clip(told - kp x - kd x') - offset``, at most `limit`."""
+
+    told: Array
+    """kp q_des + kd dq_des + tau_ff of every step, N·m (N), (K, S, n)."""
+    kp: Array
+    """Gains, N·m/rad and N·m·s/rad, (S, n); 0 where a torque is given."""
+    kd: Array
+    limit: Array
+    """Torque limits, N·m (N), (n,); infinite where there is none."""
+
+
+@dataclass(frozen=True)
+class Fading:
+    """Dry friction that fades in over a speed, of V variants, (V, n): ``friction sat((v + lead v')/width)``.
+
+    sat(u) is u within ±1, the sign of u beyond. Simulators smooth friction so: by a width alone, or, as the constraint
+    that is MuJoCo's default, so that a joint comes to rest exponentially: with a lead of that time constant.
+    """
+
+    friction: Array
+    """N·m (N)."""
+    width: Array
+    """rad/s (m/s)."""
+    lead: Array
+    """Time by which it acts ahead of the velocity, s."""
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Drive parameters of V variants of a robot, (V, n), SI at the joint."""
+
+    inertia: Array
+    """Inertia of the rotor beyond what the equations hold, kg·m² (kg)."""
+    coulomb: Array
+    viscous: Array
+    offset: Array
+    """Torque that the drives lack, N·m (N)."""
+    push: Array | None = None
+    """Torque of effects on every coordinate between one instant and the next, on the model's side, N·m (N),
+    (N - 1, V, S, m)."""
+    grip: Array | None = None
+    """Coulomb friction beyond `coulomb` between one instant and the next, N·m (N), (N - 1, V, S, m)."""
+    damping: Array | None = None
+    """Viscous friction of every coordinate beyond `viscous`, N·m·s/rad, (m,), the same of all variants."""
+    fading: Fading | None = None
+    """Dry friction beside the one that holds."""

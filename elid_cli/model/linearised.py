@@ -1,0 +1,91 @@
+"""The equations of motion of a robot, linearised about a motion that is near: all instants of it at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.model.coordinates import chains_of, coordinates_of, side_by_side
+from elid_cli.model.dynamics import Dynamics
+from elid_cli.model.regressor import inputs_of
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.motion import Motion
+
+SLIGHT = 1e-5
+"""Change of position, rad (m), for the slope of the torques."""
+
+
+@dataclass(frozen=True)
+class Local:
+    """Equations of motion about a motion at N instants of S stretches: mass·v' + force + slope·(x - place) = drive.
+
+    Those of L chains of s coordinates have two axes, L and s, for m.
+    """
+
+    mass: Array
+    """kg·m² (kg), (N, S, m, m)."""
+    force: Array
+    """Gravity, centrifugal terms and springs, N·m (N), (N, S, m)."""
+    slope: Array
+    """Its change with position, N·m/rad, (N, S, m, m)."""
+    place: Array
+    """Motion linearised about, rad (m), (N, S, m)."""
+
+
+class Linearised:
+    """The equations of motion of a robot without its drives' friction.
+
+    Parameters
+    ----------
+    robot
+        Its parameters must be known, but for drive parameters that `without` takes out.
+    without
+        Kinds of drive parameters that count as 0: friction always does, `Ja` where it is a variant's.
+
+    Raises
+    ------
+    RobotError
+        Parameters that the motion depends on are unknown.
+    """
+
+    def __init__(self, robot: Robot, without: tuple[str, ...] = ("fs", "fv")) -> None:
+        values = robot.reference().copy()
+        values[[name.kind in without for name in robot.parameter_names()]] = 0.0
+        dynamics = Dynamics(robot, values)
+        self._program = dynamics.inverse_program
+        self.robot = robot
+        self.coordinates = coordinates_of(robot)
+        self._chain = chains_of(robot)
+
+    def about(self, x: Array, v: Array) -> Local:
+        """Return the equations about a motion x (N, S, m) with velocities v."""
+        count = x.shape[2]
+        flat, speed = x.reshape(-1, count), v.reshape(-1, count)
+        still, none = np.zeros_like(flat), np.zeros_like(flat)
+        force = self._torques(flat, speed, none)
+        rest = self._torques(flat, still, none)
+        mass, slope = np.empty((2, *flat.shape, count))
+        for moved in side_by_side(self._chain):
+            unit = np.zeros_like(flat)
+            unit[:, moved] = 1.0
+            pulled = self._torques(flat, still, unit) - rest
+            bent = (self._torques(flat + SLIGHT * unit, still, none) - rest) / SLIGHT
+            for k in moved:
+                own = self._chain == self._chain[k]
+                mass[:, :, k], slope[:, :, k] = np.where(own, pulled, 0.0), np.where(own, bent, 0.0)
+        return Local(mass.reshape(*x.shape, count), force.reshape(x.shape), slope.reshape(*x.shape, count), x)
+
+    def _torques(self, x: Array, v: Array, a: Array) -> Array:
+        """Return the torque on every coordinate, (N, m)."""
+        n, own = self.robot.n, self.coordinates.motors
+        motion = Motion(np.zeros(len(x)), x[:, :n], v[:, :n], a[:, :n], x[:, own], v[:, own], a[:, own])
+        inputs = inputs_of(motion)
+        inputs[7::9] = 0.0
+        out = np.empty((2 * n, len(x)))
+        self._program.run(inputs, out)
+        found = np.zeros((len(x), self.coordinates.count))
+        found[:, :n] = out[:n].T
+        found[:, own] += out[n:].T
+        return found

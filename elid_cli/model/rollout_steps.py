@@ -1,0 +1,119 @@
+"""Steps of a rollout in time: by compiled loops where Numba is installed, else by arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.model.drives import Drives, Joints
+from elid_cli.model.linearised import Local
+from elid_cli.model.rollout_loops import SWEEPS, compiled_steps, faded
+
+
+def advance(part: Local, start: tuple[Array, Array], drives: Drives, joints: Joints, dt: float) -> tuple[Array, Array]:
+    """Return positions and velocities (N, V, S, L, s), by compiled loops where Numba is installed."""
+    compiled = compiled_steps()
+    if compiled is None:
+        return advance_arrays(part, start, drives, joints, dt)
+    shape = np.broadcast_shapes(joints.coulomb.shape, part.force.shape[1:])
+    x, v = np.empty((2, len(part.force), *shape))
+    flat = [np.broadcast_to(values, shape) for values in (
+        joints.inertia, joints.coulomb, joints.viscous, joints.offset, drives.limit, *_fading(joints))]  # fmt: skip
+    flat += [np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints)]
+    arrays = (part.mass, part.force, part.slope, part.place, drives.told, drives.kp, drives.kd, *start)
+    # contiguous and writable, as a broadcast view is not: of every other kind of array Numba compiles the loops anew
+    compiled(*(np.require(values, requirements=("C", "W")) for values in (*arrays, *flat)), dt, x, v)
+    return x, v
+
+
+def _fading(joints: Joints) -> tuple[Array, Array, Array]:
+    """Return friction, width and lead of what fades in; no friction where there is none."""
+    if joints.fading is None:
+        none = np.zeros_like(joints.coulomb)
+        return none, np.ones_like(none), none
+    return joints.fading.friction, joints.fading.width, joints.fading.lead
+
+
+def _over_time(joints: Joints) -> tuple[Array, Array]:
+    """Return push and grip of every interval; one that stands for all where there are none."""
+    none = np.zeros((1, *joints.coulomb.shape))
+    return (none if joints.push is None else joints.push, none if joints.grip is None else joints.grip)
+
+
+def advance_arrays(
+    part: Local, start: tuple[Array, Array], drives: Drives, joints: Joints, dt: float
+) -> tuple[Array, Array]:
+    """Return what `advance` does, vectorised over variants, stretches and chains."""
+    instants = len(part.force)
+    steps = len(drives.told) // max(instants - 1, 1)
+    h, size = dt / steps, part.force.shape[-1]
+    diagonal = np.arange(size)
+    shape = np.broadcast_shapes(joints.coulomb.shape, part.force.shape[1:])
+    x, v = (np.broadcast_to(value, shape).copy() for value in start)
+    positions, velocities = np.empty((2, instants, *shape))
+    positions[0], velocities[0] = x, v
+    held, gained = np.zeros((2, *shape))
+    push, grip = (np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints))
+    every, own = np.arange(size), [np.index_exp[..., k] for k in range(size)]
+    soft, width, ahead = (np.broadcast_to(values, shape) for values in _fading(joints))
+    soft, ahead, slowed = h * soft, ahead / h, np.zeros(shape)
+    for k in range(instants - 1):
+        bend = 0.5 * (part.slope[k] + part.slope[k + 1])
+        mass = np.broadcast_to(0.5 * (part.mass[k] + part.mass[k + 1]), (*shape, size)).copy()
+        mass[..., diagonal, diagonal] += joints.inertia
+        full = mass + 0.25 * h * h * bend
+        full[..., diagonal, diagonal] += 0.5 * h * (joints.viscous + drives.kd) + 0.25 * h * h * drives.kp
+        inverse = np.linalg.inv(full)
+        give = np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1), 1e-300)
+        columns = [inverse[..., :, i] for i in every]
+        bound = h * np.maximum(joints.coulomb + grip[k if len(grip) > 1 else 0], 0.0)
+        pulled, place = part.force[k] + joints.offset + push[k if len(push) > 1 else 0], part.place[k]
+        pull, move = (part.force[k + 1] - part.force[k]) / steps, (part.place[k + 1] - part.place[k]) / steps
+        for j in range(steps):
+            middle = x + 0.5 * h * v
+            drive = drives.told[k * steps + j] - drives.kp * middle - drives.kd * v
+            # what a drive gives as the velocity changes is in `inverse`: at its limit it gives none
+            given = (0.5 * drives.kd + 0.25 * h * drives.kp) * gained
+            drive = np.clip(drive - given, -drives.limit, drives.limit) + given - joints.viscous * v
+            drive -= pulled + (j + 0.5) * pull
+            drive -= _times(bend, middle - (place + (j + 0.5) * move))
+            faster = v + _times(inverse, h * drive - held - slowed)
+            for _ in range(SWEEPS):
+                for i in every:
+                    here = own[i]
+                    if soft[here].any():
+                        free = faster[here] + give[here] * slowed[here]
+                        now = _faded(v[here], free, give[here], soft[here], width[here], ahead[here])
+                        faster -= columns[i] * (now - slowed[here])[..., None]
+                        slowed[here] = now
+                    free, slid = faster[here] + give[here] * held[here], np.sign(v[here]) * bound[here]
+                    # of one that passes through rest, friction turns when it does
+                    end = free - give[here] * slid
+                    with np.errstate(divide="ignore", invalid="ignore"):
+                        turned = np.where(end * v[here] < 0, slid * (v[here] + end) / (v[here] - end), -slid)
+                    still = v[here] == 0
+                    low = np.where(still, -bound[here], np.minimum(slid, turned))
+                    high = np.where(still, bound[here], np.maximum(slid, turned))
+                    now = np.clip(free / give[here], low, high)
+                    faster -= columns[i] * (now - held[here])[..., None]
+                    held[here] = now
+            x = x + 0.5 * h * (v + faster)
+            gained, v = faster - v, faster
+        positions[k + 1], velocities[k + 1] = x, v
+    return positions, velocities
+
+
+def _faded(v: Array, free: Array, give: Array, bound: Array, width: Array, ahead: Array) -> Array:
+    """Return `rollout_loops.faded` of every variant: those that slide have all of their friction."""
+    found: Array = np.copysign(bound, v + free)
+    end = free - give * found
+    far = ahead * (end - v)
+    sliding = (bound == 0) | (np.minimum(found * (v + far), found * (end + far)) >= bound * width)
+    parts = (part[~sliding] for part in (v, free, give, bound, width, ahead))
+    found[~sliding] = [faded(*values) for values in zip(*(part.tolist() for part in parts), strict=True)]
+    return found
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    product: Array = (matrix @ vector[..., None])[..., 0]
+    return product
