@@ -144,6 +144,12 @@ def first_of(names: Sequence[str], most: int, between: str = ", ") -> str:
     return between.join(names[:most]) + more
 
 
+def in_words(words: Sequence[str], most: int | None = None) -> str:
+    """Return words as a sentence lists them, the first `most` where there are several more: ``a, b and 3 more``."""
+    shown = list(words) if most is None or len(words) <= most + 1 else [*words[:most], f"{len(words) - most} more"]
+    return "".join(shown) if len(shown) < 2 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+
+
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """Return ``did you mean 'x'?``, or the list of valid names where none is near."""
     valid = [str(candidate) for candidate in names]

@@ -29,7 +29,7 @@ from elid_cli.logs.source import Source, open_source
 from elid_cli.logs.writing import recognise
 from elid_cli.memory import Recent, let_go, side_by_side
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import GYRO, Recording, Segment, repeated, unique_notices
+from elid_cli.signals.recording import GYRO, MEASURED, Recording, Segment, repeated, unique_notices
 
 SAME_RATE = 1e-6
 """Relative difference of sample times that counts as none when logs are joined."""
@@ -304,13 +304,7 @@ def _joined(parts: Sequence[_Part], sources: Sequence[Source], robot: Robot) -> 
         joints=robot.joint_names,
         dt=dt,
         t=times[0] if len(times) == 1 else np.concatenate(times),
-        q=whole["q"],
-        theta=whole["theta"],
-        tau=whole["tau"],
-        dq=whole.get("dq"),
-        dtheta=whole.get("dtheta"),
-        tau_link=whole.get("tau_link"),
-        temperature=whole.get("temperature"),
+        **{signal: whole.get(signal) for signal in MEASURED},  # type: ignore[arg-type]
         gyro={signal: whole[signal] for signal in GYRO if signal in whole},
         commands={signal: whole[signal] for signal in COMMANDS if signal in whole},
         segments=tuple(segments),

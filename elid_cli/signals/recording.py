@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.tables import Shown
 
+MEASURED = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature")
+"""Signals of joints: positions of links and motors, motors' torques, velocities, torque sensors, temperatures."""
 GYRO = ("gyro_x", "gyro_y", "gyro_z")
 """Signals of gyroscopes: angular velocities about the sensors' own axes."""
 

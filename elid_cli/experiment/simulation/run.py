@@ -20,7 +20,7 @@ from elid_cli.model.dynamics import Dynamics
 from elid_cli.model.effects.scene import DIRECTION_WIDTH
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.motion import Motion
-from elid_cli.signals.recording import Recording, Segment
+from elid_cli.signals.recording import MEASURED, Recording, Segment
 
 CONTROL_RATE = 500.0
 """Hz; a log that is slower than this is taken from a controller that runs at a multiple of its rate."""
@@ -233,13 +233,7 @@ def _recording(
         joints=robot.joint_names,
         dt=dt,
         t=signals["t"],
-        q=logged["q"],
-        theta=logged["theta"],
-        tau=logged["tau"],
-        dq=logged.get("dq"),
-        dtheta=logged.get("dtheta"),
-        tau_link=logged.get("tau_link"),
-        temperature=logged.get("temperature"),
+        **{name: logged.get(name) for name in MEASURED},  # type: ignore[arg-type]
         gyro=gyroscopes(robot, motion.q, motion.dq, options.sensors, options.seed),
         segments=(Segment(0, motion.samples),),
     )

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.errors import in_words
 from elid_cli.logs.checks.known_masses import (
     FEWEST,
     OWN,
@@ -21,7 +22,6 @@ from elid_cli.logs.checks.known_masses import (
     Weighed,
     about,
     evenly,
-    listed,
 )
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.torque_scale import SURE, WRONG_SCALE, slope_beside
@@ -69,8 +69,8 @@ def wrong_times(log: Weighed, theta: Array, *, signal: str = "tau") -> Iterator[
     names = [robot.joint_names[s.joint] for s in off]
     sizes = [s.ratio for s in off]
     usual = float(np.median(sizes))
-    times = listed([about(size) for size in sizes])
-    said = f"{signal} of {listed(names)} is {times} times what moves the described bodies"
+    times = in_words([about(size) for size in sizes])
+    said = f"{signal} of {in_words(names)} is {times} times what moves the described bodies"
     if all(_agrees(s, usual) for s in moved):
         pace = math.sqrt(usual)
         way = f"{pace:.2g} times too slow" if pace > 1 else f"{1 / pace:.2g} times too fast"

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.errors import in_words
 from elid_cli.logs.checks.encoder_pairs import as_yaml, proposed
 from elid_cli.logs.checks.limits import WRONG
 from elid_cli.logs.checks.torque_scale import LAG, SURE, WRONG_SCALE, Slope, slopes_beside
@@ -100,7 +101,7 @@ def wrong_scales(log: Weighed, plan: ReadPlan, *, signal: str = "tau", computed:
     idle = [s for s in scales if s.correlation < FAINT and abs(s.ratio) + SURE * s.deviation < 1 / WRONG_SCALE]
     if idle:
         yield (
-            f"{signal} of {listed([names[s.joint] for s in idle])} {WEIGHTLESS} of the described bodies: gravity was "
+            f"{signal} of {in_words([names[s.joint] for s in idle])} {WEIGHTLESS} of the described bodies: gravity was "
             f"taken out of it, something else carries them, or {WRONG}, or the masses or the gravity of {robot.name}"
         )
     opposed = [s for s in scales if s.correlation < -FAINT and s.ratio + SURE * s.deviation < -1 / WRONG_SCALE]
@@ -108,16 +109,16 @@ def wrong_scales(log: Weighed, plan: ReadPlan, *, signal: str = "tau", computed:
         signs = ", ".join(f"{names[s.joint]}: -1" for s in opposed)
         key = "sign: -1" if len(opposed) == len(scales) else f"sign: {{{signs}}}"
         yield (
-            f"{signal} of {listed([names[s.joint] for s in opposed])} {AGAINST} of the described bodies: a sign is "
+            f"{signal} of {in_words([names[s.joint] for s in opposed])} {AGAINST} of the described bodies: a sign is "
             f"wrong, or the gravity of {robot.name} (a robot that hangs says gravity: [0, 0, 9.81]); "
             f"{proposed(plan, signal, key)}"
         )
     off = [s for s in scales if s.correlation > FAINT and _is_off(s)]
     if not off:
         return
-    sizes = listed([f"{s.ratio:.2g}" for s in off])
+    sizes = in_words([f"{s.ratio:.2g}" for s in off])
     said = (
-        f"{signal} of {listed([names[s.joint] for s in off])} is {sizes} {BESIDE_WEIGHT} of the "
+        f"{signal} of {in_words([names[s.joint] for s in off])} is {sizes} {BESIDE_WEIGHT} of the "
         f"described bodies: {WRONG}, or the masses of {robot.name}"
     )
     if all(s.ratio > 1 for s in off):
@@ -128,7 +129,7 @@ def wrong_scales(log: Weighed, plan: ReadPlan, *, signal: str = "tau", computed:
     placement = plan.placements.get(signal)
     newtons = placement is None or placement.spec.unit in ("", "N.m", "N")
     if signal == "tau" and newtons and all(s.ratio < 1 for s in off):
-        ratios = listed([about(1 / s.ratio) for s in off])
+        ratios = in_words([about(1 / s.ratio) for s in off])
         said += f"; a torque at the motor's shaft would mean gear ratios of about {ratios}"
     yield f"{said}; {proposed(plan, signal, _key(off, robot, plan, signal))}"
 
@@ -142,11 +143,6 @@ def _is_off(scale: Scale) -> bool:
 def about(size: float) -> str:
     """Return a size with two digits, without an exponent where it needs none."""
     return f"{float(f'{size:.2g}'):g}"
-
-
-def listed(words: Sequence[str]) -> str:
-    """Return words as a sentence lists them."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def _key(off: Sequence[Scale], robot: Robot, plan: ReadPlan, signal: str) -> str:

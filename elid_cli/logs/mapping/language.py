@@ -22,7 +22,7 @@ from elid_cli.errors import UsageError, did_you_mean
 from elid_cli.logs.mapping.long_table import KEY as LONG
 from elid_cli.logs.mapping.long_table import parse_long
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import GYRO
+from elid_cli.signals.recording import GYRO, MEASURED
 
 POSITIONS = ("q", "theta", "q_des")
 VELOCITIES = ("dq", "dtheta", "dq_des")
@@ -30,7 +30,7 @@ TORQUES = ("tau", "tau_link", "tau_ff")
 GAINS = ("kp", "kd")
 COMMANDS = ("q_des", "dq_des", "tau_ff", *GAINS)
 """What the drive was told, held until the next sample."""
-SIGNALS = ("q", "theta", "tau", "dq", "dtheta", "tau_link", "temperature", *GYRO, *COMMANDS)
+SIGNALS = (*MEASURED, *GYRO, *COMMANDS)
 KEYS = ("from", "value", "field", "joints", "unit", "scale", "offset", "sign", "side", "add", "time", "unwrap")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 ANGLES = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "turn": 2 * math.pi, "m": 1.0, "mm": 1e-3, "cm": 1e-2}

@@ -98,7 +98,6 @@ class Effect(ABC):
         Joint number from 0 (for effects of the whole robot: 0).
     shape
         Values of `shapes`, in order.
-
     """
 
     name: ClassVar[str]
@@ -124,6 +123,8 @@ class Effect(ABC):
     """Effects that no data, or only special data, can tell apart from this one; see `twins_of`."""
     elastic_only: ClassVar[bool] = False
     """Whether the effect needs an elastic transmission."""
+    strains_spring: ClassVar[bool] = False
+    """Whether the amplitudes are angles (or times) that strain the spring, whose K makes torques of them."""
     of_channel: ClassVar[bool] = False
     """Whether it is in the torque channel, wherever that is read, although it stands in the motor row."""
     whole_robot: ClassVar[bool] = False
@@ -270,7 +271,7 @@ class Effect(ABC):
     @classmethod
     def unit(cls, scene: Scene, joint: int) -> float:
         """Return the coefficient of an amplitude of 1: K where an angle strains the spring."""
-        return 1.0
+        return float(scene.stiffness[joint]) if cls.strains_spring else 1.0
 
     @classmethod
     def parameter_names(cls) -> tuple[str, ...]:
@@ -285,7 +286,6 @@ class Effect(ABC):
         ------
         KeyError
             If a parameter is missing.
-
         """
 
         def given(parameter: Parameter) -> float:
@@ -314,7 +314,6 @@ class Effect(ABC):
             The robot and its standard parameters (p,) so far.
         coefficients
             The amplitudes, from `coefficients`.
-
         """
         raise NotImplementedError(f"{self.name} does not alter the robot")
 
@@ -338,7 +337,6 @@ class Effect(ABC):
             Sample time, s.
         values
             The parameters as `named` gives them; with the signs of its amplitudes turned, a log is corrected.
-
         """
         raise NotImplementedError(f"{self.name} does not act in the log")
 

@@ -38,7 +38,6 @@ def identification_payload(found: Identification, recording: Recording | None = 
 
 def base_payload(found: Identification) -> list[dict[str, Any]]:
     """Return the list ``base_parameters`` of JSON; the estimate of a refused one is null."""
-    relative = found.relative_error()
     units: dict[str, str] = dict(zip(found.robot.parameter_names(), found.robot.parameter_units(), strict=True))
     leaders = {found.base.parameters[leader] for leader in found.base.leaders}
     side = found.motor_side.joints if found.motor_side else ()
@@ -53,18 +52,13 @@ def base_payload(found: Identification) -> list[dict[str, Any]]:
     ]  # fmt: skip
     return [
         {
-            "name": found.base.names[k],
+            **picked(item, "name"),
             "terms": dict(found.base.terms[k]),
-            "unit": found.base.units[k],
-            "class": found.base.classes[found.base.parameters[found.base.leaders[k]]],
-            "estimate": found.estimate[k],
-            "std_error": found.std_error[k],
-            "reference": found.reference[k],
-            "relative_error": relative[k],
-            "verdict": found.verdict[k],
-            "bias_possible": found.parameters[k].bias_possible,
+            **picked(item, "unit"),
+            "class": found.base.classes[item.leader],
+            **picked(item, "estimate std_error reference relative_error verdict bias_possible"),
         }
-        for k in range(found.base.count)
+        for k, item in enumerate(found.parameters)
     ] + [*stiffnesses.values(), *unseen]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 
+from elid_cli.errors import in_words
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
 from elid_cli.report.answers import summary
@@ -58,10 +59,7 @@ def _counted(items: Sequence[BaseEstimate], words: str) -> str:
 
 def some(names: Iterable[str]) -> str:
     """Return the short names of a handful of base parameters, and how many more there are."""
-    short = [summary.called(name) for name in names]
-    if len(short) > NAMED + 1:
-        short = [*short[:NAMED], f"{len(short) - NAMED} more"]
-    return summary.listed(short)
+    return in_words([summary.called(name) for name in names], NAMED)
 
 
 def _in_doubt(found: Identification, loud: Collection[str]) -> str:

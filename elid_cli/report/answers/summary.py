@@ -10,7 +10,7 @@ import shlex
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from math import isfinite
 
-from elid_cli.errors import first_of
+from elid_cli.errors import first_of, in_words
 from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.following import PACE
@@ -332,8 +332,7 @@ def signed_share(fraction: float) -> str:
 
 def listed(names: Sequence[str]) -> str:
     """Return names as a list in words: ``joint1, joint2 and joint3``."""
-    shown = list(names) if len(names) <= NAMED + 1 else [*names[:NAMED], f"{len(names) - NAMED} more"]
-    return "".join(shown) if len(shown) < 2 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+    return in_words(names, NAMED)
 
 
 def counted(names: Sequence[str], between: str = " ") -> str:

@@ -29,18 +29,13 @@ class EncoderOffset(Effect):
     record = "any motion; a torque offset would shift the whole joint as well"
     place = "encoder"
     either_sign = "A zero is off either way."
-    elastic_only = True
+    elastic_only = strains_spring = True
     amplitudes = (Parameter("offset", "rad", "what the motor encoder reads too much, the link's taken as true"),)
     in_deflection = "constant"
     always_fitted = "no two encoders have the same zero"
     example = {"offset": 0.001}
     twins = ("backlash",)
     simulated = "log"
-
-    @classmethod
-    def unit(cls, scene: Scene, joint: int) -> float:
-        """Return K: the spring turns the offset into torque."""
-        return float(scene.stiffness[joint])
 
     @classmethod
     def plausible(cls, scene: Scene, joint: int, values: Mapping[str, float]) -> bool:

@@ -29,7 +29,7 @@ class EncoderSkew(LatePositions):
     place = "encoder"
     either_sign = "Either encoder may be read first."
     twins = ("link_viscous", "transmission_damping")
-    elastic_only = True
+    elastic_only = strains_spring = True
     amplitudes = (
         Parameter("skew", "s", "age of the link encoder's reading beyond the motor encoder's", low=-0.1, high=0.1),
     )
@@ -38,11 +38,6 @@ class EncoderSkew(LatePositions):
     in_deflection = "velocity"
     example = {"skew": 0.002}
     simulated = "log"
-
-    @classmethod
-    def unit(cls, scene: Scene, joint: int) -> float:
-        """Return K: the spring turns the link's way within the skew into torque."""
-        return float(scene.stiffness[joint])
 
     def columns(self, scene: Scene) -> Columns:
         """Return the link's velocity in both rows of the transmission, and what the bodies need more in link rows."""

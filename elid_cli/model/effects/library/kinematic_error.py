@@ -22,15 +22,10 @@ class KinematicError(Harmonic):
     fingerprint = "motor side only, periodic in the angle whatever the direction"
     record = "whole turns of the wave generator, slow; link and motor encoders"
     place = "spring"
-    elastic_only = True
+    elastic_only = strains_spring = True
     amplitudes = (Parameter("amplitude", "rad", "transmission error at the joint", low=0.0, high=0.1), PHASE)
     shapes = (ORDER,)
     example = {"amplitude": 0.0004, "phase": 0.7, "order": 20.0}
-
-    @classmethod
-    def unit(cls, scene: Scene, joint: int) -> float:
-        """Return K: the spring turns the error into torque."""
-        return float(scene.stiffness[joint])
 
     def columns(self, scene: Scene) -> Columns:
         """Return the sine and the cosine column in both rows of the transmission."""
