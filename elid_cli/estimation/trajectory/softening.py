@@ -61,19 +61,22 @@ def softened(hard: TrajectoryFit, refit: Refit, columns: Sequence[Array] | None 
     if not shapes:
         return hard
     kind, own, place = effect_that(softens=True), hard.unknowns, hard.unknowns.held
-    found, effects = hard, [kind(joint, shape) for joint, shape in shapes.items()]
-    further = hard.effects[place:]
+    found, asked = hard, [kind(joint, shape) for joint, shape in shapes.items()]
     try:
-        while effects:
-            unknowns = Unknowns(own.robot, (*hard.effects[:place], *effects, *further), own.recordings, place)
+        while asked:
+            others = found.effects[place:]  # in the shapes that they have by now
+            softer = [effect for effect in others if effect.softens and effect.joint not in shapes]
+            softer = sorted([*softer, *asked], key=lambda effect: effect.joint)
+            effects = (*hard.effects[:place], *softer, *(effect for effect in others if not effect.softens))
+            unknowns = Unknowns(own.robot, effects, own.recordings, place)
             z = started(unknowns, found.values, found.z[found.unknowns.amplitudes].tolist())
             z[unknowns.delays] = found.delays
             found = refit(unknowns, hard, z)
-            further = found.effects[place + len(effects) :]
-            kept = [effect for effect in found.effects[place : place + len(effects)] if _stays(found, effect, hard)]
-            if len(kept) == len(effects):
+            ours = [found.effects[found.unknowns.soft[effect.joint]] for effect in asked]
+            kept = [effect for effect in ours if _stays(found, effect, hard)]
+            if len(kept) == len(asked):
                 return replace(found, held=hard)
-            effects = kept
+            asked = kept
     except DataError:  # the motion ran away
         pass
     return hard
