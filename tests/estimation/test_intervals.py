@@ -113,6 +113,17 @@ def test_a_links_equation_knows_the_encoders_noise(db: float) -> None:
         assert reduced.deviation == pytest.approx(told.deviation, rel=0.2)
 
 
+def test_the_link_of_a_held_joint_says_nothing_in_a_reduced_log() -> None:
+    stiff, exact = stiff_motion()
+    moving = np.array([1.0, 0.0])
+    log = replace(exact, q=exact.q * moving, theta=exact.theta * moving, dq=None, dtheta=None)
+    signals = prepare(log, stiff, SignalOptions(cutoff=10.0))
+    assert signals.still.tolist() == [False, True]
+    links = reduce_log(stiff, signals, log, {}).links
+    assert links[0] is not None  # of a joint that is held the deflection is one more constant
+    assert links[1] is None
+
+
 def test_noisy_positions_widen_accurate_errors() -> None:
     assert astray(100.0) == 1.0
     assert astray(40.0) == pytest.approx(2.0, abs=0.05)
