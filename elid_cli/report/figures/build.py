@@ -5,19 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
+from typing import TYPE_CHECKING
 
-from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
-from elid_cli.diagnosis.friction_family import FrictionFamily
-from elid_cli.diagnosis.refit import Contribution
-from elid_cli.diagnosis.result import Diagnosis
-from elid_cli.estimation.comparison import Comparison
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.result import Identification
-from elid_cli.estimation.sampling.sets import ParameterSets
-from elid_cli.estimation.trend.trends import Trends
 from elid_cli.estimation.validation.noise_floor import noise_floor
 from elid_cli.estimation.validation.prediction import ByLog, Validation, validate
-from elid_cli.experiment.replay import Replay
 from elid_cli.model.regressor import EstimationRow, Regressor
 from elid_cli.report.figures import figures_of
 from elid_cli.report.figures.input import FigureInput
@@ -25,6 +18,16 @@ from elid_cli.report.tree import Figure, Report
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
+
+if TYPE_CHECKING:  # each command has its own of these at hand
+    from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
+    from elid_cli.diagnosis.friction_family import FrictionFamily
+    from elid_cli.diagnosis.refit import Contribution
+    from elid_cli.diagnosis.result import Diagnosis
+    from elid_cli.estimation.comparison import Comparison
+    from elid_cli.estimation.sampling.sets import ParameterSets
+    from elid_cli.estimation.trend.trends import Trends
+    from elid_cli.experiment.replay import Replay
 
 MEAN = "Error of the simulated position", "Mean size of the simulated minus the measured position."
 HELD_OUT = (

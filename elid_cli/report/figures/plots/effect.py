@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.report.answers.missing import spoken
 from elid_cli.report.figures.drawing import Color, Drawing, Line, Panel, alike
 from elid_cli.report.figures.paint import scatter_with_mean
 from elid_cli.report.tree import Figure, number_text
@@ -66,6 +65,8 @@ def figures(told: FigureInput) -> Iterator[Figure]:
     )
     if told.diagnosis is None:
         return
+    from elid_cli.report.answers.missing import spoken
+
     names = told.diagnosis.robot.joint_names
     views = sorted(effect_views(told.diagnosis, told.contributions), key=lambda view: names.index(view.joint))
     for k, view in enumerate(views, start=1):
