@@ -54,4 +54,4 @@ class Joints:
     damping: Array | None = None
     """Viscous friction of every coordinate beyond `viscous`, N·m·s/rad, (m,), the same of all variants."""
     fading: Fading | None = None
-    """Dry friction beside the one that holds."""
+    """Dry friction beside the one that holds; where a joint has some, `grip` fades in with it."""

@@ -59,8 +59,7 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
             for c in range(chains):
                 for i in range(size):
                     x[i], v[i], held[i], gained[i] = x0[s, c, i], v0[s, c, i], 0.0, 0.0
-                    soft[i], wide[i], ahead[i] = h * friction[a, s, c, i], width[a, s, c, i], lead[a, s, c, i] / h
-                    slowed[i] = 0.0
+                    wide[i], ahead[i], slowed[i] = width[a, s, c, i], lead[a, s, c, i] / h, 0.0
                     xs[0, a, s, c, i], vs[0, a, s, c, i] = x[i], v[i]
                 for k in range(instants - 1):
                     for i in range(size):
@@ -86,7 +85,10 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                     p, g = k if len(push) > 1 else 0, k if len(grip) > 1 else 0
                     for i in range(size):
                         pushed[i] = push[p, a, s, c, i]
-                        bound[i] = h * max(coulomb[a, s, c, i] + grip[g, a, s, c, i], 0.0)
+                        bound[i], soft[i] = h * max(coulomb[a, s, c, i] + grip[g, a, s, c, i], 0.0), 0.0
+                        if friction[a, s, c, i] > 0.0:  # what effects add fades in as well
+                            bound[i] = h * max(coulomb[a, s, c, i], 0.0)
+                            soft[i] = h * max(friction[a, s, c, i] + grip[g, a, s, c, i], 0.0)
                         where[i], move[i] = place[k, s, c, i], place[k + 1, s, c, i] - place[k, s, c, i]
                     for j in range(each):
                         w = (j + 0.5) / each
@@ -112,9 +114,10 @@ def steps(  # noqa: C901  # loops that Numba compiles as one: no objects, no cal
                             settled = True
                             for i in range(size):
                                 give = inverse[i, i]
-                                if soft[i] > 0.0:
-                                    free = faster[i] + give * slowed[i]
-                                    new = faded(v[i], free, give, soft[i], wide[i], ahead[i])
+                                if soft[i] > 0.0 or slowed[i] != 0.0:
+                                    free, new = faster[i] + give * slowed[i], 0.0
+                                    if soft[i] > 0.0:
+                                        new = faded(v[i], free, give, soft[i], wide[i], ahead[i])
                                     change = new - slowed[i]
                                     if abs(change) > SAME * soft[i]:
                                         settled = False

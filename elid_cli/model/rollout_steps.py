@@ -55,8 +55,8 @@ def advance_arrays(
     held, gained = np.zeros((2, *shape))
     push, grip = (np.broadcast_to(values, (len(values), *shape)) for values in _over_time(joints))
     every, own = np.arange(size), [np.index_exp[..., k] for k in range(size)]
-    soft, width, ahead = (np.broadcast_to(values, shape) for values in _fading(joints))
-    soft, ahead, slowed = h * soft, ahead / h, np.zeros(shape)
+    friction, width, ahead = (np.broadcast_to(values, shape) for values in _fading(joints))
+    ahead, slowed, fades = ahead / h, np.zeros(shape), friction > 0
     for k in range(instants - 1):
         bend = 0.5 * (part.slope[k] + part.slope[k + 1])
         mass = np.broadcast_to(0.5 * (part.mass[k] + part.mass[k + 1]), (*shape, size)).copy()
@@ -66,7 +66,9 @@ def advance_arrays(
         inverse = np.linalg.inv(full)
         give = np.maximum(np.diagonal(inverse, axis1=-2, axis2=-1), 1e-300)
         columns = [inverse[..., :, i] for i in every]
-        bound = h * np.maximum(joints.coulomb + grip[k if len(grip) > 1 else 0], 0.0)
+        more = grip[k if len(grip) > 1 else 0]
+        bound = h * np.maximum(joints.coulomb + np.where(fades, 0.0, more), 0.0)
+        soft = h * np.where(fades, np.maximum(friction + more, 0.0), 0.0)  # what effects add fades in as well
         pulled, place = part.force[k] + joints.offset + push[k if len(push) > 1 else 0], part.place[k]
         pull, move = (part.force[k + 1] - part.force[k]) / steps, (part.place[k + 1] - part.place[k]) / steps
         for j in range(steps):
@@ -81,7 +83,7 @@ def advance_arrays(
             for _ in range(SWEEPS):
                 for i in every:
                     here = own[i]
-                    if soft[here].any():
+                    if fades[here].any():
                         free = faster[here] + give[here] * slowed[here]
                         now = _faded(v[here], free, give[here], soft[here], width[here], ahead[here])
                         faster -= columns[i] * (now - slowed[here])[..., None]

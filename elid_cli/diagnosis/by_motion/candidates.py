@@ -50,6 +50,8 @@ class View:
     response: tuple[tuple[Array, Array], ...]
     """Filter of every joint from torque to position: numerator and denominator."""
     source: int
+    turning: Array | None = None
+    """Part of every joint's dry friction that acts, with its sign, (N, n); None: the sign of its velocity."""
 
 
 @dataclass(frozen=True)
@@ -203,10 +205,11 @@ def _best_of_few(recordings: Sequence[_Recording], effects: Sequence[Effect]) ->
 def responses(effects: Sequence[Effect], view: View, joint: int) -> Array:
     """Return what amplitudes of 1 of effects do to a joint's position, weighted, (N, D)."""
     speed = view.scene.motion.dtheta[:, joint]
+    turning = np.sign(speed) if view.turning is None else view.turning[:, joint]
     torques = []
     for effect in effects:
         done = acting((effect,), view.scene)
-        torques.append(done.push[:, :, joint] + done.grip[:, :, joint] * np.sign(speed))
+        torques.append(done.push[:, :, joint] + done.grip[:, :, joint] * turning)
     sticks = np.abs(speed) < STILL
     moved: Array = moved_by(np.concatenate(torques), view.response[joint], sticks).T * view.weight[:, [joint]]
     return moved

@@ -12,6 +12,7 @@ from elid_cli.estimation.trajectory.loss import weighed
 from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.model.linearised import Linearised
+from elid_cli.signals.motion import Motion
 
 
 def views_of(fit: TrajectoryFit) -> list[View]:
@@ -26,9 +27,18 @@ def views_of(fit: TrajectoryFit) -> list[View]:
         scene = scene_along(robot, item.x, item.v, item.equations(equations), item.run.dt, parameters, len(item.x))
         found.append(View(
             scene, moved.error * weight, weight, moved.columns * weight[:, :, None], _responses(fit, item, equations),
-            item.run.source,
+            item.run.source, _turning(fit, scene.motion),
         ))  # fmt: skip
     return found
+
+
+def _turning(fit: TrajectoryFit, motion: Motion) -> Array | None:
+    """Return the part of every joint's dry friction that acts, with its sign, (N, n); None where all of it holds."""
+    fading = fit.unknowns.fading_of(fit.z[None])
+    if fading is None:
+        return None
+    soft = np.clip((motion.dtheta + fading.lead[0] * motion.ddtheta) / fading.width[0], -1.0, 1.0)
+    return np.where(fading.friction[0] > 0, soft, np.sign(motion.dtheta))
 
 
 def _responses(fit: TrajectoryFit, item: Tracked, equations: Linearised) -> tuple[tuple[Array, Array], ...]:

@@ -136,6 +136,39 @@ def test_a_diagnosis_finds_it_behind_an_effect_that_hid_it(pendulums: Robot) -> 
     assert not told.fit_before.effects
 
 
+def test_friction_that_an_effect_adds_fades_in_as_well(pendulums: Robot) -> None:
+    def push(x: np.ndarray, v: np.ndarray, load: np.ndarray) -> np.ndarray:
+        more = np.array([0.0, 0.25 * np.exp(-abs(v[1]) / 0.2), 0.0])
+        return (plant.COULOMB + more) * np.clip(v / WIDTH, -1.0, 1.0)
+
+    log = computed(plant.moved(6, push=push, grip=none_dry))
+    told = diagnose_motion(pendulums, prepare(log, pendulums))
+    named = {(e.effect, e.joint) for e in told.effects}
+    assert named == {("stribeck", "two"), *(("soft_friction", name) for name in plant.NAMES)}
+    # how the two share what is slower than the width is not seen, what is faster is
+    truth = np.stack([plant.ARMATURE, plant.COULOMB, plant.VISCOUS], axis=1)
+    np.testing.assert_allclose(told.fit_after.values[:, :3], truth, rtol=0.02)
+
+
+def test_arrays_and_compiled_loops_take_the_same_steps(pendulums: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("numba")
+    drives = zip(pendulums.joints, plant.ARMATURE, plant.COULOMB, plant.VISCOUS, strict=True)
+    joints = tuple(
+        replace(joint, parameters={**joint.parameters, "Ja": float(a), "fs": float(c), "fv": float(v)})
+        for joint, a, c, v in drives
+    )
+    specs = (
+        EffectSpec("soft_friction", "one", {"friction": 0.3, "velocity": 0.003, "lead": 0.0095}),
+        EffectSpec("load_friction", "one", {"coefficient": -0.2}),
+        EffectSpec("soft_friction", "two", {"friction": 0.1, "velocity": 0.05}),  # half of it holds
+    )
+    robot = replace(pendulums, joints=joints, effects=specs)
+    short = computed(plant.moved(3, duration=2.0))
+    fast = replay(robot, short).simulated
+    monkeypatch.setattr("elid_cli.model.rollout_steps.compiled_steps", lambda: None)
+    np.testing.assert_allclose(replay(robot, short).simulated, fast, rtol=0, atol=1e-9)
+
+
 def test_a_declared_width_is_kept_and_nothing_else_is_asked(pendulums: Robot, softly: Recording) -> None:
     specs = tuple(EffectSpec("soft_friction", name, {"friction": 0.1, "velocity": WIDTH}) for name in plant.NAMES)
     robot = replace(pendulums, effects=specs)
