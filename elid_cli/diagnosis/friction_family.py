@@ -285,12 +285,16 @@ def _whole(log: Log, effects: Sequence[Effect]) -> tuple[Robot, dict[str, dict[s
 
 
 def _errors(state: State, number: int) -> dict[str, float]:
-    """Return the standard errors of the amplitudes of an effect that are in the solution's basis."""
-    deviation = np.sqrt(np.maximum(np.diag(state.covariance), 0.0))
-    known = dict(zip(state.solution.basis.tolist(), deviation.tolist(), strict=True))
+    """Return the standard errors of an effect's amplitudes that are in the solution's basis, and of its free shapes."""
+    covariance, shapes = state.covariance_with_shapes
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    known = dict(zip(state.solution.basis.tolist(), deviation.tolist(), strict=False))
     columns = range(*state.place(number).indices(len(state.solution.values)))
-    names = (p.name for p in state.effects[number].amplitudes)
-    return {name: known[column] for name, column in zip(names, columns, strict=True) if column in known}
+    effect = state.effects[number]
+    names = (p.name for p in effect.amplitudes)
+    errors = {name: known[column] for name, column in zip(names, columns, strict=True) if column in known}
+    logarithms = {place: deviation[k] for (which, place), k in shapes.items() if which == number}
+    return errors | {effect.shapes[k].name: effect.shape[k] * float(error) for k, error in logarithms.items()}
 
 
 def _possible(parameters: Mapping[str, float]) -> bool:

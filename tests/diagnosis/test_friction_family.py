@@ -89,10 +89,21 @@ def test_parameters_are_those_of_the_log_and_their_errors_hold_them() -> None:
     truth = {**CASES["M4"], "velocity": SPEED, "exponent": 1.0, "model": 4.0}
     for name, value in truth.items():
         assert spec.parameters[name] == pytest.approx(value, rel=0.05, abs=1e-9)
-    for name, error in found.std_error["hinge"].items():
+    errors = found.std_error["hinge"]
+    assert errors.keys() == {"static", "motor", "static_motor", "velocity"}
+    for name, error in errors.items():
         assert 0 < error < 0.1
         assert abs(spec.parameters[name] - truth[name]) < 5 * error
     assert found.refined.joints[0].parameters["fs"] == pytest.approx(FS, abs=0.02)
+
+
+@pytest.mark.parametrize("member", ["M1", "M2", "M3"])
+def test_an_offset_of_the_torque_takes_no_member_away(member: str) -> None:
+    recording = log_of(CASES[member])
+    level, moved = (compared(replace(recording, tau=recording.tau + offset)) for offset in (0.0, 0.4))
+    assert moved.supported == {"hinge": member}
+    left = [found.fits["hinge"][member].error.rms for found in (level, moved)]
+    assert left[1] == pytest.approx(left[0], rel=0.02)
 
 
 def test_no_prediction_sees_the_torque_that_it_predicts() -> None:

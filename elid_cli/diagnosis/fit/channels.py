@@ -47,10 +47,13 @@ def without_idle_offsets(found: Solved) -> list[ExtraColumns]:
 
 
 def _constant(own: ExtraColumns, offset: ExtraColumns) -> bool:
-    """Whether an effect holds the offset of a torque channel: one of its columns is a constant in the same rows."""
+    """Whether an effect holds the offset of a torque channel: one of its columns is a constant in the same rows.
+
+    A column of zeros is none: what a member of a family lacks.
+    """
     if own.rows.keys() != offset.rows.keys():
         return False
     return any(
-        all(np.ptp(values[k]) <= 1e-9 * np.abs(values[k]).max() for values in own.rows.values())
+        all(0 < np.abs(values[k]).max() >= 1e9 * np.ptp(values[k]) for values in own.rows.values())
         for k in range(own.width)
     )

@@ -35,6 +35,7 @@ def friction_report(
         _errors(found),
         _members(found),
         *_values(found),
+        *([Text("smoothed", _SMOOTHED, "note")] if recording.commanded.any() else []),
         KeyValues("inputs", (
             *inputs.recorded_items(found.robot, recording),
             ("held out", inputs.span_words(found.held_out)),
@@ -65,6 +66,13 @@ def friction_payload(found: FrictionFamily, recording: Recording) -> dict[str, A
         },
         "skipped": dict(found.skipped),
     }
+
+
+_SMOOTHED = (
+    "torques that are computed from commands are as noisy as the positions, and compared after smoothing, which blurs "
+    "friction at the lowest speeds: its size and velocity may be off by more than ± says; elid diagnose fits the motion "
+    "itself"
+)
 
 
 def _fit(fit: MemberFit) -> dict[str, Any]:
@@ -128,7 +136,8 @@ def _values(found: FrictionFamily) -> list[Section]:
 
 
 def _shown(values: Mapping[str, float]) -> dict[str, float]:
-    return {name: value for name, value in values.items() if value != 0.0}
+    """Return what is not said elsewhere: the member is named, and `lean` follows from two of the others."""
+    return {name: value for name, value in values.items() if value != 0.0 and name not in ("model", "lean")}
 
 
 def _next(found: FrictionFamily, recording: Recording, robot: str, written: Sequence[str]) -> str:
