@@ -139,20 +139,21 @@ def solve_with(
     alone
         Whether each delay must show by itself.
     """
-    before = None
+    before, known = None, None
     for last in (False, True):
         if shaping and effects and data.samples is not None:
             effects = _shaped(base, data.samples, nuisances, effects, valleys=valleys and not last)
-        solved = replace(Solved.of(base, data, nuisances, effects), before=before)
+        solved = replace(known or Solved.of(base, data, nuisances, effects), before=before)
         if last or not nuisances:
             break
         before = solved
         solution, spread = solved.solution, data.covariance(solved.solution, solved.extras)
         late = bool(np.any(data.facts.moved))
         kept = significant(solution, spread, nuisances, data.model.parameters, data.facts.dt, late=late, alone=alone)
-        kept = _borne_out(base, data, kept, effects)
+        kept, known = _borne_out(base, data, kept, effects)
         if not (shaping and effects) and len(kept) == len(nuisances):
             break
+        known = None if shaping and effects else known
         nuisances = kept
     return solved
 
@@ -251,26 +252,28 @@ def with_delays(fit: DefaultFit, options: EstimateOptions) -> DefaultFit:
 
 def _borne_out(
     base: BaseParameters, data: FitData, nuisances: list[ExtraColumns], effects: FittedEffects | None
-) -> list[ExtraColumns]:
+) -> tuple[list[ExtraColumns], Solved | None]:
     """Return the nuisances without torque offsets that predict left-out torque no better than none.
 
-    Noise in accelerations pulls a mass towards 0, and an offset then takes up its weight: significant, and wrong.
+    Noise in accelerations pulls a mass towards 0, and an offset then takes up its weight: significant, and wrong. With
+    them comes the fit that has them; None where there was no offset to try.
     """
     robot = data.model.robot
 
-    def errors(chosen: Sequence[ExtraColumns]) -> dict[str, JointError]:
+    def judged(chosen: Sequence[ExtraColumns]) -> tuple[Solved, dict[str, JointError]]:
         solved = Solved.of(base, data, chosen, effects)
-        return held_out(robot, solved.triangles, solved.solution)
+        return solved, held_out(robot, solved.triangles, solved.solution)
 
-    present: dict[str, JointError] | None = None
+    present: tuple[Solved, dict[str, JointError]] | None = None
     for extra in [e for e in nuisances if e.nuisance == "offset"]:
         name = robot.joint_names[sum_row(extra).joint]
         fewer = [e for e in nuisances if e is not extra]
-        present = errors(nuisances) if present is None else present
-        lacking = errors(fewer)
-        if name in lacking and lacking[name].rms < (present[name].rms if name in present else 0.0):
+        present = judged(nuisances) if present is None else present
+        lacking = judged(fewer)
+        with_it, without = present[1].get(name), lacking[1].get(name)
+        if without is not None and without.rms < (0.0 if with_it is None else with_it.rms):
             nuisances, present = fewer, lacking
-    return nuisances
+    return nuisances, None if present is None else present[0]
 
 
 def reshaped(fit: DefaultFit, effects: FittedEffects) -> DefaultFit:

@@ -11,6 +11,7 @@ from elid_cli._types import Progress
 from elid_cli.diagnosis.fit.divided_log import Log
 from elid_cli.diagnosis.fit.state import State, fit, refreshed, without
 from elid_cli.diagnosis.search.acceptance import FLOOR_RATIO, predicted_better, touched, worthwhile
+from elid_cli.diagnosis.search.encoder_skew import Skew
 from elid_cli.diagnosis.search.encoders_first import (
     against_friction,
     by_torques,
@@ -93,8 +94,8 @@ def search(
             remaining = candidates
             if chosen is None:
                 break
-            grown = by_torques(refreshed(fit(state.log, (*state.effects, chosen.candidate.effect), state.scene)), seen)
-            if not worthwhile(state, grown, chosen.candidate):
+            grown = _grown(state, chosen.candidate, seen)
+            if grown is None:
                 refused[chosen.candidate.key], refusals = chosen.candidate.net, refusals + 1
                 if refusals > REFUSALS:
                     break
@@ -108,6 +109,21 @@ def search(
         state, steps = _pruned(state, steps, len(declared))
         state = _polished(state, len(declared))
     return Found(before, state, tuple(steps), tuple(remaining[:5]), tried, seen, partial=partial)
+
+
+def _grown(state: State, candidate: Candidate, seen: Sequence[Skew]) -> State | None:
+    """Return the model with a candidate, skews put right by it; None where it is not worth its parameters.
+
+    It must be so before the skews are put right, too: that moves them by a tenth of a sample at most, and fits each of
+    them many times where the candidate and the model have to agree.
+    """
+    grown = refreshed(fit(state.log, (*state.effects, candidate.effect), state.scene))
+    if not worthwhile(state, grown, candidate):
+        return None
+    if not seen:
+        return grown
+    grown = by_torques(grown, seen)
+    return grown if worthwhile(state, grown, candidate) else None
 
 
 def at_floor(state: State) -> bool:
