@@ -35,7 +35,7 @@ def friction_report(
         _errors(found),
         _members(found),
         *_values(found),
-        *([Text("smoothed", _SMOOTHED, "note")] if recording.commanded.any() else []),
+        *([Text("smoothed", _SMOOTHED)] if recording.commanded.any() else []),
         KeyValues("inputs", (
             *inputs.recorded_items(found.robot, recording),
             ("held out", inputs.span_words(found.held_out)),
@@ -70,8 +70,8 @@ def friction_payload(found: FrictionFamily, recording: Recording) -> dict[str, A
 
 _SMOOTHED = (
     "torques that are computed from commands are as noisy as the positions, and compared after smoothing, which blurs "
-    "friction at the lowest speeds: its size and velocity may be off by more than ± says; elid diagnose fits the motion "
-    "itself"
+    "friction at the lowest speeds: its size and velocity may be off by more than ± says; elid diagnose fits the "
+    "motion itself"
 )
 
 
