@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.errors import in_words
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.verdicts import IMPOSSIBLE
 from elid_cli.model.base_parameters import BaseParameters, find_base
@@ -107,6 +108,15 @@ def _unknown(found: Identification) -> frozenset[StandardParameter]:
     return frozenset(item.leader for item in unseen if item.leader.kind == "K" and not item.reference > 0)
 
 
+_ELSEWHERE = ("Its value is not from this log", "Their values are not from this log")
+_NEEDED = (
+    "Its value is no estimate, only what the prediction needs",
+    "Their values are no estimates, only what the prediction needs",
+)
+_LEFT_OUT = ("It is left out", "They are left out")
+"""What becomes of a value that is not known, and of several."""
+
+
 def remarks(found: Identification, *, physical: bool = False) -> tuple[str, ...]:
     """Return what a reader of a written robot must know of its values, one sentence or more each.
 
@@ -125,13 +135,15 @@ def remarks(found: Identification, *, physical: bool = False) -> tuple[str, ...]
             text += " As single values they are not those of real bodies; elid identify --physical gives such."
         lines.append(text)
     unknown, unseen = _unknown(found), {found.parameters[k].leader for k in _negative_unseen(found)}
+    said: dict[tuple[str, tuple[str, str]], list[str]] = {}
     for item in found.parameters:
         if item.verdict == "refused":
-            why = item.reason or "this log does not show it"
-            kept = "Its value is not from this log" if physical or item.leader in unseen else (
-                "Its value is no estimate, only what the prediction needs")  # fmt: skip
-            kept = "It is left out" if item.leader in unknown and not physical else kept
-            lines.append(f"{item.leader} is not known: {why}. {kept}.")
+            kept = _ELSEWHERE if physical or item.leader in unseen else _NEEDED
+            kept = _LEFT_OUT if item.leader in unknown and not physical else kept
+            said.setdefault((item.reason or "this log does not show it", kept), []).append(str(item.leader))
+    for (why, (one, several)), names in said.items():
+        verb, fate = ("are", several) if len(names) > 1 else ("is", one)
+        lines.append(f"{in_words(names)} {verb} not known: {why}. {fate}.")
     return (*lines, *(() if physical else impossible_words(found)))
 
 

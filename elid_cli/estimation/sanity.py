@@ -124,7 +124,9 @@ def _others(
         if robot.joints[k].elastic and robot.joints[k].gear_ratio and robot.parents[k] >= 0:
             other = observe(Regressor(_geared(robot, k)), signals, mask=False)
             yield other, _Fault("gear", (k,), f"gear_ratio of {names[k]} looks as if its sign were wrong")
-    for label, factor in (("degrees", np.pi / 180), ("radians where degrees are declared", 180 / np.pi)):
+    units = (("degrees: map them, and velocities, with unit: deg", np.pi / 180),
+             ("radians where degrees are declared", 180 / np.pi))  # fmt: skip
+    for label, factor in units:
         scaled = replace(signals, motion=_scaled(fit.signals.motion, factor))
         fault = _Fault("unit", tuple(moving), f"the positions look as if they were in {label}")
         yield observe(fit.model, scaled, mask=False), fault
