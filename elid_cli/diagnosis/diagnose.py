@@ -27,6 +27,7 @@ from elid_cli.diagnosis.search.steps import Found
 from elid_cli.diagnosis.search.ties import by_known_values
 from elid_cli.diagnosis.summary import result
 from elid_cli.errors import UsageError
+from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.regression.observation import observe
 from elid_cli.estimation.stretches import search_folds
 from elid_cli.model.base_parameters import find_base
@@ -164,6 +165,11 @@ def diagnose_torque(
     Ctrl-C during the search ends it: the diagnosis is `partial` then and holds what was found so far.
     """
     options = options or DiagnoseOptions()
+    yielding = (
+        ()
+        if signals.recording is None
+        else tuple(robot.joint_names[k] for k in hidden_joints(robot, signals.recording))
+    )
     robot = as_observed(robot, signals)
     _check_only(robot, options.only)
     log = divided(robot, signals)
@@ -194,7 +200,7 @@ def diagnose_torque(
     if options.lookup and not found.partial:
         found, curves = _with_curves(found)
     told = result(robot, log, found, known, curves, named)
-    return replace(told, refuted=refuted, repeats=repeats_every(log.signals), usual=usual)
+    return replace(told, refuted=refuted, repeats=repeats_every(log.signals), usual=usual, yielding=yielding)
 
 
 def _surviving(found: Found, declared: int) -> tuple[Found, tuple[Survival, ...]]:

@@ -159,6 +159,8 @@ class Diagnosis(Shown):
     """Whether Ctrl-C ended the search: what it had not come to may be missing as well."""
     refuted: tuple[Survival, ...] = ()
     """Effects that the search found and that make some quarter of the log, predicted from the others, worse."""
+    yielding: tuple[str, ...] = ()
+    """Joints that the robot file has elastic and that are rigid here, as the log has their motors only."""
 
     @property
     def recording(self) -> Recording:

@@ -20,7 +20,7 @@ from elid_cli.estimation.assembly import assemble, judged, with_scatter, with_un
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
 from elid_cli.estimation.judgement import JointError, Judgement
-from elid_cli.estimation.motor_side.door import asked_motor_side, asks, below_resonance, with_motor_side
+from elid_cli.estimation.motor_side.door import asked_motor_side, asks, below_resonance, corrects, with_motor_side
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
@@ -118,7 +118,16 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
             side = asked_motor_side(robot, signals, options)
             return with_motor_side(identify_reduced(robot, reduce_each(robot, signals, {}), options)[0], side)
     side = asked_motor_side(robot, signals, options)
-    return with_motor_side(_identified(robot, below_resonance(signals, side), options), side)
+    below = below_resonance(signals, side)
+    if side is None or not corrects(side, below, options):
+        return with_motor_side(_identified(robot, below, options), side)
+    from elid_cli.estimation.motor_side.hidden_motion import widened, with_links
+
+    rigid = _identified(robot, below, replace(options, guards=False))
+    straight = with_links(below, side, rigid)
+    if straight is None:
+        return with_motor_side(_identified(robot, below, options), side)
+    return with_motor_side(widened(_identified(robot, straight, options), rigid), side, corrected=True)
 
 
 def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Identification:

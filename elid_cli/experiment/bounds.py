@@ -10,7 +10,8 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import DataError
 from elid_cli.experiment.information import States
-from elid_cli.experiment.reference import ReferenceSpline, SplineReference, limits_of, range_of
+from elid_cli.experiment.reference import ReferenceSpline, SplineReference, limits_of
+from elid_cli.robot.ranges import range_of
 from elid_cli.robot.robot import Robot
 
 CHECKS = 100.0

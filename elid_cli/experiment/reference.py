@@ -13,13 +13,10 @@ import numpy as np
 from elid_cli._types import Array
 from elid_cli.errors import UsageError
 from elid_cli.files import replacing
+from elid_cli.robot.ranges import range_of
 from elid_cli.robot.robot import Joint, Robot
 
 DEGREE = 5
-REVOLUTE_RANGE = (-1.2, 1.2)
-"""Range, rad, of a revolute joint whose limits are unknown."""
-PRISMATIC_RANGE = (-0.1, 0.1)
-"""Range, m, of a prismatic joint whose limits are unknown."""
 REVOLUTE_SPEED, REVOLUTE_ACCELERATION = 2.0, 8.0
 PRISMATIC_SPEED, PRISMATIC_ACCELERATION = 0.3, 2.0
 """Top speeds (rad/s, m/s) and accelerations where limits are unknown."""
@@ -95,7 +92,7 @@ def random_reference(
     Parameters
     ----------
     robot
-        Ranges come from ``limits`` in its description, or are `REVOLUTE_RANGE` and `PRISMATIC_RANGE`.
+        Ranges come from ``limits`` in its description, or are those of `ranges`.
     duration
         Length, s.
     seed
@@ -198,13 +195,6 @@ def _softly_through(t: Array, points: Array) -> ReferenceSpline:
     wanted = [value for d in range(4) for value in ((points[0], points[-1]) if d == 0 else (0.0, 0.0))]
     system = np.vstack([*ends, basis(t[2:-2])])
     return ReferenceSpline(knots, np.linalg.solve(system, np.concatenate([wanted, points[2:-2]])))
-
-
-def range_of(joint: Joint) -> tuple[float, float]:
-    """Return the range of a joint, rad or m, or a default where its limits are unknown."""
-    if joint.limits.position is not None:
-        return joint.limits.position
-    return REVOLUTE_RANGE if joint.revolute else PRISMATIC_RANGE
 
 
 def limits_of(joint: Joint) -> tuple[float, float]:

@@ -15,14 +15,13 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError, UsageError, did_you_mean
-from elid_cli.experiment.reference import ReferenceOptions, SplineReference, limits_of, random_reference, range_of
-from elid_cli.robot.parameter import StandardParameter
+from elid_cli.experiment.reference import ReferenceOptions, SplineReference, limits_of, random_reference
+from elid_cli.model.antiresonance import PAST, PER_PERIOD, expected_antiresonance, moved_inertias
+from elid_cli.robot.ranges import range_of
 from elid_cli.robot.robot import Robot
 
 LOWEST = 1.0
 """Lowest frequency of the multisine, Hz."""
-PAST = 1.3
-"""Its highest frequency over the antiresonance."""
 ACCELERATION = (2.0, 4.0, 6.0)
 """Least, wanted and most rms acceleration of the multisine, rad/s² (m/s²)."""
 LINES = 40
@@ -31,10 +30,6 @@ WAY_POINTS = 1.6
 """Time between the slow motion's way-points, s."""
 EDGE = 0.5
 """Time in which the multisine rises and falls, s."""
-PER_PERIOD = 20.0
-"""Least samples per period of the highest line."""
-ROTOR = 0.35
-"""Share of all inertia that a rotor of unknown inertia is taken to have."""
 ROOM = 0.97
 """Share of each limit that is used."""
 
@@ -160,8 +155,8 @@ def stiffness_motion(robot: Robot, asked: Sequence[str], duration: float = 10.0,
         raise UsageError(f"--show-stiffness: {sorted(twice)[0]!r} is there twice")
     options = ReferenceOptions(amplitude=0.5, speed=0.5, interval=WAY_POINTS)
     slow = random_reference(robot, duration, seed, options)
-    inertia = _inertias(robot, slow)
-    expected = [told or _expected(robot, k, float(inertia[k])) for k, told in places]
+    inertia = moved_inertias(robot)
+    expected = [told or _expected(robot, k) for k, told in places]
     top = PAST * max(expected)
     lines = np.exp(np.linspace(np.log(LOWEST), np.log(top), max(LINES, 12 * len(places))))
     lines[-1] = top  # exactly: the last line is there once, however exp and log round
@@ -193,43 +188,16 @@ def _place(robot: Robot, words: str) -> tuple[int, float | None]:
     return robot.joint_names.index(name), value
 
 
-def _inertias(robot: Robot, slow: SplineReference) -> Array:
-    """Return link and rotor inertia of every joint along a motion, joints rigid, (n,); typical where unknown."""
-    from elid_cli.model.consistency import consistency, prior
-    from elid_cli.model.regressor import Regressor
-    from elid_cli.signals.motion import Motion
-
-    model = Regressor(robot)
-    parameters = prior(robot, consistency(robot, robot.reference()).scales)
-    q, *_ = slow.evaluate(np.linspace(0.0, slow.duration, 20))
-    still = np.zeros_like(q)
-
-    def torque(ddq: Array) -> Array:
-        motion = Motion(np.zeros(len(q)), q, still, ddq, q, still, ddq)
-        whole = model.dense(motion, model.equations) @ parameters
-        total = np.zeros_like(q)
-        for item, values in zip(model.equations.rows, whole, strict=True):
-            total[:, item.row.joint] += values
-        return total
-
-    rest = torque(still)
-    unit = np.eye(robot.n)
-    return np.array([np.mean(torque(still + unit[k])[:, k] - rest[:, k]) for k in range(robot.n)])
-
-
-def _expected(robot: Robot, k: int, inertia: float) -> float:
+def _expected(robot: Robot, k: int) -> float:
     """Return the antiresonance that the robot file means, Hz."""
-    values = dict(zip(robot.parameter_names(), robot.reference().tolist(), strict=True))
-    stiffness = values.get(StandardParameter("K", k), np.nan)
+    expected = expected_antiresonance(robot, k)
     name = robot.joint_names[k]
-    if not stiffness > 0:
+    if not expected > 0:
         raise UsageError(
             f"--show-stiffness {name}: the robot file gives no stiffness (K) of this joint",
             hint=f"tell the highest antiresonance to expect, Hz: --show-stiffness {name}:15",
         )
-    rotor = values[robot.rotor_names[k]] * (robot.joints[k].gear_ratio or 1.0) ** 2
-    link = inertia - (rotor if np.isfinite(rotor) else ROTOR * inertia)
-    return float(np.sqrt(stiffness / max(link, 0.05 * inertia)) / (2 * np.pi))
+    return expected
 
 
 def _fitting(robot: Robot, slow: SplineReference, k: int, unit: Multisine) -> tuple[float, Multisine]:

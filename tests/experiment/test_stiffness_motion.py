@@ -11,7 +11,7 @@ import pytest
 from elid_cli.cli import main
 from elid_cli.errors import DataError, UsageError
 from elid_cli.estimation.motor_side.estimate import motor_side
-from elid_cli.estimation.motor_side.result import MotorSideJoint
+from elid_cli.estimation.motor_side.result import MotorSideJoint, NextMotion
 from elid_cli.experiment.reference import read_reference
 from elid_cli.experiment.simulation import SensorOptions, SimulationOptions, simulate
 from elid_cli.experiment.stiffness_motion import ACCELERATION, stiffness_motion
@@ -50,8 +50,10 @@ def said(arm: Robot, options: SimulationOptions) -> MotorSideJoint:
 def test_what_a_plain_log_refuses_the_motion_shows(arm: Robot) -> None:
     plain = said(arm, SimulationOptions(duration=6.0, seed=3))
     assert plain.verdict == "refused"
-    assert "elid excite --show-stiffness shoulder`" in plain.says
+    assert "elid excite --robot FILE -o stiffness.csv --show-stiffness shoulder`" in plain.says
     motion = stiffness_motion(arm, ["shoulder"], 6.0)
+    assert plain.motion is not None
+    assert plain.motion.top == pytest.approx(motion.top)
     shown = said(arm, SimulationOptions(duration=6.0, reference=motion))
     assert shown.verdict == "supported"
     assert shown.stiffness == pytest.approx(9000, rel=0.01)
@@ -67,6 +69,29 @@ def test_it_keeps_limits_goes_past_the_antiresonance_and_rests_at_both_ends(arm:
     assert np.abs(np.gradient(dq[:, 0], t) - ddq[:, 0]).max() < 5e-3 * np.abs(ddq).max()
     dither = ddq[:, 0] - motion.slow.evaluate(t)[2][:, 0]
     assert dither[1000:-1000].std() == pytest.approx(ACCELERATION[1], rel=0.1)
+
+
+def test_numbers_have_no_exponent_and_the_rate_follows_the_highest_line() -> None:
+    motion = NextMotion((112.0, 333.0), 141.23, False, "elbow")
+    assert "multisine of 110 to 330 N·m" in motion.words
+    assert "1 Hz to 141 Hz" in motion.words
+    assert "logged at 2825 Hz" in motion.words
+    assert motion.option == "elbow:109"
+    assert "logged at 1000 Hz" in replace(motion, top=20.0).words
+
+
+def test_a_fast_multisine_asks_for_one_rate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "120")
+    robot, out = tmp_path / "arm.yaml", tmp_path / "stiffness.csv"
+    robot.write_text(ARM, encoding="utf-8")
+    assert main(["excite", "--robot", str(robot), "-o", str(out), "--show-stiffness", "shoulder:110"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "2860 Hz: t, q, dq, ddq" in told
+    assert "motor position and torque at 2860 Hz" in told
+    assert "--rate 2860" in told
+    assert "1000 Hz" not in told
 
 
 def test_what_it_cannot_plan_is_said(arm: Robot) -> None:

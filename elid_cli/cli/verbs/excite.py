@@ -144,12 +144,13 @@ def _show_stiffness(robot: str, motion: MotionChoice, out: str, output: Output) 
     from elid_cli.errors import UsageError
     from elid_cli.experiment.reference import write_trajectory
     from elid_cli.experiment.stiffness_motion import stiffness_motion
-    from elid_cli.report.answers.stiffness_motion import LOG_RATE, stiffness_motion_report
+    from elid_cli.model.antiresonance import log_rate
+    from elid_cli.report.answers.stiffness_motion import stiffness_motion_report
 
     _alone("--show-stiffness", ("aims", "after", "interval", "residual"), "it plans a motion of its own kind")
     duration = motion.duration if _given("duration") else SHOWN_FOR
     found = stiffness_motion(load_robot(robot), motion.show_stiffness, duration, motion.seed)
-    rate = motion.rate if _given("rate") else max(float(LOG_RATE), found.least_rate)
+    rate = motion.rate if _given("rate") else log_rate(found.top)
     if rate < found.least_rate:
         raise UsageError(f"--rate {rate:g}: the multisine goes to {found.top:.3g} Hz",
                          hint=f"--rate {found.least_rate:.0f} or more")  # fmt: skip

@@ -62,8 +62,23 @@ def rigid_limit(side: MotorSide | None) -> float | None:
     return max(min(found), LOWEST) if found else None
 
 
-def with_motor_side(found: Identification, side: MotorSide | None) -> Identification:
-    """Return an identification that says what the motor side found."""
+def corrects(side: MotorSide, signals: Signals, options: EstimateOptions) -> bool:
+    """Return whether the links' motion is taken from what was found: not of samples, and not past rigid joints."""
+    limit = rigid_limit(side)
+    samples = options.accurate or options.fit == "trajectory"
+    return limit is not None and not samples and _within(signals.filter.cutoff, limit)
+
+
+def _within(cutoff: object, limit: float) -> bool:
+    return isinstance(cutoff, float) and cutoff <= limit * 1.001
+
+
+def with_motor_side(found: Identification, side: MotorSide | None, *, corrected: bool = False) -> Identification:
+    """Return an identification that says what the motor side found.
+
+    `corrected`: its fit had the hidden links' motion from that (`hidden_motion`). Otherwise its inertias, masses and
+    first moments may be biased.
+    """
     if side is None:
         return found
     hidden, notes = dict(found.hidden), list(found.notes)
@@ -77,11 +92,20 @@ def with_motor_side(found: Identification, side: MotorSide | None) -> Identifica
     limit = rigid_limit(side)
     if limit is not None:
         cutoff = found.settings.get("cutoff")
-        within = isinstance(cutoff, float) and cutoff <= limit * 1.001
-        above = f"but fitted up to {cutoff:.3g} Hz: expect a bias (less with --cutoff {limit:.3g})"
-        word = "fitted below it" if within else above
+        word = "fitted below it"
+        if corrected:
+            word += (
+                ", with the links' motion from that of the motors, the torque and K; a tenth of what that changes is "
+                "in the standard errors"
+            )
+        elif not _within(cutoff, limit):
+            word = f"but fitted up to {cutoff:.3g} Hz: expect a bias (less with --cutoff {limit:.3g})"
         notes.append(f"all other parameters are those of rigid joints, which hold up to {limit:.3g} Hz; {word}")
-    return replace(found, hidden=hidden, notes=tuple(notes), motor_side=side)
+        if not corrected:
+            from elid_cli.estimation.motor_side.hidden_motion import bent
+
+            found = bent(found)
+    return replace(found, hidden=hidden, notes=tuple(notes), motor_side=replace(side, corrected=corrected))
 
 
 def _note(joint: MotorSideJoint, source: str) -> str:

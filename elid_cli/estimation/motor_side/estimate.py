@@ -16,13 +16,14 @@ from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.motor_side.link_side import LinkSide
 from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
 from elid_cli.estimation.motor_side.response import Response, responses_of
-from elid_cli.estimation.motor_side.result import PAST, Gyroscope, MotorSide, MotorSideJoint, NextMotion, why
+from elid_cli.estimation.motor_side.result import Gyroscope, MotorSide, MotorSideJoint, NextMotion, why
 from elid_cli.estimation.motor_side.rotors import rotors_of
 from elid_cli.estimation.motor_side.search import FALL, RESTS, Search, search
 from elid_cli.estimation.motor_side.setting import Setting
 from elid_cli.estimation.motor_side.stretch import stretch_of
 from elid_cli.estimation.motor_side.verdict import CRAWLS, MOVE, RISES, TIGHT, failed_gates, verdict_of
 from elid_cli.estimation.motor_side.vibration import Vibration
+from elid_cli.model.antiresonance import PAST, expected_antiresonance
 from elid_cli.robot.locking import locked
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
@@ -250,11 +251,9 @@ def _of_damper(told: Figures, place: int) -> float:
 
 def _next_motion(robot: Robot, number: int, setting: Setting, place: int, total: Array) -> NextMotion:
     """Return the motion that would show a stiffness: past its antiresonance, as far as that can be told."""
-    reference = _reference(robot, number)
-    moved = float(total[place])
-    known = bool(np.isfinite(reference) and reference > 0)
-    link = max(moved - float(setting.rotors.value[place]), 0.1 * moved)
-    top = PAST * np.sqrt(reference / link) / (2 * np.pi) if known else GUESSED_TOP * float(setting.bands[place])
+    moved, expected = float(total[place]), expected_antiresonance(robot, number)
+    known = bool(np.isfinite(expected))
+    top = PAST * expected if known else GUESSED_TOP * float(setting.bands[place])
     return NextMotion((DITHER[0] * moved, DITHER[1] * moved), float(top), known, robot.joint_names[number])
 
 

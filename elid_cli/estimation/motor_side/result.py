@@ -7,14 +7,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from elid_cli.estimation.result import Verdict
+from elid_cli.model.antiresonance import PAST, log_rate
 from elid_cli.robot.parameter import StandardParameter
 
 if TYPE_CHECKING:
     from elid_cli.estimation.motor_side.response import Response
 
 NOT_SHOWN = "not shown by this log"
-PAST = 1.3
-"""Highest frequency of the motion that would show a stiffness over the antiresonance."""
 TOLD = 2
 """Gates that a reason names."""
 
@@ -35,17 +34,18 @@ class NextMotion:
     @property
     def words(self) -> str:
         """The motion as one sentence."""
-        low, high = self.torque
+        low, high = (_plain(value, 2) for value in self.torque)
         why = "1.3 times the antiresonance that the file's K means" if self.known else "a guess: twice this log's band"
         return (
-            f"10 s at 1 kHz of slow wide motion with a torque multisine of {low:.2g} to {high:.2g} N·m on top, "
-            f"1 Hz to {self.top:.2g} Hz ({why}); `elid excite --show-stiffness {self.option}` makes it"
+            f"10 s, logged at {log_rate(self.top):.0f} Hz, of slow wide motion with a torque multisine of {low} to "
+            f"{high} N·m on top, 1 Hz to {_plain(self.top)} Hz ({why}); `elid excite --robot FILE -o stiffness.csv "
+            f"--show-stiffness {self.option}` makes it"
         )
 
     @property
     def option(self) -> str:
         """The joint, with the antiresonance to expect where the robot file's K does not tell it."""
-        return self.joint if self.known else f"{self.joint}:{self.top / PAST:.2g}"
+        return self.joint if self.known else f"{self.joint}:{_plain(self.top / PAST)}"
 
 
 @dataclass(frozen=True)
@@ -134,6 +134,13 @@ class MotorSide:
     """Length of the stretch that was used, s."""
     gyroscopes: tuple[Gyroscope, ...] = ()
     """Those of the log."""
+    corrected: bool = False
+    """Whether the fit of all other parameters had the links' motion from what was found."""
+
+    @property
+    def found(self) -> list[MotorSideJoint]:
+        """The joints of which it gives a stiffness."""
+        return [joint for joint in self.joints if joint.verdict != "refused"]
 
     @property
     def source(self) -> str:
@@ -144,6 +151,11 @@ class MotorSide:
     def of(self, number: int) -> MotorSideJoint | None:
         """Return what is said of a joint, counted from 0."""
         return next((joint for joint in self.joints if joint.number == number), None)
+
+
+def _plain(value: float, digits: int = 3) -> str:
+    """Return a number with some digits and without an exponent."""
+    return f"{float(f'{value:.{digits}g}'):.10g}"
 
 
 def why(failed: tuple[str, ...]) -> str:

@@ -130,8 +130,8 @@ def _loud_words(told: DiagnosisInput) -> str:
     size = held_out_size(told.found, worst)[1]
     return (
         f" Yet {number_text(size, 2)} times the sensors' noise is left at {worst.joint}, and follows no single "
-        f"variable of the motion. It may be torque noise{lasts}, or depend on several joints at once; this log cannot "
-        "tell which."
+        f"variable of the motion. It may be torque noise{lasts}, or depend on several "
+        f"{'variables' if told.found.robot.n == 1 else 'joints'} at once; this log cannot tell which."
     )
 
 

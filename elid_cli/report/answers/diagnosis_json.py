@@ -14,7 +14,7 @@ from elid_cli.report.answers.diagnosis_input import DiagnosisInput, referenced
 from elid_cli.report.answers.identification_json import error_payload as errors
 from elid_cli.report.answers.identification_json import identification_payload
 from elid_cli.report.answers.inputs import log_payload, nuisance_payload
-from elid_cli.report.answers.missing import curve_words
+from elid_cli.report.answers.missing import curve_words, own_elasticity
 from elid_cli.report.tree import picked
 
 
@@ -27,7 +27,10 @@ def diagnosis_payload(told: DiagnosisInput) -> dict[str, Any]:
         "declared": nuisance_payload(told.after.effects),
         "before": _side(found.before, found.rows_before, told.before, before),
         "after": _side(found.after, found.rows_after, told.after, after),
-        "effects": [_effect_payload(c, certain=found.certain(c.effect)) for c in told.contributions],
+        "effects": [
+            _effect_payload(c, certain=found.certain(c.effect), also=own_elasticity(found, c.effect))
+            for c in told.contributions
+        ],
         "nuisances": nuisance_payload(found.nuisances),
         "also_possible": [
             picked(r, "effect joint gain instead_of parameters std_error behind separate") for r in found.also_possible
@@ -90,7 +93,7 @@ def _side(
     }
 
 
-def _effect_payload(contribution: Contribution, *, certain: bool) -> dict[str, Any]:
+def _effect_payload(contribution: Contribution, *, certain: bool, also: str) -> dict[str, Any]:
     effect = contribution.effect
     payload = {
         **picked(effect, "effect joint parameters std_error gain"),
@@ -104,4 +107,4 @@ def _effect_payload(contribution: Contribution, *, certain: bool) -> dict[str, A
         },
     }
     curve = curve_words(effect)
-    return {**payload, "curve": curve} if curve else payload
+    return {**payload, **({"curve": curve} if curve else {}), **({"also": also} if also else {})}

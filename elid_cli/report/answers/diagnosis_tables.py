@@ -120,7 +120,9 @@ def _found(found: Diagnosis, key: str, title: str, contributions: Sequence[Contr
         side = EQUATIONS.get(c.rows, c.rows)
         rows.append((Mark(name, "warn"), where, side, error, percent(_explained(c), 2), worst))
         fit = "a poor fit: " if joint in poor else ""
-        meanings.append((missing.whose(name, joint), fit + _meaning_of(robot, [term.effect for term in terms])))
+        own = missing.own_elasticity(found, c.effect)
+        meaning = fit + _meaning_of(robot, [term.effect for term in terms]) + (f". {own}" if own else "")
+        meanings.append((missing.whose(name, joint), meaning))
     note = (
         "held-out error: without the effect, everything else fitted again → with it, on stretches that no fit saw; "
         "explains: share of the squared held-out error that it takes away in this equation"

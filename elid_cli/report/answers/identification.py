@@ -16,7 +16,7 @@ from elid_cli.report.answers.drive_gains import gains_table
 from elid_cli.report.answers.error_tables import TITLE, error_table, log_table, sensor_table, small
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.known import parameter_words
-from elid_cli.report.answers.motor_side import motor_side_sections
+from elid_cli.report.answers.motor_side import motor_side_sections, stiffness_items
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, number_text
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
@@ -52,15 +52,23 @@ def identification_report(
         facts += (("written", path if foreign else f"{path}{predicts}"),)
     writes = found.model == "sufficient" and not found.drive_gains
     record, further = summary.record_sections(
-        found, (), (recording.files[0], robot_argument), writes=writes, written=writes and bool(written)
+        found,
+        stiffness_items(found, robot_argument),
+        (recording.files[0], robot_argument),
+        writes=writes,
+        written=writes and bool(written),
     )
     lacking = {item.joint for item in found.insufficient}
     loud = [] if lacking else summary.loud_joints(found.noise)
+    side = found.motor_side
+    yielding = [joint.joint for joint in side.found] if side and not side.corrected else []
     sections: list[Section] = [
         inputs.heading(found.robot, recording),
         summary.answers(
             summary.trust_words(found.robot, found.error, lacking, (*recording.warnings, *found.warnings)),
-            summary.missing_words(found.model, found.insufficient, found.noise),
+            summary.missing_words(
+                found.model, found.insufficient, found.noise, alone=found.robot.n == 1, yielding=yielding
+            ),
             parameter_words(found, loud),
             record,
         ),

@@ -44,11 +44,24 @@ def parameter_words(found: Identification, loud: Collection[str] = ()) -> str:
         _counted([item for item in found.parameters if item.verdict == "refused" and item not in held],
                  f"{summary.NOT_SHOWN} by this log"),
         _counted(small, f"known to be {summary.SMALL}"),
+        _stiffnesses(found),
         _in_doubt(found, loud),
     ]  # fmt: skip
     sizes = _largest_errors([item for item in known if item not in small], found.robot.joint_names)
     said += [f"Largest standard errors of the {'others' if small else 'known'}: {sizes}"] if sizes else []
     return " ".join(f"{sentence}." for sentence in said if sentence)
+
+
+def _stiffnesses(found: Identification) -> str:
+    """Return what the motor side says of stiffnesses whose links the log does not hold; nothing where not asked."""
+    joints = found.motor_side.joints if found.motor_side else ()
+    told: dict[str, list[str]] = {}
+    for joint in joints:
+        error = "" if joint.verdict == "refused" else f" to {summary.share_text(joint.std_error / joint.stiffness)}"
+        told.setdefault(joint.verdict, []).append(f"{joint.joint}{error}")
+    words = {"supported": "known", "weak": summary.ROUGH, "refused": f"{summary.NOT_SHOWN} by this log"}
+    parts = [f"{words[verdict]} ({in_words(told[verdict], NAMED)})" for verdict in words if verdict in told]
+    return f"Stiffness from the motor's side: {'; '.join(parts)}" if parts else ""
 
 
 def _counted(items: Sequence[BaseEstimate], words: str) -> str:

@@ -168,7 +168,22 @@ def missing_words(told: DiagnosisInput) -> str:
     said = named_words(places, tied, summary_words([c.effect for c in named]) if len(places) == 1 else "")
     if all(joint in poor for joints in places.values() for joint in joints):
         said = f"Something that no effect fits well. The nearest that elid knows: {said[:1].lower()}{said[1:]}"
-    return f"{said}{worth}{_poor_words(found, poor)}{rest}"
+    own = "".join(f" {words}" for words in dict.fromkeys(own_elasticity(found, c.effect) for c in named) if words)
+    return f"{said}{own}{worth}{_poor_words(found, poor)}{rest}"
+
+
+def own_elasticity(found: Diagnosis, effect: FoundEffect) -> str:
+    """Return what a mode at a joint may be whose elasticity the robot file declares and no link position shows.
+
+    The model takes such a joint as rigid, and its link swings against its motor as a structure would; nothing of
+    others.
+    """
+    if effect.effect != "flexible_mode" or effect.joint not in found.yielding:
+        return ""
+    return (
+        f"It may be the elasticity of {effect.joint} itself: the robot file has this joint elastic, and without link "
+        "position the log shows its antiresonance as such a mode. elid identify looks for its stiffness."
+    )
 
 
 def _left_words(found: Diagnosis, joint: str, nothing: str) -> str:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
+from elid_cli.errors import in_words
 from elid_cli.estimation.result import Identification
 from elid_cli.report.answers.classification import verdict_mark
+from elid_cli.report.answers.inputs import Items
 from elid_cli.report.tree import Cell, Column, Quantity, Section, Table, Text, Tone, picked
 
 if TYPE_CHECKING:
@@ -35,6 +38,23 @@ def motor_side_sections(found: Identification) -> list[Section]:
     said += [Text(f"gyroscope_{gyro.joint}", _gyro_words(gyro)) for gyro in gyros]
     title = f"stiffness from {found.motor_side.source} (no link position in this log)"
     return [Table("motor_side", columns, rows, title=title, note=NOTE), *said]
+
+
+def stiffness_items(found: Identification, robot: str) -> Items:
+    """Return the motion that would show the stiffnesses that this log does not, and the command that plans it.
+
+    `robot` is what ``--robot`` was given.
+    """
+    joints = found.motor_side.joints if found.motor_side else ()
+    motions = [joint.motion for joint in joints if joint.motion]
+    if not motions:
+        return ()
+    command = ["elid", "excite", "--robot", robot, "-o", "stiffness.csv"]
+    for motion in motions:
+        command += ["--show-stiffness", motion.option]
+    names = in_words([motion.joint for motion in motions], 6)
+    wanted = "slow wide motion with a torque multisine past the antiresonance"
+    return ((f"for the stiffness of {names}", wanted), ("command for that", shlex.join(command)))
 
 
 def _gyro_words(gyro: Gyroscope) -> str:
@@ -85,7 +105,7 @@ def motor_side_payload(found: Identification) -> dict[str, Any]:
         return {}
     joints = {joint.joint: _joint_payload(joint) for joint in side.joints}
     gyros = {"gyroscopes": [asdict(gyro) for gyro in side.gyroscopes]} if side.gyroscopes else {}
-    return {"motor_side": {"misfit": side.misfit, "seconds": side.seconds, "joints": joints, **gyros}}
+    return {"motor_side": {**picked(side, "misfit seconds corrected"), "joints": joints, **gyros}}
 
 
 def _joint_payload(joint: MotorSideJoint) -> dict[str, Any]:

@@ -6,22 +6,21 @@ import shlex
 from typing import Any
 
 from elid_cli.experiment.stiffness_motion import LOWEST, StiffnessMotion
+from elid_cli.model.antiresonance import log_rate
 from elid_cli.report.answers.excitation import limits_payload, use_of_limits
 from elid_cli.report.answers.inputs import heading, robot_payload
 from elid_cli.report.tree import Cell, Column, KeyValues, Quantity, Report, Section, Table, Text, number_text, picked
 
-LOG_RATE = 1000
-"""Samples per second to log with, at least `PER_PERIOD` per period."""
-
 
 def stiffness_motion_report(found: StiffnessMotion, robot_argument: str, file: str, rate: float) -> Report:
     """Return the report of one motion, written to `file` at `rate` samples per second."""
+    logged = f"{log_rate(found.top):.0f}"
     facts: tuple[tuple[str, Cell], ...] = (
         ("motion", f"{number_text(found.duration)} s, slow and wide, all joints, from rest to rest"),
         ("multisine", f"{number_text(LOWEST)} to {number_text(found.top, 3)} Hz on top, lines of equal acceleration"),
         ("written", f"{file}, {number_text(rate)} Hz: t, q, dq, ddq of every joint"),
         ("needs", f"a drive that follows ddq (inertia times ddq fed forward); a log of motor position and torque at "
-                  f"{LOG_RATE} Hz"),
+                  f"{logged} Hz"),
     )  # fmt: skip
     simulate = f"elid simulate --robot {shlex.quote(robot_argument)} --reference {shlex.quote(file)}"
     sections: list[Section] = [
@@ -29,7 +28,7 @@ def stiffness_motion_report(found: StiffnessMotion, robot_argument: str, file: s
         KeyValues("facts", facts),
         _multisines(found),
         use_of_limits(found.robot, found.used),
-        Text("next", f"{simulate} --rate {LOG_RATE} -o try.h5", "next"),
+        Text("next", f"{simulate} --rate {logged} -o try.h5", "next"),
     ]
     return Report("excite", stiffness_motion_payload(found, file=file, rate=rate), tuple(sections))
 

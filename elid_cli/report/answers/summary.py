@@ -152,8 +152,26 @@ def _predicted_words(robot: Robot, error: Mapping[str, JointError], lacking: Col
     return f"Mostly: no joint's torque is predicted with an error above {most} (rms, of the torque){left}.{but}"
 
 
-def missing_words(model: str, insufficient: Sequence[Insufficient], noise: Sequence[RowNoise]) -> str:
-    """Return what the model lacks, in a sentence: from what was said of it, rows that lack it, the noise of all."""
+def missing_words(
+    model: str,
+    insufficient: Sequence[Insufficient],
+    noise: Sequence[RowNoise],
+    *,
+    alone: bool = False,
+    yielding: Sequence[str] = (),
+) -> str:
+    """Return what the model lacks, in a sentence: from what was said of it, rows that lack it, the noise of all.
+
+    `alone`: the robot has one joint. `yielding`: joints found elastic that the fit took as rigid.
+    """
+    if yielding:
+        besides = f" Besides, {rows_words(insufficient)}." if insufficient else ""
+        one = len(yielding) == 1
+        return (
+            f"The elasticity of {listed(yielding)}, whose stiffness was found: the fit takes "
+            f"{'this joint' if one else 'these joints'} as rigid, which may bias inertias, masses and first "
+            f"moments.{besides}"
+        )
     if model == "not judged":
         return "Not looked for: elid diagnose does that."
     if model == "insufficient":
@@ -163,8 +181,8 @@ def missing_words(model: str, insufficient: Sequence[Insufficient], noise: Seque
     if loud is not None and loud.ratio > LOUD:
         memory = (
             f" The residual of {loud.joint} is {number_text(loud.ratio, 2)} times the white noise of its sensors: "
-            f"torque noise with a correlation time of {loud.correlation * 1e3:.0f} ms, or what depends on several "
-            "joints at once."
+            f"torque noise with a correlation time of {loud.correlation * 1e3:.0f} ms, or "
+            f"what depends on several {'variables' if alone else 'joints'} at once."
         )
     return f"Nothing that this log shows: no joint's residual follows the motion beyond the sensors' noise.{memory}"
 

@@ -32,6 +32,7 @@ def validation_report(
     said = said or Judgement((), ())
     error = above_noise(found.error, found.robot, said.noise)
     lacking = {item.joint for item in said.insufficient}
+    missing = _missing(said, alone=found.robot.n == 1)
     acting = as_observed(found.robot, recording).effects
     effects = ", ".join(f"{spec.effect} {spec.joint or ''}".strip() for spec in acting)
     facts = (
@@ -49,7 +50,7 @@ def validation_report(
         payload["error_by_log"] = [{"file": case.file, "error": error_payload(case.error)} for case in cases]
     sections: tuple[Section, ...] = (
         inputs.heading(found.robot, recording),
-        answers(trust_words(found.robot, error, lacking, recording.warnings), _missing(said), "", ""),
+        answers(trust_words(found.robot, error, lacking, recording.warnings), missing, "", ""),
         *(Text(f"warning{k}", line, "warning") for k, line in enumerate(recording.warnings)),
         error_table("error", found.robot, error, "torque of each joint", fitted=False, lacking=lacking),
         *sensor_table("sensors", found.robot, found.error),
@@ -60,13 +61,13 @@ def validation_report(
     return Report("validate", payload, sections)
 
 
-def _missing(said: Judgement) -> str:
+def _missing(said: Judgement, *, alone: bool) -> str:
     """Return what the described robot lacks: an effect, or other values of its parameters."""
     if said.misfitted and not said.insufficient:
         return (
             f"Perhaps nothing: other parameters, a delay or an offset would explain that {rows_words(said.misfitted)}."
         )
-    return missing_words(said.model, said.insufficient, said.noise)
+    return missing_words(said.model, said.insufficient, said.noise, alone=alone)
 
 
 def validation_payload(found: Validation, said: Judgement | None = None) -> dict[str, Any]:

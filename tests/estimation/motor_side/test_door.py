@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elid_cli import Identification, identify, prepare
+from elid_cli import EstimateOptions, Identification, SignalOptions, identify, prepare
 from elid_cli.cli import main
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
@@ -64,6 +65,61 @@ def test_the_other_parameters_are_fitted_below_where_rigid_joints_hold(elastic: 
     assert not any("cannot be identified" in note for note in elastic.notes)
 
 
+def in_errors(found: Identification) -> dict[str, float]:
+    """Return how far parameters are off the truth, in their standard errors, by leader."""
+    true = arm_of().described().stiffened(np.array([True]))
+    off = found.estimate - found.base.values(true.reference())
+    return {str(item.leader): float(off[k] / found.std_error[k]) for k, item in enumerate(found.parameters)}
+
+
+def test_what_the_joint_yields_is_taken_out_of_the_other_parameters(elastic: Identification) -> None:
+    off = in_errors(elastic)
+    assert all(abs(value) < 3.0 for value in off.values()), off
+    assert elastic.motor_side is not None
+    assert elastic.motor_side.corrected
+    assert not any(item.bias_possible for item in elastic.parameters)
+    cutoff = elastic.settings["cutoff"]
+    assert isinstance(cutoff, float)
+    robot, log = told_robot(arm_of(), 1), motor_log(arm_of(), 1, CASE)
+    signals = prepare(replace(log, q=np.full_like(log.q, np.nan)), robot, SignalOptions(cutoff=cutoff))
+    rigid = identify(robot, signals, EstimateOptions(guards=False))  # does not ask the motor side
+    assert abs(in_errors(rigid)["m1"]) > 3.0
+
+
+def test_parameters_that_elasticity_bends_are_not_called_known(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = replace(motor_log(arm_of(), 1, CASE), sources={})
+    write_recording(replace(log, q=np.full_like(log.q, np.nan)), tmp_path / "log.h5")
+    (tmp_path / "arm.yaml").write_text(text_of(told_robot(arm_of(), 1)))
+    ask = ["identify", str(tmp_path / "log.h5"), "--robot", str(tmp_path / "arm.yaml"), "--cutoff", "9"]
+    assert main([*ask, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert not told["motor_side"]["corrected"]
+    biased = {item["name"].split()[0] for item in told["base_parameters"] if item["bias_possible"]}
+    assert {"m1", "cx1", "cy1"} <= biased
+    assert main(ask) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "what is missing? The elasticity of joint1, whose stiffness was found" in said
+    assert "Stiffness from the motor's side: known (joint1 to " in said
+    assert "Nothing that this log shows" not in said
+    assert "several joints" not in said
+
+
+def test_diagnose_says_that_a_mode_may_be_the_joint_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = replace(motor_log(arm_of(), 1, CASE), sources={})
+    write_recording(replace(log, q=np.full_like(log.q, np.nan)), tmp_path / "log.h5")
+    for name, elastic in (("elastic", True), ("rigid", False)):
+        robot = told_robot(arm_of(), 1)
+        rigid = replace(robot, joints=(replace(robot.joints[0], transmission="rigid"),))
+        (tmp_path / "arm.yaml").write_text(text_of(robot if elastic else rigid))
+        ask = ["diagnose", str(tmp_path / "log.h5"), "--robot", str(tmp_path / "arm.yaml"), "--only", "flexible_mode"]
+        assert main([*ask, "--json"]) == 0
+        (effect,) = json.loads(capsys.readouterr().out)["effects"]
+        assert effect["effect"] == "flexible_mode"
+        assert ("the elasticity of joint1 itself" in effect.get("also", "")) == elastic, name
+
+
 def test_a_written_robot_is_elastic_where_the_stiffness_is_supported(elastic: Identification) -> None:
     robot = with_stiffnesses(identified_robot(elastic), elastic)
     assert robot.joints[0].elastic
@@ -83,6 +139,8 @@ def test_a_refused_one_has_no_number_and_says_what_would_show_it(
     assert "joint1 not shown – – – – –" in said
     assert "K1: not shown by this log (" in said
     assert "torque multisine" in said
+    assert "Stiffness from the motor's side: not shown by this log (joint1)" in said
+    assert f"elid excite --robot {tmp_path / 'arm.yaml'} -o stiffness.csv --show-stiffness joint1:" in said
 
 
 def test_a_found_joint_has_a_figure_of_its_response(elastic: Identification) -> None:
