@@ -55,7 +55,7 @@ def moved_inertias(robot: Robot) -> Array:
         total = np.zeros_like(q)
         for item, values in zip(model.equations.rows, whole, strict=True):
             total[:, item.row.joint] += values
-        return total
+        return np.asarray(total)
 
     rest = torque(still)
     unit = np.eye(robot.n)

@@ -14,6 +14,7 @@ from elid_cli.estimation.motor_side.columns import EXPLAINED
 from elid_cli.estimation.motor_side.gyros import gyros_of, mounted
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.motor_side.link_side import LinkSide
+from elid_cli.estimation.motor_side.motor_log import HIGHEST
 from elid_cli.estimation.motor_side.refits import Figures, first_figures, friction_width, rise, with_moves
 from elid_cli.estimation.motor_side.response import Response, responses_of
 from elid_cli.estimation.motor_side.result import Gyroscope, MotorSide, MotorSideJoint, NextMotion, why
@@ -253,7 +254,7 @@ def _next_motion(robot: Robot, number: int, setting: Setting, place: int, total:
     """Return the motion that would show a stiffness: past its antiresonance, as far as that can be told."""
     moved, expected = float(total[place]), expected_antiresonance(robot, number)
     known = bool(np.isfinite(expected))
-    top = PAST * expected if known else GUESSED_TOP * float(setting.bands[place])
+    top = PAST * expected if known else min(GUESSED_TOP * float(setting.bands[place]), HIGHEST)
     return NextMotion((DITHER[0] * moved, DITHER[1] * moved), float(top), known, robot.joint_names[number])
 
 

@@ -78,7 +78,7 @@ def widened(found: Identification, rigid: Identification) -> Identification:
         return found
     scale = torque_scale(found.base, found.triangles)
     moved = np.nan_to_num(found.estimate - rigid.estimate)
-    share = [1.0 if item.leader.kind in FRICTION else UNSURE for item in found.parameters]
+    share = np.array([1.0 if item.leader.kind in FRICTION else UNSURE for item in found.parameters])
     items = zip(found.parameters, (share * moved).tolist(), scale.tolist(), strict=True)
     return replace(found, parameters=tuple(_widened(*item) for item in items))
 

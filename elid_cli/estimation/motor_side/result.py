@@ -35,7 +35,7 @@ class NextMotion:
     def words(self) -> str:
         """The motion as one sentence."""
         low, high = (_plain(value, 2) for value in self.torque)
-        why = "1.3 times the antiresonance that the file's K means" if self.known else "a guess: twice this log's band"
+        why = "1.3 times the antiresonance that the file's K means" if self.known else "a guess from this log's band"
         return (
             f"10 s, logged at {log_rate(self.top):.0f} Hz, of slow wide motion with a torque multisine of {low} to "
             f"{high} N·m on top, 1 Hz to {_plain(self.top)} Hz ({why}); `elid excite --robot FILE -o stiffness.csv "

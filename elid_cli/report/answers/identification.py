@@ -62,12 +62,18 @@ def identification_report(
     loud = [] if lacking else summary.loud_joints(found.noise)
     side = found.motor_side
     yielding = [joint.joint for joint in side.found] if side and not side.corrected else []
+    unshown = [joint.joint for joint in side.joints if joint.verdict == "refused"] if side else []
     sections: list[Section] = [
         inputs.heading(found.robot, recording),
         summary.answers(
             summary.trust_words(found.robot, found.error, lacking, (*recording.warnings, *found.warnings)),
             summary.missing_words(
-                found.model, found.insufficient, found.noise, alone=found.robot.n == 1, yielding=yielding
+                found.model,
+                found.insufficient,
+                found.noise,
+                alone=found.robot.n == 1,
+                yielding=yielding,
+                unshown=unshown,
             ),
             parameter_words(found, loud),
             record,

@@ -159,11 +159,19 @@ def missing_words(
     *,
     alone: bool = False,
     yielding: Sequence[str] = (),
+    unshown: Sequence[str] = (),
 ) -> str:
     """Return what the model lacks, in a sentence: from what was said of it, rows that lack it, the noise of all.
 
-    `alone`: the robot has one joint. `yielding`: joints found elastic that the fit took as rigid.
+    `alone`: the robot has one joint. `yielding`: joints found elastic that the fit took as rigid;
+    `unshown`: joints that the robot file has elastic and whose stiffness the log does not show.
     """
+    if unshown:
+        said = missing_words(model, insufficient, noise, alone=alone, yielding=yielding)
+        return (
+            f"{said} The robot file has {listed(unshown)} elastic: what that does to the parameters is not known, as "
+            "this log does not show the stiffness."
+        )
     if yielding:
         besides = f" Besides, {rows_words(insufficient)}." if insufficient else ""
         one = len(yielding) == 1

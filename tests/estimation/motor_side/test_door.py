@@ -12,10 +12,12 @@ import pytest
 
 from elid_cli import EstimateOptions, Identification, SignalOptions, identify, prepare
 from elid_cli.cli import main
+from elid_cli.diagnosis import DiagnoseOptions, Diagnosis, FoundEffect, diagnose
 from elid_cli.estimation.motor_side.hidden import hidden_joints
 from elid_cli.estimation.refined_robot import identified_robot, with_stiffnesses
 from elid_cli.logs import write_recording
 from elid_cli.report.answers.identification_json import identification_payload
+from elid_cli.report.answers.missing import own_elasticity
 from elid_cli.report.figures import figures_of, panels_of
 from elid_cli.report.figures.drawing import Rule
 from elid_cli.report.figures.input import FigureInput
@@ -96,7 +98,7 @@ def test_parameters_that_elasticity_bends_are_not_called_known(
     assert main([*ask, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert not told["motor_side"]["corrected"]
-    biased = {item["name"].split()[0] for item in told["base_parameters"] if item["bias_possible"]}
+    biased = {item["name"].split()[0] for item in told["base_parameters"] if item.get("bias_possible")}
     assert {"m1", "cx1", "cy1"} <= biased
     assert main(ask) == 0
     said = " ".join(capsys.readouterr().out.split())
@@ -106,18 +108,17 @@ def test_parameters_that_elasticity_bends_are_not_called_known(
     assert "several joints" not in said
 
 
-def test_diagnose_says_that_a_mode_may_be_the_joint_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    log = replace(motor_log(arm_of(), 1, CASE), sources={})
-    write_recording(replace(log, q=np.full_like(log.q, np.nan)), tmp_path / "log.h5")
-    for name, elastic in (("elastic", True), ("rigid", False)):
-        robot = told_robot(arm_of(), 1)
-        rigid = replace(robot, joints=(replace(robot.joints[0], transmission="rigid"),))
-        (tmp_path / "arm.yaml").write_text(text_of(robot if elastic else rigid))
-        ask = ["diagnose", str(tmp_path / "log.h5"), "--robot", str(tmp_path / "arm.yaml"), "--only", "flexible_mode"]
-        assert main([*ask, "--json"]) == 0
-        (effect,) = json.loads(capsys.readouterr().out)["effects"]
-        assert effect["effect"] == "flexible_mode"
-        assert ("the elasticity of joint1 itself" in effect.get("also", "")) == elastic, name
+@pytest.mark.parametrize("elastic", [True, False])
+def test_diagnose_says_that_a_mode_may_be_the_joint_itself(elastic: bool) -> None:
+    log, robot = motor_log(arm_of(), 1, CASE), told_robot(arm_of(), 1)
+    log = replace(log, q=np.full_like(log.q, np.nan))
+    if not elastic:
+        robot = replace(robot, joints=(replace(robot.joints[0], transmission="rigid"),))
+    found = diagnose(robot, prepare(log, robot), DiagnoseOptions(only=("flexible_mode",)))
+    assert isinstance(found, Diagnosis)
+    mode = FoundEffect("flexible_mode", "joint1", {}, {}, 0.9, "")
+    assert ("the elasticity of joint1 itself" in own_elasticity(found, mode)) == elastic
+    assert own_elasticity(found, replace(mode, effect="stribeck")) == ""
 
 
 def test_a_written_robot_is_elastic_where_the_stiffness_is_supported(elastic: Identification) -> None:
@@ -140,6 +141,7 @@ def test_a_refused_one_has_no_number_and_says_what_would_show_it(
     assert "K1: not shown by this log (" in said
     assert "torque multisine" in said
     assert "Stiffness from the motor's side: not shown by this log (joint1)" in said
+    assert "The robot file has joint1 elastic: what that does to the parameters is not known" in said
     assert f"elid excite --robot {tmp_path / 'arm.yaml'} -o stiffness.csv --show-stiffness joint1:" in said
 
 
