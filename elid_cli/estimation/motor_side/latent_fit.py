@@ -22,6 +22,8 @@ HUBER = 4.0
 _TRIES = 9
 SHARES = (1.0, 0.3, 0.1)
 """Shares of a step that are tried: friction's kinks, which move with the path, make a whole one too long."""
+_CRAWLS, _WAITS = 2, 6
+"""Shorter steps from which on the path of a whole one is fitted once more, and how many to wait where that fails."""
 _BLOCKS = 20
 """Blocks of time whose scores tell of correlated residuals."""
 _SETTLED = 0.1
@@ -161,6 +163,8 @@ class _Descent:
         spread = problem.prior_spread
         self.pull = np.where(np.isfinite(spread), 1 / spread**2, 0.0)
         self.damping = 1e-3
+        self.short = 0
+        """Steps that had to be shorter than foreseen; negative while a path fitted once more is not tried again."""
 
     def _weight(self, tau: Array) -> Array:
         if not self.how.robust:
@@ -222,12 +226,34 @@ class _Descent:
                 there = coefficients + share * path
                 after = self.problem.residual(there, trial)
                 lower = self._cost(after[0], after[1], weight, trial)
+                if share == 1.0 and not lower < cost and self.short >= _CRAWLS:
+                    there, after, lower = self._followed(there, trial, after, weight, lower)
+                    self.short = self.short if lower < cost else -_WAITS
                 if np.isfinite(lower) and lower < cost * (1 + 1e-9):
+                    self.short += share < 1.0
                     if attempt == 0 and share == 1.0:
                         self.damping = max(self.damping / 8, 1e-10)
                     return _Step(trial, there, after, lower, foreseen, move, schur, unit)
             self.damping = max(10 * self.damping, 1e-8)
         return None
+
+    def _followed(
+        self, there: Array, x: Array, now: tuple[Array, Array, Model], weight: Array, cost: float
+    ) -> tuple[Array, tuple[Array, Array, Model], float]:
+        """Return the path's coefficients fitted once more to where the unknowns went, the residual and its cost.
+
+        Products of a step's moves leave more of finely measured positions than the step gains: without this, a fit of
+        such a log crawls along its valley.
+        """
+        rows = _Rows(self.problem, now[2], x, now[:2], np.sqrt(weight), self.free[:0])
+        schur = _Normal(rows, np.zeros(0), np.zeros(0)).eliminated(0.0)
+        if schur is not None:
+            nearer = there + schur.path(np.zeros(0)).reshape(there.shape)
+            after = self.problem.residual(nearer, x)
+            lower = self._cost(after[0], after[1], weight, x)
+            if lower < cost:
+                return nearer, after, lower
+        return there, now, cost
 
     def _settled(self, step: _Step) -> bool:
         if not self.how.settle:
@@ -252,7 +278,11 @@ class _Rows:
         self.problem, self._by_motion = problem, ByMotion(problem, now, x, friction)
         theta, tau = residuals
         self._over = np.broadcast_to(1 / problem.log.theta_noise, theta.shape), root / problem.tau_noise
-        self._by_x = [slopes[:, :, free] for slopes in problem.by_unknowns(now, x, friction)]
+        self._by_x = (
+            [slopes[:, :, free] for slopes in problem.by_unknowns(now, x, friction)]
+            if len(free)
+            else [np.zeros((*residual.shape, 0)) for residual in residuals]
+        )
         self._residual = theta, tau * root
 
     def __iter__(self) -> Iterator[tuple[Pieces, slice, Array, Array, Array]]:
@@ -277,7 +307,7 @@ class _Normal:
         for pieces, part, A, P, r in rows:
             pieces.added_squares(A, part, self._band)
             pieces.added(A.transpose(0, 2, 1) @ np.concatenate([P, r[:, :, None]], axis=2), part, self._sides)
-            P = P.reshape(-1, P.shape[2])
+            P = P.reshape(r.size, P.shape[2])
             self._corner += P.T @ P
             self._edge += P.T @ r.ravel()
 

@@ -69,7 +69,7 @@ class Pieces:
         """Return values (rows, n, ...) group by group, (C, R n, ...): zero where a row does not exist."""
         there = self.there[part]
         found: Array = values[self.rows[part]] * there.reshape(*there.shape, *[1] * (values.ndim - 1))
-        return found.reshape(len(found), -1, *values.shape[2:])
+        return found.reshape(len(found), there.shape[1] * values.shape[1], *values.shape[2:])
 
     def turns(self, n: int) -> list[slice]:
         """Return the groups in turns whose matrices of n joints fit the cache together."""

@@ -10,8 +10,10 @@ import pytest
 
 from elid_cli.estimation.motor_side import estimate
 from elid_cli.estimation.motor_side.climb import Climb
-from elid_cli.estimation.motor_side.columns import FLOORS, Columns
+from elid_cli.estimation.motor_side.columns import COARSE, COARSEST, FLOORS, Columns
 from elid_cli.estimation.motor_side.estimate import motor_side
+from elid_cli.estimation.motor_side.iteration import Iteration
+from elid_cli.estimation.motor_side.latent_fit import LatentFit, fit
 from elid_cli.estimation.motor_side.link_side import LinkSide, reflected
 from elid_cli.estimation.motor_side.motor_log import MotorLog
 from elid_cli.estimation.motor_side.refits import Figures, Moves
@@ -21,6 +23,7 @@ from elid_cli.estimation.motor_side.setting import Setting
 from elid_cli.estimation.motor_side.verdict import failed_gates
 from elid_cli.logs import read_recording
 from elid_cli.robot.files import read_robot
+from elid_cli.signals.recording import Recording
 from tests.system.motor_arms import Case, inertias, mass, motor_log, random_motor_arm, told_robot
 from tests.system.plain_arms import Arm, motion, random_arm
 
@@ -179,23 +182,51 @@ def test_a_sure_neighbour_that_moves_with_the_rows_refuses_a_joint_where_more_th
     assert failed_gates(unsure, 0) == []
 
 
+def without_links() -> Recording:
+    """Return the sample log of planar2 without its link positions."""
+    log = read_recording([str(Path(__file__).parents[3] / "sample_logs" / "planar2.csv")], read_robot("planar2"))
+    return replace(log, q=np.full_like(log.q, np.nan))
+
+
+def told_start(setting: Setting, stiffness: tuple[float, ...]) -> Columns:
+    """Return the start that stiffnesses lead to."""
+    climb = Climb(MotorLog(setting.samples, 16 * setting.band), setting.unknowns, setting.rotors, setting.band)
+    return Columns(setting, climb, climb.ascend(told=1 / np.array(stiffness))[0])
+
+
 def test_a_fit_to_the_torques_least_noise_but_not_to_the_sensors_is_no_stiffness(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A wrong valley, K 2937 and 2451 where 3000 and 1800 are true, leaves less than 0.3 % of the torque."""
 
     def from_there(setting: Setting) -> Search:
-        climb = Climb(MotorLog(setting.samples, 16 * setting.band), setting.unknowns, setting.rotors, setting.band)
-        start = Columns(setting, climb, climb.ascend(told=1 / np.array([2937.0, 2451.0]))[0])
+        start = told_start(setting, (2937.0, 2451.0))
         return Search(setting, (start.level((), start.x, start.coefficients, FLOORS),), 0.0, np.zeros(2))
 
     monkeypatch.setattr(estimate, "search", from_there)
-    robot = read_robot("planar2")
-    log = read_recording([str(Path(__file__).parents[3] / "sample_logs" / "planar2.csv")], robot)
-    found = motor_side(robot, replace(log, q=np.full_like(log.q, np.nan)), np.zeros(2, dtype=bool))
+    found = motor_side(read_robot("planar2"), without_links(), np.zeros(2, dtype=bool))
     assert found is not None
     assert found.misfit < 1.0
     assert [joint.failed for joint in found.joints] == [("noise",), ("noise",)]
+
+
+def test_a_path_that_follows_its_unknowns_takes_whole_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Products of a step's moves, beside positions of two microradians, made this fit crawl: 2.7 after 20 steps."""
+    ends: list[LatentFit] = []
+
+    def from_there(setting: Setting) -> Search:
+        start = told_start(setting, (3000.0, 1800.0))
+        coarse = start.level((), start.x, start.coefficients, (COARSEST, COARSE))
+        for floor in (0.01, 0.003):
+            coarse.problem.filter_torque(setting.cutoff, floor)
+            how = Iteration(20, 1e-7)
+            coarse = fit(coarse.problem, coarse.x, coarse.coefficients, setting.unknowns.free(), how)
+        ends.append(coarse)
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(estimate, "search", from_there)
+    motor_side(read_robot("planar2"), without_links(), np.zeros(2, dtype=bool))
+    assert ends[0].chi < 0.5
 
 
 def test_smooth_motion_under_noise_is_refused_and_told_what_would_show_it() -> None:
