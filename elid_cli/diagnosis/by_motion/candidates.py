@@ -21,6 +21,7 @@ from elid_cli.estimation.regression.normal_equations import step_of
 from elid_cli.estimation.trajectory.acting import acting, can_act
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
+from elid_cli.robot.robot import Robot
 
 FINEST = 160
 """Shapes of one effect that are tried at a joint."""
@@ -85,6 +86,21 @@ def kinds_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[t
         kind for name, kind in library.items()
         if can_act(kind) and not kind.softens and (name in only if only else kind.searched) and not kind.whole_robot
     ]  # fmt: skip
+
+
+def untried_of(library: Mapping[str, type[Effect]], robot: Robot, only: Sequence[str]) -> tuple[str, ...]:
+    """Return the effects that a search by torque would try at a robot, but that no simulated motion is searched for.
+
+    What every trajectory fit estimates along, and friction that fades in, which it decides by itself, are not among
+    them.
+    """
+    tried = {kind.name for kind in kinds_of(library, only)}
+    asked = [kind for name, kind in library.items() if (name in only if only else kind.searched)]
+    return tuple(
+        kind.name for kind in asked
+        if kind.name not in tried and kind.nuisance not in ("delay", "offset") and not kind.softens
+        and any(kind.applies(robot, joint) for joint in range(robot.n))
+    )  # fmt: skip
 
 
 def screened(

@@ -9,18 +9,19 @@ from itertools import pairwise
 import numpy as np
 
 from elid_cli._types import Array, Progress
-from elid_cli.diagnosis.by_motion.candidates import View
-from elid_cli.diagnosis.by_motion.result import ABOVE, MotionDiagnosis, PositionBeforeAfter
+from elid_cli.diagnosis.by_motion.candidates import View, kinds_of, untried_of
+from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
 from elid_cli.diagnosis.by_motion.search import Searched, search
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
+from elid_cli.errors import UsageError, in_words
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.trajectory.block_sums import BLOCKS
 from elid_cli.estimation.trajectory.differing import as_last, differing
-from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import fitted_effects, scene_of_fit
 from elid_cli.estimation.trajectory.identification import (
     commanded_runs,
@@ -28,6 +29,7 @@ from elid_cli.estimation.trajectory.identification import (
     identification_of,
     started_from,
 )
+from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import Regressor
@@ -69,9 +71,15 @@ def diagnose_motion(
         Called with a label and the finished part, 0 to 1.
 
     Ctrl-C during the search ends it: the diagnosis is `partial` then.
+
+    Raises
+    ------
+    UsageError
+        None of the effects to try is one that a simulated motion is searched for.
     """
     recording = signals.recording
     assert recording is not None  # `by_motion` looked at it
+    _check_only(only)
     found = found or least_squares(robot, signals)
     runs = commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
@@ -87,10 +95,23 @@ def diagnose_motion(
         robot, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
         _effects(robot, after, done, len(effects)), _rivals(robot, done.named, scene_of_fit(after)),
-        _unexplained(robot, after, views, signals, {c.effect.joint: c.gain for c in done.left}),
+        _unexplained(robot, after, views, signals),
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),
+        untried_of(effect_classes(), robot, only),
     )  # fmt: skip
+
+
+def _check_only(names: Sequence[str]) -> None:
+    """Refuse to try nothing: that nothing is found would say that the model suffices."""
+    library = effect_classes()
+    if names and not kinds_of(library, names):
+        listed = ", ".join(sorted(kind.name for kind in kinds_of(library, ())))
+        raise UsageError(
+            f"--only: the simulated motion, which judges this log, is not searched for {in_words(list(names))}",
+            detail=f"it is searched for {listed}",
+            hint="--lookup judges by the computed torque, which is searched for all effects",
+        )
 
 
 def _effects(robot: Robot, fit: TrajectoryFit, done: Searched, declared: int) -> tuple[FoundEffect, ...]:
@@ -157,14 +178,12 @@ def _held_out(fit: TrajectoryFit) -> Array:
     return found
 
 
-def _unexplained(
-    robot: Robot, fit: TrajectoryFit, views: Sequence[View], signals: Signals, left: Mapping[int, float]
-) -> tuple[Unexplained, ...]:
+def _unexplained(robot: Robot, fit: TrajectoryFit, views: Sequence[View], signals: Signals) -> tuple[Unexplained, ...]:
     """Return the joints whose simulated position is off by more than the encoder's noise, and what that follows."""
-    noise = np.where(np.isfinite(signals.noise.theta), signals.noise.theta, signals.noise.q)
+    ratios = fit.above_noise(signals)
     found = []
     for k, name in enumerate(robot.joint_names):
-        ratio = float(fit.rms[k] / max(noise[k], 1e-9))
+        rms, ratio = float(fit.settled_rms[k]), float(ratios[k])
         if ratio < ABOVE:
             continue
         error = np.concatenate([view.error[:, k] for view in views])
@@ -174,7 +193,7 @@ def _unexplained(
             "t": _follows(error, np.concatenate([view.scene.motion.t for view in views])),
         }
         variable = max(shares, key=lambda v: shares[v])
-        found.append(Unexplained(name, "sum", variable, shares[variable], float(fit.rms[k]), ratio, ()))
+        found.append(Unexplained(name, "sum", variable, shares[variable], rms, ratio, ()))
     return tuple(found)
 
 

@@ -15,9 +15,6 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.tables import Shown
 
-ABOVE = 3.0
-"""Times the encoders' noise from which what is left is called unexplained."""
-
 
 @dataclass(frozen=True)
 class PositionBeforeAfter:
@@ -50,6 +47,8 @@ class MotionDiagnosis(Shown):
     partial: bool = False
     waiting: tuple[tuple[str, str], ...] = ()
     """Effects and joints that were chosen but not judged yet when the search was stopped."""
+    untried: tuple[str, ...] = ()
+    """Effects that the robot may have, but that no simulated motion is searched for."""
 
     @property
     def mean_abs(self) -> tuple[float, float]:

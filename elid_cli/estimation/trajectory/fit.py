@@ -19,11 +19,12 @@ from elid_cli.estimation.regression.normal_equations import jackknife, step_of, 
 from elid_cli.estimation.trajectory.block_sums import DAMPING, Equations
 from elid_cli.estimation.trajectory.descent import descended, is_settled, is_small
 from elid_cli.estimation.trajectory.memory import has_memory, without_memory
-from elid_cli.estimation.trajectory.normal_equations import Tracked, passed, refine
+from elid_cli.estimation.trajectory.normal_equations import SMALLEST, Tracked, passed, refine
 from elid_cli.estimation.trajectory.start_noise import start_covariance
 from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.linearised import Linearised
+from elid_cli.signals.signals import Signals
 
 CYCLES = 30
 """Most motions whose slopes are computed; two to five are usual."""
@@ -35,6 +36,8 @@ COARSE = 3e-5
 """Part of itself to which the steps of the simulation give a value: without noise, errors are half of that …"""
 PROMPT = 1e-6
 """… and time to which they give a delay, s."""
+ABOVE = 3.0
+"""Times the encoders' noise from which what the simulated motion leaves is more than noise."""
 WEAKLY = 1e-3
 """Part of all blocks' normal equations that is added to those of one."""
 
@@ -79,6 +82,27 @@ class TrajectoryFit:
     def effects(self) -> tuple[Effect, ...]:
         """The effects in the shapes that were found."""
         return self.unknowns.effects_at(self.z)
+
+    @property
+    def settled_rms(self) -> Array:
+        """Error of the simulated positions over the samples that count, rad (m), (n,).
+
+        What the noisy samples that a stretch starts from, and what acted before it, leave in its first moments is
+        nothing that the model lacks.
+        """
+        n = self.unknowns.robot.n
+        squares, count = np.zeros(n), 0
+        for item in self.tracked:
+            error = np.nan_to_num(item.x[:, :n] + item.finer - item.run.measured)[item.counts]
+            squares, count = squares + np.sum(error**2, axis=0), count + len(error)
+        found: Array = np.sqrt(squares / max(count, 1))
+        return found
+
+    def above_noise(self, signals: Signals) -> Array:
+        """Return `settled_rms` in times the noise of the encoders in the signals that were fitted, (n,)."""
+        noise = np.where(np.isfinite(signals.noise.theta), signals.noise.theta, signals.noise.q)
+        found: Array = self.settled_rms / np.maximum(noise, SMALLEST)
+        return found
 
     @property
     def delays(self) -> Array:

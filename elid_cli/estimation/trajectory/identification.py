@@ -8,11 +8,12 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError
+from elid_cli.estimation.judgement import ModelWord
 from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.trajectory.acting import can_act, declared, scene_along
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.differing import Differing, as_last, differing
-from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import (
     delay_name,
     fitted_effects,
@@ -177,6 +178,10 @@ def identification_of(found: Identification, fit: TrajectoryFit, signals: Signal
         f"{', '.join(f'{1e3 * d:.2g}' for d in fit.delays)} ms later than the commands; bodies are held at the file's"
     )
     left_out = [robot_of(fit, z) for z in fit.left_out]
+    above = dict(zip(robot.joint_names, fit.above_noise(signals).tolist(), strict=True))
+    beyond = {name: ratio for name, ratio in above.items() if ratio >= ABOVE}
+    # that the residual of least squares, whose bodies are free, holds noise alone says nothing of the simulated motion
+    model: ModelWord = "not judged" if found.model == "sufficient" and beyond else found.model
     return by_simulated_motion(
         found, estimate, spread, base.values(robot.reference()),
         error=held_out_errors(left_out, fit.spans, with_late_commands(signals, fit.delays), found),
@@ -185,7 +190,8 @@ def identification_of(found: Identification, fit: TrajectoryFit, signals: Signal
         nuisances=channel_faults(robot, fit),
         effects=fitted_effects(robot, fit),
         notes=(note, *apart),
-        settings=_settings(robot, fit),
+        settings={**_settings(robot, fit), "beyond_noise": beyond},
+        model=model,
     )  # fmt: skip
 
 

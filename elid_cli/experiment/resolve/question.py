@@ -146,7 +146,10 @@ def question_of(saved: Mapping[str, Any], robot: Robot, path: str = "diagnosis")
         See `read_question`.
     """
     if saved.get("judged_by") == "motion":
-        raise _refused(path, "a diagnosis of a log of commands, which is judged by motion; one with torques is needed")
+        raise UsageError(
+            f"{path}: a diagnosis of a log of commands, which is judged by motion: a plan needs one judged by torque",
+            hint=AGAIN.replace(" --json", " --lookup --json"),
+        )
     if "joints" not in saved or "also_possible" not in saved:
         raise _refused(path)
     if "row_noise" not in saved:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from elid_cli.estimation.refined_robot import impossible_words
@@ -67,7 +67,8 @@ def identification_report(
         inputs.heading(found.robot, recording),
         summary.answers(
             summary.trust_words(found.robot, found.error, lacking, (*recording.warnings, *found.warnings)),
-            summary.missing_words(
+            _far_motion(found)
+            or summary.missing_words(
                 found.model,
                 found.insufficient,
                 found.noise,
@@ -94,6 +95,19 @@ def identification_report(
     if logs:
         payload["error_by_log"] = [{"file": log.file, "error": error_payload(log.error)} for log in logs]
     return Report("identify", payload, tuple(sections))
+
+
+def _far_motion(found: Identification) -> str:
+    """Return that a trajectory fit leaves more than noise where least squares do not, in a sentence; else nothing."""
+    told = found.settings.get("trajectory")
+    beyond: Mapping[str, float] = told.get("beyond_noise", {}) if isinstance(told, dict) else {}
+    if found.model == "not judged" and beyond:
+        return (
+            "Something: the simulated motion is off by more than the encoders' noise at "
+            f"{summary.listed(list(beyond))} (up to {number_text(max(beyond.values()), 2)} times). "
+            "elid diagnose looks for the cause."
+        )
+    return ""
 
 
 def result_items(found: Identification) -> inputs.Items:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from math import hypot
 from typing import Any
 
-from elid_cli.diagnosis.by_motion.result import ABOVE, MotionDiagnosis
+from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 from elid_cli.estimation.trajectory.differing import Differing
+from elid_cli.estimation.trajectory.fit import ABOVE
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers import inputs
 from elid_cli.report.answers.diagnosis_tables import ADDED, SAME
@@ -70,6 +71,8 @@ def motion_diagnosis_report(found: MotionDiagnosis, robot_argument: str, written
         KeyValues("inputs", (
             *inputs.recorded_items(found.robot, recording), *inputs.nuisance_items(found.robot, found.after.nuisances),
             ("tried", f"{found.tried} effects at their joints; {METHOD}"),
+            *([("not tried", f"{', '.join(found.untried)}; --lookup judges by the computed torque, which holds them")]
+              if found.untried else []),
             *(("note", note) for note in found.after.notes),
         ), "how it was computed"),
         Text("next", _next(found, robot_argument, written), "next"),
@@ -100,6 +103,7 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         **({"partial": True} if found.partial else {}),
         "sufficient": not found.effects and not found.unexplained,
         "tried": found.tried,
+        "untried": list(found.untried),
     }  # fmt: skip
 
 
@@ -122,7 +126,9 @@ def _missing(found: MotionDiagnosis) -> str:
     if found.partial and not found.effects:
         return f"Not known yet: the search was stopped before anything was judged.{left}"
     if not found.effects:
-        return f"No effect that elid knows brings the motion nearer.{left}"
+        what = "that was tried by motion" if found.untried else "that elid knows"
+        others = f" Not tried by motion: {_untried_words(found)}." if found.untried else ""
+        return f"No effect {what} brings the motion nearer.{left}{others}"
     places: dict[str, list[str]] = {}
     for effect in found.effects:
         joint = effect.joint or found.robot.name
@@ -133,6 +139,10 @@ def _missing(found: MotionDiagnosis) -> str:
         f" {d.name} of {d.joint} changed before {found.recording.files[d.changed_at or 0]}." for d in changed
     )
     return f"{named_words(places, found.also_possible)}{moved}"
+
+
+def _untried_words(found: MotionDiagnosis) -> str:
+    return f"{listed([spoken(name) for name in found.untried])} (--lookup judges these by the computed torque)"
 
 
 def _record(found: MotionDiagnosis, further: inputs.Items, robot_argument: str) -> tuple[str, list[Section]]:

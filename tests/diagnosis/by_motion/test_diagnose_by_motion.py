@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +13,20 @@ from jsonschema import Draft202012Validator
 
 from elid_cli.cli import main
 from elid_cli.diagnosis.by_motion.candidates import best_of, kinds_of, screened
+from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
 from elid_cli.diagnosis.by_motion.refits import grown
 from elid_cli.diagnosis.by_motion.search import own_unknowns, seen_by
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.estimation.trajectory.decided import fit_trajectory
+from elid_cli.estimation.trajectory.fit import ABOVE
 from elid_cli.estimation.trajectory.found_effects import fitted_effects
 from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
 from elid_cli.logs import robot_as_logged
 from elid_cli.logs.reading import read_recording
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.library.stribeck import Stribeck
+from elid_cli.signals.recording import Segment
 from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, OFFSET, VISCOUS, moved, robot, written
 
@@ -53,6 +57,44 @@ def test_nothing_is_missing_from_a_clean_log(tmp_path: Path, capsys: pytest.Capt
             value, error = known[name, kind]
             assert value == pytest.approx(truth[k], rel=0.03, abs=0.005), (name, kind)
             assert abs(value - truth[k]) < 4 * error, (name, kind)
+
+
+def test_effects_that_no_motion_is_searched_for_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, log = robot(tmp_path).source, written(tmp_path, "clean.h5", moved(duration=6.0))
+    for line in (("--only", "torque_gain"), ("--only", "torque_gain", "--only", "payload")):
+        assert main(["diagnose", log, "--robot", path, *line]) == 2
+        said = capsys.readouterr().err
+        assert "torque_gain" in said
+        assert "link_spring" in said
+        assert "--lookup" in said
+    # what is asked for in part is told in part
+    found = told(capsys, "diagnose", log, "--robot", path, "--only", "torque_gain", "--only", "link_spring")
+    assert found["untried"] == ["torque_gain"]
+    assert main(["diagnose", log, "--robot", path]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "No effect that was tried by motion brings the motion nearer" in said
+    assert "Not tried by motion" in said
+    assert "torque gain" in said
+    assert "that elid knows" not in said
+
+
+def test_a_log_that_starts_in_motion_leaves_nothing_unexplained(tmp_path: Path) -> None:
+    recording = moved(7, 10.0, delay=0.03, noise=3e-5)
+    later = slice(230, None)
+    count = len(recording.t[later])
+    recording = replace(
+        recording, t=recording.t[:count], q=recording.q[later], theta=recording.q[later], tau=recording.tau[later],
+        dq=None, commands={name: values[later] for name, values in recording.commands.items()},
+        segments=(Segment(0, count),),
+    )  # fmt: skip
+    log = written(tmp_path, "late.h5", recording)
+    arm = robot_as_logged(robot(tmp_path), [log], None, {})
+    signals = prepare(read_recording([log], arm), arm)
+    found = diagnose_motion(arm, signals)
+    # what acted before the log began, and the noise of its first samples, leave more than the noise of the encoders
+    assert (found.fit_after.rms > ABOVE * 3e-5).any()
+    assert not found.effects
+    assert not found.unexplained
 
 
 def test_missing_effects_and_a_delay_are_found_and_the_written_robot_moves_better(

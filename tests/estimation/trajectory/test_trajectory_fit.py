@@ -18,6 +18,9 @@ from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.trajectory.block_sums import BLOCKS
 from elid_cli.experiment.replay import replay
 from elid_cli.logs.reading import read_recording
+from elid_cli.report.answers.identification import identification_report
+from elid_cli.report.answers.summary import MISSING, TRUST
+from elid_cli.report.tree import KeyValues
 from elid_cli.robot.files import read_robot
 from elid_cli.robot.robot import EffectSpec, Robot
 from elid_cli.signals.recording import Recording
@@ -169,6 +172,28 @@ def test_bodies_are_held_and_said_to_be(arm: Robot, clean: Recording) -> None:
     assert held
     assert all(p.reason.startswith("held at the robot file's value") for p in held)
     assert any("--fit trajectory" in note for note in found.notes)
+
+
+def test_what_held_bodies_leave_is_no_sufficient_model(arm: Robot, clean: Recording) -> None:
+    described, log = bare(arm), logged(clean, 1)
+    joints = tuple(
+        replace(j, parameters={k: v * (1.2 if k in ("m", "cx", "cy", "cz") else 1.0) for k, v in j.parameters.items()})
+        for j in described.joints
+    )
+    wrong = replace(described, joints=joints)
+    assert fitted(wrong, log, "torque").model == "sufficient"  # its bodies are free
+    found = fitted(wrong, log)
+    assert found.model == "not judged"
+    answers = identification_report(found, log, "arm.xml").sections[1]
+    assert isinstance(answers, KeyValues)
+    said = {question: str(answer) for question, answer in answers.items}
+    assert said[TRUST].startswith("Not at")
+    assert said[MISSING].startswith("Something: ")
+    right = fitted(described, log)
+    assert right.model == "sufficient"
+    answers = identification_report(right, log, "arm.xml").sections[1]
+    assert isinstance(answers, KeyValues)
+    assert str(dict(answers.items)[MISSING]).startswith("Nothing that this log shows")
 
 
 def test_what_it_does_not_know_is_refused(arm: Robot, clean: Recording) -> None:
