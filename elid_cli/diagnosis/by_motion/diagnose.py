@@ -13,10 +13,12 @@ from elid_cli.diagnosis.by_motion.candidates import View, kinds_of, untried_of
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
 from elid_cli.diagnosis.by_motion.search import Searched, search
 from elid_cli.diagnosis.by_motion.steps import Named
+from elid_cli.diagnosis.by_motion.torque_gains import gain_rivals
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
 from elid_cli.errors import UsageError, in_words
 from elid_cli.estimation.identify import identify
+from elid_cli.estimation.known_load import off_scales, scale_warnings
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.trajectory.block_sums import BLOCKS
@@ -90,11 +92,18 @@ def diagnose_motion(
     changes = differing(done.after)
     after = as_last(done.after, changes)
     refined = identification_of(found, after, signals)
+    scales = [] if found.triangles is None else off_scales(robot, found.triangles, recording.commanded)
+    gains = gain_rivals(done.before, done.after, done.named, scales)
+    # at a joint whose effect no gain imitates, the effect is why the torque is not what the bodies need
+    ruled_out = {robot.joint_names[item.effect.joint] for item in done.named} - {rival.joint for rival in gains}
+    scales = [scale for scale in scales if robot.joint_names[scale.joint] not in ruled_out]
+    refined = replace(refined, warnings=(*refined.warnings, *scale_warnings(robot, scales)))
     views = views_of(done.after)
     return MotionDiagnosis(
         robot, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
-        _effects(robot, after, done, len(effects)), _rivals(robot, done.named, scene_of_fit(after)),
+        _effects(robot, after, done, len(effects)),
+        (*_rivals(robot, done.named, scene_of_fit(after)), *gains),
         _unexplained(robot, after, views, signals),
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),

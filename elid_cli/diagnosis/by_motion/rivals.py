@@ -40,9 +40,9 @@ def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tu
         for k, rival in chosen.items():
             joint = rival.effect.joint
             mine, its = before[:, joint], None if trial is None else trial.equations.lighter[:, joint]
-            if its is None or not _clearly_more(its, mine):
+            if its is None or not clearly_more(its, mine):
                 left[k].append(rival)
-            if its is not None and _clearly_more(mine, its):
+            if its is not None and clearly_more(mine, its):
                 better[k] = rival
     result = [replace(item, rivals=tuple(left[k])) for k, item in enumerate(named)]
     found = _in_place(fit, {declared + k: rival for k, rival in better.items()}) if better else None
@@ -54,7 +54,7 @@ def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tu
     return found, result, True
 
 
-def _clearly_more(error: Array, other: Array) -> bool:
+def clearly_more(error: Array, other: Array) -> bool:
     """Whether a squared error (B,) is clearly more than another one, and more in every block of time."""
     return bool(error.sum() > MORE * other.sum() and (error > other).all())
 

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from math import hypot
 from typing import Any
 
+from elid_cli.diagnosis.by_motion.candidates import MORE
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
+from elid_cli.diagnosis.by_motion.torque_gains import gain_name
 from elid_cli.estimation.trajectory.differing import Differing
 from elid_cli.estimation.trajectory.fit import ABOVE
 from elid_cli.model.effects import effect_classes
@@ -138,7 +140,23 @@ def _missing(found: MotionDiagnosis) -> str:
     moved = "".join(
         f" {d.name} of {d.joint} changed before {found.recording.files[d.changed_at or 0]}." for d in changed
     )
-    return f"{named_words(places, found.also_possible)}{moved}"
+    return f"{named_words(places, found.also_possible)}{moved}{_gains_words(found)}"
+
+
+def _gains_words(found: MotionDiagnosis) -> str:
+    """Return that torques of another size come much nearer than the named effects, where they do."""
+    shares = {(e.effect, e.joint): e.gain for e in found.effects}
+    nearer = [
+        r for r in found.also_possible
+        if r.effect == gain_name() and MORE * (1.0 - r.gain) < 1.0 - shares[r.instead_of, r.joint]
+    ]  # fmt: skip
+    if not nearer:
+        return ""
+    joints, sizes = [r.joint or "" for r in nearer], [number_text(1.0 + r.parameters["gain"], 3) for r in nearer]
+    return (
+        f" Of these the torque gain at {listed(joints)} comes clearly nearest: the computed torque is {listed(sizes)} "
+        "times what acts. Check kp and kd first."
+    )
 
 
 def _untried_words(found: MotionDiagnosis) -> str:

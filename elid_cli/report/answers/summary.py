@@ -12,6 +12,7 @@ from math import isfinite
 
 from elid_cli.errors import first_of, in_words
 from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
+from elid_cli.estimation.known_load import BESIDE_BODIES
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.following import PACE
 from elid_cli.estimation.validation.sufficiency import ABOVE, MATTERS
@@ -55,7 +56,9 @@ SYMBOLS = {
     "I": "inertia of the body about its joint's frame",
 }  # fmt: skip
 """Symbols of parameters in words; c and I have axes behind them, all of them the number of their joint."""
-DOUBTS = (WRONG, RUNS, AGAINST, NOT_TORQUE, AS_IT_IS, "sign were wrong", "sign looks wrong", "look swapped")
+DOUBTS = (
+    WRONG, RUNS, AGAINST, BESIDE_BODIES, NOT_TORQUE, AS_IT_IS, "sign were wrong", "sign looks wrong", "look swapped",
+)  # fmt: skip
 """What a warning says that doubts units, or signs."""
 NAMED = 6
 """Names in a sentence, beyond which they are counted."""

@@ -78,6 +78,37 @@ def test_effects_that_no_motion_is_searched_for_are_told(tmp_path: Path, capsys:
     assert "that elid knows" not in said
 
 
+def test_wrong_gains_are_told_beside_a_spring_and_a_spring_is_no_gain(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = robot(tmp_path).source
+    recording = moved(3, 12.0)
+    factor = np.array([1.2, 1.0, 1.0])
+    wrong = replace(recording, commands={
+        name: values * (factor if name in ("kp", "kd") else 1.0) for name, values in recording.commands.items()
+    })  # fmt: skip
+    log = written(tmp_path, "gains.h5", wrong)
+    found = told(capsys, "diagnose", log, "--robot", path)
+    rivals = {(r["effect"], r["joint"]): r for r in found["also_possible"]}
+    assert {e["joint"] for e in found["effects"]} == {"one"}
+    gain = rivals["torque_gain", "one"]
+    assert gain["parameters"]["gain"] == pytest.approx(0.2, abs=0.01)
+    assert gain["gain"] > max(e["gain"] for e in found["effects"])
+    (said,) = [w for w in found["warnings"] if "times what the described bodies need" in w]
+    assert "computed torque of one is 1.2" in said
+    assert "kp" in said
+    said = told(capsys, "identify", log, "--robot", path)["warnings"]
+    assert any("computed torque of one is 1.2" in w for w in said)
+    # a clean log, and a spring, which no gain imitates
+    clean = told(capsys, "identify", written(tmp_path, "clean.h5", recording), "--robot", path)
+    assert not [w for w in clean["warnings"] if "described bodies need" in w]
+    sprung = written(tmp_path, "spring.h5", moved(3, 12.0, push=lambda x, v, load: np.array([1.5, 0, 0]) * (x - 0.3)))
+    found = told(capsys, "diagnose", sprung, "--robot", path)
+    assert {(e["effect"], e["joint"]) for e in found["effects"]} == {("link_spring", "one")}
+    assert "torque_gain" not in {r["effect"] for r in found["also_possible"]}
+    assert not [w for w in found["warnings"] if "described bodies need" in w]
+
+
 def test_a_log_that_starts_in_motion_leaves_nothing_unexplained(tmp_path: Path) -> None:
     recording = moved(7, 10.0, delay=0.03, noise=3e-5)
     later = slice(230, None)
