@@ -265,12 +265,12 @@ def test_what_a_linear_step_cannot_tell_the_motion_does(tmp_path: Path, capsys: 
 
 
 def test_another_effect_is_clearly_worse_in_every_block_or_not_at_all() -> None:
-    from elid_cli.diagnosis.by_motion.rivals import _clearly_more
+    from elid_cli.diagnosis.by_motion.rivals import clearly_more
 
     least = np.array([1.0, 2.0, 1.5])
-    assert _clearly_more(2.0 * least, least)
-    assert not _clearly_more(1.2 * least, least)
-    assert not _clearly_more(least * [0.9, 9.0, 9.0], least)
+    assert clearly_more(2.0 * least, least)
+    assert not clearly_more(1.2 * least, least)
+    assert not clearly_more(least * [0.9, 9.0, 9.0], least)
 
 
 def test_a_companion_must_help_every_block() -> None:
