@@ -125,13 +125,14 @@ class Effect(ABC):
     """Whether the effect needs an elastic transmission."""
     strains_spring: ClassVar[bool] = False
     """Whether the amplitudes are angles (or times) that strain the spring, whose K makes torques of them."""
+    like_a_spring: ClassVar[bool] = False
+    """Whether a joint's own transmission looks like it where the link's position is not logged."""
     of_channel: ClassVar[bool] = False
     """Whether it is in the torque channel, wherever that is read, although it stands in the motor row."""
     whole_robot: ClassVar[bool] = False
     """Whether the effect belongs to no single joint."""
     least_gain: ClassVar[float] = 0.1
-    """Part of the held-out residual variance that the effect must take away to be named: below it the smoothing's own
-    errors imitate anything."""
+    """Part of the held-out residual variance that a named effect takes away: smoothing's errors imitate any less."""
     local: ClassVar[bool] = False
     """Whether the effect lives in a part of the log only, so that cross-validation over time cannot judge it."""
     from_model: ClassVar[bool] = False
@@ -143,8 +144,7 @@ class Effect(ABC):
     takes_energy: ClassVar[bool] = False
     """Whether it is a part of the friction of the joint's motor, which, all parts together, never drives it."""
     either_sign: ClassVar[str] = ""
-    """Why physics allows amplitudes of both signs; empty: it allows those within their bounds, of friction those that
-    do not drive."""
+    """Why physics allows amplitudes of both signs; empty: those in their bounds, of friction what does not drive."""
     memory: ClassVar[bool] = False
     """Whether the effect has an internal state (see `MemoryEffect`)."""
     searched: ClassVar[bool] = True

@@ -178,7 +178,7 @@ def own_elasticity(found: Diagnosis, effect: FoundEffect) -> str:
     The model takes such a joint as rigid, and its link swings against its motor as a structure would; nothing of
     others.
     """
-    if effect.effect != "flexible_mode" or effect.joint not in found.yielding:
+    if not effect_classes()[effect.effect].like_a_spring or effect.joint not in found.yielding:
         return ""
     return (
         f"It may be the elasticity of {effect.joint} itself: the robot file has this joint elastic, and without link "

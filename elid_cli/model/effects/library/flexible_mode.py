@@ -46,6 +46,7 @@ class FlexibleMode(OscillatorEffect):
         Parameter("damping", "1", "its damping ratio", low=1e-4, high=0.9),
     )
     example = {"inertia": 0.3, "frequency": 9.0, "damping": 0.02}
+    like_a_spring = True
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
