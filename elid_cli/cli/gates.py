@@ -81,7 +81,7 @@ def _lacking(gates: Gates, found: Identification) -> list[str]:
 
 def lacking(gates: Gates, insufficient: Sequence[Insufficient]) -> list[str]:
     """Return the limit that rows break whose residual follows the motion, in words."""
-    from elid_cli.report.answers.summary import rows_words
+    from elid_cli.report.answers.lacking import rows_words
 
     wanted = gates.fail_on_insufficient and insufficient
     return [f"the model is insufficient: {rows_words(insufficient)}"] if wanted else []

@@ -20,8 +20,8 @@ from elid_cli.estimation.assembly import assemble, judged, with_scatter, with_un
 from elid_cli.estimation.cutoff import fit_best
 from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_delays
 from elid_cli.estimation.judgement import JointError, Judgement
-from elid_cli.estimation.known_load import off_scales, scale_warnings
-from elid_cli.estimation.motor_side.door import asked_motor_side, asks, below_resonance, corrects, with_motor_side
+from elid_cli.estimation.known_load import with_load
+from elid_cli.estimation.motor_side.door import asked_motor_side, asks, below_resonance, straightened, with_motor_side
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
@@ -117,29 +117,15 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
             from elid_cli.estimation.streaming.reduce import reduce_each
 
             side = asked_motor_side(robot, signals, options)
-            return with_motor_side(identify_reduced(robot, reduce_each(robot, signals, {}), options)[0], side)
+            found, _ = identify_reduced(robot, reduce_each(robot, signals, {}), options)
+            return with_motor_side(with_load(found, signals.recording), side)
     side = asked_motor_side(robot, signals, options)
     below = below_resonance(signals, side)
-    if side is None or not corrects(side, below, options):
-        found = _identified(robot, below, options)
-        if signals.recording is not None and options.guards:
-            found = _with_load(found, signals.recording)
-        return with_motor_side(found, side)
-    from elid_cli.estimation.motor_side.hidden_motion import widened, with_links
-
-    rigid = _identified(robot, below, replace(options, guards=False))
-    straight = with_links(below, side, rigid)
-    if straight is None:
-        return with_motor_side(_identified(robot, below, options), side)
-    return with_motor_side(widened(_identified(robot, straight, options), rigid), side, corrected=True)
-
-
-def _with_load(found: Identification, recording: Recording) -> Identification:
-    """Return the identification with a warning where torques that were computed are not what the bodies need."""
-    if found.triangles is None:
-        return found
-    off = off_scales(found.robot, found.triangles, recording.commanded)
-    return replace(found, warnings=(*found.warnings, *scale_warnings(found.robot, off)))
+    straight = straightened(below, side, options, lambda used, how: _identified(robot, used, how))
+    found = straight or _identified(robot, below, options)
+    if signals.recording is not None and options.guards:
+        found = with_load(found, signals.recording)
+    return with_motor_side(found, side, corrected=straight is not None)
 
 
 def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Identification:
@@ -213,7 +199,7 @@ def identify_logs(
         found, apart = identify_reduced(request.robot, logs, options)  # refuses logs that do not belong together
         side = motor_side_of_logs(request, logs) if asks(options) else None
         recording = joined_recording(logs)
-        return Identified(with_motor_side(_with_load(found, recording), side), recording, apart, None)
+        return Identified(with_motor_side(with_load(found, recording), side), recording, apart, None)
     recording, signals = read_signals(request)
     if is_long(signals, request.robot) and not samples_needed(request.robot, options):
         from elid_cli.estimation.streaming.merge import identify_reduced
@@ -226,7 +212,7 @@ def identify_logs(
             signals = replace(signals, recording=recording)
         logs = reduce_each(request.robot, signals, asked_of(request.signals), request.progress)
         found, _ = identify_reduced(request.robot, logs, options)
-        found = with_motor_side(found, side)
+        found = with_motor_side(with_load(found, logs[0].recording), side)
         return Identified(found, logs[0].recording, (), signals if keep_signals else None)
     from elid_cli.estimation.refined_robot import identified_robot
 

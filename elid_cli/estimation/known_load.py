@@ -7,6 +7,7 @@ only something of known size shows it, as the bodies of a file do.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,9 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import in_words
 from elid_cli.estimation.regression.triangles import Triangle, Triangles
+from elid_cli.estimation.result import Identification
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import Recording
 
 OFF = 0.05
 """Relative difference from which a gain is told: below, masses in files and what the model lacks are as far off."""
@@ -104,6 +107,14 @@ def _left(system: Array) -> float:
 
 def _slope(system: Array) -> float:
     return float(np.linalg.lstsq(system[:, :-1], system[:, -1], rcond=None)[0][0])
+
+
+def with_load(found: Identification, recording: Recording) -> Identification:
+    """Return an identification with a warning where torques that were computed are not what the bodies need."""
+    if found.triangles is None:
+        return found
+    off = off_scales(found.robot, found.triangles, recording.commanded)
+    return replace(found, warnings=(*found.warnings, *scale_warnings(found.robot, off)))
 
 
 def off_scales(robot: Robot, triangles: Triangles, commanded: NDArray[np.bool_]) -> list[LoadScale]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.held_out import DAMPING, Blocks, gain
+from elid_cli.diagnosis.by_motion.held_out import DAMPING, MORE, Blocks, gain
 from elid_cli.estimation.regression.normal_equations import step_of
 from elid_cli.estimation.trajectory.acting import acting, can_act
 from elid_cli.model.effects.effect import Effect
@@ -33,8 +33,6 @@ STILL = 1e-9
 """Speed, rad/s (m/s), below which a simulated joint sticks."""
 WORTH = 0.03
 """Least gain of a shape that is refined."""
-MORE = 1.5
-"""Times the squared error that something else leaves which is clearly more."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ HARMLESS = 0.02
 """Part of a block's squared error by which it may grow without being harmed."""
 ELSEWHERE = 0.1
 """Part of what an effect takes away that it must take from other blocks than the one it helps most."""
+MORE = 1.5
+"""Times the squared error that something else leaves which is clearly more."""
 DAMPING = 1e-7
 """Of the normal equations' diagonal: columns that the motion does not show stay at 0."""
 

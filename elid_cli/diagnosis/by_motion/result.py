@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from elid_cli.diagnosis.by_motion.held_out import MORE
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.differing import Differing
@@ -49,6 +50,12 @@ class MotionDiagnosis(Shown):
     """Effects and joints that were chosen but not judged yet when the search was stopped."""
     untried: tuple[str, ...] = ()
     """Effects that the robot may have, but that no simulated motion is searched for."""
+
+    @property
+    def nearer(self) -> tuple[Rival, ...]:
+        """Rivals that leave clearly less of the motion than the effects that they would stand for."""
+        left = {(found.effect, found.joint): 1.0 - found.gain for found in self.effects}
+        return tuple(r for r in self.also_possible if MORE * (1.0 - r.gain) < left.get((r.instead_of, r.joint), 0.0))
 
     @property
     def mean_abs(self) -> tuple[float, float]:

@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.candidates import MORE, Candidate
+from elid_cli.diagnosis.by_motion.candidates import Candidate
+from elid_cli.diagnosis.by_motion.held_out import MORE
 from elid_cli.diagnosis.by_motion.refits import again, known_of
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.errors import DataError

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -62,11 +63,26 @@ def rigid_limit(side: MotorSide | None) -> float | None:
     return max(min(found), LOWEST) if found else None
 
 
-def corrects(side: MotorSide, signals: Signals, options: EstimateOptions) -> bool:
-    """Return whether the links' motion is taken from what was found: not of samples, and not past rigid joints."""
+Fit = Callable[[Signals, EstimateOptions], Identification]
+"""Identifies rigid joints from signals."""
+
+
+def straightened(
+    signals: Signals, side: MotorSide | None, options: EstimateOptions, identified: Fit
+) -> Identification | None:
+    """Return the identification with the links' motion that follows from what was found (`hidden_motion`).
+
+    None where nothing was, or the samples themselves are fitted, or the signals go on past what rigid joints describe.
+    """
     limit = rigid_limit(side)
     samples = options.accurate or options.fit == "trajectory"
-    return limit is not None and not samples and _within(signals.filter.cutoff, limit)
+    if side is None or limit is None or samples or not _within(signals.filter.cutoff, limit):
+        return None
+    from elid_cli.estimation.motor_side.hidden_motion import widened, with_links
+
+    rigid = identified(signals, replace(options, guards=False))
+    straight = with_links(signals, side, rigid)
+    return None if straight is None else widened(identified(straight, options), rigid)
 
 
 def _within(cutoff: object, limit: float) -> bool:

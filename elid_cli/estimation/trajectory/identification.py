@@ -34,8 +34,6 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
 
-CONSTANT = 1e-9
-"""Relative change of a torque that counts as none."""
 SHOWN = 3.0
 """Standard errors beyond which a delay is told."""
 AHEAD = 0.5

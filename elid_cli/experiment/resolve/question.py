@@ -96,8 +96,6 @@ class Question:
     """Hz."""
     share: float
     """Share of their equations that count as independent."""
-    sample: float
-    """Sample time of the last log, s."""
     files: tuple[str, ...] = field(default=())
 
 
@@ -196,7 +194,6 @@ def _question(saved: Mapping[str, Any], robot: Robot) -> Question:
     groups = _distinct([group for group in possible if group is not None])
     asked = {h.name for group in groups if group.named for h in group.hypotheses[:1]}
     present = [*(_hypothesis(item, seen) for item in saved["declared"]), *(h for h in named if h.name not in asked)]
-    rate = float(saved["log"]["rate"])
     return Question(
         seen,
         {str(b["name"]): float(b["estimate"]) for b in saved["base_parameters"] if b["estimate"] is not None
@@ -207,7 +204,6 @@ def _question(saved: Mapping[str, Any], robot: Robot) -> Question:
         float(saved["row_noise"]["rate"]),
         float(saved["row_noise"]["cutoff"]),
         float(saved["row_noise"]["share"]),
-        1.0 / rate,
         tuple(map(str, saved["log"]["files"])),
     )  # fmt: skip
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from elid_cli.estimation.refined_robot import impossible_words
@@ -16,6 +16,7 @@ from elid_cli.report.answers.drive_gains import gains_table
 from elid_cli.report.answers.error_tables import TITLE, error_table, log_table, sensor_table, small
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.known import parameter_words
+from elid_cli.report.answers.lacking import loud_joints, words_of, yielding
 from elid_cli.report.answers.motor_side import motor_side_sections, stiffness_items
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, number_text
 from elid_cli.robot.robot import Robot
@@ -50,7 +51,7 @@ def identification_report(
     for path in written:
         foreign = path.lower().endswith((".urdf", ".xml", ".mjcf"))
         facts += (("written", path if foreign else f"{path}{predicts}"),)
-    writes = found.model == "sufficient" and not found.drive_gains
+    writes = found.model == "sufficient" and not found.drive_gains and not yielding(found)
     record, further = summary.record_sections(
         found,
         stiffness_items(found, robot_argument),
@@ -59,23 +60,12 @@ def identification_report(
         written=writes and bool(written),
     )
     lacking = {item.joint for item in found.insufficient}
-    loud = [] if lacking else summary.loud_joints(found.noise)
-    side = found.motor_side
-    yielding = [joint.joint for joint in side.found] if side and not side.corrected else []
-    unshown = [joint.joint for joint in side.joints if joint.verdict == "refused"] if side else []
+    loud = [] if lacking else loud_joints(found.noise)
     sections: list[Section] = [
         inputs.heading(found.robot, recording),
         summary.answers(
             summary.trust_words(found.robot, found.error, lacking, (*recording.warnings, *found.warnings)),
-            _far_motion(found)
-            or summary.missing_words(
-                found.model,
-                found.insufficient,
-                found.noise,
-                alone=found.robot.n == 1,
-                yielding=yielding,
-                unshown=unshown,
-            ),
+            words_of(found),
             parameter_words(found, loud),
             record,
         ),
@@ -95,19 +85,6 @@ def identification_report(
     if logs:
         payload["error_by_log"] = [{"file": log.file, "error": error_payload(log.error)} for log in logs]
     return Report("identify", payload, tuple(sections))
-
-
-def _far_motion(found: Identification) -> str:
-    """Return that a trajectory fit leaves more than noise where least squares do not, in a sentence; else nothing."""
-    told = found.settings.get("trajectory")
-    beyond: Mapping[str, float] = told.get("beyond_noise", {}) if isinstance(told, dict) else {}
-    if found.model == "not judged" and beyond:
-        return (
-            "Something: the simulated motion is off by more than the encoders' noise at "
-            f"{summary.listed(list(beyond))} (up to {number_text(max(beyond.values()), 2)} times). "
-            "elid diagnose looks for the cause."
-        )
-    return ""
 
 
 def result_items(found: Identification) -> inputs.Items:

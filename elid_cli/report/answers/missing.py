@@ -13,7 +13,8 @@ from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.model.effects.kinds import CurveEffect
 from elid_cli.report.answers.diagnosis_input import DiagnosisInput
 from elid_cli.report.answers.inputs import Items
-from elid_cli.report.answers.summary import follows_words, listed
+from elid_cli.report.answers.lacking import follows_words
+from elid_cli.report.answers.summary import listed
 from elid_cli.report.tree import Cell, number_text
 
 _VARIABLES = {

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from math import hypot
 from typing import Any
 
-from elid_cli.diagnosis.by_motion.candidates import MORE
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 from elid_cli.diagnosis.by_motion.torque_gains import gain_name
 from elid_cli.estimation.trajectory.differing import Differing
@@ -145,11 +144,7 @@ def _missing(found: MotionDiagnosis) -> str:
 
 def _gains_words(found: MotionDiagnosis) -> str:
     """Return that torques of another size come much nearer than the named effects, where they do."""
-    shares = {(e.effect, e.joint): e.gain for e in found.effects}
-    nearer = [
-        r for r in found.also_possible
-        if r.effect == gain_name() and MORE * (1.0 - r.gain) < 1.0 - shares[r.instead_of, r.joint]
-    ]  # fmt: skip
+    nearer = [rival for rival in found.nearer if rival.effect == gain_name()]
     if not nearer:
         return ""
     joints, sizes = [r.joint or "" for r in nearer], [number_text(1.0 + r.parameters["gain"], 3) for r in nearer]

@@ -11,10 +11,9 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from math import isfinite
 
 from elid_cli.errors import first_of, in_words
-from elid_cli.estimation.judgement import Insufficient, JointError, RowNoise
+from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.known_load import BESIDE_BODIES
 from elid_cli.estimation.result import BaseEstimate, Identification
-from elid_cli.estimation.validation.following import PACE
 from elid_cli.estimation.validation.sufficiency import ABOVE, MATTERS
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE, TORQUE_SHARE, WEAK
 from elid_cli.logs.checks.known_inertias import RUNS
@@ -37,8 +36,6 @@ JOINT_KINDS = {
 }  # fmt: skip
 """Parameters of drive and transmission in words, in the order in which they are told."""
 AFTER = " and the joints further out"
-LOUD = ABOVE
-"""A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 TRUST, MISSING, PARAMETERS, RECORD = (
     "can I trust it?", "what is missing?", "what is known?", "what to record next?",
 )  # fmt: skip
@@ -153,73 +150,6 @@ def _predicted_words(robot: Robot, error: Mapping[str, JointError], lacking: Col
         left = f"; the error is up to {number_text(times[0], 2)} times the sensors' noise (at {where})"
     most = shares[worst].removeprefix("< ")
     return f"Mostly: no joint's torque is predicted with an error above {most} (rms, of the torque){left}.{but}"
-
-
-def missing_words(
-    model: str,
-    insufficient: Sequence[Insufficient],
-    noise: Sequence[RowNoise],
-    *,
-    alone: bool = False,
-    yielding: Sequence[str] = (),
-    unshown: Sequence[str] = (),
-) -> str:
-    """Return what the model lacks, in a sentence: from what was said of it, rows that lack it, the noise of all.
-
-    `alone`: the robot has one joint. `yielding`: joints found elastic that the fit took as rigid;
-    `unshown`: joints that the robot file has elastic and whose stiffness the log does not show.
-    """
-    if unshown:
-        said = missing_words(model, insufficient, noise, alone=alone, yielding=yielding)
-        return (
-            f"{said} The robot file has {listed(unshown)} elastic: what that does to the parameters is not known, as "
-            "this log does not show the stiffness."
-        )
-    if yielding:
-        besides = f" Besides, {rows_words(insufficient)}." if insufficient else ""
-        one = len(yielding) == 1
-        return (
-            f"The elasticity of {listed(yielding)}, whose stiffness was found: the fit takes "
-            f"{'this joint' if one else 'these joints'} as rigid, which may bias inertias, masses and first "
-            f"moments.{besides}"
-        )
-    if model == "not judged":
-        return "Not looked for: elid diagnose does that."
-    if model == "insufficient":
-        return f"Something: {rows_words(insufficient)}. elid diagnose looks for the cause."
-    loud = max(noise, key=lambda n: n.ratio, default=None)
-    memory = ""
-    if loud is not None and loud.ratio > LOUD:
-        memory = (
-            f" The residual of {loud.joint} is {number_text(loud.ratio, 2)} times the white noise of its sensors: "
-            f"torque noise with a correlation time of {loud.correlation * 1e3:.0f} ms, or "
-            f"what depends on several {'variables' if alone else 'joints'} at once."
-        )
-    return f"Nothing that this log shows: no joint's residual follows the motion beyond the sensors' noise.{memory}"
-
-
-def loud_joints(noise: Sequence[RowNoise]) -> list[str]:
-    """Return the joints whose residual is more than the sensors' white noise."""
-    return list(dict.fromkeys(n.joint for n in noise if n.ratio > LOUD))
-
-
-def rows_words(rows: Sequence[Insufficient]) -> str:
-    """Return rows with their residual over noise, the worst of each joint."""
-    worst: dict[str, Insufficient] = {}
-    for item in sorted(rows, key=lambda item: item.ratio):
-        worst[item.joint] = item
-    ranked = sorted(worst.items(), key=lambda pair: -pair[1].ratio)
-    said = [
-        f"the residual of {joint} {follows_words(item.follows)} ({number_text(item.ratio, 2)} times the sensors' noise)"
-        for joint, item in ranked[:NAMED]
-    ]
-    return "; ".join((*said, *([f"and {len(ranked) - NAMED} more joints"] if len(ranked) > NAMED else ())))
-
-
-def follows_words(variable: str) -> str:
-    """Return that a residual follows a variable; what only time explains changes in the course of the log."""
-    words = {"time": "changes in the course of the log", PACE: "changes as slowly as the torque"}
-    return words.get(variable, f"follows the {variable}")
 
 
 def small_value(estimate: float, deviation: float, verdict: str) -> bool:

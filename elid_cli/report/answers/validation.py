@@ -14,7 +14,8 @@ from elid_cli.model.effects.declared import as_observed
 from elid_cli.report.answers import inputs
 from elid_cli.report.answers.error_tables import error_table, log_table, sensor_table
 from elid_cli.report.answers.identification_json import error_payload, model_payload
-from elid_cli.report.answers.summary import answers, missing_words, rows_words, trust_words
+from elid_cli.report.answers.lacking import lacking_words, rows_words
+from elid_cli.report.answers.summary import answers, trust_words
 from elid_cli.report.tree import KeyValues, Report, Section, Text
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
@@ -67,7 +68,7 @@ def _missing(said: Judgement, *, alone: bool) -> str:
         return (
             f"Perhaps nothing: other parameters, a delay or an offset would explain that {rows_words(said.misfitted)}."
         )
-    return missing_words(said.model, said.insufficient, said.noise, alone=alone)
+    return lacking_words(said.model, said.insufficient, said.noise, alone=alone)
 
 
 def validation_payload(found: Validation, said: Judgement | None = None) -> dict[str, Any]:

@@ -33,6 +33,7 @@ class SoftFriction(Effect):
     fingerprint = "motor side and whole joint, at the reversals of the motion"
     record = "many reversals, slow and fast ones; a joint that rests under a constant load shows whether it creeps"
     place = "motor"
+    twins = ("stribeck",)
     softens = True
     amplitudes = (Parameter("friction", "N·m", "Coulomb friction that fades in; all that fs has", low=0.0),)
     shapes = (

@@ -1,0 +1,111 @@
+"""What a model that was identified or judged lacks, in sentences: rows that follow something, noise, elasticity.
+
+Of a diagnosis, which looks for the cause, `missing.py` says it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from elid_cli.estimation.judgement import Insufficient, RowNoise
+from elid_cli.estimation.result import Identification
+from elid_cli.estimation.validation.following import PACE
+from elid_cli.estimation.validation.sufficiency import ABOVE
+from elid_cli.report.answers.summary import NAMED, listed
+from elid_cli.report.tree import number_text
+
+LOUD = ABOVE
+"""A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
+
+
+def words_of(found: Identification) -> str:
+    """Return what the model of an identification lacks, in a sentence or two."""
+    said = _far_motion(found) or _elastic_words(found)
+    said = said or lacking_words(found.model, found.insufficient, found.noise, alone=found.robot.n == 1)
+    joints = found.motor_side.joints if found.motor_side else ()
+    unshown = [joint.joint for joint in joints if joint.verdict == "refused"]
+    if unshown:
+        said += (
+            f" The robot file has {listed(unshown)} elastic: what that does to the parameters is not known, as this "
+            "log does not show the stiffness."
+        )
+    return said
+
+
+def lacking_words(
+    model: str, insufficient: Sequence[Insufficient], noise: Sequence[RowNoise], *, alone: bool = False
+) -> str:
+    """Return what the model lacks, in a sentence: from what was said of it, rows that lack it, the noise of all.
+
+    `alone`: the robot has one joint.
+    """
+    if model == "not judged":
+        return "Not looked for: elid diagnose does that."
+    if model == "insufficient":
+        return f"Something: {rows_words(insufficient)}. elid diagnose looks for the cause."
+    loud = max(noise, key=lambda n: n.ratio, default=None)
+    memory = ""
+    if loud is not None and loud.ratio > LOUD:
+        memory = (
+            f" The residual of {loud.joint} is {number_text(loud.ratio, 2)} times the white noise of its sensors: "
+            f"torque noise with a correlation time of {loud.correlation * 1e3:.0f} ms, or "
+            f"what depends on several {'variables' if alone else 'joints'} at once."
+        )
+    return f"Nothing that this log shows: no joint's residual follows the motion beyond the sensors' noise.{memory}"
+
+
+def _far_motion(found: Identification) -> str:
+    """Return that a trajectory fit leaves more than noise where least squares do not, in a sentence; else nothing."""
+    told = found.settings.get("trajectory")
+    beyond: Mapping[str, float] = told.get("beyond_noise", {}) if isinstance(told, dict) else {}
+    if found.model == "not judged" and beyond:
+        return (
+            "Something: the simulated motion is off by more than the encoders' noise at "
+            f"{listed(list(beyond))} (up to {number_text(max(beyond.values()), 2)} times). "
+            "elid diagnose looks for the cause."
+        )
+    return ""
+
+
+def yielding(found: Identification) -> list[str]:
+    """Return the joints that were found elastic and that the fit took as rigid."""
+    side = found.motor_side
+    return [joint.joint for joint in side.found] if side and not side.corrected else []
+
+
+def _elastic_words(found: Identification) -> str:
+    """Return what those joints may bias, in a sentence; nothing where there are none."""
+    names = yielding(found)
+    if not names:
+        return ""
+    besides = f" Besides, {rows_words(found.insufficient)}." if found.insufficient else ""
+    return (
+        f"The elasticity of {listed(names)}, whose stiffness was found: the fit takes "
+        f"{'this joint' if len(names) == 1 else 'these joints'} as rigid, which may bias inertias, masses and first "
+        "moments. elid identify of one log alone, not a long one, without --accurate and --fit, takes it "
+        f"out.{besides}"
+    )
+
+
+def loud_joints(noise: Sequence[RowNoise]) -> list[str]:
+    """Return the joints whose residual is more than the sensors' white noise."""
+    return list(dict.fromkeys(n.joint for n in noise if n.ratio > LOUD))
+
+
+def rows_words(rows: Sequence[Insufficient]) -> str:
+    """Return rows with their residual over noise, the worst of each joint."""
+    worst: dict[str, Insufficient] = {}
+    for item in sorted(rows, key=lambda item: item.ratio):
+        worst[item.joint] = item
+    ranked = sorted(worst.items(), key=lambda pair: -pair[1].ratio)
+    said = [
+        f"the residual of {joint} {follows_words(item.follows)} ({number_text(item.ratio, 2)} times the sensors' noise)"
+        for joint, item in ranked[:NAMED]
+    ]
+    return "; ".join((*said, *([f"and {len(ranked) - NAMED} more joints"] if len(ranked) > NAMED else ())))
+
+
+def follows_words(variable: str) -> str:
+    """Return that a residual follows a variable; what only time explains changes in the course of the log."""
+    words = {"time": "changes in the course of the log", PACE: "changes as slowly as the torque"}
+    return words.get(variable, f"follows the {variable}")
