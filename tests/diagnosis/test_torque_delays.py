@@ -29,7 +29,7 @@ def late(joint: int, by: float) -> Laws:
     return Laws(sensors=[changed])
 
 
-@pytest.mark.parametrize("by", [-20e-3, -8e-3, -3e-3, 3e-3, 8e-3])
+@pytest.mark.parametrize("by", [-20e-3, -3e-3, 8e-3])
 @pytest.mark.parametrize(("arm", "joint"), [(1, 0), (1, 1), (2, 0), (3, 1)])
 def test_a_shift_of_either_sign_is_named(arm: int, joint: int, by: float) -> None:
     made = make(arm, 2, rate=RATE, duration=12.0)
@@ -71,7 +71,7 @@ def moved(channel: str, joints: tuple[int, ...], by: float, robot: str, seed: in
     return known, prepare(log, known, SignalOptions.for_diagnosis(500.0))
 
 
-@pytest.mark.parametrize("by", [-20e-3, -8e-3, 4e-3, 16e-3, 20e-3])
+@pytest.mark.parametrize("by", [-20e-3, 4e-3, 16e-3])
 @pytest.mark.parametrize(
     ("robot", "channel", "joints"),
     [

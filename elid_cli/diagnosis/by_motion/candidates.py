@@ -8,8 +8,8 @@ the joint, nothing moves it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -63,6 +63,8 @@ class Candidate:
     """Part of the blocks that it makes better."""
     amplitudes: Array
     """Amplitudes of the linear step."""
+    forms: tuple[Candidate, ...] = ()
+    """The same effect with other choices among its shapes (an exponent, another joint): the best of each."""
 
     @property
     def price(self) -> int:
@@ -118,11 +120,15 @@ def screened(
     recordings = [_Recording.of(own, joint) for own in recordings_of(views)]
     found = []
     for kind in kinds:
-        best = _best(recordings, list(_shapes(kind, views[0].scene, joint, present)))
-        if best is not None and best.gain > WORTH:
+        every = (_best(recordings, own) for own in _forms(kind, views[0].scene, joint, present))
+        forms = sorted((c for c in every if c is not None), key=lambda c: -c.gain)
+        if not forms:
+            continue
+        best, others = forms[0], tuple(c for c in forms[1:] if c.gain > WORTH and _plausible(c, views[0].scene))
+        if best.gain > WORTH:
             best = _refined(best, lambda effect: _best(recordings, [effect]))
-        if best is not None and _plausible(best, views[0].scene):
-            found.append(best)
+        if _plausible(best, views[0].scene):
+            found.append(replace(best, forms=others))
     return sorted(found, key=lambda c: -c.gain)
 
 
@@ -155,14 +161,18 @@ def _refined(best: Candidate, judged: Callable[[Effect], Candidate | None]) -> C
     return best
 
 
-def _shapes(kind: type[Effect], scene: Scene, joint: int, present: Sequence[Effect]) -> Iterator[Effect]:
+def _forms(kind: type[Effect], scene: Scene, joint: int, present: Sequence[Effect]) -> list[list[Effect]]:
+    """Return the shapes of an effect that are tried at a joint, those of each choice that is not refined together."""
     if not kind.applies(scene.robot, joint):
-        return
+        return []
     own = [e.shape for e in present if e.name == kind.name and e.joint == joint]
     grid = kind.grid(scene, joint)
+    forms: dict[tuple[float, ...], list[Effect]] = {}
     for shape in grid[:: max(1, -(-len(grid) // FINEST))]:
         if kind.distinct(scene, joint, shape, own):
-            yield kind(joint, shape)
+            form = tuple(v for v, parameter in zip(shape, kind.shapes, strict=True) if parameter.fixed)
+            forms.setdefault(form, []).append(kind(joint, shape))
+    return list(forms.values())
 
 
 @dataclass(frozen=True)

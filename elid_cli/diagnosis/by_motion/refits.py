@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from elid_cli._types import Array
+from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.softening import softened
 from elid_cli.estimation.trajectory.unknowns import Unknowns, started
@@ -42,6 +43,22 @@ def again(
 def softened_again(fit: TrajectoryFit) -> TrajectoryFit:
     """Return the fit with friction that fades in over a speed, where the log asks for it now."""
     return softened(fit, lambda unknowns, near, z: again(near, unknowns, z))
+
+
+def in_place(fit: TrajectoryFit, others: Mapping[int, Effect]) -> TrajectoryFit | None:
+    """Return the fit with other effects in the places of some; None where the motion runs away."""
+    own = fit.unknowns
+    effects = [others.get(k, effect) for k, effect in enumerate(fit.effects)]
+    unknowns = Unknowns(own.robot, tuple(effects), own.recordings, own.held)
+    parts = [
+        np.zeros(len(effect.amplitudes)) if k in others else fit.z[own.amplitudes_of(k)]
+        for k, effect in enumerate(effects)
+        if not effect.softens
+    ]
+    try:
+        return again(fit, unknowns, known_of(fit, unknowns, np.concatenate(parts)))
+    except DataError:
+        return None
 
 
 def without(fit: TrajectoryFit, places: set[int], tell: Callable[[float], None] | None = None) -> TrajectoryFit:

@@ -9,16 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from elid_cli._types import Array
 from elid_cli.diagnosis.by_motion.candidates import Candidate
 from elid_cli.diagnosis.by_motion.held_out import MORE
-from elid_cli.diagnosis.by_motion.refits import again, known_of
+from elid_cli.diagnosis.by_motion.refits import in_place
 from elid_cli.diagnosis.by_motion.steps import Named
-from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.unknowns import Unknowns
 
 
 def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tuple[TrajectoryFit, list[Named], bool]:
@@ -37,7 +33,7 @@ def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tu
     better: dict[int, Candidate] = {}
     before = fit.equations.lighter
     for chosen in _turns(named):
-        trial = _in_place(fit, {declared + k: rival for k, rival in chosen.items()})
+        trial = in_place(fit, {declared + k: rival.effect for k, rival in chosen.items()})
         for k, rival in chosen.items():
             joint = rival.effect.joint
             mine, its = before[:, joint], None if trial is None else trial.equations.lighter[:, joint]
@@ -46,7 +42,7 @@ def with_rivals(fit: TrajectoryFit, named: Sequence[Named], declared: int) -> tu
             if its is not None and clearly_more(mine, its):
                 better[k] = rival
     result = [replace(item, rivals=tuple(left[k])) for k, item in enumerate(named)]
-    found = _in_place(fit, {declared + k: rival for k, rival in better.items()}) if better else None
+    found = in_place(fit, {declared + k: rival.effect for k, rival in better.items()}) if better else None
     if found is None:
         return fit, result, False
     for k, rival in better.items():
@@ -70,19 +66,3 @@ def _turns(named: Sequence[Named]) -> Iterator[dict[int, Candidate]]:
         yield dict(taken.values())
         done = {id(rival) for _, rival in taken.values()}
         waiting = [(k, rival) for k, rival in waiting if id(rival) not in done]
-
-
-def _in_place(fit: TrajectoryFit, rivals: dict[int, Candidate]) -> TrajectoryFit | None:
-    """Return the fit with other effects in the places of some; None where the motion runs away."""
-    own = fit.unknowns
-    effects = [rivals[k].effect if k in rivals else effect for k, effect in enumerate(fit.effects)]
-    unknowns = Unknowns(own.robot, tuple(effects), own.recordings, own.held)
-    parts = [
-        np.zeros(len(effect.amplitudes)) if k in rivals else fit.z[own.amplitudes_of(k)]
-        for k, effect in enumerate(effects)
-        if not effect.softens
-    ]
-    try:
-        return again(fit, unknowns, known_of(fit, unknowns, np.concatenate(parts)))
-    except DataError:
-        return None

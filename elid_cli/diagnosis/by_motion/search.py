@@ -24,7 +24,7 @@ from elid_cli.diagnosis.by_motion.candidates import (
 )
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
-from elid_cli.diagnosis.by_motion.refits import again, grown, softened_again, without
+from elid_cli.diagnosis.by_motion.refits import again, grown, in_place, softened_again, without
 from elid_cli.diagnosis.by_motion.rivals import with_rivals
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.views import views_of
@@ -204,7 +204,8 @@ def _best(
         if little or (best.effect.name, joint) in dropped:
             left.append(best)
             continue
-        found.append(Named(best.effect, best.gain, best.helped, tuple(c for c in alike if c is not best)))
+        rivals = [c for c in (*alike, *best.forms) if c is not best and c.gain >= ALIKE * top]
+        found.append(Named(best.effect, best.gain, best.helped, tuple(rivals), best.forms))
     return found, tuple(left), tried
 
 
@@ -237,6 +238,12 @@ def _kept(
         joints = {judged[k].effect.joint for k in weak}
         # the worst of each joint: what is left beside it may be better without it
         worst = {min((k for k in weak if judged[k].effect.joint == j), key=lambda k: judged[k].gain) for j in joints}
+        turned = {k: judged[k].forms[0] for k in worst if judged[k].forms and not _possible(fit, declared + k)}
+        other = in_place(fit, {declared + k: form.effect for k, form in turned.items()}) if turned else None
+        if other is not None:
+            fit = other
+            named = [_turned(item, turned[k]) if k in turned else item for k, item in enumerate(judged)]
+            continue
         fit = without(fit, {declared + k for k in worst}, tell)
         named = [item for k, item in enumerate(judged) if k not in worst]
     return fit, named
@@ -251,13 +258,24 @@ def left_by_main(item: Named, all_named: Sequence[Named]) -> bool:
     return main is not item and item.helped < 1
 
 
-def _stays(fit: TrajectoryFit, place: int, item: Named) -> bool:
+def _turned(item: Named, form: Candidate) -> Named:
+    """Return an effect in another form, with those that are left."""
+    alike = [c for c in item.forms[1:] if c.gain >= ALIKE * form.gain and all(c is not r for r in item.rivals)]
+    rivals = (*(c for c in item.rivals if c is not form), *alike)
+    return Named(form.effect, form.gain, form.helped, rivals, item.forms[1:])
+
+
+def _possible(fit: TrajectoryFit, place: int) -> bool:
+    """Whether the values of an effect are some that a robot may have."""
     from elid_cli.estimation.trajectory.found_effects import scene_of_fit
 
-    part = fit.unknowns.amplitudes_of(place)
-    scene = scene_of_fit(fit)
-    values = item.effect.named(scene, fit.z[part])
-    if not type(item.effect).plausible(scene, item.effect.joint, values):
+    effect, scene = fit.effects[place], scene_of_fit(fit)
+    values = effect.named(scene, fit.z[fit.unknowns.amplitudes_of(place)])
+    return type(effect).plausible(scene, effect.joint, values)
+
+
+def _stays(fit: TrajectoryFit, place: int, item: Named) -> bool:
+    if not _possible(fit, place):
         return False
     return item.gain >= max(LEAST, item.effect.least_gain) and item.helped >= HELPED
 

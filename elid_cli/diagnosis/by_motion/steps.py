@@ -16,3 +16,5 @@ class Named:
     gain: float
     helped: float
     rivals: tuple[Candidate, ...] = ()
+    forms: tuple[Candidate, ...] = ()
+    """The same effect with other choices among its shapes, tried where its values are none that robots have."""
