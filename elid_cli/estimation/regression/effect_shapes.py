@@ -34,6 +34,8 @@ _STARTS = 5
 """Valleys of the grid that are refined."""
 _ALIKE = 60.0
 """Cost above the least up to which a valley is worth a look (`valleys.told_apart`)."""
+_LEFT = 1e-13
+"""Part of a squared column below which the base columns, or other effects, explain it all."""
 _STEP = 1e-3
 """Relative step of the shapes' finite differences."""
 
@@ -188,12 +190,11 @@ class _Projection:
     def __init__(
         self, observation: Observation, weights: Mapping[EstimationRow, float], others: Sequence[ExtraColumns]
     ) -> None:
-        self._groups = [g for g in observation.groups if weights.get(g.row, 0.0) > 0 and g.count]
-        self._weights = weights
+        groups = [g for g in observation.groups if weights.get(g.row, 0.0) > 0 and g.count]
         parameters = observation.parameters
         width = parameters + sum(extra.width for extra in others)
         rows, targets = [], []
-        for group in self._groups:
+        for group in groups:
             index, columns = full_columns(group, others, parameters)
             part = np.zeros((group.count, width))
             part[:, index] = weights[group.row] * columns[:, group.use].T
@@ -204,32 +205,42 @@ class _Projection:
         live = norms > 0
         left, singular, _ = np.linalg.svd(system[:, live] / norms[live], full_matrices=False)
         self._base = left[:, singular > 1e-8 * singular[0]]
-        self._target = self._rest(np.concatenate(targets))
-
-    def _rest(self, values: Array) -> Array:
-        rest: Array = values - self._base @ (self._base.T @ values)
-        return rest
+        target = np.concatenate(targets)
+        self._target = target - self._base @ (self._base.T @ target)
+        ends = np.cumsum([group.count for group in groups])
+        self._places = {
+            g.row: (slice(int(end) - g.count, int(end)), weights[g.row], g.use)
+            for g, end in zip(groups, ends, strict=True)
+        }
 
     def residual(self, extras: Sequence[ExtraColumns], effects: Sequence[Declared]) -> Array:
         """Return the weighted residual with everything linear eliminated, the amplitudes' prior last, (rows,)."""
-        columns = []
-        for extra in extras:
-            for d in range(extra.width):
-                parts = [
-                    self._weights[g.row] * extra.rows[g.row][d][g.use] if g.row in extra.rows else np.zeros(g.count)
-                    for g in self._groups
-                ]
-                columns.append(np.concatenate(parts))
-        if not columns:
+        width = sum(extra.width for extra in extras)
+        if not width:
             return self._target
-        block, target = self._rest(np.array(columns).T), self._target
-        prior = amplitude_prior(effects, 0, block.shape[1])
+        # effects act in few rows: what the base explains of them comes from those alone
+        block, known = np.zeros((len(self._target), width)), np.zeros((self._base.shape[1], width))
+        first = 0
+        for extra in extras:
+            own = slice(first, first + extra.width)
+            for row, values in extra.rows.items():
+                if row in self._places:
+                    place, weight, use = self._places[row]
+                    block[place, own] = weight * values[:, use].T
+                    known[:, own] += self._base[place].T @ block[place, own]
+            first = own.stop
+        square, pull = block.T @ block, block.T @ self._target
+        left = square - known.T @ known
+        prior = amplitude_prior(effects, 0, width)
         if prior is not None:
-            block, target = np.concatenate([block, prior[:, :-1]]), np.concatenate([target, prior[:, -1]])
-        norms = np.linalg.norm(block, axis=0)
-        block = block[:, norms > 0] / norms[norms > 0]
-        solution = np.linalg.lstsq(block, target, rcond=1e-8)[0]
-        residual: Array = target - block @ solution
+            left, pull = left + prior[:, :-1].T @ prior[:, :-1], pull + prior[:, :-1].T @ prior[:, -1]
+        live = np.diag(left) > _LEFT * np.diag(square)
+        scale = np.zeros(width)
+        scale[live] = 1.0 / np.sqrt(np.diag(left)[live])
+        amplitudes = scale * np.linalg.lstsq(left * np.outer(scale, scale), scale * pull, rcond=_LEFT)[0]
+        residual: Array = self._target - block @ amplitudes + self._base @ (known @ amplitudes)
+        if prior is not None:
+            residual = np.concatenate([residual, prior[:, -1] - prior[:, :-1] @ amplitudes])
         return residual
 
 
