@@ -16,6 +16,7 @@ from elid_cli._types import Array
 from elid_cli.logs.checks.encoder_pairs import CLOSE, UNLIKE, Pair, as_yaml, plain, proposed, swap
 from elid_cli.logs.checks.known_inertias import wrong_times
 from elid_cli.logs.checks.known_masses import Weighed, wrong_scales
+from elid_cli.logs.checks.late_velocities import late_velocities
 from elid_cli.logs.checks.limits import WRONG, beyond_limits
 from elid_cli.logs.checks.position_scale import wrong_positions
 from elid_cli.logs.checks.required import Checked
@@ -74,6 +75,9 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     sides = np.where(np.isnan(checked.q[whole]), checked.theta[whole], checked.q[whole])
     found.extend(beyond_limits(sides, checked.tau[whole], aligned.dt, robot))
     found.extend(_described(checked, sides, whole, aligned.dt, robot, plan))
+    if checked.computed:
+        shown = {name: values[whole] for name, values in checked.optional.items()}
+        found.extend(late_velocities(shown, sides, aligned.dt, robot))
     q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
     pairs = [Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
     tau: Array | None = None

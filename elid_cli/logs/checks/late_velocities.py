@@ -1,0 +1,111 @@
+"""Whether a velocity is late against the position of its joint, where a torque is computed from both.
+
+Drives log a velocity that a filter has made late. Their own loop mostly takes the same one: then a computed torque is
+right. Where the loop has a faster velocity, ``kd`` times the delay is missing of every inertia, and no torque shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.robot.robot import Robot
+
+WINDOW = 0.05
+"""s, about, over which the position's change is compared with the velocity's integral."""
+BLOCKS = 6
+"""Parts of a log whose differences give the error."""
+FEWEST = 50
+"""Windows in a part below which nothing is said."""
+LEAST = 1e-3
+"""s, from which a delay is worth a word."""
+SURE = 5.0
+"""Standard errors by which it must differ from that."""
+
+
+@dataclass(frozen=True)
+class Delay:
+    """By how much a joint's velocity is late against its position."""
+
+    joint: int
+    value: float
+    """s; negative where the position is late."""
+    std_error: float
+
+
+def late_velocities(signals: Mapping[str, Array], q: Array, dt: float, robot: Robot) -> Iterator[str]:
+    """Yield a sentence on velocities, and one on positions, that are late in a log whose torque is computed.
+
+    Parameters
+    ----------
+    signals
+        ``dq`` or ``dtheta``, ``kp`` and ``kd``, each (N, n), of contiguous samples.
+    q
+        Positions that the torque is computed from, (N, n).
+    dt
+        Sample time, s.
+    robot
+        Its joints' names.
+    """
+    rates = [signals[name] for name in ("dq", "dtheta") if name in signals]
+    if not rates or not {"kp", "kd"} <= set(signals):
+        return
+    found = [delay_of(q[:, j], rates[0][:, j], dt, j) for j in range(robot.n)]
+    sure = [d for d in found if d is not None and abs(d.value) - LEAST > SURE * d.std_error]
+    for late in (True, False):
+        joints = [d for d in sure if (d.value > 0) == late]
+        gain = signals["kd" if late else "kp"]
+        joints = [d for d in joints if np.nanmedian(np.abs(gain[:, d.joint])) > 0]
+        if joints:
+            yield _sentence(joints, gain, robot, late=late)
+
+
+def delay_of(q: Array, dq: Array, dt: float, joint: int) -> Delay | None:
+    """Return by how much a velocity (N,) is late against a position (N,); None where that cannot be told.
+
+    Over any window the position changes by the velocity's integral. A late velocity leaves its change over the window
+    times the delay, beside what a wrong scale of it leaves.
+    """
+    half = max(1, round(0.5 * WINDOW / dt))
+    if len(q) < 2 * half + BLOCKS * FEWEST or not (np.isfinite(q).all() and np.isfinite(dq).all()):
+        return None
+    whole = np.concatenate([[0.0], np.cumsum(0.5 * (dq[1:] + dq[:-1]) * dt)])
+    integral, change = whole[2 * half :] - whole[: -2 * half], dq[2 * half :] - dq[: -2 * half]
+    left = q[2 * half :] - q[: -2 * half] - integral
+    known = np.stack([change, integral], axis=1)
+    parts = np.array_split(np.arange(len(left)), BLOCKS)
+    delays = []
+    for part in parts:
+        step, _, rank, _ = np.linalg.lstsq(known[part], left[part], rcond=1e-9)
+        if rank < 2:
+            return None
+        delays.append(float(step[0] / (1.0 + step[1])))  # a wrong scale is of the velocity's change as well
+    step = np.linalg.lstsq(known, left, rcond=1e-9)[0]
+    return Delay(joint, float(step[0] / (1.0 + step[1])), float(np.std(delays, ddof=1)) / BLOCKS**0.5)
+
+
+def _sentence(joints: list[Delay], gain: Array, robot: Robot, *, late: bool) -> str:
+    names = " ".join(robot.joint_names[d.joint] for d in joints)
+    times = np.array([abs(d.value) for d in joints])
+    wrong = times * np.array([float(np.nanmedian(np.abs(gain[:, d.joint]))) for d in joints])
+    slides = {robot.joints[d.joint].type == "prismatic" for d in joints}
+    units = {frozenset({False}): (" kg·m²", " N·m·s/rad"), frozenset({True}): (" kg", " N·s/m")}
+    inertia, viscous = units.get(frozenset(slides), ("", ""))
+    if late:
+        what, other = "the velocity is late against the position", "a faster velocity"
+        bias = f"inertias are too large by kd times that, {_span(wrong)}{inertia}"
+    else:
+        what, other = "the position is late against the velocity", "a faster position"
+        bias = f"viscous frictions are too large by kp times that, {_span(wrong)}{viscous}"
+    return (
+        f"{names}: {what} by {_span(1e3 * times)} ms, as a filter makes it. The torque is computed from both, as "
+        f"a drive does that takes the same ones. If the drive itself has {other}, {bias}: then log what the drive takes"
+    )
+
+
+def _span(values: Array) -> str:
+    low, high = f"{values.min():.2g}", f"{values.max():.2g}"
+    return low if low == high else f"{low} to {high}"
