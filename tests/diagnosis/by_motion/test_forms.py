@@ -25,13 +25,15 @@ STRIBECK = effect_classes()["stribeck"]
 JOINT = 1
 
 
-def started(folder: Path, amplitude: float, velocity: float, exponent: float) -> tuple[Robot, list[Run], np.ndarray]:
+def started(
+    folder: Path, amplitude: float, velocity: float, exponent: float, duration: float = 6.0
+) -> tuple[Robot, list[Run], np.ndarray]:
     """Return a robot, its run and where a fit starts, with Stribeck friction at one joint."""
 
     def grip(x: np.ndarray, v: np.ndarray, load: np.ndarray) -> np.ndarray:
         return np.eye(3)[JOINT] * amplitude * np.exp(-((np.abs(v) / velocity) ** exponent))
 
-    log = plant.written(folder, "log.h5", plant.moved(3, 8.0, grip=grip))
+    log = plant.written(folder, "log.h5", plant.moved(3, duration, grip=grip))
     robot = robot_as_logged(plant.robot(folder), [log], None, {})
     signals = prepare(read_recording([log], robot), robot)
     assert signals.recording is not None
@@ -39,14 +41,15 @@ def started(folder: Path, amplitude: float, velocity: float, exponent: float) ->
 
 
 def test_another_form_is_tried_where_the_values_of_one_are_none_that_robots_have(tmp_path: Path) -> None:
-    fit = fit_trajectory(*started(tmp_path, 0.25, 0.15, 1.0))
+    fit = fit_trajectory(*started(tmp_path, 0.25, 0.15, 1.0, 8.0))
     seen = seen_by(views_of(fit), own_unknowns(fit.unknowns, JOINT), JOINT)
-    (best,) = screened(seen, JOINT, [STRIBECK], ())
-    assert {best.effect.shape[1], *(form.effect.shape[1] for form in best.forms)} == {1.0, 2.0, -1.0}
-    rising = next(form for form in best.forms if form.effect.shape[1] < 0)
-    failing = Named(rising.effect, rising.gain, rising.helped, (), (best,))
+    (found,) = screened(seen, JOINT, [STRIBECK], ())
+    forms = {form.effect.shape[1]: form for form in (found, *found.forms)}
+    assert set(forms) == {1.0, 2.0, -1.0}
+    rising, fading = forms[-1.0], forms[1.0]
+    failing = Named(rising.effect, rising.gain, rising.helped, (), (fading,))
     end, (named,) = _kept(grown(fit, [rising.effect]), [failing], 0)
-    assert named.effect.shape[1] == best.effect.shape[1]
+    assert named.effect.shape[1] == 1.0
     assert named.gain > 0.95
     assert end.z[end.unknowns.amplitudes_of(0)] == pytest.approx([0.25], rel=0.1)
     # without another form nothing is left of it
@@ -54,9 +57,8 @@ def test_another_form_is_tried_where_the_values_of_one_are_none_that_robots_have
     assert left == []
 
 
-@pytest.mark.parametrize("exponent", [1.0, 2.0])
-def test_the_exponent_is_the_one_that_made_the_log(tmp_path: Path, exponent: float) -> None:
-    found = search(*started(tmp_path, 0.4, 0.3, exponent), (), (), only=("stribeck",))
+def test_the_exponent_is_the_one_that_made_the_log_though_another_did_as_well_in_the_screening(tmp_path: Path) -> None:
+    found = search(*started(tmp_path, 0.4, 0.3, 1.0), (), (), only=("stribeck",))
     (named,) = found.named
     assert named.effect.joint == JOINT
-    assert named.effect.shape == pytest.approx((0.3, exponent), rel=0.1)
+    assert named.effect.shape == pytest.approx((0.3, 1.0), rel=0.1)
