@@ -148,7 +148,9 @@ def solve_with(
             break
         before = solved
         solution, spread = solved.solution, data.covariance(solved.solution, solved.extras)
-        late = bool(np.any(data.facts.moved))
+        # of a torque that is computed, samples of a velocity within its ripple are late by some hundredths of their
+        # time: too little to show, and enough to bend viscous friction by several standard errors
+        late = bool(np.any(data.facts.moved) or data.facts.computed.any())
         kept = significant(solution, spread, nuisances, data.model.parameters, data.facts.dt, late=late, alone=alone)
         kept, known = _borne_out(base, data, kept, effects)
         if not (shaping and effects) and len(kept) == len(nuisances):

@@ -39,6 +39,8 @@ class SignalFacts:
     """Joints without a link position: their transmission counts as rigid (`Signals.missing_link`)."""
     link_torque: NDArray[np.bool_]
     """Joints whose torque is read behind the motor (`Signals.link_torque`)."""
+    computed: NDArray[np.bool_]
+    """Joints whose torque is computed from commands: what delays these never shows well enough to be taken for none."""
     velocity_used: bool
     known: NDArray[np.intp]
     """Instants at which a joint's torque is known."""
@@ -73,11 +75,18 @@ def facts_of(signals: Signals, known: NDArray[np.bool_] | NDArray[np.intp]) -> S
         torque=known > 0,
         unlinked=signals.missing_link,
         link_torque=signals.link_torque,
+        computed=_computed(signals),
         velocity_used=bool(signals.velocity_used.any()),
         known=known,
         moved=signals.moved if len(signals.moved) else np.zeros(signals.n),
         poses=np.nan_to_num(_poses(signals, outputs)),
     )
+
+
+def _computed(signals: Signals) -> NDArray[np.bool_]:
+    if signals.recording is None:
+        return np.full(signals.n, signals.command_torque is not None)
+    return signals.recording.commanded
 
 
 NEAR = 64
@@ -125,6 +134,7 @@ def joined_facts(facts: Sequence[SignalFacts]) -> SignalFacts:
         deflection_noise=_mean_square([f.deflection_noise for f in facts], weights),
         still=np.all([f.still for f in facts], axis=0),
         torque=np.any([f.torque for f in facts], axis=0),
+        computed=np.any([f.computed for f in facts], axis=0),
         velocity_used=any(f.velocity_used for f in facts),
         moved=np.average([f.moved for f in facts], axis=0, weights=weights),
         known=np.sum([f.known for f in facts], axis=0, dtype=np.intp),

@@ -64,7 +64,7 @@ def _facts(log: ReducedLog, n: int) -> None:
         shape = (3, n) if name == "noise" else (n,)
         need(values.shape == shape and values.dtype.kind == "f", f"{name} has the shape {values.shape}, not {shape}")
         need(not (values < 0).any() and not np.isinf(values).any(), f"{name} is negative or infinite")
-    for name in ("still", "torque", "unlinked", "link_torque"):
+    for name in ("still", "torque", "unlinked", "link_torque", "computed"):
         values = getattr(facts, name)
         need(values.shape == (n,) and values.dtype == bool, f"{name} is not a flag for every joint")
     need(isinstance(facts.velocity_used, bool), "velocity_used is not a flag")

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects import effect_classes, nuisance_of
 from elid_cli.report.tree import Cell, KeyValues, Section, Text, number_text, picked
 from elid_cli.robot.files import fingerprint
 from elid_cli.robot.robot import Robot
@@ -108,7 +108,10 @@ def nuisance_items(robot: Robot, nuisances: Sequence[Any]) -> Items:
     """Return what of the measurement was estimated along and corrected, one line per kind."""
     kinds: dict[str, list[str]] = {}
     for n in nuisances:
-        kinds.setdefault(n.effect, []).append(f"{n.joint} {effect_text(robot, n.effect, n.joint, n.parameters, {})}")
+        errors = n.std_error if nuisance_of(n.effect) == "delay" else {}
+        kinds.setdefault(n.effect, []).append(
+            f"{n.joint} {effect_text(robot, n.effect, n.joint, n.parameters, errors)}"
+        )
     return tuple((kind.replace("_", " "), f"{'; '.join(found)}; corrected") for kind, found in kinds.items())
 
 

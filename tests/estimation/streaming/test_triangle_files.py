@@ -220,6 +220,17 @@ def test_a_cut_file_is_refused(place: Path, tmp_path: Path, share: float) -> Non
     assert "elid reduce LOG --robot ROBOT -o cut.npz" in done.stderr
 
 
+def test_a_file_of_before_is_read_as_one_of_measured_torques(place: Path, tmp_path: Path) -> None:
+    whole = tmp_path / "whole.npz"
+    write_triangles(reduce_jobs(jobs(place, "a.h5")), whole)
+    with np.load(whole) as stored:
+        arrays = {name: stored[name] for name in stored.files if name != "0/computed"}
+        assert len(arrays) == len(stored.files) - 1
+    np.savez(tmp_path / "before.npz", **arrays)
+    (now,), (before,) = read_triangles(whole), read_triangles(tmp_path / "before.npz")
+    assert before.facts.computed.tolist() == now.facts.computed.tolist() == [False] * 6
+
+
 def test_a_file_with_other_shapes_or_another_schema_is_damaged(place: Path, tmp_path: Path) -> None:
     whole = tmp_path / "whole.npz"
     write_triangles(reduce_jobs(jobs(place, "a.h5")), whole)
