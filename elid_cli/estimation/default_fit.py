@@ -17,10 +17,10 @@ from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.regression.covariance import lasting_weights
 from elid_cli.estimation.regression.effect_columns import FittedEffects, scene_of, with_effects
 from elid_cli.estimation.regression.effect_shapes import fit_declared
-from elid_cli.estimation.regression.least_squares import Solution, reweighted
+from elid_cli.estimation.regression.least_squares import reweighted
 from elid_cli.estimation.regression.nuisances import LONGEST, reading_columns, short_enough, significant
 from elid_cli.estimation.regression.other_shapes import check_shape_ambiguity
-from elid_cli.estimation.regression.standard_errors import covariance_of
+from elid_cli.estimation.regression.standard_errors import covariance_of, covariance_with_dropped
 from elid_cli.estimation.regression.triangles import ExtraColumns, to_triangles
 from elid_cli.estimation.result import EstimateOptions
 from elid_cli.estimation.validation.cross_validation import held_out
@@ -105,7 +105,7 @@ def fit_data(base: BaseParameters, data: FitData, options: EstimateOptions) -> D
         scene = scene_of(data.model, solved.signals, solved.standard)
         again = FittedEffects.of(effects.effects, scene, solved.signals) if effects else None
         solved = solve_with(base, data, solved.nuisances, again)
-    covariance = covariance_of(solved)
+    covariance = covariance_with_dropped(solved, covariance_of(solved))
     if solved.effects and data.samples is not None and not options.hold:
         effects, covariance = check_shape_ambiguity(solved, solved.effects, covariance)
         solved = replace(solved, effects=effects)
@@ -152,25 +152,12 @@ def solve_with(
         # time: too little to show, and enough to bend viscous friction by several standard errors
         late = bool(np.any(data.facts.moved) or data.facts.computed.any())
         kept = significant(solution, spread, nuisances, data.model.parameters, data.facts.dt, late=late, alone=alone)
-        kept = [e for e in nuisances if any(e is k for k in kept) or _stays(e, data, solution, nuisances)]
         kept, known = _borne_out(base, data, kept, effects)
         if not (shaping and effects) and len(kept) == len(nuisances):
             break
         known = None if shaping and effects else known
         nuisances = kept
     return solved
-
-
-def _stays(extra: ExtraColumns, data: FitData, solution: Solution, nuisances: Sequence[ExtraColumns]) -> bool:
-    """Whether an offset of a computed torque stays unknown though it does not show: a weight may take its place.
-
-    Drives that are told positions have one nearly always; taken for none where a joint hardly turns, it made first
-    moments that were up to 100 standard errors off.
-    """
-    if extra.nuisance != "offset" or not data.facts.computed[sum_row(extra).joint]:
-        return False
-    column = data.model.parameters + next(k for k, other in enumerate(nuisances) if other is extra)
-    return column in solution.basis and solution.determined(column)
 
 
 def _start_effects(base: BaseParameters, data: FitData, hold: float = 0.0) -> FittedEffects | None:
@@ -280,8 +267,7 @@ def _borne_out(
         return solved, held_out(robot, solved.triangles, solved.solution)
 
     present: tuple[Solved, dict[str, JointError]] | None = None
-    computed = data.facts.computed
-    for extra in [e for e in nuisances if e.nuisance == "offset" and not computed[sum_row(e).joint]]:
+    for extra in [e for e in nuisances if e.nuisance == "offset"]:
         name = robot.joint_names[sum_row(extra).joint]
         fewer = [e for e in nuisances if e is not extra]
         present = judged(nuisances) if present is None else present
