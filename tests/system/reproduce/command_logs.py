@@ -1,9 +1,10 @@
 """Diagnosis and intervals on simulated command logs with known truth, on a plant that shares no code with elid.
 
-    python -m tests.system.reproduce.command_logs [--logs N] [--first SEED] [--only WORD]
+    python -m tests.system.reproduce.command_logs [--logs N] [--first SEED] [--only WORD] [--torque]
 
 Prints, by effect, how often it was named alone, named among others that the log cannot tell apart, or not; what was
-named on clean logs; and how often 95 % intervals of armature, friction and offset hold the truth.
+named on clean logs; and how often 95 % intervals of armature, friction and offset hold the truth. With ``--torque``,
+how often those of least squares by computed torques do, on clean logs.
 """
 
 from __future__ import annotations
@@ -70,12 +71,35 @@ def scores_of(found: MotionDiagnosis) -> list[float]:
     return z
 
 
+def by_torque(folder: Path, robot: Robot, first: int, logs: int) -> None:
+    """Print how often intervals of least squares by computed torques hold the truth."""
+    inertia = plant.INERTIA + plant.MASS * plant.REACH**2 + plant.ARMATURE
+    scores = []
+    for seed in range(first, first + logs):
+        log = plant.written(folder, "log.h5", plant.moved(seed, 12.0))
+        found = identify(robot, prepare(read_recording([log], robot), robot))
+        told = {item.name: (item.estimate, item.std_error) for item in found.parameters}
+        for k in range(3):
+            for name, truth in (
+                (f"fs{k + 1}", plant.COULOMB[k]), (f"fv{k + 1}", plant.VISCOUS[k]),
+                (f"Iyy{k + 1} + Ja{k + 1}", inertia[k]), (f"cz{k + 1}", -plant.MASS[k] * plant.REACH[k]),
+            ):  # fmt: skip
+                scores.append((told[name][0] - truth) / told[name][1])
+    print(told_of(np.array(scores)))
+
+
+def told_of(z: np.ndarray) -> str:
+    inside, rms = np.mean(np.abs(z) < 1.96), np.sqrt(np.mean(z**2))
+    return f"{len(z)} intervals: {inside:.1%} hold the truth, rms z {rms:.2f}, largest {np.abs(z).max():.1f}"
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--logs", type=int, default=4)
     parser.add_argument("--first", type=int, default=100)
     parser.add_argument("--only", default="")
+    parser.add_argument("--torque", action="store_true")
     options = parser.parse_args()
     words, scores = ("named", "in set", "wrong", "none"), list[float]()
     print(f"{'effect':20}" + "".join(f"{word:>8}" for word in words) + "   others named")
@@ -83,6 +107,9 @@ def main() -> None:
         folder = Path(place)
         first = plant.written(folder, "log.h5", plant.moved(0, 1.0))
         robot = robot_as_logged(plant.robot(folder), [first], None, {})
+        if options.torque:
+            by_torque(folder, robot, options.first, options.logs)
+            return
         for name, effect in EFFECTS.items():
             if options.only not in name:
                 continue
@@ -96,9 +123,7 @@ def main() -> None:
             told = "".join(f"{counts[word]:8}" for word in words)
             print(f"{name:20}{told}   {', '.join(sorted(set(others)))}", flush=True)
     if scores:
-        z = np.array(scores)
-        inside, rms = np.mean(np.abs(z) < 1.96), np.sqrt(np.mean(z**2))
-        print(f"{len(z)} intervals: {inside:.1%} hold the truth, rms z {rms:.2f}, largest {np.abs(z).max():.1f}")
+        print(told_of(np.array(scores)))
 
 
 if __name__ == "__main__":

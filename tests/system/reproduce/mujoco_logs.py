@@ -1,7 +1,7 @@
 """Command logs of public robots simulated by MuJoCo: recovery, coverage, and which missing effect is named.
 
     python -m tests.system.reproduce.mujoco_logs [--logs N] [--first SEED] [--effects N] [--only ROBOT …]
-                                                 [--friction default] [--held]
+                                                 [--friction default] [--held] [--torque]
 
 The first table is of N clean logs per robot: how many armatures, frictions and offsets are within 3 % of the truth, and
 how many 95 % intervals hold it. The second, of N logs per effect, says how often the one effect of the plant, at a
@@ -9,6 +9,9 @@ joint drawn at random, is named alone, among others that the log cannot tell apa
 
 The plants' friction is as stiff as MuJoCo allows. With ``--friction default`` it is MuJoCo's own, which fades in over a
 speed and acts ahead of it, and two more robots take part; ``--held`` fits friction that holds a joint at rest to all.
+
+``--torque`` asks what least squares by computed torques say of clean logs instead: how many intervals of base
+parameters hold the truth.
 """
 
 from __future__ import annotations
@@ -20,10 +23,12 @@ from pathlib import Path
 import numpy as np
 
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.estimation.identify import identify
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
 from elid_cli.logs.reading import read_recording
+from elid_cli.robot.parameter import StandardParameter
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals, prepare
 from tests.system.reproduce.mujoco_plants import FURTHER, KINDS, Drives, Extra, Plant, State, logged, plant_of, written
@@ -69,6 +74,34 @@ def clean(names: list[str], first: int, logs: int, *, default: bool = False, hel
           f"{100 * np.mean(np.abs(z) < 1.96):.1f} % of {z.size} intervals hold the truth, rms z "
           f"{np.sqrt(np.mean(z**2)):.2f}, largest {np.abs(z).max():.1f}")  # fmt: skip
     print(f"friction fades in over a speed at {fading} of {len(whole)} joints")
+
+
+def by_torque(names: list[str], first: int, logs: int) -> None:
+    """Print how often intervals of least squares by computed torques hold the truth, robot by robot."""
+    print(f"{'':10}{'logs':>5}   of 95 % intervals hold the truth, and rms z, of")
+    print(f"{'':15}{'friction':>16}{'rotor inertias':>16}{'bodies':>16}   largest z")
+    for name in names:
+        plant, found = plant_of(name), list[np.ndarray]()
+        for seed in range(first, first + logs):
+            recording, drives, _ = logged(plant, seed)
+            result = identify(plant.robot, read(plant, recording))
+            described = dict(zip(plant.robot.parameter_names(), plant.robot.reference(), strict=True))
+            described |= {
+                StandardParameter(kind, joint): drives.truth[joint, k]
+                for joint in range(plant.robot.n)
+                for k, kind in enumerate(("Ja", "fs", "fv"))
+            }
+            truth = result.base.transform @ np.array(list(described.values()))
+            found.append((result.estimate - truth) / result.std_error)
+        z, labels = np.array(found), [item.name for item in result.parameters]
+        friction = np.array([label.startswith(("fs", "fv")) for label in labels])
+        rotors = np.array(["Ja" in label for label in labels])
+        told = ""
+        for chosen in (friction, rotors, ~friction & ~rotors):
+            part = z[:, chosen]
+            part = part[np.isfinite(part)]  # what a log does not determine has no error
+            told += f"{100 * np.mean(np.abs(part) < 1.96):10.0f}{np.sqrt(np.mean(part**2)):6.2f}"
+        print(f"{name:10}{logs:5}{told}{np.nanmax(np.abs(z)):12.1f}", flush=True)
 
 
 def line(name: str, logs: int, found: np.ndarray, more: str) -> None:
@@ -140,9 +173,13 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=KINDS | FURTHER, metavar="ROBOT")
     parser.add_argument("--friction", choices=("stiff", "default"), default="stiff")
     parser.add_argument("--held", action="store_true")
+    parser.add_argument("--torque", action="store_true")
     options = parser.parse_args()
     default = options.friction == "default"
     names = options.only or [*KINDS, *(FURTHER if default else ())]
+    if options.torque:
+        by_torque(names, options.first, options.logs)
+        return
     if options.logs:
         clean(names, options.first, options.logs, default=default, held=options.held)
     if options.effects:
