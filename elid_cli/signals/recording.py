@@ -18,6 +18,13 @@ GYRO = ("gyro_x", "gyro_y", "gyro_z")
 """Signals of gyroscopes: angular velocities about the sensors' own axes."""
 
 
+def joints_computed(source: str, joints: Sequence[str]) -> NDArray[np.bool_]:
+    """Return the joints whose torque is computed, (n,), by its source: `command`, or `command of JOINT …`."""
+    words = source.split()
+    found = [words[:1] == ["command"] and (len(words) == 1 or name in words[2:]) for name in joints]
+    return np.array(found, dtype=bool)
+
+
 @dataclass(frozen=True)
 class Segment:
     """A stretch of samples [start, stop) that is contiguous in time and from one file; `source` indexes files."""
@@ -111,10 +118,8 @@ class Recording(Shown):
     @property
     def commanded(self) -> NDArray[np.bool_]:
         """Joints whose torque was computed from commands and gains, (n,)."""
-        words = self.sources.get("tau", "").split()
-        if words[:1] != ["command"] or "q_des" not in self.commands:
-            return np.zeros(self.n, dtype=bool)
-        return np.array([len(words) == 1 or name in words[2:] for name in self.joints])
+        computed = joints_computed(self.sources.get("tau", ""), self.joints)
+        return computed if "q_des" in self.commands else np.zeros(self.n, dtype=bool)
 
     def mean_temperatures(self) -> dict[str, float]:
         """Return the mean temperature of every joint that has one, °C."""

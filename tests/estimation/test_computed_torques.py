@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.streaming.merge import identify_reduced
@@ -23,6 +24,17 @@ TRUTH = {
         ("cz", -plant.MASS * plant.REACH, ""),
     )
 }  # fmt: skip
+
+
+def test_a_velocity_sampled_as_its_command_changes_is_late_by_its_ripple(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plant, "COULOMB", np.full(3, 1e-9))
+    log = plant.written(tmp_path, "log.h5", plant.moved(60, 12.0, noise=1e-6))
+    robot = robot_as_logged(plant.robot(tmp_path), [log], None, {})
+    found = identify(robot, prepare(read_recording([log], robot), robot))
+    delays = [item.parameters["delay"] for item in found.nuisances if item.effect == "torque_delay"]
+    assert delays == pytest.approx(plant.KD * plant.DT**2 / (12 * INERTIA), rel=0.02)
 
 
 def test_intervals_hold_though_commands_are_stairs(tmp_path: Path) -> None:

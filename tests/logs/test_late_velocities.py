@@ -62,16 +62,30 @@ def test_short_logs_rests_and_gaps_say_nothing() -> None:
     assert delay_of(np.zeros(2400), np.zeros(2400), DT, 0) is None
     q[7] = np.nan
     assert delay_of(q, dq, DT, 0) is None
-    robot = read_robot("planar2")
-    assert list(late_velocities({"dq": np.zeros((2400, 2))}, np.zeros((2400, 2)), DT, robot)) == []
+    robot, still = read_robot("planar2"), np.zeros((2400, 2))
+    assert list(late_velocities({"dq": still}, still, np.ones(2, dtype=bool), DT, robot)) == []
 
 
 def test_a_late_position_bends_viscous_friction() -> None:
     q, dq = (np.tile(part[:, None], 2) for part in motion(1, -6e-3))
     gains = {"kp": np.full(q.shape, 20.0), "kd": np.full(q.shape, 0.5)}
-    (said,) = late_velocities({"dq": dq, **gains}, q, DT, read_robot("planar2"))
+    (said,) = late_velocities({"dq": dq, **gains}, q, np.ones(2, dtype=bool), DT, read_robot("planar2"))
     assert said.startswith("joint1 joint2: the position is late against the velocity by 6 ms")
     assert "viscous frictions are too large by kp times that, 0.12 N·m·s/rad" in said
+
+
+def test_joints_are_judged_by_the_velocity_that_they_have_and_only_where_a_torque_is_computed() -> None:
+    q, dq = (np.tile(part[:, None], 2) for part in motion(1, 8e-3))
+    gains = {"kp": np.full(q.shape, 20.0), "kd": np.full(q.shape, 0.5)}
+    first, second = np.array([True, False]), np.array([False, True])
+    sides = {"dq": np.where(first, dq, np.nan), "dtheta": np.where(first, np.nan, dq)}
+    robot = read_robot("planar2")
+    (said,) = late_velocities({**sides, **gains}, q, first | second, DT, robot)
+    assert said.startswith("joint1 joint2: the velocity is late")
+    # a joint without gains has a measured torque
+    bare = {name: np.where(second, values, np.nan) for name, values in gains.items()}
+    (said,) = late_velocities({**sides, **bare}, q, second, DT, robot)
+    assert said.startswith("joint2: the velocity is late")
 
 
 def test_identify_warns_of_a_filtered_velocity(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

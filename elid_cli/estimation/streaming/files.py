@@ -199,9 +199,9 @@ def _unpacked(head: dict[str, Any], arrays: Any, k: int) -> ReducedLog:
     for kind, joint, width in head["layout"]:
         layout.append((EstimationRow(kind, joint), columns[place : place + width]))
         place += width
-    known_facts = [field.name for field in fields(SignalFacts) if f"{k}/{field.name}" in arrays]
-    values = {name: arrays[f"{k}/{name}"] for name in known_facts}
-    values.setdefault("computed", np.zeros_like(values["torque"]))  # files of before know nothing of commands
+    values = {field.name: arrays[f"{k}/{field.name}"] for field in fields(SignalFacts) if field.name != "computed"}
+    # files of before know nothing of commands
+    values["computed"] = arrays[f"{k}/computed"] if f"{k}/computed" in arrays else np.zeros_like(values["torque"])
     facts = SignalFacts(**{name: value if value.ndim else value.item() for name, value in values.items()})
     joints = tuple(head["joints"])
     segments = tuple(Segment(*row) for row in arrays[f"{k}/segments"].tolist())

@@ -1,7 +1,8 @@
 """Whether a velocity is late against the position of its joint, where a torque is computed from both.
 
 Drives log a velocity that a filter has made late. Their own loop mostly takes the same one: then a computed torque is
-right. Where the loop has a faster velocity, ``kd`` times the delay is missing of every inertia, and no torque shows it.
+right. Where the loop has a faster velocity, every inertia comes out too large by ``kd`` times the delay, and no torque
+shows it.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.robot.robot import Robot
@@ -23,7 +25,7 @@ FEWEST = 50
 LEAST = 1e-3
 """s, from which a delay is worth a word."""
 SURE = 5.0
-"""Standard errors by which it must differ from that."""
+"""Standard errors by which it must be longer than that."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,9 @@ class Delay:
     std_error: float
 
 
-def late_velocities(signals: Mapping[str, Array], q: Array, dt: float, robot: Robot) -> Iterator[str]:
+def late_velocities(
+    signals: Mapping[str, Array], q: Array, computed: NDArray[np.bool_], dt: float, robot: Robot
+) -> Iterator[str]:
     """Yield a sentence on velocities, and one on positions, that are late in a log whose torque is computed.
 
     Parameters
@@ -45,20 +49,26 @@ def late_velocities(signals: Mapping[str, Array], q: Array, dt: float, robot: Ro
         ``dq`` or ``dtheta``, ``kp`` and ``kd``, each (N, n), of contiguous samples.
     q
         Positions that the torque is computed from, (N, n).
+    computed
+        Joints whose torque is, (n,).
     dt
         Sample time, s.
     robot
         Its joints' names.
     """
-    rates = [signals[name] for name in ("dq", "dtheta") if name in signals]
-    if not rates or not {"kp", "kd"} <= set(signals):
+    if not {"kp", "kd"} <= set(signals):
         return
-    found = [delay_of(q[:, j], rates[0][:, j], dt, j) for j in range(robot.n)]
+    found = []
+    for j in np.flatnonzero(computed).tolist():
+        rates = [signals[name][:, j] for name in ("dq", "dtheta") if name in signals]
+        logged = [rate for rate in rates if np.isfinite(rate).any()]
+        if logged:  # the torque takes the first one
+            found.append(delay_of(q[:, j], logged[0], dt, j))
     sure = [d for d in found if d is not None and abs(d.value) - LEAST > SURE * d.std_error]
     for late in (True, False):
         joints = [d for d in sure if (d.value > 0) == late]
         gain = signals["kd" if late else "kp"]
-        joints = [d for d in joints if np.nanmedian(np.abs(gain[:, d.joint])) > 0]
+        joints = [d for d in joints if np.any(gain[:, d.joint] > 0)]
         if joints:
             yield _sentence(joints, gain, robot, late=late)
 

@@ -37,6 +37,7 @@ from elid_cli.logs.repair.align import Aligned
 from elid_cli.logs.repair.stuck import frozen, limited
 from elid_cli.memory import along, let_go
 from elid_cli.robot.robot import Robot
+from elid_cli.signals.recording import joints_computed
 
 LENGTHS, RATES, EFFORTS = {"rad", "m", "radian", "radians"}, {"rad/s", "m/s"}, {"nm", "n"}
 SI = {"q": LENGTHS, "theta": LENGTHS, "dq": RATES, "dtheta": RATES, "tau": EFFORTS, "tau_link": EFFORTS}
@@ -77,7 +78,8 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     found.extend(_described(checked, sides, whole, aligned.dt, robot, plan))
     if checked.computed:
         shown = {name: values[whole] for name, values in checked.optional.items()}
-        found.extend(late_velocities(shown, sides, aligned.dt, robot))
+        computed = joints_computed(checked.computed, robot.joint_names)
+        found.extend(late_velocities(shown, sides, computed, aligned.dt, robot))
     q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
     pairs = [Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
     tau: Array | None = None
