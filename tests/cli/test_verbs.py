@@ -269,13 +269,16 @@ def test_progress_is_shown_on_a_terminal_only_and_is_gone_at_the_end(elid, place
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processor time of a running process")
-def test_a_first_sign_of_life_within_half_a_second(place: Path) -> None:
+def test_a_first_sign_of_life_within_half_a_second(place: Path, tmp_path: Path) -> None:
+    # bytecode of its own from the first start on, whatever is set or compiled where the tests run
+    bytecode = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(tmp_path)}
     taken = []
     for _ in range(3):
         master, slave = pty.openpty()
         process = subprocess.Popen(
             [*Elid.command, "identify", str(place / LOG), "--robot", str(place / ROBOT)],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=slave, env=environment(COLUMNS="80"),
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=slave,
+            env=environment(COLUMNS="80", **bytecode),
         )  # fmt: skip
         os.close(slave)
         os.read(master, 100)
