@@ -176,10 +176,11 @@ fit = gathered(
     "fit", "elid_cli.estimation.result:EstimateOptions",
     option(FIT, "--estimator", type=click.Choice(("default", "paper")), default="default",
            help="paper: the least squares of the paper, for comparison; noise biases it."),
-    option(FIT, "--fit", type=click.Choice(("torque", "trajectory")), default="torque",
+    option(FIT, "--fit", type=click.Choice(("auto", "torque", "trajectory")), default="auto",
            help="What is fitted to the log. torque: the measured torque. trajectory: the measured motion, by "
                 "simulation under the log's commands (masses and inertias stay those of the robot file); without "
-                "commands, under the log's torque in short windows."),
+                "commands, under the log's torque in short windows. auto: the torque; of a short log whose torque is "
+                "computed from commands the motion."),
     option(FIT, "--accurate", is_flag=True,
            help="Estimate trajectory and parameters together: slower, and accurate also under strong noise."),
 )  # fmt: skip

@@ -133,7 +133,7 @@ class _Again(NamedTuple):
         return identify(robot, replace(signals, cutoff_free=False), _HOLDING).error
 
 
-_HOLDING = EstimateOptions(hold=HELD)
+_HOLDING = EstimateOptions(fit="torque", hold=HELD)
 
 
 def _identified_again(

@@ -120,6 +120,8 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
             found, _ = identify_reduced(robot, reduce_each(robot, signals, {}), options)
             return with_motor_side(with_load(found, signals.recording), side)
     side = asked_motor_side(robot, signals, options)
+    if side is not None and options.fit == "auto":
+        options = replace(options, fit="torque")
     below = below_resonance(signals, side)
     straight = straightened(below, side, options, lambda used, how: _identified(robot, used, how))
     found = straight or _identified(robot, below, options)
@@ -147,6 +149,10 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
         return by_trajectory(found, signals, delays=options.delays)
     if options.accurate:
         return _as_described(_accurate(fit, found, options, refused, judgement), robot, tilt)
+    if options.fit == "auto" and signals.recording is not None and signals.recording.commanded.all():
+        from elid_cli.estimation.trajectory.unasked import or_by_motion
+
+        return or_by_motion(found, signals)
     return found
 
 

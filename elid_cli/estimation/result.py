@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +33,11 @@ class EstimateOptions:
     estimator: Literal["default", "paper"] = "default"
     accurate: bool = False
     """Follow with the spline collocation (`collocation`), accepted only if it proves itself."""
-    fit: Literal["torque", "trajectory"] = "torque"
-    """What comes near what was measured: the torque, or the simulated motion under the log's commands."""
+    fit: Literal["auto", "torque", "trajectory"] = "auto"
+    """What comes near what was measured: the torque, or the simulated motion under the log's commands.
+
+    ``auto``: the torque, but the motion of a short log whose torques are computed from commands (`trajectory.unasked`).
+    """
     folds: int = 6
     """Contiguous stretches; each in turn is predicted by a fit to the others."""
     delays: bool = True
@@ -197,6 +200,16 @@ class Identification(Shown):
         found[np.diag_indices(len(found))] = self.std_error**2
         refused = ~np.isfinite(self.std_error)
         found[refused] = found[:, refused] = np.nan
+        return found
+
+    @property
+    def drives(self) -> Mapping[str, Mapping[str, Mapping[str, float]]]:
+        """Values and errors of every drive, by joint and parameter, of a fit of the motion under commands; else empty.
+
+        Its bodies are those of the robot file.
+        """
+        told: Any = self.settings.get("trajectory")
+        found: Mapping[str, Any] = told.get("joint_parameters", {}) if isinstance(told, dict) else {}
         return found
 
     @property

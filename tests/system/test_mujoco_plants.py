@@ -7,7 +7,7 @@ from importlib.metadata import distributions
 import numpy as np
 import pytest
 
-from elid_cli.estimation.identify import identify
+from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.model.linearised import Linearised
 
 mujoco = pytest.importorskip("mujoco")
@@ -39,7 +39,7 @@ def test_an_offset_that_does_not_show_is_in_the_errors_of_what_takes_its_place()
     # the feet of this biped swing little: taken for none, offsets of some mN·m made first moments 103 and 35 errors off
     plant = plant_of("bolt")
     recording, drives, _ = logged(plant, 3001)
-    found = identify(plant.robot, read(plant, recording))
+    found = identify(plant.robot, read(plant, recording), EstimateOptions(fit="torque"))
     truth = dict(zip(plant.robot.parameter_names(), plant.robot.reference(), strict=True))
     shown = {item.name: item for item in found.parameters}
     offsets = {n.joint for n in found.nuisances if n.effect == "torque_offset"}

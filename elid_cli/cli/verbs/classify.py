@@ -35,9 +35,10 @@ def classify(source: Source, spread: Spread, gates: Gates, output: Output) -> No
         check_names(gates, machine)
         recording = found = None
         if source.logs:
-            from elid_cli.estimation.identify import identify_logs
+            from elid_cli.estimation.identify import EstimateOptions, identify_logs
 
-            answer = identify_logs(log_request(source, machine, spread, output, advance))
+            by_torque = EstimateOptions(fit="torque")  # which knows the bodies as well
+            answer = identify_logs(log_request(source, machine, spread, output, advance), by_torque)
             found, recording = answer.found, answer.recording
     emit(classification_report(machine, base, source.robot, found, recording), output)
     check_gates(gates, classes=base.classes if found is None else found.this_log)

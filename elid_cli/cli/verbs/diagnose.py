@@ -82,7 +82,7 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
         from elid_cli.diagnosis import DiagnoseOptions, Diagnosis
         from elid_cli.diagnosis import diagnose as find
         from elid_cli.diagnosis.by_motion.able import by_motion
-        from elid_cli.estimation.identify import identify
+        from elid_cli.estimation.identify import EstimateOptions, identify
         from elid_cli.estimation.refined_robot import remarks
         from elid_cli.estimation.validation.prediction import validate
         from elid_cli.report.answers.diagnosis import diagnosis_report
@@ -118,7 +118,8 @@ def diagnose(source: Source, search: Search, gates: Limits, files: Files, output
         published = found.identified_after
         written = write_found(
             Files() if found.partial else files, found.written_robot, remarks(published) if files.write_robot else (),
-            found.identified_with_effects, found.after, lambda plain: identify(plain, signals), output,
+            found.identified_with_effects, found.after,
+            lambda plain: identify(plain, signals, EstimateOptions(fit="torque")), output,
         )  # fmt: skip
         told = DiagnosisInput(
             found, found.identified_before, published, found.contributions, recording, source.robot, judged,

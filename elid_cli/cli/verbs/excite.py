@@ -181,7 +181,8 @@ def _last(after: str, machine: Robot, reading: Reading, output: Output) -> LastL
 
     if is_result(after):
         return read_last(after, machine)
-    from elid_cli.estimation.identify import identify
+    from elid_cli.estimation.identify import EstimateOptions, identify
     from elid_cli.signals.signals import prepare
 
-    return last_of(identify(machine, prepare(load_recording((after,), machine, reading, output), machine)))
+    signals = prepare(load_recording((after,), machine, reading, output), machine)
+    return last_of(identify(machine, signals, EstimateOptions(fit="torque")))

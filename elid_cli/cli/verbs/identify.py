@@ -70,6 +70,8 @@ def identify(
 
         need_solver()
     check_described(files)
+    if fit.fit == "auto" and (beyond.physical or beyond.payload is not None):
+        fit = replace(fit, fit="torque")  # both are about the bodies, or the torque
     with progress(output, "reading") as advance:
         from elid_cli.estimation.refined_robot import identified_robot, remarks, with_stiffnesses
         from elid_cli.report.answers.identification import identification_report
@@ -87,9 +89,9 @@ def identify(
         again = replace(request, on_read=None, progress=None)
 
         def without_effects(plain: Robot) -> Identification:
-            return _identified(
-                replace(again, robot=plain), replace(fit, delays=fit.fit != "trajectory"), beyond.payload, False
-            ).found
+            moving = found.estimator == "trajectory"
+            same = replace(fit, fit="trajectory" if moving else "torque", delays=not moving)
+            return _identified(replace(again, robot=plain), same, beyond.payload, False).found
 
         elastic = with_stiffnesses(refined, found)
         written = write_found(

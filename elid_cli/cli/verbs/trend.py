@@ -80,7 +80,7 @@ def _identified(source: Source, output: Output) -> SavedResult:
     """Return what identification says of one log, as a saved result would."""
     from elid_cli.cli.inputs import load_robot, log_request
     from elid_cli.estimation.comparison import result_of
-    from elid_cli.estimation.identify import identify_logs
+    from elid_cli.estimation.identify import EstimateOptions, identify_logs
 
     request = log_request(source, load_robot(source.robot), Spread(), output, None)
-    return result_of(identify_logs(request).found.to_dict(), source.logs[0])
+    return result_of(identify_logs(request, EstimateOptions(fit="torque")).found.to_dict(), source.logs[0])

@@ -46,7 +46,7 @@ MOMENTS = ("cx", "cy", "cz")
 
 def least_squares(robot: Robot, signals: Signals) -> Identification:
     """Return what least squares say of a robot without effects: where a trajectory fit starts."""
-    plain = identify(replace(robot, effects=()), signals, EstimateOptions(guards=False))
+    plain = identify(replace(robot, effects=()), signals, EstimateOptions(fit="torque", guards=False))
     return replace(plain, robot=robot)
 
 

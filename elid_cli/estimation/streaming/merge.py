@@ -69,6 +69,10 @@ def identify_reduced(
         found = replace(found, notes=(*found.notes, UNREAD))
     found = judged_model(found, *(log.judgement for log in logs))
     found = replace(found, notes=(*found.notes, *_disagreement(data, logs, fit)))
+    if options.fit == "auto" and all(log.facts.computed.all() for log in logs):
+        from elid_cli.estimation.trajectory.unasked import pointed_out
+
+        found = pointed_out(found)
     return found, _by_log(model, logs, fit)
 
 

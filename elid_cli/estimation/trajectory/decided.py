@@ -12,7 +12,7 @@ from elid_cli.errors import DataError
 from elid_cli.estimation.regression.normal_equations import jackknife
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted_with_columns
 from elid_cli.estimation.trajectory.normal_equations import Tracked
-from elid_cli.estimation.trajectory.softening import softened
+from elid_cli.estimation.trajectory.softening import columns_of, softened
 from elid_cli.estimation.trajectory.unknowns import Unknowns, started
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.runs import Run
@@ -62,17 +62,26 @@ def fit_trajectory(
     DataError
         The simulated motion runs away from the measured one.
     """
+    return fit_with_columns(robot, runs, start, effects, amplitudes, late=late, soft=soft, tell=tell)[0]
+
+
+def fit_with_columns(
+    robot: Robot, runs: Sequence[Run], start: Array, effects: Sequence[Effect] = (), amplitudes: Sequence[float] = (),
+    *, late: bool = True, soft: bool = True, tell: Callable[[float], None] | None = None,
+) -> tuple[TrajectoryFit, list[Array]]:  # fmt: skip
+    """Return the fit of `fit_trajectory`, and how its stretches' positions change with the unknowns, (N, n, U) each."""
     unknowns = Unknowns(robot, tuple(effects), 1 + max(run.source for run in runs), len(effects))
     z = started(unknowns, start, amplitudes)
     fit, columns = _late_or_prompt(unknowns, [Tracked.of(run) for run in runs], z, late=late, tell=tell)
     if not soft:
-        return fit
+        return fit, columns
 
     def refit(other: Unknowns, near: TrajectoryFit, begun: Array) -> TrajectoryFit:
         tracked = [replace(item) for item in near.tracked]
         return _late_or_prompt(other, tracked, begun, late=late)[0]
 
-    return softened(fit, refit, columns)
+    softer = softened(fit, refit, columns)
+    return softer, columns if softer is fit else columns_of(softer)
 
 
 def _late_or_prompt(

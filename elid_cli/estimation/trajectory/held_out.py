@@ -97,7 +97,7 @@ def by_simulated_motion(
     told["notes"] = (*found.notes, *told["notes"])
     told["settings"] = {**found.settings, "estimator": "trajectory", "trajectory": told["settings"]}
     return replace(
-        found, parameters=parameters, covariance=covariance, estimator="trajectory", warnings=(), **told
+        found, parameters=parameters, covariance=covariance, estimator="trajectory", **{"warnings": (), **told}
     )  # fmt: skip
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError, UsageError
+from elid_cli.errors import LogError, UsageError, in_words
 from elid_cli.estimation.judgement import ModelWord
 from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.trajectory.acting import can_act, declared, scene_along
-from elid_cli.estimation.trajectory.decided import fit_trajectory
+from elid_cli.estimation.trajectory.bodies import other_bodies
+from elid_cli.estimation.trajectory.decided import fit_with_columns
 from elid_cli.estimation.trajectory.differing import Differing, as_last, differing
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import (
@@ -34,6 +37,8 @@ from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals
 
+GAINS = {"q_des", "kp", "kd"}
+"""What a log must hold for its commands to drive a robot."""
 SHOWN = 3.0
 """Standard errors beyond which a delay is told."""
 AHEAD = 0.5
@@ -69,7 +74,7 @@ def by_trajectory(found: Identification, signals: Signals, *, delays: bool = Tru
     recording = signals.recording
     if recording is None:
         raise LogError("--fit trajectory: it simulates the samples of a log", hint="name the log itself")
-    driven = {"q_des", "kp", "kd"} <= recording.commands.keys()
+    driven = recording.commands.keys() >= GAINS
     why = unsuited(robot) if driven else "the log holds no commands with gains"
     if why and not recording.commanded.any():
         from elid_cli.estimation.output_error.identification import by_output_error
@@ -77,10 +82,23 @@ def by_trajectory(found: Identification, signals: Signals, *, delays: bool = Tru
         return by_output_error(found, signals)
     if why:
         raise UsageError(f"--fit trajectory: {why}", hint="leave --fit out: the torque is fitted")
+    fit, bodies = fit_of(robot, signals, recording, delays=delays)
+    return identification_of(found, fit, signals, bodies)
+
+
+def fit_of(
+    robot: Robot, signals: Signals, recording: Recording, *, delays: bool = True
+) -> tuple[TrajectoryFit, dict[str, float]]:
+    """Return the fit to a log with commands, of a robot that it knows, and what other bodies would take off it.
+
+    See `by_trajectory` and `bodies.other_bodies`.
+    """
     runs = commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
-    fit = fit_trajectory(robot, runs, started_from(robot, signals), effects, amplitudes, late=delays, soft=delays)
-    return identification_of(found, as_last(fit, differing(fit)), signals)
+    fit, columns = fit_with_columns(
+        robot, runs, started_from(robot, signals), effects, amplitudes, late=delays, soft=delays
+    )
+    return as_last(fit, differing(fit)), other_bodies(fit, columns)
 
 
 def unsuited(robot: Robot) -> str:
@@ -142,7 +160,9 @@ def started_from(robot: Robot, signals: Signals) -> Array:
     return values
 
 
-def identification_of(found: Identification, fit: TrajectoryFit, signals: Signals) -> Identification:
+def identification_of(
+    found: Identification, fit: TrajectoryFit, signals: Signals, bodies: Mapping[str, float] = MappingProxyType({})
+) -> Identification:
     """Return a trajectory fit as an identification.
 
     Parameters
@@ -153,6 +173,8 @@ def identification_of(found: Identification, fit: TrajectoryFit, signals: Signal
         The fit.
     signals
         The log.
+    bodies
+        What other bodies take off the squared error of joints' motion (`bodies.other_bodies`).
     """
     robot = found.robot
     base, names = found.base, list(found.base.parameters)
@@ -188,7 +210,8 @@ def identification_of(found: Identification, fit: TrajectoryFit, signals: Signal
         nuisances=channel_faults(robot, fit),
         effects=fitted_effects(robot, fit),
         notes=(note, *apart),
-        settings={**_settings(robot, fit), "beyond_noise": beyond},
+        settings={**_settings(robot, fit), "beyond_noise": beyond, "other_bodies": dict(bodies)},
+        warnings=bodies_words(robot, bodies),
         model=model,
     )  # fmt: skip
 
@@ -204,6 +227,20 @@ def difference_words(item: Differing) -> str:
     values = ", ".join(f"{value:.3g}" for value in item.values)
     change = f"; it changed before recording {item.changed_at + 1}" if item.changed_at is not None else ""
     return f"the recordings do not agree on {item.name} of {item.joint}: {values} {item.unit}{change}"
+
+
+def bodies_words(robot: Robot, bodies: Mapping[str, float]) -> tuple[str, ...]:
+    """Return that the motion asks for other bodies than the file's, in a sentence; none where it does not."""
+    if not bodies:
+        return ()
+    least, most = (f"{100 * pick(bodies.values()):.2g}" for pick in (min, max))
+    share = most if least == most else f"{least} to {most}"
+    return (
+        f"the motion of {in_words(list(bodies))} asks for other bodies than {robot.name} describes: they take {share} "
+        "% off its squared error where it was not fitted. Values and standard errors are those with the bodies of the "
+        "file: masses may be wrong (--fit torque estimates them), or something is missing that imitates them, such as "
+        "a spring (elid diagnose)",
+    )
 
 
 def softness_words(robot: Robot, fit: TrajectoryFit) -> list[str]:

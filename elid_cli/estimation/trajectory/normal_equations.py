@@ -12,7 +12,7 @@ from elid_cli.estimation.trajectory.acting import Acting, acting, resisting, sce
 from elid_cli.estimation.trajectory.block_sums import Equations, summed
 from elid_cli.estimation.trajectory.loss import bent, size_of, usual_size, weighed
 from elid_cli.estimation.trajectory.unknowns import Unknowns, steps_of
-from elid_cli.model.drives import Drives, Joints
+from elid_cli.model.drives import Drives, Fading, Joints
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.linearised import Linearised, Local
 from elid_cli.model.rollout import variants_of
@@ -131,11 +131,12 @@ def as_late(item: Tracked, unknowns: Unknowns, z: Array, finer: int = 1) -> Run:
 
 def _stepped(
     equations: Linearised, item: Tracked, run: Run, unknowns: Unknowns, z: Array, parameters: Array,
-    groups: tuple[NDArray[np.intp], ...],
+    groups: tuple[NDArray[np.intp], ...], pushes: Array | None = None,
 ) -> tuple[Array, Array, Array, NDArray[np.intp]]:  # fmt: skip
     """Simulate a stretch once: positions and velocities (N, V, m), steps of the variants, amplitudes that are constant.
 
-    A constant torque is the offset's: an amplitude that adds nothing else stays where it is.
+    A constant torque is the offset's: an amplitude that adds nothing else stays where it is. With `pushes` the variants
+    are those of `moved_by`.
     """
     local = item.equations(equations)
     done = _acting(unknowns, item, local, z, parameters)
@@ -147,6 +148,7 @@ def _stepped(
         still = np.flatnonzero((spread <= CONSTANT * np.abs(done.push).max(axis=(1, 2))) & ~done.grip.any(axis=(1, 2)))
     steps = steps_of(unknowns, z, strength) if groups else np.zeros(0)
     joints = _variants(unknowns, z, steps, groups, done)
+    joints = joints if pushes is None else _beside(joints, pushes)
     if groups and joints.push is not None:
         _bend_shapes(unknowns, z, steps, groups, _scene(unknowns, item, local, parameters), joints)
     if joints.push is not None:
@@ -160,6 +162,35 @@ def _stepped(
     kept = np.clip(x[:, 0], run.near - REACH, run.near + REACH)
     item.x, item.v = kept, np.where(kept == x[:, 0], v[:, 0], item.v)
     return x, v, steps, still
+
+
+def moved_by(
+    equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, parameters: Array, pushes: Array
+) -> Array:
+    """Return by how much further torques move the simulated positions of a stretch, rad (m), (N, n, D).
+
+    `pushes` are D torques on every coordinate, on the model's side, N·m (N), (D, N, m).
+    """
+    run, n = as_late(item, unknowns, z), unknowns.robot.n
+    x = _stepped(equations, replace(item), run, unknowns, z, parameters, (), pushes)[0]
+    found: Array = np.moveaxis(x[:, 1:, :n] - x[:, :1, :n], 1, 2)
+    return found
+
+
+def _beside(joints: Joints, pushes: Array) -> Joints:
+    """Return the one variant of joints, and D more that differ by further torques on every coordinate, (D, N, m)."""
+    count, shape = len(pushes) + 1, (pushes.shape[1] - 1, 1, 1, pushes.shape[2])
+    plain = np.zeros(shape) if joints.push is None else joints.push
+    push = np.repeat(plain, count, axis=1)
+    push[:, 1:, 0] += np.moveaxis(0.5 * (pushes[:, 1:] + pushes[:, :-1]), 0, 1)
+    grip = np.repeat(np.zeros(shape) if joints.grip is None else joints.grip, count, axis=1)
+    fading = joints.fading
+    if fading is not None:
+        fading = Fading(*(np.repeat(part, count, axis=0) for part in (fading.friction, fading.width, fading.lead)))
+    inertia, coulomb, viscous, offset = (
+        np.repeat(part, count, axis=0) for part in (joints.inertia, joints.coulomb, joints.viscous, joints.offset)
+    )
+    return Joints(inertia, coulomb, viscous, offset, push, grip, fading=fading)
 
 
 def _moved_by(unknowns: Unknowns, number: int) -> NDArray[np.intp]:

@@ -57,7 +57,7 @@ def softened(hard: TrajectoryFit, refit: Refit, columns: Sequence[Array] | None 
     TrajectoryFit
         With `held`, the fit before, where friction fades in. Its effect stands after those that the robot declares.
     """
-    shapes = _asked(hard, columns if columns is not None else _columns(hard))
+    shapes = _asked(hard, columns if columns is not None else columns_of(hard))
     if not shapes:
         return hard
     kind, own, place = effect_that(softens=True), hard.unknowns, hard.unknowns.held
@@ -96,7 +96,8 @@ def gains_of(soft: TrajectoryFit) -> dict[int, float]:
     return found
 
 
-def _columns(fit: TrajectoryFit) -> list[Array]:
+def columns_of(fit: TrajectoryFit) -> list[Array]:
+    """Return how the positions of a fit's stretches change with every unknown, (N, n, U) each."""
     robot = fit.unknowns.robot
     equations = Linearised(robot, without=PARAMETERS)
     return passed(equations, [replace(item) for item in fit.tracked], fit.unknowns, fit.z, robot.reference())[1]
@@ -113,7 +114,7 @@ def _asked(hard: TrajectoryFit, columns: Sequence[Array]) -> dict[int, tuple[flo
         softer: list[Effect] = [kind(joint, shape) for joint in free] if shape is not None else []
         # the unknowns are the same: the first effects keep their shapes
         unknowns = Unknowns(robot, (*softer, *hard.effects), own.recordings, len(softer) + own.held)
-        sizes.append(_after_a_step(equations, unknowns, hard, columns, parameters))
+        sizes.append(size_after_a_step(equations, unknowns, hard, columns, parameters))
     by_chain = [np.array([np.log(size / sizes[0])[joints].mean() for joints in own.chains]) for size in sizes[1:]]
     found = {}
     for chain, joints in enumerate(own.chains):
@@ -123,7 +124,7 @@ def _asked(hard: TrajectoryFit, columns: Sequence[Array]) -> dict[int, tuple[flo
     return found
 
 
-def _after_a_step(
+def size_after_a_step(
     equations: Linearised, unknowns: Unknowns, hard: TrajectoryFit, columns: Sequence[Array], parameters: Array
 ) -> Array:
     """Return the size of every joint's error, large ones counted less, after a linear step of all unknowns, (n,)."""

@@ -10,9 +10,11 @@ from elid_cli.estimation.refined_robot import impossible_words
 from elid_cli.estimation.result import BaseEstimate, FittedEffect, Identification
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
+from elid_cli.model.effects import nuisance_of
 from elid_cli.report.answers import inputs, summary
 from elid_cli.report.answers.classification import folded, reasons_table, verdict_mark
 from elid_cli.report.answers.drive_gains import gains_table
+from elid_cli.report.answers.drives import drives_needed, drives_table
 from elid_cli.report.answers.error_tables import TITLE, error_table, log_table, sensor_table, small
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.known import parameter_words
@@ -54,7 +56,7 @@ def identification_report(
     writes = found.model == "sufficient" and not found.drive_gains and not yielding(found)
     record, further = summary.record_sections(
         found,
-        stiffness_items(found, robot_argument),
+        (*stiffness_items(found, robot_argument), *drives_needed(found)),
         (recording.files[0], robot_argument),
         writes=writes,
         written=writes and bool(written),
@@ -76,7 +78,7 @@ def identification_report(
         *log_table(found.robot, logs),
         *base_tables(found),
         *motor_side_sections(found),
-        *reasons_table(found),
+        *(() if found.drives else reasons_table(found)),
         *further,
         KeyValues("inputs", facts, "how it was computed"),
         Text("next", _next(found, recording, robot_argument, written), "next"),
@@ -93,10 +95,20 @@ def result_items(found: Identification) -> inputs.Items:
     marks = [mark.text if isinstance(mark := _mark(item), Mark) else "known" for item in found.parameters]
     words = ("known", summary.BIASED, summary.ROUGH, summary.NEGATIVE, summary.NOT_SHOWN, "held")
     judged = ", ".join(f"{marks.count(word)} {word}" for word in words if word in marks)
+    if found.drives:
+        late = [item for item in found.nuisances if nuisance_of(item.effect) != "offset"]
+        fitted: inputs.Items = (
+            ("parameters", f"{4 * len(found.drives)} of drives; bodies are those of the robot file"),
+            *inputs.nuisance_items(found.robot, late),
+        )
+    else:
+        fitted = (
+            ("parameters", f"{counts['parameters']} standard, {counts['base']} base; {judged}"),
+            ("condition", f"{number_text(found.condition, 2)}, rank margin {number_text(found.rank_margin, 2)}"),
+            *inputs.nuisance_items(found.robot, found.nuisances),
+        )
     return (
-        ("parameters", f"{counts['parameters']} standard, {counts['base']} base; {judged}"),
-        ("condition", f"{number_text(found.condition, 2)}, rank margin {number_text(found.rank_margin, 2)}"),
-        *inputs.nuisance_items(found.robot, found.nuisances),
+        *fitted,
         *(_effect_item(found.robot, effect) for effect in found.effects),
         *(("note", sentence) for sentence in found.notes),
     )
@@ -112,8 +124,10 @@ def base_tables(found: Identification) -> list[Table]:
     """Return the base parameters with errors, and with references where the robot file has any.
 
     Those of drives and transmissions are a table of their own, which comes first; what the verdicts mean is under the
-    last.
+    last. Of a fit of the motion under commands, which takes the bodies of the file, the drives instead.
     """
+    if found.drives:
+        return [drives_table(found)]
     ordered = summary.by_kind([item.leader for item in found.parameters])
     drives = [k for k in ordered if found.parameters[k].leader.kind in summary.JOINT_KINDS]
     bodies = [k for k in ordered if k not in drives]

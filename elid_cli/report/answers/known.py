@@ -8,6 +8,7 @@ from elid_cli.errors import in_words
 from elid_cli.estimation.result import BaseEstimate, Identification
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
 from elid_cli.report.answers import summary
+from elid_cli.report.answers.drives import drives_words
 
 BODIES = "masses and inertias"
 COMBINATIONS = "what motion can show"
@@ -22,6 +23,8 @@ def parameter_words(found: Identification, loud: Collection[str] = ()) -> str:
 
     `loud` are joints at which more than noise may be left although it follows no variable of the motion.
     """
+    if found.drives:
+        return drives_words(found)
     supported = [item for item in found.parameters if item.verdict == "supported"]
     known = [item for item in supported if not item.bias_possible]
     held = [item for item in found.parameters if item.reason.startswith(HELD)]

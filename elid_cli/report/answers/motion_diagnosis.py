@@ -13,6 +13,7 @@ from elid_cli.estimation.trajectory.fit import ABOVE
 from elid_cli.model.effects import effect_classes
 from elid_cli.report.answers import inputs
 from elid_cli.report.answers.diagnosis_tables import ADDED, SAME
+from elid_cli.report.answers.drives import drives_needed
 from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.known import parameter_words
@@ -160,6 +161,7 @@ def _untried_words(found: MotionDiagnosis) -> str:
 
 def _record(found: MotionDiagnosis, further: inputs.Items, robot_argument: str) -> tuple[str, list[Section]]:
     """Return what the next log should hold, in a sentence and as a list."""
+    further = (*further, *drives_needed(found.after))
     record, planned = record_sections(found.after, further, (found.recording.files[0], robot_argument))
     if planned:
         return record, planned

@@ -204,7 +204,7 @@ def record_sections(
     """
     log, robot = arguments
     groups: dict[str, list[BaseEstimate]] = {}
-    for item in found.parameters:
+    for item in () if found.drives else found.parameters:
         if item.verdict != "supported" and not item.reason.startswith((IMPOSSIBLE, HELD)):
             groups.setdefault(_needed(item), []).append(item)
     joints = found.robot.joint_names
@@ -227,7 +227,7 @@ def record_sections(
         return check, []
     sentence = f"{_upper(cell_text(items[0][1]))} ({items[0][0]}){'; more below' if len(items) > 1 else ''}."
     command = plan_command(log, robot)
-    if (groups or (plan and not further)) and command != following:
+    if (groups or found.drives or (plan and not further)) and command != following:
         items.append(("command that plans it", command))
     return sentence, [KeyValues("record", tuple(items), "what to record next")]
 

@@ -51,7 +51,7 @@ def diagnosed(folder: Path, robot: Robot, seed: int, delay: float, effect: dict[
     recording = plant.moved(seed, delay=delay, push=effect.get("push"), grip=effect.get("grip"))
     log = plant.written(folder, "log.h5", recording)
     signals = prepare(read_recording([log], robot), robot)
-    return diagnose_motion(robot, signals, identify(robot, signals, EstimateOptions(guards=False)))
+    return diagnose_motion(robot, signals, identify(robot, signals, EstimateOptions(fit="torque", guards=False)))
 
 
 def judged(name: str, found: MotionDiagnosis) -> tuple[str, list[str]]:
@@ -77,7 +77,7 @@ def by_torque(folder: Path, robot: Robot, first: int, logs: int) -> None:
     scores = []
     for seed in range(first, first + logs):
         log = plant.written(folder, "log.h5", plant.moved(seed, 12.0))
-        found = identify(robot, prepare(read_recording([log], robot), robot))
+        found = identify(robot, prepare(read_recording([log], robot), robot), EstimateOptions(fit="torque"))
         told = {item.name: (item.estimate, item.std_error) for item in found.parameters}
         for k in range(3):
             for name, truth in (

@@ -97,7 +97,7 @@ def shares(words: str, held: np.ndarray) -> None:
 
 def trends(data: Path, folder: Path) -> None:
     """Print what `elid trend` says of the five runs, after least squares and after the trajectory fit of each."""
-    for fit in ((), ("--fit", "trajectory")):
+    for fit in (("--fit", "torque"), ("--fit", "trajectory")):
         saved, delays = [], []
         for k in range(5):
             told, _ = elid("identify", str(data / f"go2_{k}.h5"), "--robot", str(data / "go2.xml"), *fit, "--json")

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
-from elid_cli.estimation.identify import identify
+from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
@@ -84,7 +84,7 @@ def by_torque(names: list[str], first: int, logs: int) -> None:
         plant, found = plant_of(name), list[np.ndarray]()
         for seed in range(first, first + logs):
             recording, drives, _ = logged(plant, seed)
-            result = identify(plant.robot, read(plant, recording))
+            result = identify(plant.robot, read(plant, recording), EstimateOptions(fit="torque"))
             described = dict(zip(plant.robot.parameter_names(), plant.robot.reference(), strict=True))
             described |= {
                 StandardParameter(kind, joint): drives.truth[joint, k]

@@ -1,0 +1,107 @@
+"""The trajectory fit where nobody asked for it: torques that were computed from noisy positions bias least squares.
+
+The noise of the encoders enters both sides of that equation, and so does what a delay makes of the gains times a
+position. The simulated motion holds no measured position. But it takes the bodies as the robot file has them: where the
+motion asks for others, and least squares, which have bodies of their own, lack nothing, their answer stands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elid_cli.errors import DataError, LogError, in_words
+from elid_cli.estimation.result import Identification
+from elid_cli.estimation.trajectory.identification import GAINS, fit_of, identification_of, unsuited
+from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns
+from elid_cli.model.effects.declared import resolve
+from elid_cli.model.rollout_loops import compiled_steps
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
+
+WORK = 6000.0
+"""Seconds times cubed joints, summed over chains of joints, up to which the compiled fit takes some 15 s …"""
+PLAIN = 5e-3
+"""… and the part of that which takes as long without Numba."""
+
+FARTHER = 4.0
+"""Times that it may predict the torque worse than least squares do, which noise of positions makes fit it too well."""
+COMPUTED = "the torque is computed from commands, and noise of the positions in it may bias this fit"
+
+
+def or_by_motion(found: Identification, signals: Signals) -> Identification:
+    """Return least squares' answer, or the trajectory fit's where that is due.
+
+    It is due where every torque was computed from commands, the log is short, and the robot file describes the bodies,
+    with which it is simulated as well as with others; or where more than the bodies is missing.
+
+    Parameters
+    ----------
+    found
+        What least squares say of the log.
+    signals
+        The log, with its recording.
+    """
+    recording = signals.recording
+    if recording is None or not recording.commanded.all() or not recording.commands.keys() >= GAINS:
+        return found
+    if not is_known(found.robot):
+        return found
+    if work(found.robot, signals) > WORK * (1.0 if compiled_steps() else PLAIN):
+        return pointed_out(found)
+    try:
+        fit, bodies = fit_of(found.robot, signals, recording)
+    except (DataError, LogError) as error:
+        return _told(found, f"{COMPUTED}; the motion could not be fitted: {error}")
+    if bodies and _is_whole(found):
+        return _told(
+            found, f"{COMPUTED}; but the motion of {in_words(list(bodies))} asks for other bodies than "
+            f"{found.robot.name} describes, which this fit has, and nothing else is missing in it (--fit trajectory "
+            "fits the motion with the bodies of the file)",
+        )  # fmt: skip
+    answer = identification_of(found, fit, signals, bodies)
+    worse = float(np.exp(np.mean([np.log(answer.error[name].rms / found.error[name].rms) for name in answer.error])))
+    if worse > FARTHER:
+        return _told(
+            found, f"{COMPUTED}; but that of the motion, with the bodies of {found.robot.name}, predicts torque that "
+            f"was not fitted {worse:.2g} times as badly (--fit trajectory)",
+        )  # fmt: skip
+    why = (
+        "the motion is fitted, as with --fit trajectory: the torque is computed from commands, and noise of the "
+        "positions in it biases least squares (--fit torque: these, with bodies of their own)"
+    )
+    return replace(answer, notes=(why, *answer.notes))
+
+
+def _is_whole(found: Identification) -> bool:
+    return found.model == "sufficient"
+
+
+def pointed_out(found: Identification) -> Identification:
+    """Return least squares' answer to computed torques, with a word on the trajectory fit where that knows the robot."""
+    if not is_known(found.robot):
+        return found
+    faster = "" if compiled_steps() else ", a hundredth of it with Numba (the extra fast)"
+    return _told(
+        found, f"{COMPUTED}: --fit trajectory fits the motion, which takes a while for logs of this size{faster}"
+    )
+
+
+def is_known(robot: Robot) -> bool:
+    """Whether the trajectory fit knows a robot, its bodies are described, and what it declares keeps its shape."""
+    drives = {*PARAMETERS, "Jm", "K"}
+    named = zip(robot.parameter_names(), robot.reference().tolist(), strict=True)
+    described = all(np.isfinite(value) for name, value in named if name.kind not in drives)
+    kinds = [resolve(robot, spec)[0] for spec in robot.effects]
+    return described and not unsuited(robot) and all(kind.softens or kind.nuisance for kind in kinds)
+
+
+def work(robot: Robot, signals: Signals) -> float:
+    """Return what a fit of the log costs: seconds times cubed joints, summed over chains of joints."""
+    sizes = np.array([len(joints) for joints in Unknowns(robot).chains])
+    return float(len(signals.tau) * signals.dt * np.sum(sizes**3))
+
+
+def _told(found: Identification, note: str) -> Identification:
+    return replace(found, notes=(*found.notes, note))
