@@ -20,11 +20,11 @@ from elid_cli.model.rollout_loops import compiled_steps
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
-WORK = 6000.0
-"""Seconds times cubed joints, summed over chains of joints, up to which the compiled fit takes some 15 s …"""
-PLAIN = 5e-3
-"""… and the part of that which takes as long without Numba."""
-
+LONGEST = 15.0
+"""Seconds that the fit may take about."""
+SAMPLE, STEPS, PLAIN = 35e-6, 8e-4, 0.08
+"""s; what the fit takes for a sample of a joint, and for a second of a chain of joints by the cube of their number,
+compiled and without Numba."""
 FARTHER = 4.0
 """Times that it may predict the torque worse than least squares do, which noise of positions makes fit it too well."""
 COMPUTED = "the torque is computed from commands, and noise of the positions in it may bias this fit"
@@ -48,7 +48,7 @@ def or_by_motion(found: Identification, signals: Signals) -> Identification:
         return found
     if not is_known(found.robot):
         return found
-    if work(found.robot, signals) > WORK * (1.0 if compiled_steps() else PLAIN):
+    if seconds(found.robot, signals) > LONGEST:
         return pointed_out(found)
     try:
         fit, bodies = fit_of(found.robot, signals, recording)
@@ -79,7 +79,7 @@ def _is_whole(found: Identification) -> bool:
 
 
 def pointed_out(found: Identification) -> Identification:
-    """Return least squares' answer to computed torques, with a word on the trajectory fit where that knows the robot."""
+    """Return least squares' answer to computed torques, with a word on the trajectory fit, where that is possible."""
     if not is_known(found.robot):
         return found
     faster = "" if compiled_steps() else ", a hundredth of it with Numba (the extra fast)"
@@ -97,10 +97,11 @@ def is_known(robot: Robot) -> bool:
     return described and not unsuited(robot) and all(kind.softens or kind.nuisance for kind in kinds)
 
 
-def work(robot: Robot, signals: Signals) -> float:
-    """Return what a fit of the log costs: seconds times cubed joints, summed over chains of joints."""
+def seconds(robot: Robot, signals: Signals) -> float:
+    """Return about how long a fit of the log takes, s."""
     sizes = np.array([len(joints) for joints in Unknowns(robot).chains])
-    return float(len(signals.tau) * signals.dt * np.sum(sizes**3))
+    steps = STEPS if compiled_steps() else PLAIN
+    return SAMPLE * signals.tau.size + steps * len(signals.tau) * signals.dt * float(np.sum(sizes**3))
 
 
 def _told(found: Identification, note: str) -> Identification:

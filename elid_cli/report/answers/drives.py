@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import floor, inf, log10
 
 from elid_cli.errors import in_words
 from elid_cli.estimation.result import Identification
@@ -11,6 +12,7 @@ from elid_cli.report.answers.summary import NAMED, SYMBOLS, listed, share_text
 from elid_cli.report.tree import Cell, Column, Mark, Table, number_text
 
 OFFSET = "offset"
+DIGITS = 4
 WORDS = {"Ja": "motor inertia", "fs": "Coulomb friction", "fv": "viscous friction", OFFSET: "torque offset"}
 NEEDS = {
     "Ja": "stronger accelerations of {}",
@@ -36,7 +38,17 @@ def drives_table(found: Identification) -> Table:
 
 def _cell(item: Mapping[str, float], kind: str) -> Cell:
     value, deviation = item["estimate"], item["std_error"]
-    text = f"{number_text(value, resolution=deviation)} ± {number_text(deviation, resolution=deviation)}"
+    # four such columns fit a terminal: one digit of the error, and four of the value at most
+    if not 0 < deviation < inf:
+        text = f"{number_text(value)} ± {number_text(deviation)}"
+    else:
+        decimals = -floor(log10(deviation))
+        if value:
+            decimals = min(decimals, DIGITS - 1 - floor(log10(abs(value))))
+        decimals = min(max(decimals, 0), 12)
+        least = 10.0**-decimals
+        error = f"{deviation:.{decimals}f}" if deviation >= 0.5 * least else f"< {least:.{decimals}f}"
+        text = f"{value:.{decimals}f} ± {error}"
     return Mark(text, "warn") if kind != OFFSET and _is_rough(item) else text
 
 

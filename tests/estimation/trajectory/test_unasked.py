@@ -112,7 +112,7 @@ def test_a_long_log_is_told_of_the_trajectory_fit(
     made: tuple[Robot, Recording, str], monkeypatch: pytest.MonkeyPatch, compiled: bool
 ) -> None:
     robot, recording, log = made
-    monkeypatch.setattr(unasked, "WORK" if compiled else "PLAIN", 1e-3)
+    monkeypatch.setattr(unasked, "LONGEST" if compiled else "PLAIN", 1e-3 if compiled else 10.0)
     if not compiled:
         monkeypatch.setattr(unasked, "compiled_steps", lambda: None)
     found = found_of(robot, recording)

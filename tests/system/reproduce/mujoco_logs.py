@@ -1,7 +1,7 @@
 """Command logs of public robots simulated by MuJoCo: recovery, coverage, and which missing effect is named.
 
     python -m tests.system.reproduce.mujoco_logs [--logs N] [--first SEED] [--effects N] [--only ROBOT …]
-                                                 [--friction default] [--held] [--torque]
+                                                 [--friction default] [--held] [--torque] [--bodies]
 
 The first table is of N clean logs per robot: how many armatures, frictions and offsets are within 3 % of the truth, and
 how many 95 % intervals hold it. The second, of N logs per effect, says how often the one effect of the plant, at a
@@ -12,12 +12,16 @@ speed and acts ahead of it, and two more robots take part; ``--held`` fits frict
 
 ``--torque`` asks what least squares by computed torques say of clean logs instead: how many intervals of base
 parameters hold the truth.
+
+``--bodies`` asks whether the motion of clean logs asks for other bodies, as described and with the last body's mass,
+first moment and inertia a few percent larger in the file; and which fit `identify` then chooses by itself.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +30,9 @@ from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
+from elid_cli.estimation.trajectory.identification import commanded_runs, fit_of, started_from
 from elid_cli.logs.reading import read_recording
-from elid_cli.robot.parameter import StandardParameter
+from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals, prepare
 from tests.system.reproduce.mujoco_plants import FURTHER, KINDS, Drives, Extra, Plant, State, logged, plant_of, written
@@ -37,6 +41,7 @@ NAMES = ("armature", "Coulomb", "viscous", "offset")
 EFFECTS = ("link_spring", "position_friction", "stribeck", "load_friction", "quadratic_viscous", "torque_ripple")
 SOFT = "soft_friction"
 WITHIN = 0.03
+HEAVIER = (0.0, 0.01, 0.03, 0.1)
 
 
 def read(plant: Plant, recording: Recording) -> Signals:
@@ -102,6 +107,28 @@ def by_torque(names: list[str], first: int, logs: int) -> None:
             part = part[np.isfinite(part)]  # what a log does not determine has no error
             told += f"{100 * np.mean(np.abs(part) < 1.96):10.0f}{np.sqrt(np.mean(part**2)):6.2f}"
         print(f"{name:10}{logs:5}{told}{np.nanmax(np.abs(z)):12.1f}", flush=True)
+
+
+def by_bodies(names: list[str], first: int, logs: int) -> None:
+    """Print how often other bodies are asked for, and which fit is chosen, by robot and error of the last body."""
+    print(f"{'':10}{'logs':>5}   last body in the file: logs that ask for other bodies, logs fitted by motion")
+    print(f"{'':15}" + "".join(f"{f'{100 * share:g} %':>14}" for share in HEAVIER))
+    for name in names:
+        plant, told = plant_of(name), ""
+        signals = [read(plant, logged(plant, seed)[0]) for seed in range(first, first + logs)]
+        for share in HEAVIER:
+            joints = list(plant.robot.joints)
+            own = {k: v * (1 + share) if k in LINK_PARAMETERS else v for k, v in joints[-1].parameters.items()}
+            joints[-1] = replace(joints[-1], parameters=own)
+            robot = replace(plant.robot, joints=tuple(joints))
+            asked = moved = 0
+            for item in signals:
+                assert item.recording is not None
+                found = identify(robot, item)
+                asked += bool(fit_of(robot, item, item.recording)[1])
+                moved += found.estimator == "trajectory"
+            told += f"{asked:9}{moved:5}"
+        print(f"{name:10}{logs:5}{told}", flush=True)
 
 
 def line(name: str, logs: int, found: np.ndarray, more: str) -> None:
@@ -174,9 +201,13 @@ def main() -> None:
     parser.add_argument("--friction", choices=("stiff", "default"), default="stiff")
     parser.add_argument("--held", action="store_true")
     parser.add_argument("--torque", action="store_true")
+    parser.add_argument("--bodies", action="store_true")
     options = parser.parse_args()
     default = options.friction == "default"
     names = options.only or [*KINDS, *(FURTHER if default else ())]
+    if options.bodies:
+        by_bodies(names, options.first, options.logs)
+        return
     if options.torque:
         by_torque(names, options.first, options.logs)
         return
