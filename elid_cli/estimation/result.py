@@ -203,7 +203,7 @@ class Identification(Shown):
         return found
 
     @property
-    def drives(self) -> Mapping[str, Mapping[str, Mapping[str, float]]]:
+    def drives(self) -> Mapping[str, Mapping[str, Mapping[str, Any]]]:
         """Values and errors of every drive, by joint and parameter, of a fit of the motion under commands; else empty.
 
         Its bodies are those of the robot file.

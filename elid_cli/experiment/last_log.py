@@ -32,7 +32,7 @@ class LastLog:
 def last_of(found: Identification) -> LastLog:
     """Return what an identification leaves to be done."""
     rms = {joint: (e.rms, e.spring_rms or e.rms) for joint, e in found.error.items()}
-    return _last(found.robot, found.this_log, rms)
+    return _last(found.robot, found.this_log, rms, found.drives)
 
 
 def is_result(path: str | Path) -> bool:
@@ -58,6 +58,9 @@ def read_last(path: str | Path, robot: Robot) -> LastLog:
     try:
         saved: Any = json.loads(text)
         classes, errors, joints = dict(saved["this_log"]), dict(saved["error"]), tuple(saved["joints"])
+        fit = saved.get("settings", {}).get("trajectory") or {}
+        drives = {str(joint): {kind: dict(v) for kind, v in own.items()}
+                  for joint, own in dict(fit.get("joint_parameters") or {}).items()}  # fmt: skip
         rms = {str(joint): (float(e["rms"]), float(e.get("spring_rms") or e["rms"])) for joint, e in errors.items()}
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise UsageError(
@@ -68,9 +71,18 @@ def read_last(path: str | Path, robot: Robot) -> LastLog:
             f"{path}: is of a robot with joints {', '.join(joints)}",
             detail=f"{robot.name!r} has {', '.join(robot.joint_names)}",
         )
-    return _last(robot, classes, rms)
+    return _last(robot, classes, rms, drives)
 
 
-def _last(robot: Robot, classes: Mapping[str, str], rms: Mapping[str, tuple[float, float]]) -> LastLog:
-    hidden = tuple(name for name in robot.parameter_names() if classes.get(name) in HIDDEN)
+def _last(
+    robot: Robot, classes: Mapping[str, str], rms: Mapping[str, tuple[float, float]],
+    drives: Mapping[str, Mapping[str, Mapping[str, Any]]],
+) -> LastLog:  # fmt: skip
+    if drives:  # the bodies were held at the file's values, and not looked for
+        weak = {(joint, kind) for joint, own in drives.items() for kind, value in own.items()
+                if value.get("verdict", "supported") != "supported"}  # fmt: skip
+        names = robot.joint_names
+        hidden = tuple(name for name in robot.parameter_names() if (names[name.joint], name.kind) in weak)
+    else:
+        hidden = tuple(name for name in robot.parameter_names() if classes.get(name) in HIDDEN)
     return LastLog(hidden, tuple(rms.get(joint, (0.0, 0.0)) for joint in robot.joint_names))

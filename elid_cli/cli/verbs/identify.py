@@ -70,8 +70,8 @@ def identify(
 
         need_solver()
     check_described(files)
-    if fit.fit == "auto" and (beyond.physical or beyond.payload is not None):
-        fit = replace(fit, fit="torque")  # both are about the bodies, or the torque
+    if fit.fit == "auto" and (beyond.physical or beyond.payload is not None or _of_bodies(gates)):
+        fit = replace(fit, fit="torque")  # all are about the bodies, or the torque
     with progress(output, "reading") as advance:
         from elid_cli.estimation.refined_robot import identified_robot, remarks, with_stiffnesses
         from elid_cli.report.answers.identification import identification_report
@@ -113,6 +113,14 @@ def identify(
     if written.refusal:
         raise written.refusal
     check_gates(gates, found.error, found.this_log, found)
+
+
+def _of_bodies(gates: Gates) -> bool:
+    """Whether parameters of bodies must be known: the fit of the motion takes those of the file."""
+    from elid_cli.robot.parameter import LINK_PARAMETERS, parameter_named
+
+    named = (parameter_named(name) for name in gates.require_independent)
+    return any(item is not None and item.kind in LINK_PARAMETERS for item in named)
 
 
 def _identified(

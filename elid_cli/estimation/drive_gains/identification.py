@@ -80,6 +80,7 @@ def identify_with_payload(
     over = (line for line in beyond_limits(first.theta, first.tau, first.dt, robot) if TORQUE_SIZE[0] in line)
     first = replace(first, warnings=(*first.warnings, *over))
     signals = prepare(first, robot, request.signals)
+    options = replace(options or EstimateOptions(), fit="torque")  # the gains are about it
     found = identify(robot, signals, options)
     whole = all(item.gain is not None for item in gains)
     line = _mapping(request, first, gains) if whole else ""

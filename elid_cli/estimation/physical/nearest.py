@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.errors import DataError
+from elid_cli.errors import DataError, UsageError
 from elid_cli.estimation.judgement import JointError
 from elid_cli.estimation.physical.semidefinite import nearest_physical, need_solver
 from elid_cli.estimation.regression.triangles import Triangles
@@ -115,12 +115,17 @@ def make_physical(found: Identification) -> PhysicalParameters:
     Raises
     ------
     UsageError
-        The solver is not installed (extra ``physical``).
+        The solver is not installed (extra ``physical``), or the bodies of a fit of the motion, which are the file's.
     DataError
         The solver found no answer.
 
     """
     need_solver()
+    if found.drives:
+        raise UsageError(
+            "a physically consistent set is found from the torque; this is a fit of the motion with the file's bodies",
+            hint="--fit torque, in Python EstimateOptions(fit='torque')",
+        )
     robot, base = found.robot, found.base
     cones = consistency(robot, _typical(found))
     system = _system(found)

@@ -19,7 +19,7 @@ from elid_cli.estimation.regression.normal_equations import step_of
 from elid_cli.estimation.trajectory.block_sums import BLOCKS
 from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit
 from elid_cli.estimation.trajectory.loss import weighed
-from elid_cli.estimation.trajectory.normal_equations import Tracked, moved_by
+from elid_cli.estimation.trajectory.normal_equations import Tracked, columns_of_pushes
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.model.linearised import Linearised
 from elid_cli.model.regressor import Regressor
@@ -36,6 +36,10 @@ STRENGTH = 0.05
 """Torque by which directions differ, in parts of the usual Coulomb friction …"""
 LEAST = 1e-6
 """… and at least, N·m (N)."""
+MEMORY = 256 << 20
+"""Bytes of columns."""
+INSTANTS, TOGETHER = 20_000, 12
+"""Instants whose torques are computed at once, and directions that are simulated side by side."""
 DAMPING = 1e-7
 """Part of the normal equations' diagonal: what bodies and drives cannot tell apart stays where it is."""
 
@@ -51,18 +55,23 @@ def other_bodies(fit: TrajectoryFit, columns: Sequence[Array]) -> dict[str, floa
         Change of the positions of its stretches with every unknown, (N, n, U) each.
     """
     own, robot = fit.unknowns, fit.unknowns.robot
-    shown = np.diag(fit.equations.matrix.sum(axis=0)) > 0
-    changes = _changes(fit)
+    shown = np.diag(fit.equations.matrix.sum(axis=0)) > 0  # not delays that are held at 0
+    every = stride_of(fit)
+    of_bodies = body_columns(fit, every)
     found = {}
     for chain, joints in enumerate(own.chains):
         free = np.flatnonzero(shown & np.isin(own.chain_of, (chain, len(own.chains))))
         blocks = []
-        for item, slopes, change in zip(fit.tracked, columns, changes, strict=True):
+        for item, of_drives, of_body in zip(fit.tracked, columns, of_bodies, strict=True):
             error = np.where(np.isnan(item.run.measured), 0.0, item.x[:, : robot.n] + item.finer - item.run.measured)
-            scale = (weighed(error, item.usual, item.counts).light / np.maximum(fit.equations.size, 1e-12))[:, joints]
-            both = np.concatenate([slopes[:, joints[:, None], free], change[:, joints]], axis=2) * scale[:, :, None]
+            light = weighed(error, item.usual, item.counts).light / np.maximum(fit.equations.size, 1e-12)
+            error, scale = error[::every], light[::every, joints]
+            drives = of_drives[::every, joints[:, None], free]
+            both = np.concatenate([drives, of_body[:, joints]], axis=2) * scale[:, :, None]
             edges = np.linspace(0, len(error), BLOCKS + 1).astype(int)
-            blocks += [(both[a:b], (error[:, joints] * scale)[a:b]) for a, b in pairwise(edges)]
+            # a block in which nothing counts yet says nothing of how many are helped
+            parts = [slice(a, b) for a, b in pairwise(edges) if scale[a:b].any()]
+            blocks += [(both[part], (error[:, joints] * scale)[part]) for part in parts]
         with_them, without = (_left_out(blocks, count) for count in (None, len(free)))
         gain = np.log(np.maximum(with_them, 1e-300)) - np.log(np.maximum(without, 1e-300))
         asked = (np.mean(gain, axis=0) < np.log1p(-ASKED)) & (np.mean(gain < 0, axis=0) >= HELPED)
@@ -94,33 +103,50 @@ def _left_out(blocks: Sequence[tuple[Array, Array]], count: int | None) -> Array
     return np.array(found)
 
 
-def _changes(fit: TrajectoryFit) -> list[Array]:
+def stride_of(fit: TrajectoryFit) -> int:
+    """Return which sample of how many suffices for columns of all unknowns and bodies to fit into `MEMORY`."""
+    n = fit.unknowns.robot.n
+    whole = 8 * sum(len(item.x) for item in fit.tracked) * n * (fit.unknowns.count + len(LINK_PARAMETERS) * n)
+    return max(1, -(-whole // MEMORY))
+
+
+def body_columns(fit: TrajectoryFit, every: int = 1) -> list[Array]:
     """Return how the positions of the stretches change with directions of the bodies' parameters, (N, n, D) each.
 
-    One direction of every chain of joints moves at a time, since chains do not move each other.
+    One direction of every chain of joints moves at a time, since chains do not move each other. `every` so many samples
+    one is returned.
     """
     own = fit.unknowns
     equations, parameters = Linearised(own.robot, without=PARAMETERS), own.robot.reference()
-    torques = [_torques(fit, item) for item in fit.tracked]
     strength = max(STRENGTH * float(np.median(fit.values[:, 1])), LEAST)
-    by_chain = [_directions([part[:, joints] for part in torques], strength) for joints in own.chains]
+    thin = [_torques(fit, item, slice(None, None, every)) for item in fit.tracked]
+    by_chain = [_directions([part[:, joints] for part in thin], strength) for joints in own.chains]
+    del thin
     count = max((directions.shape[1] for directions in by_chain), default=0)
     found = []
-    for item, part in zip(fit.tracked, torques, strict=True):
-        pushes = np.zeros((count, len(part), equations.coordinates.count))
-        for joints, directions in zip(own.chains, by_chain, strict=True):
-            pushes[: directions.shape[1], :, joints] = -np.transpose(part[:, joints] @ directions, (2, 0, 1))
-        found.append(moved_by(equations, replace(item, local=None), own, fit.z, parameters, pushes))
+    for item in fit.tracked:
+        pushes = np.zeros((count, len(item.x), equations.coordinates.count))
+        for start in range(0, len(item.x), INSTANTS):
+            here = slice(start, start + INSTANTS)
+            part = _torques(fit, item, here)
+            for joints, directions in zip(own.chains, by_chain, strict=True):
+                pushes[: directions.shape[1], here, joints] = -np.transpose(part[:, joints] @ directions, (2, 0, 1))
+        anew = replace(item, local=None)
+        moved = [
+            columns_of_pushes(equations, anew, own, fit.z, parameters, pushes[k : k + TOGETHER])[::every]
+            for k in range(0, count, TOGETHER)
+        ]
+        found.append(np.concatenate(moved, axis=2) if moved else np.zeros((len(item.x[::every]), own.robot.n, 0)))
     return found
 
 
-def _torques(fit: TrajectoryFit, item: Tracked) -> Array:
+def _torques(fit: TrajectoryFit, item: Tracked, instants: slice) -> Array:
     """Return the torque that each parameter of a body, of value 1, needs along a simulated motion, (N, n, P)."""
     robot = fit.unknowns.robot
     model = Regressor(replace(robot, effects=()))
-    x, v = item.x[:, : robot.n], item.v[:, : robot.n]
-    a = np.gradient(v, item.run.dt, axis=0)
-    rows = model.rows(Motion(item.run.t, x, v, a, x, v, a))
+    a = np.gradient(item.v[:, : robot.n], item.run.dt, axis=0)[instants]
+    x, v = item.x[instants, : robot.n], item.v[instants, : robot.n]
+    rows = model.rows(Motion(item.run.t[instants], x, v, a, x, v, a))
     bodies = np.array([name.kind in LINK_PARAMETERS for name in model.names])
     found = np.zeros((len(x), robot.n, model.parameters))
     for plan in model.estimation.rows:

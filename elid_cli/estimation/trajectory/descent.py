@@ -24,6 +24,8 @@ HIGH = 4.0
 """… and times the usual value of all joints by which it rises."""
 BENT = 0.25
 """Part of itself by which a shape moves in one step."""
+LEAST = 1e-4
+"""Usual value, SI, of a parameter that is 0 in all joints."""
 SETTLED = 0.1
 """Part of the standard errors that the next step must be below for the fit to end."""
 FIRST, LAST = 1e-3, 10.0
@@ -125,6 +127,8 @@ def _within_reach(unknowns: Unknowns, z: Array, step: Array) -> Array:
     values = np.abs(unknowns.joint_values(z))
     down, up = np.full((2, unknowns.count), np.inf)
     usual = np.median(values, axis=0)
+    # where most joints have none, any is a start
+    usual = np.where(usual > 0, usual, np.maximum(np.max(values, axis=0), LEAST))
     fall, rise = FAR * np.maximum(values, 0.2 * usual), HIGH * np.maximum(values, usual)
     fall[:, 3] = rise[:, 3] = np.inf
     down[: unknowns.drives], up[: unknowns.drives] = fall.ravel(), rise.ravel()

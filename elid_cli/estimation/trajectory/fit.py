@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import DataError
@@ -82,6 +83,13 @@ class TrajectoryFit:
     def effects(self) -> tuple[Effect, ...]:
         """The effects in the shapes that were found."""
         return self.unknowns.effects_at(self.z)
+
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """Which drive parameters the motion depends on, (n, 4): on none of a joint that stays where it is."""
+        own = np.diag(self.equations.matrix.sum(axis=0)) > 0
+        found: NDArray[np.bool_] = own[: self.unknowns.drives].reshape(self.unknowns.robot.n, len(KINDS))
+        return found
 
     @property
     def settled_rms(self) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.judgement import JointError
@@ -78,8 +79,9 @@ def with_late_commands(signals: Signals, delays: Array) -> Signals:
 
 
 def by_simulated_motion(
-    found: Identification, estimate: Array, spread: Array, reference: Array, **told: Any
-) -> Identification:
+    found: Identification, estimate: Array, spread: Array, reference: Array,
+    still: NDArray[np.bool_] | None = None, **told: Any,
+) -> Identification:  # fmt: skip
     """Return the identification with base parameters (b,) and their covariance (b, b) from simulated motion.
 
     Parameters
@@ -88,10 +90,15 @@ def by_simulated_motion(
         What least squares say of the same log.
     estimate, spread, reference
         Base parameters, their covariance, 0 of what is held, and reference values.
+    still
+        Base parameters that the motion does not depend on, (b,), as those of joints that stay where they are.
     told
         What else changes: ``notes`` are added, ``settings`` are what JSON says of the fit.
     """
-    verdicts, reasons = verdicts_of(found, estimate, np.sqrt(np.maximum(np.diag(spread), 0.0)))
+    deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    if still is not None:
+        deviation = np.where(still, np.nan, deviation)
+    verdicts, reasons = verdicts_of(found, estimate, deviation)
     refused = np.array([verdict == "refused" for verdict in verdicts])
     parameters, covariance = records(found.base, estimate, spread, refused, reference, verdicts, reasons)
     told["notes"] = (*found.notes, *told["notes"])
@@ -102,13 +109,19 @@ def by_simulated_motion(
 
 
 def verdicts_of(found: Identification, estimate: Array, deviation: Array) -> tuple[tuple[Verdict, ...], dict[str, str]]:
-    """Return verdicts on base parameters (b,) from their standard errors, 0 of what is held, and reasons by name."""
+    """Return verdicts on base parameters (b,) from their standard errors, and reasons by name.
+
+    Errors are 0 of what is held, and NaN of what the motion does not depend on.
+    """
     verdicts: list[Verdict] = []
     reasons: dict[str, str] = {}
     for item, value, error in zip(found.parameters, estimate, deviation, strict=True):
         if error == 0:
             verdicts.append("refused")
             reasons[item.leader] = f"{HELD} (--fit trajectory)"
+        elif np.isnan(error):
+            verdicts.append("refused")
+            reasons[item.leader] = f"{found.robot.joint_names[item.leader.joint]} does not move"
         elif not error <= REFUSED * abs(value):
             verdicts.append("refused")
             reasons[item.leader] = f"standard error {error:.2g} against a value of {value:.2g}"

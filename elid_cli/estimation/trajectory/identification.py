@@ -25,8 +25,8 @@ from elid_cli.estimation.trajectory.found_effects import (
     settled,
 )
 from elid_cli.estimation.trajectory.held_out import by_simulated_motion, held_out_errors, with_late_commands
-from elid_cli.estimation.trajectory.normal_equations import Tracked
-from elid_cli.estimation.trajectory.softening import gains_of
+from elid_cli.estimation.trajectory.normal_equations import SETTLING, Tracked
+from elid_cli.estimation.trajectory.settings import settings_of, softness
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
@@ -123,7 +123,9 @@ def commanded_runs(recording: Recording, robot: Robot) -> list[Run]:
     LogError
         The log has none that is long enough.
     """
-    runs = runs_of(recording, robot, None, np.zeros(robot.n), commanded=True)
+    every = runs_of(recording, robot, None, np.zeros(robot.n), commanded=True)
+    # the first moments of a stretch do not count (`Tracked.counts`): as much again must be left
+    runs = [run for run in every if run.t[-1] - run.t[0] > 2 * SETTLING]
     if not runs:
         raise LogError("no stretch of the log is long enough to be simulated under its commands")
     return runs
@@ -151,7 +153,7 @@ def started_from(robot: Robot, signals: Signals) -> Array:
     values = np.empty((robot.n, len(KINDS)))
     for k in range(robot.n):
         speed = dq[:, k]
-        usual = max(float(np.sqrt(np.mean(speed**2))), 1e-9)
+        usual = max(float(np.sqrt(np.nanmean(speed**2))), 1e-9)  # between stretches there is no motion
         use = (np.abs(speed) > SLOW * usual) & np.isfinite(left[:, k])
         columns = np.stack([ddq[:, k], np.sign(speed), speed, np.ones_like(speed)], axis=1)[use]
         values[k] = np.linalg.lstsq(columns, left[use, k], rcond=None)[0]
@@ -181,8 +183,11 @@ def identification_of(
     places = np.array([[names.index(StandardParameter(kind, k)) for kind in PARAMETERS] for k in range(robot.n)])
     covariance = np.zeros((len(names), len(names)))
     kept = np.flatnonzero(np.arange(fit.unknowns.drives) % len(KINDS) < len(PARAMETERS))
-    covariance[np.ix_(places.ravel(), places.ravel())] = fit.covariance[np.ix_(kept, kept)]
-    standard = _standard(robot, places, fit.values)
+    shown = fit.shown[:, : len(PARAMETERS)]
+    both = np.outer(shown.ravel(), shown.ravel())
+    covariance[np.ix_(places.ravel(), places.ravel())] = np.where(both, fit.covariance[np.ix_(kept, kept)], 0.0)
+    standard = np.nan_to_num(robot.reference())
+    standard[places[shown]] = fit.values[:, : len(PARAMETERS)][shown]
     estimate = base.transform @ standard
     spread = base.transform @ covariance @ base.transform.T
     apart = [*softness_words(robot, fit), *(difference_words(item) for item in differing(fit))]
@@ -210,16 +215,11 @@ def identification_of(
         nuisances=channel_faults(robot, fit),
         effects=fitted_effects(robot, fit),
         notes=(note, *apart),
-        settings={**_settings(robot, fit), "beyond_noise": beyond, "other_bodies": dict(bodies)},
+        settings={**settings_of(found, fit), "beyond_noise": beyond, "other_bodies": dict(bodies)},
         warnings=bodies_words(robot, bodies),
         model=model,
+        still=np.any(base.transform[:, places[~shown]] != 0, axis=1),
     )  # fmt: skip
-
-
-def _standard(robot: Robot, places: Array, values: Array) -> Array:
-    standard = np.nan_to_num(robot.reference())
-    standard[places] = values[:, : len(PARAMETERS)]
-    return standard
 
 
 def difference_words(item: Differing) -> str:
@@ -258,11 +258,6 @@ def softness_words(robot: Robot, fit: TrajectoryFit) -> list[str]:
     ]
 
 
-def softness(robot: Robot, fit: TrajectoryFit) -> dict[str, float]:
-    """Return what friction that fades in takes off the squared error not fitted, of the joints where it was found."""
-    return {robot.joint_names[joint]: gain for joint, gain in gains_of(fit).items()}
-
-
 def channel_faults(robot: Robot, fit: TrajectoryFit) -> tuple[Nuisance, ...]:
     """Return the torque offset of every joint, and the delay of all: the mean of the recordings'."""
     values, errors = fit.unknowns.joint_values(settled(fit)), fit.unknowns.joint_values(fit.deviation)
@@ -272,29 +267,6 @@ def channel_faults(robot: Robot, fit: TrajectoryFit) -> tuple[Nuisance, ...]:
     shown = names if abs(late) > SHOWN * unsure else ()
     return (
         *(Nuisance(offset_name(), name, {"offset": float(values[k, 3])}, {"offset": float(errors[k, 3])})
-          for k, name in enumerate(names)),
+          for k, name in enumerate(names) if fit.shown[k, 3]),
         *(Nuisance(delay_name(), name, {"delay": late}, {"delay": unsure}) for name in shown),
     )  # fmt: skip
-
-
-def _settings(robot: Robot, fit: TrajectoryFit) -> dict[str, object]:
-    """Return what JSON says of the fit: errors of the positions, rad (m), and every unknown with its errors."""
-    names, errors = (*PARAMETERS, "offset"), fit.unknowns.joint_values(fit.deviation)
-    between, within = fit.unknowns.joint_values(fit.between), fit.unknowns.joint_values(fit.within)
-    another = fit.unknowns.joint_values(fit.another) if fit.unknowns.recordings == 1 else None
-    return {
-        "steps": fit.steps,
-        "delays": fit.delays.tolist(),
-        "fading_friction": softness(robot, fit),
-        "position_rms": dict(zip(robot.joint_names, fit.rms.tolist(), strict=True)),
-        "position_rms_before": dict(zip(robot.joint_names, fit.rms_before.tolist(), strict=True)),
-        "joint_parameters": {
-            joint: {
-                name: {"estimate": float(fit.values[k, c]), "std_error": float(errors[k, c]),
-                       "between_recordings": float(between[k, c]), "within_recording": float(within[k, c]),
-                       "another_recording": None if another is None else float(another[k, c])}
-                for c, name in enumerate(names)
-            }
-            for k, joint in enumerate(robot.joint_names)
-        },
-    }  # fmt: skip

@@ -136,7 +136,7 @@ def _stepped(
     """Simulate a stretch once: positions and velocities (N, V, m), steps of the variants, amplitudes that are constant.
 
     A constant torque is the offset's: an amplitude that adds nothing else stays where it is. With `pushes` the variants
-    are those of `moved_by`.
+    are those of `columns_of_pushes`.
     """
     local = item.equations(equations)
     done = _acting(unknowns, item, local, z, parameters)
@@ -164,7 +164,7 @@ def _stepped(
     return x, v, steps, still
 
 
-def moved_by(
+def columns_of_pushes(
     equations: Linearised, item: Tracked, unknowns: Unknowns, z: Array, parameters: Array, pushes: Array
 ) -> Array:
     """Return by how much further torques move the simulated positions of a stretch, rad (m), (N, n, D).

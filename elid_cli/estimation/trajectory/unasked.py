@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elid_cli.errors import DataError, LogError, in_words
+from elid_cli.errors import DataError, LogError, RobotError, in_words
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory.identification import GAINS, fit_of, identification_of, unsuited
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns
@@ -30,7 +30,7 @@ FARTHER = 4.0
 COMPUTED = "the torque is computed from commands, and noise of the positions in it may bias this fit"
 
 
-def or_by_motion(found: Identification, signals: Signals) -> Identification:
+def or_by_motion(found: Identification, signals: Signals, *, delays: bool = True) -> Identification:
     """Return least squares' answer, or the trajectory fit's where that is due.
 
     It is due where every torque was computed from commands, the log is short, and the robot file describes the bodies,
@@ -42,6 +42,8 @@ def or_by_motion(found: Identification, signals: Signals) -> Identification:
         What least squares say of the log.
     signals
         The log, with its recording.
+    delays
+        Whether a delay between commands and motion may be an unknown.
     """
     recording = signals.recording
     if recording is None or not recording.commanded.all() or not recording.commands.keys() >= GAINS:
@@ -49,19 +51,20 @@ def or_by_motion(found: Identification, signals: Signals) -> Identification:
     if not is_known(found.robot):
         return found
     if seconds(found.robot, signals) > LONGEST:
-        return pointed_out(found)
+        return pointed_out(found, f", which takes about {seconds(found.robot, signals):.0f} s")
     try:
-        fit, bodies = fit_of(found.robot, signals, recording)
-    except (DataError, LogError) as error:
+        fit, bodies = fit_of(found.robot, signals, recording, delays=delays)
+    except (DataError, LogError, RobotError) as error:
         return _told(found, f"{COMPUTED}; the motion could not be fitted: {error}")
-    if bodies and _is_whole(found):
+    if bodies and _is_sufficient(found):
         return _told(
-            found, f"{COMPUTED}; but the motion of {in_words(list(bodies))} asks for other bodies than "
-            f"{found.robot.name} describes, which this fit has, and nothing else is missing in it (--fit trajectory "
-            "fits the motion with the bodies of the file)",
+            found, f"{COMPUTED}; but the motion of {in_words(list(bodies))} is simulated nearer to the measured one "
+            f"with other bodies than {found.robot.name} describes (masses may be wrong, or something is missing that "
+            "imitates them), and this fit, which has bodies of its own, leaves only noise (--fit trajectory takes "
+            "those of the file)",
         )  # fmt: skip
     answer = identification_of(found, fit, signals, bodies)
-    worse = float(np.exp(np.mean([np.log(answer.error[name].rms / found.error[name].rms) for name in answer.error])))
+    worse = _worse(found, answer)
     if worse > FARTHER:
         return _told(
             found, f"{COMPUTED}; but that of the motion, with the bodies of {found.robot.name}, predicts torque that "
@@ -74,18 +77,23 @@ def or_by_motion(found: Identification, signals: Signals) -> Identification:
     return replace(answer, notes=(why, *answer.notes))
 
 
-def _is_whole(found: Identification) -> bool:
+def _is_sufficient(found: Identification) -> bool:
     return found.model == "sufficient"
 
 
-def pointed_out(found: Identification) -> Identification:
+def _worse(found: Identification, answer: Identification) -> float:
+    """Return how many times as badly an answer predicts torques as least squares, the mean over joints."""
+    pairs = [(answer.error[name].rms, e.rms) for name, e in found.error.items() if name in answer.error]
+    ratios = [after / before for after, before in pairs if after > 0 and before > 0]
+    return float(np.exp(np.mean(np.log(ratios)))) if ratios else 1.0
+
+
+def pointed_out(found: Identification, how: str = "") -> Identification:
     """Return least squares' answer to computed torques, with a word on the trajectory fit, where that is possible."""
     if not is_known(found.robot):
         return found
-    faster = "" if compiled_steps() else ", a hundredth of it with Numba (the extra fast)"
-    return _told(
-        found, f"{COMPUTED}: --fit trajectory fits the motion, which takes a while for logs of this size{faster}"
-    )
+    faster = "" if compiled_steps() or not how else ", a hundredth of it with Numba (the extra fast)"
+    return _told(found, f"{COMPUTED}: --fit trajectory fits the motion{how}{faster}")
 
 
 def is_known(robot: Robot) -> bool:
@@ -94,7 +102,7 @@ def is_known(robot: Robot) -> bool:
     named = zip(robot.parameter_names(), robot.reference().tolist(), strict=True)
     described = all(np.isfinite(value) for name, value in named if name.kind not in drives)
     kinds = [resolve(robot, spec)[0] for spec in robot.effects]
-    return described and not unsuited(robot) and all(kind.softens or kind.nuisance for kind in kinds)
+    return described and not unsuited(robot) and all(kind.softens or kind.nuisance == "offset" for kind in kinds)
 
 
 def seconds(robot: Robot, signals: Signals) -> float:

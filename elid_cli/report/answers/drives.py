@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import floor, inf, log10
+from typing import Any
 
 from elid_cli.errors import in_words
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.verdicts import WEAK
-from elid_cli.report.answers.summary import NAMED, SYMBOLS, listed, share_text
+from elid_cli.report.answers.summary import NAMED, NOT_SHOWN, RULE, SYMBOLS, listed, share_text
 from elid_cli.report.tree import Cell, Column, Mark, Table, number_text
 
 OFFSET = "offset"
@@ -19,6 +20,12 @@ NEEDS = {
     "fs": "slow motion of {} in both directions",
     "fv": "fast and slow motion of {} in both directions",
 }
+
+
+OWN = (
+    "Ja is what the motion shows beyond the bodies of the file: what an inertia about the joint's axis is off there, "
+    "Ja is off here"
+)
 
 
 def drives_table(found: Identification) -> Table:
@@ -32,11 +39,13 @@ def drives_table(found: Identification) -> Table:
     revolute = {joint.revolute for joint in found.robot.joints}
     unit = "; of sliding joints ".join([u for u, kind in zip(units, (True, False), strict=True) if kind in revolute])
     symbols = "; ".join(f"{kind}: {SYMBOLS.get(kind, words)}" for kind, words in WORDS.items() if kind != OFFSET)
-    note = f"{symbols}; offset: of the torque\nin {unit}, with one standard error each"
+    note = f"{symbols}; offset: of the torque\nin {unit}, with one standard error each\n{OWN}"
     return Table("drives", columns, tuple(rows), f"drives, with the bodies of {found.robot.name}", note=note)
 
 
-def _cell(item: Mapping[str, float], kind: str) -> Cell:
+def _cell(item: Mapping[str, Any], kind: str) -> Cell:
+    if item["verdict"] == "refused":
+        return Mark(NOT_SHOWN, "bad")
     value, deviation = item["estimate"], item["std_error"]
     # four such columns fit a terminal: one digit of the error, and four of the value at most
     if not 0 < deviation < inf:
@@ -49,28 +58,29 @@ def _cell(item: Mapping[str, float], kind: str) -> Cell:
         least = 10.0**-decimals
         error = f"{deviation:.{decimals}f}" if deviation >= 0.5 * least else f"< {least:.{decimals}f}"
         text = f"{value:.{decimals}f} ± {error}"
-    return Mark(text, "warn") if kind != OFFSET and _is_rough(item) else text
+    return Mark(text, "warn") if kind != OFFSET and item["verdict"] == "weak" else text
 
 
-def _is_rough(item: Mapping[str, float]) -> bool:
-    return not _share(item) <= WEAK
-
-
-def _share(item: Mapping[str, float]) -> float:
-    return item["std_error"] / abs(item["estimate"]) if item["estimate"] else float("inf")
+def _share(item: Mapping[str, Any]) -> float:
+    return item["std_error"] / abs(item["estimate"]) if item["estimate"] else inf
 
 
 def drives_words(found: Identification) -> str:
     """Return how well the drives are known, in a few sentences."""
-    drives, names, rough = found.drives, in_words(list(WORDS.values())), _rough(found)
-    whole = "the joint" if len(drives) == 1 else f"all {len(drives)} joints"
+    drives, names, rough = found.drives, in_words(list(WORDS.values())), _of_verdict(found, "weak")
+    hidden = _of_verdict(found, "refused")
+    still = sorted({joint for joints in hidden.values() for joint in joints}, key=list(drives).index)
+    moving = len(drives) - len(still)
+    whole = "the joint" if len(drives) == 1 else f"{f'{moving} of' if still else 'all'} {len(drives)} joints"
     said = [f"{names[:1].upper()}{names[1:]} of {whole}, with the bodies of the robot file"]
+    if still:
+        said.append(f"{_upper(NOT_SHOWN)} by this log: {_kinds(hidden)}")
     if rough:
-        which = "; ".join(f"{WORDS[kind]} of {listed(joints)}" for kind, joints in rough.items())
-        said.append(f"Known roughly, to worse than {100 * WEAK:.0f} %: {which}")
+        said.append(f"Known roughly, not {RULE}: {_kinds(rough)}")
     sizes = []
     for kind in NEEDS:
-        known = {joint: item[kind] for joint, item in drives.items() if not _is_rough(item[kind])}
+        known = {joint: item[kind] for joint, item in drives.items() if item[kind]["verdict"] == "supported"}
+        known = {joint: item for joint, item in known.items() if _share(item) <= WEAK}  # others are small
         if known:
             worst, share = max(((joint, _share(item)) for joint, item in known.items()), key=lambda pair: pair[1])
             sizes.append(f"{WORDS[kind]} {share_text(share)} ({worst})")
@@ -78,20 +88,31 @@ def drives_words(found: Identification) -> str:
     return " ".join(f"{sentence}." for sentence in said)
 
 
-def _rough(found: Identification) -> dict[str, list[str]]:
-    """Return the joints of which a parameter is known roughly, by parameter."""
+def _of_verdict(found: Identification, verdict: str) -> dict[str, list[str]]:
+    """Return the joints of which a parameter has a verdict, by parameter."""
     rough: dict[str, list[str]] = {}
     for joint, values in found.drives.items():
         for kind in NEEDS:
-            if _is_rough(values[kind]):
+            if values[kind]["verdict"] == verdict:
                 rough.setdefault(kind, []).append(joint)
     return rough
 
 
 def drives_needed(found: Identification) -> Sequence[tuple[str, Cell]]:
     """Return what the next log should hold for what is known roughly: for what, and what."""
-    said = {kind: joints[0] if len(joints) == 1 else "these joints" for kind, joints in _rough(found).items()}
-    return [
+    needed = _of_verdict(found, "weak")
+    still = {joint: None for joints in _of_verdict(found, "refused").values() for joint in joints}
+    said = {kind: joints[0] if len(joints) == 1 else "these joints" for kind, joints in needed.items()}
+    moves: list[tuple[str, Cell]] = [(f"for all of {in_words(list(still), NAMED)}", "motion")] if still else []
+    return moves + [
         (f"for {WORDS[kind]} of {in_words(joints, NAMED)}", NEEDS[kind].format(said[kind]))
-        for kind, joints in _rough(found).items()
+        for kind, joints in needed.items()
     ]
+
+
+def _kinds(joints_of: Mapping[str, Sequence[str]]) -> str:
+    return "; ".join(f"{WORDS[kind]} of {listed(joints)}" for kind, joints in joints_of.items())
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]
