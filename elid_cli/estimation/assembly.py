@@ -131,6 +131,7 @@ def weighed(
         delays=np.zeros(robot.n),
         warnings=suspicious(base, estimate, deviation, known),
         triangles=fit.triangles,
+        with_nuisances=(fit.before or fit).triangles,
         weights=solution.weights,
     )
 

@@ -22,6 +22,7 @@ from elid_cli.estimation.default_fit import DefaultFit, fit_log, reshaped, with_
 from elid_cli.estimation.judgement import JointError, Judgement
 from elid_cli.estimation.known_load import with_load
 from elid_cli.estimation.motor_side.door import asked_motor_side, asks, below_resonance, straightened, with_motor_side
+from elid_cli.estimation.reading import read_signals
 from elid_cli.estimation.regression.nuisances import SIGNIFICANT
 from elid_cli.estimation.request import LogRequest
 from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification, Nuisance, Verdict
@@ -30,12 +31,12 @@ from elid_cli.estimation.validation.prediction import ByLog, errors_by_log
 from elid_cli.estimation.validation.sufficiency import judge_model, judged_model
 from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects import nuisance_of
-from elid_cli.model.effects.declared import as_observed, with_lost_effects
+from elid_cli.model.effects.declared import as_observed
 from elid_cli.model.effects.tilt import declared_tilt, is_tilt, levelled, settled, tilted, untilted
 from elid_cli.model.regressor import Regressor
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.recording import Recording
-from elid_cli.signals.signals import Signals, prepare
+from elid_cli.signals.signals import Signals
 
 __all__ = [
     "DefaultFit",
@@ -51,6 +52,7 @@ __all__ = [
     "fit_log",
     "identify",
     "identify_logs",
+    "read_signals",
     "samples_needed",
 ]
 
@@ -118,7 +120,7 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
 
             side = asked_motor_side(robot, signals, options)
             found, _ = identify_reduced(robot, reduce_each(robot, signals, {}), options)
-            return with_motor_side(with_load(found, signals.recording), side)
+            return with_motor_side(with_load(found, signals.recording.commanded & ~signals.still), side)
     side = asked_motor_side(robot, signals, options)
     if side is not None and options.fit == "auto":
         options = replace(options, fit="torque")
@@ -126,7 +128,7 @@ def identify(robot: Robot, signals: Signals, options: EstimateOptions | None = N
     straight = straightened(below, side, options, lambda used, how: _identified(robot, used, how))
     found = straight or _identified(robot, below, options)
     if signals.recording is not None and options.guards:
-        found = with_load(found, signals.recording)
+        found = with_load(found, signals.recording.commanded & ~signals.still)
     return with_motor_side(found, side, corrected=straight is not None)
 
 
@@ -201,12 +203,18 @@ def identify_logs(
         from elid_cli.estimation.motor_side.several import motor_side_of_logs
         from elid_cli.estimation.streaming.fleet import reduced_logs
         from elid_cli.estimation.streaming.merge import identify_reduced, joined_recording
+        from elid_cli.estimation.trajectory.several import by_motion, moved_unasked
 
         logs = reduced_logs(request)
-        found, apart = identify_reduced(request.robot, logs, options)  # refuses logs that do not belong together
+        moving = all(log.facts.computed.all() for log in logs) and moved_unasked(request.robot, logs, options)
+        asked = replace(options, fit="torque") if moving else options
+        found, apart = identify_reduced(request.robot, logs, asked)  # refuses logs that do not belong together
+        computed = np.all([log.facts.computed & ~log.facts.still for log in logs], axis=0)
+        if moving:
+            answer, recording, apart, signals = by_motion(request, found, apart, delays=options.delays)
+            return Identified(with_load(answer, computed), recording, apart, signals)
         side = motor_side_of_logs(request, logs) if asks(options) else None
-        recording = joined_recording(logs)
-        return Identified(with_motor_side(with_load(found, recording), side), recording, apart, None)
+        return Identified(with_motor_side(with_load(found, computed), side), joined_recording(logs), apart, None)
     recording, signals = read_signals(request)
     if is_long(signals, request.robot) and not samples_needed(request.robot, options):
         from elid_cli.estimation.streaming.merge import identify_reduced
@@ -219,39 +227,13 @@ def identify_logs(
             signals = replace(signals, recording=recording)
         logs = reduce_each(request.robot, signals, asked_of(request.signals), request.progress)
         found, _ = identify_reduced(request.robot, logs, options)
-        found = with_motor_side(with_load(found, logs[0].recording), side)
+        found = with_motor_side(with_load(found, logs[0].facts.computed & ~logs[0].facts.still), side)
         return Identified(found, logs[0].recording, (), signals if keep_signals else None)
     from elid_cli.estimation.refined_robot import identified_robot
 
     found = identify(request.robot, signals, options)
     apart = errors_by_log(identified_robot(found), signals, recording.files)
     return Identified(found, recording, apart, signals)
-
-
-def read_signals(request: LogRequest) -> tuple[Recording, Signals]:
-    """Read logs together and prepare their signals.
-
-    Raises
-    ------
-    LogError
-        A log that cannot be used.
-    DataError
-        If no joint moves.
-    """
-    from elid_cli.logs import read_recording
-
-    progress = request.progress
-    recording = read_recording(
-        request.logs, request.robot, request.mapping, strict=request.strict, rate=request.signals.rate,
-        time_source=request.time,
-        progress=None if progress is None else lambda share: progress("reading", share),
-    )  # fmt: skip
-    recording = with_lost_effects(recording, request.robot)
-    if request.on_read is not None:
-        request.on_read([recording], ())
-    if progress is not None:
-        progress("smoothing", 0.0)
-    return recording, prepare(recording, request.robot, request.signals.of_log(recording.rate))
 
 
 def _merges(request: LogRequest, options: EstimateOptions) -> bool:

@@ -18,7 +18,6 @@ from elid_cli.errors import in_words
 from elid_cli.estimation.regression.triangles import Triangle, Triangles
 from elid_cli.estimation.result import Identification
 from elid_cli.robot.robot import Robot
-from elid_cli.signals.recording import Recording
 
 OFF = 0.05
 """Relative difference from which a gain is told: below, masses in files and what the model lacks are as far off."""
@@ -109,17 +108,21 @@ def _slope(system: Array) -> float:
     return float(np.linalg.lstsq(system[:, :-1], system[:, -1], rcond=None)[0][0])
 
 
-def with_load(found: Identification, recording: Recording) -> Identification:
-    """Return an identification with a warning where torques that were computed are not what the bodies need."""
-    if found.triangles is None:
-        return found
-    off = off_scales(found.robot, found.triangles, recording.commanded)
+def with_load(found: Identification, commanded: NDArray[np.bool_]) -> Identification:
+    """Return an identification with a warning where torques that were computed, (n,), are not what the bodies need."""
+    off = off_scales(found, commanded)
     return replace(found, warnings=(*found.warnings, *scale_warnings(found.robot, off)))
 
 
-def off_scales(robot: Robot, triangles: Triangles, commanded: NDArray[np.bool_]) -> list[LoadScale]:
-    """Return the scales that are surely not 1, of joints (n,) whose torques were computed from commands."""
-    return [scale for scale in load_scales(robot, triangles) if commanded[scale.joint] and scale.is_off]
+def off_scales(found: Identification, commanded: NDArray[np.bool_]) -> list[LoadScale]:
+    """Return the scales that are surely not 1, of joints (n,) whose torques were computed from commands.
+
+    An offset counts there though it does not show beside weights that are free: the load would be that much too small.
+    """
+    triangles = found.with_nuisances or found.triangles
+    if triangles is None:
+        return []
+    return [scale for scale in load_scales(found.robot, triangles) if commanded[scale.joint] and scale.is_off]
 
 
 def scale_warnings(robot: Robot, off: Sequence[LoadScale]) -> tuple[str, ...]:

@@ -125,13 +125,17 @@ def remarks(found: Identification, *, physical: bool = False) -> tuple[str, ...]
     lines = []
     if physical:
         lines.append("Identified by elid as a robot that could be built (--physical).")
+    elif found.drives:
+        lines.append(
+            "Identified by elid: the drives, by the motion under commands. Bodies are those of the file before."
+        )
     else:
         text = (
             "Identified by elid. A log shows base parameters, sums of those below; of a sum's members, and of what no "
             "motion shows, the values are one choice of many that predict the same torques, near those of the file "
             "before."
         )
-        if not _could_be_built(found):
+        if not could_be_built(found):
             text += " As single values they are not those of real bodies; elid identify --physical gives such."
         lines.append(text)
     unknown, unseen = _unknown(found), {found.parameters[k].leader for k in _negative_unseen(found)}
@@ -155,7 +159,7 @@ def impossible_words(found: Identification) -> tuple[str, ...]:
     return (f"{', '.join(wrong)} came out negative beyond error: written as 0, the others as a fit that knows it.",)
 
 
-def _could_be_built(found: Identification) -> bool:
+def could_be_built(found: Identification) -> bool:
     """Return whether the written values are those of real bodies."""
     values = np.nan_to_num(identified_robot(found).reference())
     cones = consistency(found.robot, values)

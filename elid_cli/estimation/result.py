@@ -149,6 +149,8 @@ class Identification(Shown):
     estimator: str = "default"
     triangles: Triangles | None = None
     """The reduced data, for those who fit again under further conditions (`physical`)."""
+    with_nuisances: Triangles | None = None
+    """The same with every delay and offset of the torque channels as a column, also those that were taken for none."""
     weights: Mapping[EstimationRow, float] = field(default_factory=dict)
     """Weight of every row group in the fit: one over its residual rms."""
     model: ModelWord = "not judged"

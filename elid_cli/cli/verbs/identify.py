@@ -71,7 +71,7 @@ def identify(
         need_solver()
     check_described(files)
     if fit.fit == "auto" and (beyond.physical or beyond.payload is not None or _of_bodies(gates)):
-        fit = replace(fit, fit="torque")  # all are about the bodies, or the torque
+        fit = replace(fit, fit="torque")  # they are about the bodies, or the torque
     with progress(output, "reading") as advance:
         from elid_cli.estimation.refined_robot import identified_robot, remarks, with_stiffnesses
         from elid_cli.report.answers.identification import identification_report

@@ -22,6 +22,7 @@ from elid_cli.estimation.known_load import off_scales, scale_warnings
 from elid_cli.estimation.refined_robot import identified_robot
 from elid_cli.estimation.result import EstimateOptions, Identification
 from elid_cli.estimation.trajectory.block_sums import BLOCKS
+from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.differing import as_last, differing
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import fitted_effects, scene_of_fit
@@ -31,6 +32,7 @@ from elid_cli.estimation.trajectory.identification import (
     identification_of,
     started_from,
 )
+from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
@@ -92,7 +94,7 @@ def diagnose_motion(
     changes = differing(done.after)
     after = as_last(done.after, changes)
     refined = identification_of(found, after, signals)
-    scales = [] if found.triangles is None else off_scales(robot, found.triangles, recording.commanded)
+    scales = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     gains = gain_rivals(done.before, done.after, done.named, scales)
     # at a joint whose effect no gain imitates, the effect is why the torque is not what the bodies need
     ruled_out = {robot.joint_names[item.effect.joint] for item in done.named} - {rival.joint for rival in gains}
@@ -108,6 +110,7 @@ def diagnose_motion(
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),
         untried_of(effect_classes(), robot, only),
+        other_bodies(done.before, columns_of(done.before)),
     )  # fmt: skip
 
 

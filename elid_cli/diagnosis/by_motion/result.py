@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -50,6 +50,8 @@ class MotionDiagnosis(Shown):
     """Effects and joints that were chosen but not judged yet when the search was stopped."""
     untried: tuple[str, ...] = ()
     """Effects that the robot may have, but that no simulated motion is searched for."""
+    other_bodies: Mapping[str, float] = field(default_factory=dict)
+    """Part of its squared error, not fitted to, that other bodies than the file's take off a joint's motion."""
 
     @property
     def nearer(self) -> tuple[Rival, ...]:

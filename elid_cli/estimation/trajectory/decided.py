@@ -22,6 +22,9 @@ SHOWN = 3.0
 """Standard errors from which a delay is an unknown: in slow motion viscous friction and a delay are one, and a delay
 that the log does not show would only take the friction's precision."""
 
+AHEAD = 8.0
+"""The same of one that is negative."""
+
 
 def fit_trajectory(
     robot: Robot,
@@ -104,8 +107,12 @@ def _late_or_prompt(
 
 
 def _shows_delays(fit: TrajectoryFit) -> bool:
-    """Whether the delay of a recording is clear of 0."""
+    """Whether the delay of a recording is clear of 0.
+
+    A motion ahead of its commands is a fault of the stamps, if it is any: what a model lacks looks so more often.
+    """
     own = fit.unknowns.delays
     # what makes no memory may make a delay that is none: blocks of time know
     blocks = np.sqrt(np.diag(jackknife(fit.left_out)))
-    return bool((np.abs(fit.delays) > SHOWN * np.maximum(fit.deviation, blocks)[own]).any())
+    apart = fit.delays / np.maximum(np.maximum(fit.deviation, blocks)[own], 1e-300)
+    return bool(((apart > SHOWN) | (apart < -AHEAD)).any())

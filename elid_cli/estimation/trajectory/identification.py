@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.errors import LogError, UsageError, in_words
@@ -43,6 +44,8 @@ SHOWN = 3.0
 """Standard errors beyond which a delay is told."""
 AHEAD = 0.5
 """ms; lead of friction that is worth a word."""
+SMALL = 0.03
+"""Part of a value below which a change is not worth a word."""
 SLOW = 0.1
 """Part of the usual speed below which friction is not looked at for the start."""
 
@@ -183,7 +186,8 @@ def identification_of(
     places = np.array([[names.index(StandardParameter(kind, k)) for kind in PARAMETERS] for k in range(robot.n)])
     covariance = np.zeros((len(names), len(names)))
     kept = np.flatnonzero(np.arange(fit.unknowns.drives) % len(KINDS) < len(PARAMETERS))
-    shown = fit.shown[:, : len(PARAMETERS)]
+    moves = fit.shown & ~signals.still[:, None]
+    shown = moves[:, : len(PARAMETERS)]
     both = np.outer(shown.ravel(), shown.ravel())
     covariance[np.ix_(places.ravel(), places.ravel())] = np.where(both, fit.covariance[np.ix_(kept, kept)], 0.0)
     standard = np.nan_to_num(robot.reference())
@@ -212,10 +216,10 @@ def identification_of(
         error=held_out_errors(left_out, fit.spans, with_late_commands(signals, fit.delays), found),
         standard=standard,
         delays=np.zeros(robot.n),
-        nuisances=channel_faults(robot, fit),
+        nuisances=channel_faults(robot, fit, moves[:, 3]),
         effects=fitted_effects(robot, fit),
-        notes=(note, *apart),
-        settings={**settings_of(found, fit), "beyond_noise": beyond, "other_bodies": dict(bodies)},
+        notes=(note, *apart, *loop_words(robot, fit, signals, moves)),
+        settings={**settings_of(found, fit, moves), "beyond_noise": beyond, "other_bodies": dict(bodies)},
         warnings=bodies_words(robot, bodies),
         model=model,
         still=np.any(base.transform[:, places[~shown]] != 0, axis=1),
@@ -243,6 +247,32 @@ def bodies_words(robot: Robot, bodies: Mapping[str, float]) -> tuple[str, ...]:
     )
 
 
+def loop_words(robot: Robot, fit: TrajectoryFit, signals: Signals, moves: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Return what a loop that holds its torque for a sample would change, in a sentence, where that is worth a word.
+
+    To first order half a sample's delay of positions and velocities is viscous friction and inertia: kp dt/2 less of
+    the one, kd dt/2 less of the other.
+    """
+    recording = signals.recording
+    assert recording is not None
+    gains = np.stack([np.nanmean(recording.commands[name], axis=0) for name in ("kd", "kp")], axis=1)
+    less, errors = 0.5 * recording.dt * gains, fit.unknowns.joint_values(fit.deviation)[:, [0, 2]]
+    matters = moves[:, [0, 2]] & (less > np.maximum(SHOWN * errors, SMALL * fit.values[:, [0, 2]]))
+    if not matters.any():
+        return ()
+    said = []
+    for place, (words, unit) in enumerate((("motor inertia", "kg·m²"), ("viscous friction", "N·m·s/rad"))):
+        if matters[:, place].any():
+            worst = int(np.argmax(np.where(matters[:, place], less[:, place], 0.0)))
+            unit = unit if robot.joints[worst].revolute else {"kg·m²": "kg"}.get(unit, "N·s/m")
+            size = f"up to {less[worst, place]:.2g} {unit} ({robot.joint_names[worst]})"
+            said.append(f"{words} is larger by k{'dp'[place]} dt/2, {size}")
+    return (
+        "the drive's loop is taken to act all the time; where it is computed at the log's rate and its torque held for "
+        f"a sample, {' and '.join(said)}, which the motion cannot tell apart",
+    )
+
+
 def softness_words(robot: Robot, fit: TrajectoryFit) -> list[str]:
     """Return that friction fades in over a speed, in a sentence; none where the fit did not find so."""
     gains = softness(robot, fit)
@@ -258,15 +288,15 @@ def softness_words(robot: Robot, fit: TrajectoryFit) -> list[str]:
     ]
 
 
-def channel_faults(robot: Robot, fit: TrajectoryFit) -> tuple[Nuisance, ...]:
-    """Return the torque offset of every joint, and the delay of all: the mean of the recordings'."""
+def channel_faults(robot: Robot, fit: TrajectoryFit, shown: NDArray[np.bool_]) -> tuple[Nuisance, ...]:
+    """Return the torque offset of every joint that shows one, (n,), and the delay of all: the mean of recordings'."""
     values, errors = fit.unknowns.joint_values(settled(fit)), fit.unknowns.joint_values(fit.deviation)
     late, unsure = float(fit.delays.mean()), float(np.sqrt(np.mean(fit.deviation[fit.unknowns.delays] ** 2)))
     scatter = float(np.std(fit.delays, ddof=1)) if len(fit.delays) > 1 else 0.0
     names, unsure = robot.joint_names, math.hypot(unsure, scatter)
-    shown = names if abs(late) > SHOWN * unsure else ()
+    late_ones = names if abs(late) > SHOWN * unsure else ()
     return (
         *(Nuisance(offset_name(), name, {"offset": float(values[k, 3])}, {"offset": float(errors[k, 3])})
-          for k, name in enumerate(names) if fit.shown[k, 3]),
-        *(Nuisance(delay_name(), name, {"delay": late}, {"delay": unsure}) for name in shown),
+          for k, name in enumerate(names) if shown[k]),
+        *(Nuisance(delay_name(), name, {"delay": late}, {"delay": unsure}) for name in late_ones),
     )  # fmt: skip

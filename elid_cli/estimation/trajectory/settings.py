@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.estimation.result import Identification, Verdict
@@ -21,15 +22,16 @@ def softness(robot: Robot, fit: TrajectoryFit) -> dict[str, float]:
     return {robot.joint_names[joint]: gain for joint, gain in gains_of(fit).items()}
 
 
-def settings_of(found: Identification, fit: TrajectoryFit) -> dict[str, object]:
+def settings_of(found: Identification, fit: TrajectoryFit, moves: NDArray[np.bool_]) -> dict[str, object]:
     """Return what JSON says of the fit: errors of the positions, rad (m), and every drive parameter with its errors.
 
-    `found` is what least squares say of the same log: the size of the torques.
+    `found` is what least squares say of the same log: the size of the torques. `moves` are the parameters that the
+    motion depends on, (n, 4).
     """
     robot, own = fit.unknowns.robot, fit.unknowns
     errors, between, within = (own.joint_values(part) for part in (fit.deviation, fit.between, fit.within))
     another = own.joint_values(fit.another) if own.recordings == 1 else None
-    verdicts = _verdicts(found, fit, errors)
+    verdicts = _verdicts(found, fit, errors, moves)
 
     def told(joint: int, kind: int) -> dict[str, object]:
         if verdicts[joint][kind] == "refused":
@@ -53,7 +55,9 @@ def settings_of(found: Identification, fit: TrajectoryFit) -> dict[str, object]:
     }
 
 
-def _verdicts(found: Identification, fit: TrajectoryFit, errors: Array) -> list[list[Verdict]]:
+def _verdicts(
+    found: Identification, fit: TrajectoryFit, errors: Array, moves: NDArray[np.bool_]
+) -> list[list[Verdict]]:
     """Return verdicts on the drive parameters, (n, 4).
 
     Known, as base parameters are: to a share of the value, or of the joint's torque. A friction of 0 is known so.
@@ -69,7 +73,7 @@ def _verdicts(found: Identification, fit: TrajectoryFit, errors: Array) -> list[
         enough = np.maximum(WEAK * np.abs(fit.values[k]), WEAK * TORQUE_SHARE * torque / np.maximum(acting[k], 1e-12))
         verdicts.append(
             [
-                "refused" if not fit.shown[k, kind] else "supported" if errors[k, kind] <= enough[kind] else "weak"
+                "refused" if not moves[k, kind] else "supported" if errors[k, kind] <= enough[kind] else "weak"
                 for kind in range(len(NAMES))
             ]
         )

@@ -107,9 +107,14 @@ def is_known(robot: Robot) -> bool:
 
 def seconds(robot: Robot, signals: Signals) -> float:
     """Return about how long a fit of the log takes, s."""
+    return seconds_of(robot, len(signals.tau), signals.dt)
+
+
+def seconds_of(robot: Robot, samples: int, dt: float) -> float:
+    """Return about how long a fit of samples (M, n) at a sample time takes, s."""
     sizes = np.array([len(joints) for joints in Unknowns(robot).chains])
     steps = STEPS if compiled_steps() else PLAIN
-    return SAMPLE * signals.tau.size + steps * len(signals.tau) * signals.dt * float(np.sum(sizes**3))
+    return SAMPLE * samples * robot.n + steps * samples * dt * float(np.sum(sizes**3))
 
 
 def _told(found: Identification, note: str) -> Identification:

@@ -22,10 +22,8 @@ NEEDS = {
 }
 
 
-OWN = (
-    "Ja is what the motion shows beyond the bodies of the file: what an inertia about the joint's axis is off there, "
-    "Ja is off here"
-)
+OFFSETS = "offset: by how much the computed torque is above the one that acts"
+OWN = "what weights and inertias are off in the file, offset and Ja are off here"
 
 
 def drives_table(found: Identification) -> Table:
@@ -39,7 +37,7 @@ def drives_table(found: Identification) -> Table:
     revolute = {joint.revolute for joint in found.robot.joints}
     unit = "; of sliding joints ".join([u for u, kind in zip(units, (True, False), strict=True) if kind in revolute])
     symbols = "; ".join(f"{kind}: {SYMBOLS.get(kind, words)}" for kind, words in WORDS.items() if kind != OFFSET)
-    note = f"{symbols}; offset: of the torque\nin {unit}, with one standard error each\n{OWN}"
+    note = "\n".join([symbols, OFFSETS, f"in {unit}, with one standard error each", OWN])
     return Table("drives", columns, tuple(rows), f"drives, with the bodies of {found.robot.name}", note=note)
 
 

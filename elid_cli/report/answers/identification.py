@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 
-from elid_cli.estimation.refined_robot import impossible_words
+from elid_cli.estimation.refined_robot import could_be_built, impossible_words
 from elid_cli.estimation.result import BaseEstimate, FittedEffect, Identification
 from elid_cli.estimation.validation.prediction import ByLog
 from elid_cli.estimation.validation.verdicts import HELD, IMPOSSIBLE
@@ -212,9 +212,10 @@ def _next(found: Identification, recording: Recording, robot_argument: str, writ
         return inputs.command("diagnose", recording, robot_argument)
     if written:
         return inputs.command("validate", recording, written[0])
-    return inputs.command(
-        "identify", recording, robot_argument, *inputs.keeping(found.robot, "identified", _declared(found.robot))
-    )
+    keeping = inputs.keeping(found.robot, "identified", _declared(found.robot))
+    if len(keeping) > 2 and not found.drives and not could_be_built(found):
+        keeping = keeping[:2]  # an URDF or MJCF holds only bodies that there can be
+    return inputs.command("identify", recording, robot_argument, *keeping)
 
 
 def _declared(robot: Robot) -> list[str]:

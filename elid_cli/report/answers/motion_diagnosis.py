@@ -106,6 +106,7 @@ def motion_diagnosis_payload(found: MotionDiagnosis) -> dict[str, Any]:
         "sufficient": not found.effects and not found.unexplained,
         "tried": found.tried,
         "untried": list(found.untried),
+        "other_bodies": dict(found.other_bodies),
     }  # fmt: skip
 
 
@@ -130,7 +131,7 @@ def _missing(found: MotionDiagnosis) -> str:
     if not found.effects:
         what = "that was tried by motion" if found.untried else "that elid knows"
         others = f" Not tried by motion: {_untried_words(found)}." if found.untried else ""
-        return f"No effect {what} brings the motion nearer.{left}{others}"
+        return f"No effect {what} brings the motion nearer.{_bodies_words(found)}{left}{others}"
     places: dict[str, list[str]] = {}
     for effect in found.effects:
         joint = effect.joint or found.robot.name
@@ -140,7 +141,19 @@ def _missing(found: MotionDiagnosis) -> str:
     moved = "".join(
         f" {d.name} of {d.joint} changed before {found.recording.files[d.changed_at or 0]}." for d in changed
     )
-    return f"{named_words(places, found.also_possible)}{moved}{_gains_words(found)}"
+    return f"{named_words(places, found.also_possible)}{moved}{_gains_words(found)}{_bodies_words(found)}"
+
+
+def _bodies_words(found: MotionDiagnosis) -> str:
+    """Return that other bodies than the file's would bring the motion nearer, where they would."""
+    if not found.other_bodies:
+        return ""
+    most = share_text(max(found.other_bodies.values()))
+    return (
+        f" Other bodies than {found.robot.name} describes would bring the motion of {listed(list(found.other_bodies))} "
+        f"nearer as well, by up to {most} of the squared error: check masses and payload (elid identify --fit torque "
+        "estimates them)."
+    )
 
 
 def _gains_words(found: MotionDiagnosis) -> str:

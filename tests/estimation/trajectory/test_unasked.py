@@ -17,7 +17,7 @@ from elid_cli.estimation.physical.nearest import make_physical
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.trajectory import bodies, unasked
 from elid_cli.estimation.trajectory.bodies import body_columns, other_bodies
-from elid_cli.estimation.trajectory.decided import fit_with_columns
+from elid_cli.estimation.trajectory.decided import _shows_delays, fit_with_columns
 from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
 from elid_cli.estimation.trajectory.normal_equations import as_late, simulated
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS
@@ -123,6 +123,7 @@ def test_a_long_log_is_told_of_the_trajectory_fit(
     (note,) = [note for note in found.notes if "--fit trajectory" in note]
     assert ("Numba" in note) is not compiled
     several = identify_logs(LogRequest((log, log), robot)).found
+    assert several.estimator == "default"
     assert any("--fit trajectory" in note for note in several.notes)
 
 
@@ -266,3 +267,48 @@ def test_columns_of_bodies_are_the_same_in_parts(
     monkeypatch.setattr(bodies, "MEMORY", 1 << 20)
     assert bodies.stride_of(fit) > 1
     assert other_bodies(fit, columns)["two"] == pytest.approx(asked["two"], rel=0.1)
+
+
+def test_short_logs_are_fitted_together(made: tuple[Robot, Recording, str], tmp_path: Path) -> None:
+    robot, _, log = made
+    logs = (log, plant.written(tmp_path, "other.h5", plant.moved(4, 8.0)))
+    told = identify_logs(LogRequest(logs, robot))
+    asked = identify_logs(LogRequest(logs, robot), EstimateOptions(fit="trajectory")).found
+    assert told.found.estimator == "trajectory"
+    np.testing.assert_allclose(told.found.estimate, asked.estimate, rtol=1e-12)
+    np.testing.assert_allclose(told.found.std_error, asked.std_error, rtol=1e-12)
+    assert [item.file for item in told.apart] == list(logs)
+    assert not any("takes about" in note for note in told.found.notes)
+
+
+def test_an_offset_that_least_squares_take_for_none_is_no_wrong_gain(tmp_path: Path) -> None:
+    # it took up 7 % of the weight, and the warning doubted kp and kd
+    for seed in (30, 31, 32):
+        recording = plant.moved(seed, 4.0, noise=1e-3)
+        log = plant.written(tmp_path, f"{seed}.h5", recording)
+        robot = robot_as_logged(plant.robot(tmp_path), [log], None, {})
+        found = identify_logs(LogRequest((log,), robot)).found
+        assert not any("times what the described bodies need" in line for line in found.warnings)
+
+
+def test_a_loop_that_holds_its_torque_is_told_with_its_size(made: tuple[Robot, Recording, str]) -> None:
+    robot, recording, _ = made
+    (note,) = [line for line in found_of(robot, recording).notes if "held for a sample" in line]
+    assert f"kp dt/2, up to {plant.KP[0] * plant.DT / 2:.2g} N·m·s/rad (one)" in note
+    assert f"kd dt/2, up to {plant.KD[0] * plant.DT / 2:.2g} kg·m² (one)" in note
+
+
+@pytest.mark.parametrize(
+    ("delay", "deviation", "shown"), [(1e-3, 2e-4, True), (-1e-3, 2e-4, False), (-1e-3, 1e-4, True)]
+)
+def test_a_motion_ahead_of_its_commands_must_be_clearer(
+    made: tuple[Robot, Recording, str], delay: float, deviation: float, shown: bool
+) -> None:
+    robot, recording, _ = made
+    fit, _ = fit_with_columns(
+        robot, commanded_runs(recording, robot), started_from(robot, prepare(recording, robot)), soft=False
+    )
+    own = fit.unknowns.delays
+    z, covariance = fit.z.copy(), fit.covariance.copy()
+    z[own], covariance[own, own] = delay, deviation**2
+    assert _shows_delays(replace(fit, z=z, covariance=covariance, left_out=np.repeat(z[None], 6, axis=0))) is shown
