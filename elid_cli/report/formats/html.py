@@ -37,7 +37,7 @@ PARTS: tuple[tuple[str, tuple[str, ...]], ...] = (
                   "figure:change", "motor_side*", "figure:response", "parameters", "moved*", "unmoved*",
                   "member_errors", "values", "members", "effects*", "meaning", "waiting", "also_possible",
                   "before_after", "position", "error*", "unexplained", "triage", "differing", "by_log")),
-    ("Parameters", ("figure:parameters", "joint_parameters", "base_parameters", "all_parameters", "reasons",
+    ("Parameters", ("figure:parameters", "drives", "joint_parameters", "base_parameters", "all_parameters", "reasons",
                     "physical*", "std_error")),
     ("What to record next", ("record", "next")),
     ("Over time", ("figure:torque", "figure:trajectory", "figure:replayed", "figure:signals")),

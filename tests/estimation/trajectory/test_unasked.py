@@ -71,7 +71,9 @@ def test_the_motion_is_fitted_where_the_torque_is_computed(made: tuple[Robot, Re
     np.testing.assert_array_equal(same.estimate, found.estimate)
 
 
-def test_the_report_shows_the_drives(made: tuple[Robot, Recording, str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_report_shows_the_drives(
+    made: tuple[Robot, Recording, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     robot, recording, log = made
     file = str(Path(log).with_name("pendulums.xml"))
     assert main(["identify", log, "--robot", file]) == 0
@@ -82,6 +84,12 @@ def test_the_report_shows_the_drives(made: tuple[Robot, Recording, str], capsys:
     for name, values in zip(plant.NAMES, truth, strict=True):
         numbers = [float(word) for word in shown[name] if word != "±"]
         assert np.all(np.abs(numbers[::2] - values) < 4.5 * np.array(numbers[1::2])), name
+    page = tmp_path / "page.html"
+    assert main(["identify", log, "--robot", file, "--quiet", "--report", str(page)]) == 0
+    capsys.readouterr()
+    shown_page = page.read_text("utf-8")
+    assert ">Drives<" in shown_page
+    assert "Base parameters" not in shown_page
     assert "12 of drives; bodies are those of the robot file" in " ".join(said.split())
     assert "base parameter" not in said
     assert main(["identify", log, "--robot", file, "--json"]) == 0
@@ -196,6 +204,7 @@ def test_a_joint_that_stays_where_it_is_is_not_known(tmp_path: Path, capsys: pyt
     row = next(line for line in said.split("drives, with the bodies")[1].splitlines() if line.split()[:1] == ["three"])
     assert row.split() == ["three", *["not", "shown"] * 4]
     assert "of 2 of 3 joints" in " ".join(said.split())
+    assert "times what the described bodies need" not in " ".join(said.split())
     assert main([*line, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["settings"]["trajectory"]["joint_parameters"]["three"]["fs"]["estimate"] is None

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from elid_cli.estimation.trajectory.unknowns import PARAMETERS
 from elid_cli.estimation.validation.verdicts import HELD
 from elid_cli.report.answers import summary
 from elid_cli.report.figures.drawing import Bars, Dots, Drawing, Mark, Panel, Rule, Words
 from elid_cli.report.tree import Figure
+from elid_cli.robot.parameter import StandardParameter
 
 if TYPE_CHECKING:
+    from elid_cli.estimation.result import Identification
     from elid_cli.report.figures.input import FigureInput
 
 ORDER = 5
@@ -23,24 +26,44 @@ MOST = 26
 """Parameters of one panel."""
 EDGE = 2.1
 """Values beyond this many times their scale are drawn at the edge."""
+CAPTION = (
+    "Each on the scale of its own value, with its standard error at the right (small: it makes less than 1 % of the "
+    "torque).{} The tables below have the numbers (long ones are folded)."
+)
 STAR = "*"
 """Stands behind the error of a parameter that may be biased."""
 
 
 def figures(told: FigureInput) -> Iterator[Figure]:
-    """Yield one figure of all base parameters."""
-    if (found := told.identified) is not None:
+    """Yield one figure of all base parameters, or of the drives where a fit of the motion took the file's bodies."""
+    if (found := told.identified) is not None and found.drives:
+        yield Figure("parameters", "Drives", "parameters", _drives(found), CAPTION.format(""))
+    elif found is not None:
         data = {"names": found.base.names, "leaders": [p.leader for p in found.parameters],
                 "estimate": found.estimate, "std_error": found.std_error,
                 "reference": found.reference, "verdict": ["held" if p.reason.startswith(HELD) else p.verdict
                                                           for p in found.parameters],
                 "biased": [p.bias_possible for p in found.parameters]}  # fmt: skip
         star = f" {STAR}: {summary.BIASED} by what the model lacks." if any(data["biased"]) else ""
-        caption = (
-            "Each on the scale of its own value, with its standard error at the right (small: it makes less than 1 % "
-            f"of the torque).{star} The tables below have the numbers (long ones are folded)."
-        )
-        yield Figure("parameters", "Base parameters", "parameters", data, caption)
+        yield Figure("parameters", "Base parameters", "parameters", data, CAPTION.format(star))
+
+
+def _drives(found: Identification) -> dict[str, Any]:
+    """Return the data of a figure of the drives."""
+    items = [(joint, kind, values) for kind in PARAMETERS for joint, own in found.drives.items()
+             for values in (own[kind],)]  # fmt: skip
+    places = {name: k for k, name in enumerate(found.robot.joint_names)}
+    described = dict(zip(found.robot.parameter_names(), found.robot.reference().tolist(), strict=True))
+    leaders = [StandardParameter(kind, places[joint]) for joint, kind, _ in items]
+    return {
+        "names": [f"{kind} {joint}" for joint, kind, _ in items],
+        "leaders": leaders,
+        "estimate": np.array([np.nan if v["estimate"] is None else v["estimate"] for _, _, v in items]),
+        "std_error": np.array([np.nan if v["std_error"] is None else v["std_error"] for _, _, v in items]),
+        "reference": np.array([described[leader] for leader in leaders]),
+        "verdict": [values["verdict"] for _, _, values in items],
+        "biased": [False] * len(items),
+    }
 
 
 def draw(figure: Figure) -> Drawing:

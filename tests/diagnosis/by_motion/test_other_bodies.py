@@ -1,0 +1,31 @@
+"""A diagnosis by motion tells where other bodies than the file's would do as well as an effect."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.logs import robot_as_logged
+from elid_cli.logs.reading import read_recording
+from elid_cli.report.answers.motion_diagnosis import motion_diagnosis_report
+from elid_cli.report.answers.summary import MISSING
+from elid_cli.report.tree import KeyValues
+from elid_cli.robot.parameter import LINK_PARAMETERS
+from elid_cli.signals.signals import prepare
+from tests.diagnosis.by_motion import plant
+
+
+def test_a_lighter_body_is_told_beside_what_imitates_it(tmp_path: Path) -> None:
+    log = plant.written(tmp_path, "log.h5", plant.moved(5, 8.0))
+    robot = robot_as_logged(plant.robot(tmp_path), [log], None, {})
+    joints = list(robot.joints)
+    lighter = {k: 0.8 * v if k in LINK_PARAMETERS else v for k, v in joints[1].parameters.items()}
+    joints[1] = replace(joints[1], parameters=lighter)
+    wrong = replace(robot, joints=tuple(joints))
+    found = diagnose_motion(wrong, prepare(read_recording([log], wrong), wrong), only=("link_spring",))
+    assert found.other_bodies.keys() == {"two"}
+    assert found.other_bodies["two"] > 0.9
+    section = next(s for s in motion_diagnosis_report(found, "pendulums.xml", ()).sections if isinstance(s, KeyValues))
+    said = str(dict(section.items)[MISSING])
+    assert "Other bodies than pendulums describes would bring the motion of two nearer as well" in said
