@@ -20,6 +20,7 @@ from elid_cli.logs.checks.late_velocities import late_velocities
 from elid_cli.logs.checks.limits import WRONG, beyond_limits
 from elid_cli.logs.checks.position_scale import wrong_positions
 from elid_cli.logs.checks.required import Checked
+from elid_cli.logs.checks.stops import at_stops
 from elid_cli.logs.checks.torque_scale import (
     FOLLOWS,
     WRONG_SCALE,
@@ -80,6 +81,7 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
         shown = {name: values[whole] for name, values in checked.optional.items()}
         computed = joints_computed(checked.computed, robot.joint_names)
         found.extend(late_velocities(shown, sides, computed, aligned.dt, robot))
+        found.extend(at_stops(shown, sides, robot))
     q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))
     pairs = [Pair.of(j, q[:, j], theta[:, j], robot) for j in range(robot.n)]
     tau: Array | None = None

@@ -1,0 +1,42 @@
+"""A joint that its command presses against a stop is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elid_cli.logs.checks.stops import at_stops
+from elid_cli.robot.files import read_robot
+from elid_cli.robot.robot import Limits
+
+T = np.linspace(0, 10, 2000)
+
+
+def said(q_des: np.ndarray, q: np.ndarray, limits: tuple[float, float] | None) -> list[str]:
+    robot = read_robot("planar2")
+    joints = tuple(replace(joint, limits=Limits(position=limits)) for joint in robot.joints)
+    both = np.stack([q_des, np.zeros_like(q)], axis=1)
+    own = np.stack([q, np.zeros_like(q)], axis=1)
+    return list(at_stops({"q_des": both}, own, replace(robot, joints=joints)))
+
+
+def test_a_joint_pressed_against_its_stop_is_told() -> None:
+    wanted = 0.5 * np.sin(2 * T)
+    (line,) = said(wanted, np.clip(wanted, -0.305, 0.301), (-0.3, 0.3))
+    assert line.startswith("commands press joint1 (5")
+    assert "joint2" not in line
+
+
+@pytest.mark.parametrize(
+    ("size", "limits"),
+    [(0.3, (-0.3, 0.3)), (0.29, (-0.3, 0.3)), (0.5, (-0.3, 0.3)), (0.5, None)],
+)
+def test_a_joint_that_does_as_it_is_told_met_no_stop(size: float, limits: tuple[float, float] | None) -> None:
+    wanted = size * np.sin(2 * T)  # the third goes beyond the limits of the file, freely
+    assert said(wanted, size * np.sin(2 * T - 0.02), limits) == []
+
+
+def test_without_commands_nothing_is_said() -> None:
+    assert list(at_stops({}, np.zeros((10, 2)), read_robot("planar2"))) == []
