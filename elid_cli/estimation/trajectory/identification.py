@@ -41,7 +41,7 @@ from elid_cli.signals.signals import Signals
 GAINS = {"q_des", "kp", "kd"}
 """What a log must hold for its commands to drive a robot."""
 SHOWN = 3.0
-"""Standard errors beyond which a delay is told."""
+"""Standard errors beyond which a change is worth a word."""
 AHEAD = 0.5
 """ms; lead of friction that is worth a word."""
 SMALL = 0.03
@@ -294,7 +294,7 @@ def channel_faults(robot: Robot, fit: TrajectoryFit, shown: NDArray[np.bool_]) -
     late, unsure = float(fit.delays.mean()), float(np.sqrt(np.mean(fit.deviation[fit.unknowns.delays] ** 2)))
     scatter = float(np.std(fit.delays, ddof=1)) if len(fit.delays) > 1 else 0.0
     names, unsure = robot.joint_names, math.hypot(unsure, scatter)
-    late_ones = names if abs(late) > SHOWN * unsure else ()
+    late_ones = names if fit.delays.any() else ()
     return (
         *(Nuisance(offset_name(), name, {"offset": float(values[k, 3])}, {"offset": float(errors[k, 3])})
           for k, name in enumerate(names) if shown[k]),
