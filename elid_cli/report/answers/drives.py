@@ -12,9 +12,8 @@ from elid_cli.estimation.validation.verdicts import WEAK
 from elid_cli.report.answers.summary import NAMED, NOT_SHOWN, RULE, SYMBOLS, listed, share_text
 from elid_cli.report.tree import Cell, Column, Mark, Table, number_text
 
-OFFSET = "offset"
 DIGITS = 4
-WORDS = {"Ja": "motor inertia", "fs": "Coulomb friction", "fv": "viscous friction", OFFSET: "torque offset"}
+WORDS = {"Ja": "motor inertia", "fs": "Coulomb friction", "fv": "viscous friction", "offset": "torque offset"}
 NEEDS = {
     "Ja": "stronger accelerations of {}",
     "fs": "slow motion of {} in both directions",
@@ -30,13 +29,13 @@ def drives_table(found: Identification) -> Table:
     """Return the table of the drives, one a row."""
     columns = (
         Column("joint", "joint"),
-        *Column.numbers(Ja="Ja", fs="fs", fv="fv", offset=OFFSET),
+        *Column.numbers(Ja="Ja", fs="fs", fv="fv", offset="offset"),
     )
     rows = [(joint, *(_cell(values[kind], kind) for kind in WORDS)) for joint, values in found.drives.items()]
     units = ["kg·m², N·m, N·m·s/rad and N·m", "kg, N, N·s/m and N"]
     revolute = {joint.revolute for joint in found.robot.joints}
     unit = "; of sliding joints ".join([u for u, kind in zip(units, (True, False), strict=True) if kind in revolute])
-    symbols = "; ".join(f"{kind}: {SYMBOLS.get(kind, words)}" for kind, words in WORDS.items() if kind != OFFSET)
+    symbols = "; ".join(f"{kind}: {SYMBOLS.get(kind, words)}" for kind, words in WORDS.items() if kind in NEEDS)
     note = "\n".join([symbols, OFFSETS, f"in {unit}, with one standard error each", OWN])
     return Table("drives", columns, tuple(rows), f"drives, with the bodies of {found.robot.name}", note=note)
 
@@ -56,7 +55,7 @@ def _cell(item: Mapping[str, Any], kind: str) -> Cell:
         least = 10.0**-decimals
         error = f"{deviation:.{decimals}f}" if deviation >= 0.5 * least else f"< {least:.{decimals}f}"
         text = f"{value:.{decimals}f} ± {error}"
-    return Mark(text, "warn") if kind != OFFSET and item["verdict"] == "weak" else text
+    return Mark(text, "warn") if kind in NEEDS and item["verdict"] == "weak" else text
 
 
 def _share(item: Mapping[str, Any]) -> float:

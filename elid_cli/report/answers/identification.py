@@ -213,8 +213,9 @@ def _next(found: Identification, recording: Recording, robot_argument: str, writ
     if written:
         return inputs.command("validate", recording, written[0])
     keeping = inputs.keeping(found.robot, "identified", _declared(found.robot))
-    if len(keeping) > 2 and not found.drives and not could_be_built(found):
-        keeping = keeping[:2]  # an URDF or MJCF holds only bodies that there can be
+    mjcf = len(keeping) > 2 and not found.robot.source.lower().endswith(".urdf")
+    if mjcf and not found.drives and not could_be_built(found):
+        keeping = keeping[:2]  # an MJCF holds only bodies that there can be
     return inputs.command("identify", recording, robot_argument, *keeping)
 
 
