@@ -52,7 +52,6 @@ __all__ = [
     "fit_log",
     "identify",
     "identify_logs",
-    "read_signals",
     "samples_needed",
 ]
 
@@ -151,8 +150,7 @@ def _identified(robot: Robot, signals: Signals, options: EstimateOptions) -> Ide
         return by_trajectory(found, signals, delays=options.delays)
     if options.accurate:
         return _as_described(_accurate(fit, found, options, refused, judgement), robot, tilt)
-    plain = options.fit == "auto" and options.offsets and not options.hold
-    if plain and signals.recording is not None and signals.recording.commanded.all():
+    if options.chooses and signals.recording is not None and signals.recording.commanded.all():
         from elid_cli.estimation.trajectory.unasked import or_by_motion
 
         return or_by_motion(found, signals, delays=options.delays)

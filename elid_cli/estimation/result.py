@@ -53,6 +53,11 @@ class EstimateOptions:
     guards: bool = True
     """Test signs, units and swapped channels by flipping them."""
 
+    @property
+    def chooses(self) -> bool:
+        """Whether the motion may be fitted unasked: nothing that it does not hold was asked for."""
+        return self.fit == "auto" and self.offsets and not self.hold
+
     def __post_init__(self) -> None:
         other = "--accurate" if self.accurate else "--estimator paper" if self.estimator == "paper" else ""
         if self.fit == "trajectory" and other:

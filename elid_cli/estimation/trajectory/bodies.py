@@ -113,8 +113,8 @@ def stride_of(fit: TrajectoryFit) -> int:
 def body_columns(fit: TrajectoryFit, every: int = 1) -> list[Array]:
     """Return how the positions of the stretches change with directions of the bodies' parameters, (N, n, D) each.
 
-    One direction of every chain of joints moves at a time, since chains do not move each other. `every` so many samples
-    one is returned.
+    One direction of every chain of joints moves at a time, since chains do not move each other. Of `every` samples
+    in a row one is returned.
     """
     own = fit.unknowns
     equations, parameters = Linearised(own.robot, without=PARAMETERS), own.robot.reference()
@@ -130,7 +130,7 @@ def body_columns(fit: TrajectoryFit, every: int = 1) -> list[Array]:
             here = slice(start, start + INSTANTS)
             part = _torques(fit, item, here)
             for joints, directions in zip(own.chains, by_chain, strict=True):
-                pushes[: directions.shape[1], here, joints] = -np.transpose(part[:, joints] @ directions, (2, 0, 1))
+                pushes[: directions.shape[1], here, joints] = np.transpose(part[:, joints] @ directions, (2, 0, 1))
         anew = replace(item, local=None)
         moved = [
             columns_of_pushes(equations, anew, own, fit.z, parameters, pushes[k : k + TOGETHER])[::every]

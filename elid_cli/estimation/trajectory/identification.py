@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.errors import LogError, UsageError, in_words
+from elid_cli.errors import LogError, UsageError
 from elid_cli.estimation.judgement import ModelWord
 from elid_cli.estimation.result import Identification, Nuisance
 from elid_cli.estimation.trajectory.acting import can_act, declared, scene_along
 from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.decided import fit_with_columns
-from elid_cli.estimation.trajectory.differing import Differing, as_last, differing
+from elid_cli.estimation.trajectory.differing import as_last, differing
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.found_effects import (
     delay_name,
@@ -27,8 +27,9 @@ from elid_cli.estimation.trajectory.found_effects import (
 )
 from elid_cli.estimation.trajectory.held_out import by_simulated_motion, held_out_errors, with_late_commands
 from elid_cli.estimation.trajectory.normal_equations import SETTLING, Tracked
-from elid_cli.estimation.trajectory.settings import settings_of, softness
+from elid_cli.estimation.trajectory.settings import settings_of
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS
+from elid_cli.estimation.trajectory.words import bodies_words, difference_words, loop_words, softness_words
 from elid_cli.model.effects.declared import resolve
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.linearised import Linearised
@@ -40,12 +41,6 @@ from elid_cli.signals.signals import Signals
 
 GAINS = {"q_des", "kp", "kd"}
 """What a log must hold for its commands to drive a robot."""
-SHOWN = 3.0
-"""Standard errors beyond which a change is worth a word."""
-AHEAD = 0.5
-"""ms; lead of friction that is worth a word."""
-SMALL = 0.03
-"""Part of a value below which a change is not worth a word."""
 SLOW = 0.1
 """Part of the usual speed below which friction is not looked at for the start."""
 
@@ -224,68 +219,6 @@ def identification_of(
         model=model,
         still=np.any(base.transform[:, places[~shown]] != 0, axis=1),
     )  # fmt: skip
-
-
-def difference_words(item: Differing) -> str:
-    """Return what recordings do not agree on, in a sentence."""
-    values = ", ".join(f"{value:.3g}" for value in item.values)
-    change = f"; it changed before recording {item.changed_at + 1}" if item.changed_at is not None else ""
-    return f"the recordings do not agree on {item.name} of {item.joint}: {values} {item.unit}{change}"
-
-
-def bodies_words(robot: Robot, bodies: Mapping[str, float]) -> tuple[str, ...]:
-    """Return that the motion asks for other bodies than the file's, in a sentence; none where it does not."""
-    if not bodies:
-        return ()
-    least, most = (f"{100 * pick(bodies.values()):.2g}" for pick in (min, max))
-    share = most if least == most else f"{least} to {most}"
-    return (
-        f"the motion of {in_words(list(bodies))} asks for other bodies than {robot.name} describes: they take {share} "
-        "% off its squared error where it was not fitted. Values and standard errors are those with the bodies of the "
-        "file: masses may be wrong (--fit torque estimates them), or something is missing that imitates them, such as "
-        "a spring (elid diagnose)",
-    )
-
-
-def loop_words(robot: Robot, fit: TrajectoryFit, signals: Signals, moves: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Return what a loop that holds its torque for a sample would change, in a sentence, where that is worth a word.
-
-    To first order half a sample's delay of positions and velocities is viscous friction and inertia: kp dt/2 less of
-    the one, kd dt/2 less of the other.
-    """
-    recording = signals.recording
-    assert recording is not None
-    gains = np.stack([np.nanmean(recording.commands[name], axis=0) for name in ("kd", "kp")], axis=1)
-    less, errors = 0.5 * recording.dt * gains, fit.unknowns.joint_values(fit.deviation)[:, [0, 2]]
-    matters = moves[:, [0, 2]] & (less > np.maximum(SHOWN * errors, SMALL * fit.values[:, [0, 2]]))
-    if not matters.any():
-        return ()
-    said = []
-    for place, (words, unit) in enumerate((("motor inertia", "kg·m²"), ("viscous friction", "N·m·s/rad"))):
-        if matters[:, place].any():
-            worst = int(np.argmax(np.where(matters[:, place], less[:, place], 0.0)))
-            unit = unit if robot.joints[worst].revolute else {"kg·m²": "kg"}.get(unit, "N·s/m")
-            size = f"up to {less[worst, place]:.2g} {unit} ({robot.joint_names[worst]})"
-            said.append(f"{words} is larger by k{'dp'[place]} dt/2, {size}")
-    return (
-        "the drive's loop is taken to act all the time; where it is computed at the log's rate and its torque held for "
-        f"a sample, {' and '.join(said)}, which the motion cannot tell apart",
-    )
-
-
-def softness_words(robot: Robot, fit: TrajectoryFit) -> list[str]:
-    """Return that friction fades in over a speed, in a sentence; none where the fit did not find so."""
-    gains = softness(robot, fit)
-    if not gains:
-        return []
-    leads = [1e3 * effect.shape[1] for effect in fit.effects if effect.softens]
-    ahead = f", and acts {min(leads):.2g} to {max(leads):.2g} ms ahead of it" if max(leads) > AHEAD else ""
-    less = 100 * min(gains.values())
-    return [
-        f"friction of {', '.join(gains)} does not hold a joint at rest, but fades in over a speed{ahead}, as "
-        f"simulators smooth it (MuJoCo's default acts 9.5 ms ahead): that takes {less:.2g} % or more off the squared "
-        "error of motion that was not fitted, and moves other values, above all armature, viscous friction and delay"
-    ]
 
 
 def channel_faults(robot: Robot, fit: TrajectoryFit, shown: NDArray[np.bool_]) -> tuple[Nuisance, ...]:

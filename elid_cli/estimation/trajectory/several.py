@@ -16,7 +16,7 @@ from elid_cli.signals.signals import Signals
 
 def moved_unasked(robot: Robot, logs: Sequence[ReducedLog], options: EstimateOptions) -> bool:
     """Whether logs with computed torques are fitted by their motion: they are at hand, and short together."""
-    if options.fit != "auto" or not options.offsets or options.hold or any(log.origin for log in logs):
+    if not options.chooses or any(log.origin for log in logs):
         return False
     from elid_cli.estimation.trajectory.unasked import LONGEST, is_known, seconds_of
 

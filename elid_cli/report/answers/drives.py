@@ -9,20 +9,28 @@ from typing import Any
 from elid_cli.errors import in_words
 from elid_cli.estimation.result import Identification
 from elid_cli.estimation.validation.verdicts import WEAK
-from elid_cli.report.answers.summary import NAMED, NOT_SHOWN, RULE, SYMBOLS, listed, share_text
+from elid_cli.report.answers.summary import (
+    JOINT_KINDS,
+    NAMED,
+    NEEDS,
+    NOT_SHOWN,
+    RULE,
+    SYMBOLS,
+    listed,
+    share_text,
+    upper,
+)
 from elid_cli.report.tree import Cell, Column, Mark, Table, number_text
 
+DRIVE = ("Ja", "fs", "fv")
+"""Parameters of a drive that may be known roughly; an offset near 0 is as well known as another."""
+WORDS = {kind: JOINT_KINDS[kind] for kind in DRIVE} | {"offset": "torque offset"}
 DIGITS = 4
-WORDS = {"Ja": "motor inertia", "fs": "Coulomb friction", "fv": "viscous friction", "offset": "torque offset"}
-NEEDS = {
-    "Ja": "stronger accelerations of {}",
-    "fs": "slow motion of {} in both directions",
-    "fv": "fast and slow motion of {} in both directions",
-}
-
-
+"""Most digits of a value."""
 OFFSETS = "offset: by how much the computed torque is above the one that acts"
 OWN = "what weights and inertias are off in the file, offset and Ja are off here"
+UNITS = {True: "kg·m², N·m, N·m·s/rad and N·m", False: "kg, N, N·s/m and N"}
+"""Units of the columns, of turning joints and of sliding ones."""
 
 
 def drives_table(found: Identification) -> Table:
@@ -32,10 +40,9 @@ def drives_table(found: Identification) -> Table:
         *Column.numbers(Ja="Ja", fs="fs", fv="fv", offset="offset"),
     )
     rows = [(joint, *(_cell(values[kind], kind) for kind in WORDS)) for joint, values in found.drives.items()]
-    units = ["kg·m², N·m, N·m·s/rad and N·m", "kg, N, N·s/m and N"]
-    revolute = {joint.revolute for joint in found.robot.joints}
-    unit = "; of sliding joints ".join([u for u, kind in zip(units, (True, False), strict=True) if kind in revolute])
-    symbols = "; ".join(f"{kind}: {SYMBOLS.get(kind, words)}" for kind, words in WORDS.items() if kind in NEEDS)
+    turning = {joint.revolute for joint in found.robot.joints}
+    unit = "; of sliding joints ".join(words for kind, words in UNITS.items() if kind in turning)
+    symbols = "; ".join(f"{kind}: {SYMBOLS[kind]}" for kind in DRIVE)
     note = "\n".join([symbols, OFFSETS, f"in {unit}, with one standard error each", OWN])
     return Table("drives", columns, tuple(rows), f"drives, with the bodies of {found.robot.name}", note=note)
 
@@ -55,7 +62,7 @@ def _cell(item: Mapping[str, Any], kind: str) -> Cell:
         least = 10.0**-decimals
         error = f"{deviation:.{decimals}f}" if deviation >= 0.5 * least else f"< {least:.{decimals}f}"
         text = f"{value:.{decimals}f} ± {error}"
-    return Mark(text, "warn") if kind in NEEDS and item["verdict"] == "weak" else text
+    return Mark(text, "warn") if kind in DRIVE and item["verdict"] == "weak" else text
 
 
 def _share(item: Mapping[str, Any]) -> float:
@@ -71,11 +78,11 @@ def drives_words(found: Identification) -> str:
     whole = "the joint" if len(drives) == 1 else f"{f'{moving} of' if still else 'all'} {len(drives)} joints"
     said = [f"{names[:1].upper()}{names[1:]} of {whole}, with the bodies of the robot file"]
     if still:
-        said.append(f"{_upper(NOT_SHOWN)} by this log: {_kinds(hidden)}")
+        said.append(f"{upper(NOT_SHOWN)} by this log: {_kinds(hidden)}")
     if rough:
         said.append(f"Known roughly, not {RULE}: {_kinds(rough)}")
     sizes = []
-    for kind in NEEDS:
+    for kind in DRIVE:
         known = {joint: item[kind] for joint, item in drives.items() if item[kind]["verdict"] == "supported"}
         known = {joint: item for joint, item in known.items() if _share(item) <= WEAK}  # others are small
         if known:
@@ -89,7 +96,7 @@ def _of_verdict(found: Identification, verdict: str) -> dict[str, list[str]]:
     """Return the joints of which a parameter has a verdict, by parameter."""
     rough: dict[str, list[str]] = {}
     for joint, values in found.drives.items():
-        for kind in NEEDS:
+        for kind in DRIVE:
             if values[kind]["verdict"] == verdict:
                 rough.setdefault(kind, []).append(joint)
     return rough
@@ -109,7 +116,3 @@ def drives_needed(found: Identification) -> Sequence[tuple[str, Cell]]:
 
 def _kinds(joints_of: Mapping[str, Sequence[str]]) -> str:
     return "; ".join(f"{WORDS[kind]} of {listed(joints)}" for kind, joints in joints_of.items())
-
-
-def _upper(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -57,6 +57,14 @@ DOUBTS = (
     WRONG, RUNS, AGAINST, BESIDE_BODIES, NOT_TORQUE, AS_IT_IS, "sign were wrong", "sign looks wrong", "look swapped",
 )  # fmt: skip
 """What a warning says that doubts units, or signs."""
+NEEDS = {
+    "K": "torque of {} that varies more: a heavier load, stronger accelerations",
+    "Jm": "stronger accelerations of the motor of {}",
+    "Ja": "stronger accelerations of {}",
+    "fs": "slow motion of {} in both directions",
+    "fv": "fast and slow motion of {} in both directions",
+}
+"""What a log must hold to show a parameter of a joint's drive or transmission."""
 NAMED = 6
 """Names in a sentence, beyond which they are counted."""
 
@@ -225,7 +233,7 @@ def record_sections(
                 "elid validate."
             )
         return check, []
-    sentence = f"{_upper(cell_text(items[0][1]))} ({items[0][0]}){'; more below' if len(items) > 1 else ''}."
+    sentence = f"{upper(cell_text(items[0][1]))} ({items[0][0]}){'; more below' if len(items) > 1 else ''}."
     command = plan_command(log, robot)
     if (groups or found.drives or (plan and not further)) and command != following:
         items.append(("command that plans it", command))
@@ -251,13 +259,7 @@ def _needed(item: BaseEstimate) -> str:
             }.get(known, f"motion of {joint}")
     if "encoder noise" in item.reason:
         return f"more load on {joint} or finer encoders"
-    return {
-        "K": f"torque of {joint} that varies more: a heavier load, stronger accelerations",
-        "Jm": f"stronger accelerations of the motor of {joint}",
-        "Ja": f"stronger accelerations of {joint}",
-        "fs": f"slow motion of {joint} in both directions",
-        "fv": f"fast and slow motion of {joint} in both directions",
-    }.get(kind, f"stronger accelerations, in more poses, of {joint}{AFTER}")
+    return NEEDS.get(kind, f"stronger accelerations, in more poses, of {joint}{AFTER}")
 
 
 def by_kind(leaders: Sequence[StandardParameter]) -> list[int]:
@@ -266,7 +268,8 @@ def by_kind(leaders: Sequence[StandardParameter]) -> list[int]:
     return sorted(range(len(leaders)), key=lambda k: (places.get(leaders[k].kind, len(places)), k))
 
 
-def _upper(text: str) -> str:
+def upper(text: str) -> str:
+    """Return a sentence with its first letter large."""
     return text[:1].upper() + text[1:]
 
 
