@@ -202,13 +202,16 @@ def identification_of(
         f"{', '.join(f'{1e3 * d:.2g}' for d in fit.delays)} ms later than the commands; bodies are held at the file's"
     )
     left_out = [robot_of(fit, z) for z in fit.left_out]
+    error = held_out_errors(left_out, fit.spans, with_late_commands(signals, fit.delays), found)
+    # a torque whose drive the motion does not show is not predicted
+    error = {name: error[name] for k, name in enumerate(robot.joint_names) if name in error and moves[k].any()}
     above = dict(zip(robot.joint_names, fit.above_noise(signals).tolist(), strict=True))
     beyond = {name: ratio for name, ratio in above.items() if ratio >= ABOVE}
     # that the residual of least squares, whose bodies are free, holds noise alone says nothing of the simulated motion
     model: ModelWord = "not judged" if found.model == "sufficient" and beyond else found.model
     return by_simulated_motion(
         found, estimate, spread, base.values(robot.reference()),
-        error=held_out_errors(left_out, fit.spans, with_late_commands(signals, fit.delays), found),
+        error=error,
         standard=standard,
         delays=np.zeros(robot.n),
         nuisances=channel_faults(robot, fit, moves[:, 3]),

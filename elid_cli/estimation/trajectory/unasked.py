@@ -82,8 +82,10 @@ def _is_sufficient(found: Identification) -> bool:
 
 
 def _worse(found: Identification, answer: Identification) -> float:
-    """Return how many times as badly an answer predicts torques as least squares, the mean over joints."""
-    pairs = [(answer.error[name].rms, e.rms) for name, e in found.error.items() if name in answer.error]
+    """Return how many times as badly an answer predicts torques as least squares, the mean over joints that move."""
+    moving = [name for name, own in answer.drives.items() if own["fs"]["verdict"] != "refused"]
+    pairs = [(answer.error[name].rms, found.error[name].rms) for name in moving
+             if name in answer.error and name in found.error]  # fmt: skip
     ratios = [after / before for after, before in pairs if after > 0 and before > 0]
     return float(np.exp(np.mean(np.log(ratios)))) if ratios else 1.0
 

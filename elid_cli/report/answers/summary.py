@@ -139,7 +139,7 @@ def _predicted_words(robot: Robot, error: Mapping[str, JointError], lacking: Col
     worst = max(error, key=lambda joint: _largest_share(error[joint]))
     noise = all(e.floor for e in error.values())
     silent = [name for name in robot.joint_names if name not in error]
-    but = f" Nothing is known of {listed(silent)}, without torque in this log." if silent else ""
+    but = f" Nothing is known of {listed(silent)}, without torque or motion in this log." if silent else ""
     if all(mark == "good" for mark in marks.values()):
         down = "down to the sensors' noise" if noise else "closely"
         return (

@@ -195,11 +195,11 @@ def test_a_joint_that_stays_where_it_is_is_not_known(tmp_path: Path, capsys: pyt
     moved = plant.moved(3, 8.0)
     still = {"q_des": moved.commands["q_des"].copy(), "dq_des": moved.commands["dq_des"].copy()}
     still["q_des"][:, 2] = still["dq_des"][:, 2] = 0.0
-    noise = 1e-4 * np.random.default_rng(0).standard_normal((2, len(moved.t)))
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(len(moved.t))
     q, dq = moved.q.copy(), moved.q.copy()
     assert moved.dq is not None
     dq[:] = moved.dq
-    q[:, 2], dq[:, 2] = noise[0], 30 * noise[1]
+    q[:, 2], dq[:, 2] = noise, 30 * noise
     log = plant.written(tmp_path, "still.h5", replace(moved, q=q, theta=q, dq=dq, commands=moved.commands | still))
     plant.robot(tmp_path)
     line = ["identify", log, "--robot", str(tmp_path / "pendulums.xml")]
@@ -212,6 +212,7 @@ def test_a_joint_that_stays_where_it_is_is_not_known(tmp_path: Path, capsys: pyt
     assert main([*line, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["settings"]["trajectory"]["joint_parameters"]["three"]["fs"]["estimate"] is None
+    assert told["error"].keys() == {"one", "two"}  # with values that nothing shows, no torque is predicted
     verdicts = {item["name"]: item["verdict"] for item in told["base_parameters"]}
     assert verdicts["fs3"] == verdicts["fv3"] == "refused"
     assert verdicts["fs1"] == verdicts["fv2"] == "supported"
