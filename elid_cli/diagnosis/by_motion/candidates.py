@@ -88,13 +88,21 @@ def kinds_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[t
     ]  # fmt: skip
 
 
+def tried_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[type[Effect]]:
+    """Return the effects that a search by motion tries: those that it can hold, and limits of the torque."""
+    limits = [
+        kind for name, kind in library.items() if kind.limits_torque and (name in only if only else kind.searched)
+    ]
+    return [*kinds_of(library, only), *limits]
+
+
 def untried_of(library: Mapping[str, type[Effect]], robot: Robot, only: Sequence[str]) -> tuple[str, ...]:
     """Return the effects that a search by torque would try at a robot, but that no simulated motion is searched for.
 
     What every trajectory fit estimates along, and friction that fades in, which it decides by itself, are not among
     them.
     """
-    tried = {kind.name for kind in kinds_of(library, only)}
+    tried = {kind.name for kind in tried_of(library, only)}
     asked = [kind for name, kind in library.items() if (name in only if only else kind.searched)]
     return tuple(
         kind.name for kind in asked

@@ -9,11 +9,12 @@ from itertools import pairwise
 import numpy as np
 
 from elid_cli._types import Array, Progress
-from elid_cli.diagnosis.by_motion.candidates import View, kinds_of, untried_of
+from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
 from elid_cli.diagnosis.by_motion.search import Searched, search
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.torque_gains import gain_rivals
+from elid_cli.diagnosis.by_motion.torque_limits import with_limits
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
 from elid_cli.errors import UsageError, in_words
@@ -33,7 +34,7 @@ from elid_cli.estimation.trajectory.identification import (
     started_from,
 )
 from elid_cli.estimation.trajectory.softening import columns_of
-from elid_cli.model.effects import effect_classes
+from elid_cli.model.effects import effect_classes, effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
 from elid_cli.model.regressor import Regressor
@@ -93,11 +94,15 @@ def diagnose_motion(
         progress(finishing if done.partial else "searching, judging what was found", 0.9)
     changes = differing(done.after)
     after = as_last(done.after, changes)
-    refined = identification_of(found, after, signals)
+    cut = {item.joint: item.limit for item in done.limits}
+    bound = np.array([cut.get(k, np.inf) for k in range(robot.n)])
+    told = replace(signals, tau=np.clip(signals.tau, -bound, bound)) if cut else signals
+    refined = identification_of(replace(found, robot=with_limits(found.robot, cut)), after, told)
     scales = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
     gains = gain_rivals(done.before, done.after, done.named, scales)
     # at a joint whose effect no gain imitates, the effect is why the torque is not what the bodies need
     ruled_out = {robot.joint_names[item.effect.joint] for item in done.named} - {rival.joint for rival in gains}
+    ruled_out |= {robot.joint_names[joint] for joint in cut}
     scales = [scale for scale in scales if robot.joint_names[scale.joint] not in ruled_out]
     refined = replace(refined, warnings=(*refined.warnings, *scale_warnings(robot, scales)))
     views = views_of(done.after)
@@ -106,7 +111,7 @@ def diagnose_motion(
         identification_of(found, done.before, signals), refined, done.before, after,
         _effects(robot, after, done, len(effects)),
         (*_rivals(robot, done.named, scene_of_fit(after)), *gains),
-        _unexplained(robot, after, views, signals),
+        _unexplained(robot, after, views, told),
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),
         untried_of(effect_classes(), robot, only),
@@ -117,8 +122,8 @@ def diagnose_motion(
 def _check_only(names: Sequence[str]) -> None:
     """Refuse to try nothing: that nothing is found would say that the model suffices."""
     library = effect_classes()
-    if names and not kinds_of(library, names):
-        listed = ", ".join(sorted(kind.name for kind in kinds_of(library, ())))
+    if names and not tried_of(library, names):
+        listed = ", ".join(sorted(kind.name for kind in tried_of(library, ())))
         raise UsageError(
             f"--only: the simulated motion, which judges this log, is not searched for {in_words(list(names))}",
             detail=f"it is searched for {listed}",
@@ -129,10 +134,17 @@ def _check_only(names: Sequence[str]) -> None:
 def _effects(robot: Robot, fit: TrajectoryFit, done: Searched, declared: int) -> tuple[FoundEffect, ...]:
     values, effects = fitted_effects(robot, fit)[declared:], fit.effects[declared:]
     softer = [done.softer[effect.joint] for effect in effects if effect.softens]
-    return tuple(
+    limiting = effect_that(limits_torque=True)
+    (limit,) = limiting.shapes
+    limits = (
+        FoundEffect(limiting.name, robot.joint_names[item.joint], {limit.name: item.limit},
+                    {limit.name: item.deviation}, item.gain, limiting.summary)
+        for item in done.limits
+    )  # fmt: skip
+    return (*limits, *(
         FoundEffect(effect.name, own.joint, own.parameters, own.std_error, gain, effect.summary)
         for effect, own, gain in zip(effects, values, (*softer, *(item.gain for item in done.named)), strict=True)
-    )
+    ))  # fmt: skip
 
 
 def _rivals(robot: Robot, named: Sequence[Named], scene: Scene) -> tuple[Rival, ...]:

@@ -64,6 +64,7 @@ def _along(fit: TrajectoryFit, equations: Linearised, view: View, item: Tracked)
     still = np.where(sticks, 0.0, speed)
     scene = replace(scene, motion=replace(scene.motion, dq=still, dtheta=still), cache={})
     drives = np.stack([a, np.sign(still), v, np.ones_like(q)], axis=2)  # as KINDS
+    scene = replace(scene, tau=_driven(fit, item, x, speed))
     left = _driven(fit, item, q, v) - np.einsum("njk,jk->nj", drives, values)
     left -= np.einsum("nij,nj->ni", local.mass[:, 0], a) + local.force[:, 0] + _of_effects(fit, scene)
     error, columns = np.empty_like(view.error), view.columns.copy()

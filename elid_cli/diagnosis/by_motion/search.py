@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import (
@@ -21,17 +20,18 @@ from elid_cli.diagnosis.by_motion.candidates import (
     kinds_of,
     recordings_of,
     screened,
+    tried_of,
 )
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
 from elid_cli.diagnosis.by_motion.refits import again, grown, in_place, softened_again, without
 from elid_cli.diagnosis.by_motion.rivals import with_rivals
 from elid_cli.diagnosis.by_motion.steps import Named
-from elid_cli.diagnosis.by_motion.views import views_of
+from elid_cli.diagnosis.by_motion.torque_limits import TorqueLimit, limited, sharpened
+from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import CYCLES, TrajectoryFit
 from elid_cli.estimation.trajectory.softening import gains_of
-from elid_cli.estimation.trajectory.unknowns import KINDS, Unknowns
 from elid_cli.model.effects import effect_classes
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.runs import Run
@@ -71,6 +71,8 @@ class Searched:
     partial: bool
     waiting: tuple[Named, ...] = ()
     """Effects that were chosen but not judged yet when the search was stopped."""
+    limits: tuple[TorqueLimit, ...] = ()
+    """Lower limits of torque, which the fit after has."""
 
 
 def search(
@@ -100,13 +102,19 @@ def search(
     kinds = kinds_of(effect_classes(), only)
     say = _Told(progress)
     fit = fit_trajectory(robot, runs, start, declared, amplitudes, tell=say.within("fitting the motion", 0, SHARES[0]))
-    before, softer, known = fit.held or fit, gains_of(fit), len(fit.effects)
-    named, tried, partial = list[Named](), 0, False
+    before, limits, partial = fit.held or fit, tuple[TorqueLimit, ...](), False
+    try:
+        if any(kind.limits_torque for kind in tried_of(effect_classes(), only)):
+            fit, limits = limited(fit, kinds)
+    except KeyboardInterrupt:
+        partial = True
+    softer, known = gains_of(fit), len(fit.effects)
+    named, tried = list[Named](), 0
     left: tuple[Candidate, ...] = ()
     waiting: list[Named] = []
     dropped = frozenset[tuple[str, int]]()
     try:
-        for number in range(ROUNDS):
+        for number in range(0 if partial else ROUNDS):
             best, left, count = _best(fit, kinds, say.screening(number), dropped)
             tried += count
             if not best:
@@ -128,9 +136,10 @@ def search(
             fit, named, swapped = with_rivals(fit, named, known)
             if swapped:
                 fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known)
+            fit, limits = sharpened(fit, limits)
     except KeyboardInterrupt:
         partial = True
-    return Searched(before, fit, softer, tuple(named), left, tried, partial, tuple(waiting))
+    return Searched(before, fit, softer, tuple(named), left, tried, partial, tuple(waiting), limits)
 
 
 @dataclass(frozen=True)
@@ -207,19 +216,6 @@ def _best(
         rivals = [c for c in (*alike, *best.forms) if c is not best and c.gain >= ALIKE * top]
         found.append(Named(best.effect, best.gain, best.helped, tuple(rivals), best.forms))
     return found, tuple(left), tried
-
-
-def own_unknowns(unknowns: Unknowns, joint: int) -> NDArray[np.intp]:
-    """Return the places in z of a joint's own unknowns, and of the delays."""
-    kinds = len(KINDS)
-    effects = unknowns.drives + np.flatnonzero(unknowns.owners == joint)
-    delays = np.arange(unknowns.delays.start, unknowns.delays.stop)
-    return np.concatenate([np.arange(kinds * joint, kinds * (joint + 1)), effects, delays])
-
-
-def seen_by(views: Sequence[View], unknown: NDArray[np.intp], joint: int) -> list[View]:
-    """Return views whose columns are those of some unknowns at a joint."""
-    return [replace(view, columns=view.columns[:, joint, unknown]) for view in views]
 
 
 def _kept(

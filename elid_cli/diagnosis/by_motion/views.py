@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.by_motion.candidates import View, response_of
@@ -10,7 +14,7 @@ from elid_cli.estimation.trajectory.acting import scene_along
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.loss import weighed
 from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
-from elid_cli.estimation.trajectory.unknowns import PARAMETERS
+from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS, Unknowns
 from elid_cli.model.linearised import Linearised
 from elid_cli.signals.motion import Motion
 
@@ -51,3 +55,16 @@ def _responses(fit: TrajectoryFit, item: Tracked, equations: Linearised) -> tupl
         )
         for k in range(fit.unknowns.robot.n)
     )  # fmt: skip
+
+
+def own_unknowns(unknowns: Unknowns, joint: int) -> NDArray[np.intp]:
+    """Return the places in z of a joint's own unknowns, and of the delays."""
+    kinds = len(KINDS)
+    effects = unknowns.drives + np.flatnonzero(unknowns.owners == joint)
+    delays = np.arange(unknowns.delays.start, unknowns.delays.stop)
+    return np.concatenate([np.arange(kinds * joint, kinds * (joint + 1)), effects, delays])
+
+
+def seen_by(views: Sequence[View], unknown: NDArray[np.intp], joint: int) -> list[View]:
+    """Return views whose columns are those of some unknowns at a joint."""
+    return [replace(view, columns=view.columns[:, joint, unknown]) for view in views]

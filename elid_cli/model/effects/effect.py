@@ -172,6 +172,9 @@ class Effect(ABC):
     softens: ClassVar[bool] = False
     """Whether its amplitude is a part of the Coulomb friction that, in place of holding the joint, fades in over the
     first shape and acts ahead by the second, s (`elid_cli.model.drives.Fading`)."""
+    limits_torque: ClassVar[bool] = False
+    """Whether its first shape is the largest torque that the drive delivers, which a simulated drive may have of
+    itself."""
     simulated: ClassVar[Simulated] = "torque"
     """Which of the simulator's hooks brings the effect into a simulated log."""
 

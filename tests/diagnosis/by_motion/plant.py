@@ -38,12 +38,13 @@ def robot(folder: Path) -> Robot:
 
 def moved(
     seed: int = 0, duration: float = 16.0, delay: float = 0.0, push: Extra | None = None, grip: Extra | None = None,
-    noise: float = 1e-4, jitter: float = 0.0,
+    noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf,
 ) -> Recording:  # fmt: skip
     """Return a log of commands and noisy positions.
 
     `push` is a torque that the joints need, `grip` what Coulomb friction is beyond `COULOMB`, both of q, its rate, and
-    what the bodies need, (3,). Positions are sampled `jitter` s (rms) beside their stamps.
+    what the bodies need, (3,). Positions are sampled `jitter` s (rms) beside their stamps. Drives deliver at most
+    `limit`.
     """
     rng = np.random.default_rng(seed)
     count, fine = round(duration / DT) + 1, round(DT / STEP)
@@ -62,7 +63,8 @@ def moved(
 
     def moved_by(told: int, over: float, where: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Return the velocity after a time under what acts at a state."""
-        torque = KP * (q_des[told] - where) + KD * (dq_des[told] - speed) - OFFSET - VISCOUS * speed
+        asked = KP * (q_des[told] - where) + KD * (dq_des[told] - speed)
+        torque = np.clip(asked, -limit, limit) - OFFSET - VISCOUS * speed
         torque -= weight * np.sin(where) + (push(where, speed, bodies) if push is not None else 0.0)
         pulled = torque / inertia
         braked = (COULOMB + (grip(where, speed, bodies) if grip is not None else 0.0)) / inertia

@@ -16,8 +16,7 @@ from elid_cli.diagnosis.by_motion.candidates import best_of, kinds_of, screened
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
 from elid_cli.diagnosis.by_motion.refits import grown
-from elid_cli.diagnosis.by_motion.search import own_unknowns, seen_by
-from elid_cli.diagnosis.by_motion.views import views_of
+from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import ABOVE
 from elid_cli.estimation.trajectory.found_effects import fitted_effects

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from elid_cli.diagnosis.by_motion.refits import grown
-from elid_cli.diagnosis.by_motion.search import _kept, own_unknowns, screened, search, seen_by
+from elid_cli.diagnosis.by_motion.search import _kept, screened, search
 from elid_cli.diagnosis.by_motion.steps import Named
-from elid_cli.diagnosis.by_motion.views import views_of
+from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.identification import commanded_runs, started_from
 from elid_cli.logs import robot_as_logged

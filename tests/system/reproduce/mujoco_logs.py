@@ -35,11 +35,26 @@ from elid_cli.logs.reading import read_recording
 from elid_cli.robot.parameter import LINK_PARAMETERS, StandardParameter
 from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import Signals, prepare
-from tests.system.reproduce.mujoco_plants import FURTHER, KINDS, Drives, Extra, Plant, State, logged, plant_of, written
+from tests.system.reproduce.mujoco_plants import (
+    FURTHER,
+    KINDS,
+    Drives,
+    Extra,
+    Plant,
+    State,
+    computed_torque,
+    logged,
+    plant_of,
+    written,
+)
 
 NAMES = ("armature", "Coulomb", "viscous", "offset")
-EFFECTS = ("link_spring", "position_friction", "stribeck", "load_friction", "quadratic_viscous", "torque_ripple")
+EFFECTS = ("link_spring", "position_friction", "stribeck", "load_friction", "quadratic_viscous", "torque_ripple",
+           "saturation")  # fmt: skip
 SOFT = "soft_friction"
+CUT = 0.75
+"""Part of the torque that the drive of a plant with saturation delivers at most, of what it gives for nearly all of
+the time."""
 WITHIN = 0.03
 HEAVIER = (0.0, 0.01, 0.03, 0.1)
 
@@ -161,6 +176,16 @@ def extra_of(effect: str, joint: int, drives: Drives, reach: float) -> Extra:
     return Extra(joint, push, grip)
 
 
+def lacking(plant: Plant, seed: int, effect: str, joint: int) -> tuple[Recording, Drives, float]:
+    """Return a log of a plant with one effect at a joint, as `logged`."""
+    if effect == "saturation":
+        peak = float(np.quantile(np.abs(computed_torque(logged(plant, seed)[0])[:, joint]), 0.995))
+        return logged(plant, seed, lambda d: Extra(joint, limit=CUT * peak))
+    if effect == "clean":
+        return logged(plant, seed)
+    return logged(plant, seed, lambda d: extra_of(effect, joint, d, plant.kind.reach))
+
+
 def diagnosed(names: list[str], first: int, logs: int, *, default: bool = False) -> None:
     """Print which effects were named; friction that fades in, of plants that have it, is counted apart."""
     words = ("named", "in set", "wrong", "none")
@@ -172,8 +197,7 @@ def diagnosed(names: list[str], first: int, logs: int, *, default: bool = False)
             name, seed = names[number % len(names)], first + number
             plant = plant_of(name, soft=default)
             joint = int(np.random.default_rng([seed, len(effect)]).integers(plant.robot.n))
-            extra = None if effect == "clean" else lambda d, j=joint, p=plant, e=effect: extra_of(e, j, d, p.kind.reach)
-            recording, _, _ = logged(plant, seed, extra)
+            recording, _, _ = lacking(plant, seed, effect, joint)
             found = diagnose_motion(plant.robot, read(plant, recording))
             at = plant.robot.joint_names[joint]
             fading += sum(e.effect == SOFT for e in found.effects)

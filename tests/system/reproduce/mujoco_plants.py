@@ -96,11 +96,13 @@ class State:
 
 @dataclass(frozen=True)
 class Extra:
-    """What one joint has beyond the model: a torque that it needs, and Coulomb friction, of its state."""
+    """What one joint has beyond the model: a torque that it needs, Coulomb friction, of its state, a lower limit."""
 
     joint: int
     push: Callable[[State], float] | None = None
     grip: Callable[[State], float] | None = None
+    limit: float | None = None
+    """Largest torque of its drive, N·m."""
 
 
 @dataclass(frozen=True)
@@ -234,6 +236,10 @@ def _stepped(
     shift, held = round(late / STEP), np.zeros(model.nv)
     model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -drives.kp, -drives.kd
     commands = drives.kp * told[0] + drives.kd * told[1]
+    known = model.actuator_forcelimited.copy(), model.actuator_forcerange.copy()
+    if extra is not None and extra.limit is not None:
+        drive = model.actuator(plant.robot.joint_names[extra.joint]).id
+        model.actuator_forcelimited[drive], model.actuator_forcerange[drive] = True, (-extra.limit, extra.limit)
     torque, taken = -drives.offset, 0
     for k in range((len(found) - 1) * fine):
         data.ctrl[:] = commands[max(k - shift, 0) // fine]
@@ -257,6 +263,15 @@ def _stepped(
         mujoco.mj_step(model, data, nstep=each)
         if (k + 1) % fine == 0:
             found[(k + 1) // fine] = data.qpos[at]
+    model.actuator_forcelimited[:], model.actuator_forcerange[:] = known
+    return found
+
+
+def computed_torque(recording: Recording) -> np.ndarray:
+    """Return the torque that the commands of a log ask for, N·m, (N, n)."""
+    told = recording.commands
+    error, rate = told["q_des"] - recording.q, told["dq_des"] - np.gradient(recording.q, recording.dt, axis=0)
+    found: np.ndarray = told["kp"] * error + told["kd"] * rate
     return found
 
 

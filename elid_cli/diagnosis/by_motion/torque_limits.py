@@ -1,0 +1,307 @@
+"""Torque that drives did not deliver: limits below those of the robot file, told by the motion.
+
+Along the measured motion the torque that the commands ask for is known, and what of it lies beyond a limit moves the
+joint as any torque that the model lacks (`measured`). How much is missing follows from the limit alone, so that one
+peak in a log tells it; of an amplitude, parts of the log without a peak would know nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.diagnosis.by_motion.candidates import (
+    STILL,
+    Candidate,
+    View,
+    best_of,
+    edges_of,
+    moved_by,
+    recordings_of,
+    screened,
+)
+from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
+from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
+from elid_cli.diagnosis.by_motion.refits import again, known_of
+from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
+from elid_cli.errors import DataError
+from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without
+from elid_cli.estimation.trajectory.block_sums import BLOCKS, DAMPING, SHORT
+from elid_cli.estimation.trajectory.decided import fit_trajectory
+from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit
+from elid_cli.estimation.trajectory.loss import bent, weighed
+from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
+from elid_cli.estimation.trajectory.softening import columns_of
+from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns
+from elid_cli.model.effects import effect_that
+from elid_cli.model.effects.effect import Effect
+from elid_cli.model.linearised import Linearised
+from elid_cli.robot.robot import Robot
+
+PEAKS, TRIED = (0.4, 0.999), 40
+"""Parts of the log that the torque of a joint is below at the lowest and the highest limit tried, and how many are."""
+FINER, NARROWED = 9, 3
+"""Limits tried about the best, and times that they are."""
+LEAST = 0.15
+"""Part of a joint's squared error that a limit must take away."""
+ROUNDS = 3
+"""Times that limits are looked for: what one joint does hides what others of its chain do."""
+BESIDE = 2e-3
+"""Part of itself by which a limit is moved to see what it does."""
+STEPS, FARTHEST, SETTLED = 8, 0.1, 0.3
+"""Steps by which a limit is fitted, the part of itself that it moves by at most, and the standard errors that do not
+matter."""
+
+
+@dataclass(frozen=True)
+class TorqueLimit:
+    """The largest torque that a joint's drive delivers."""
+
+    joint: int
+    limit: float
+    """N·m (N)."""
+    deviation: float
+    """Its standard error."""
+    gain: float
+    """Part of the joint's squared error that it takes away."""
+
+
+def limited(fit: TrajectoryFit, kinds: Sequence[type[Effect]]) -> tuple[TrajectoryFit, tuple[TorqueLimit, ...]]:
+    """Return the fit with lower limits of torque where the motion asks for them, and these; mostly it is `fit`.
+
+    Parameters
+    ----------
+    fit
+        The fit with the limits of its robot.
+    kinds
+        Effects that must not explain a joint's error better.
+    """
+    found: dict[int, float] = {}
+    gains: dict[int, float] = {}
+    for _ in range(ROUNDS):
+        asked = _asked(fit, kinds, found)
+        while asked:
+            other = _refitted(fit, asked)
+            better = {} if other is None else {j: share for j in asked if (share := _gain(fit, other, j)) >= LEAST}
+            if other is not None and len(better) == len(asked):
+                fit, found, gains = other, found | asked, gains | better
+                break
+            asked = {joint: asked[joint] for joint in better}
+        if not asked:
+            break
+    if not found:
+        return fit, ()
+    return sharpened(fit, [TorqueLimit(joint, limit, 0.0, gains[joint]) for joint, limit in sorted(found.items())])
+
+
+def with_limits(robot: Robot, limits: Mapping[int, float]) -> Robot:
+    """Return a robot whose drives deliver no more than some torques, N·m (N), by joint."""
+    joints = tuple(
+        replace(joint, limits=replace(joint.limits, torque=limits[k])) if k in limits else joint
+        for k, joint in enumerate(robot.joints)
+    )
+    return replace(robot, joints=joints)
+
+
+def sharpened(fit: TrajectoryFit, limits: Sequence[TorqueLimit]) -> tuple[TrajectoryFit, tuple[TorqueLimit, ...]]:
+    """Return a fit with limits of torque with these fitted beside all other unknowns, whose errors then know of them.
+
+    The fit's other values are those at the limits that are returned.
+    """
+    if not limits:
+        return fit, ()
+    for number in range(STEPS):
+        beside = _Beside.of(fit, limits)
+        limits = [replace(item, deviation=float(d)) for item, d in zip(limits, beside.deviations, strict=True)]
+        if number == STEPS - 1 or (np.abs(beside.steps) <= SETTLED * beside.deviations).all():
+            break
+        farthest = FARTHEST * np.array([item.limit for item in limits])
+        moved = np.clip(beside.steps, -farthest, farthest)
+        nearer = [replace(item, limit=item.limit + float(d)) for item, d in zip(limits, moved, strict=True)]
+        other = _moved_on(fit, {item.joint: item.limit for item in nearer})
+        if other is None:
+            break
+        fit, limits = other, nearer
+    return replace(fit, covariance=fit.covariance + beside.added), tuple(limits)
+
+
+def _asked(fit: TrajectoryFit, kinds: Sequence[type[Effect]], known: Mapping[int, float]) -> dict[int, float]:
+    """Return limits to try, N·m (N), by joint: those that take away more than anything else that may be missing."""
+    views = views_of(fit)
+    measured = measured_views(fit, views)
+    kind, found = effect_that(limits_torque=True), {}
+    (amplitude,) = kind.amplitudes
+    for joint in range(fit.unknowns.robot.n):
+        if joint in known or not is_clean(views, measured, joint):
+            continue
+        own = own_unknowns(fit.unknowns, joint)
+        limit, share, part = _best(seen_by(measured, own, joint), joint)
+        if share < LEAST or not amplitude.low <= part <= amplitude.high:
+            continue
+        rivals: list[list[Candidate]] = [
+            screened(seen_by(of, own, joint), joint, kinds, fit.effects) for of in (views, measured)
+        ]
+        if all(rival.gain < share for rival in best_of(*rivals)):
+            found[joint] = limit
+    return found
+
+
+def _best(views: Sequence[View], joint: int) -> tuple[float, float, float]:
+    """Return the limit that takes away most at a joint, its gain, and which part of the excess is missing by the data.
+
+    The views' columns are those of the joint's own unknowns.
+    """
+    recordings = [
+        (own, np.concatenate([v.columns for v in own]), np.concatenate([v.error[:, joint] for v in own]), edges_of(own))
+        for own in recordings_of(views)
+    ]
+    plain = np.concatenate([Blocks.of(columns, error, edges).left() for _, columns, error, edges in recordings])
+    torque = np.abs(np.concatenate([view.scene.tau[:, joint] for view in views]))
+
+    def left(limit: float) -> Array:
+        return np.concatenate([
+            Blocks.of(columns, error + _excess(own, joint, limit), edges).left()
+            for own, columns, error, edges in recordings
+        ])  # fmt: skip
+
+    tried = np.unique(np.quantile(torque, np.linspace(*PEAKS, TRIED)))
+    best = tried[0]
+    for number in range(1 + NARROWED):
+        place = int(np.argmin([left(limit).sum() for limit in tried]))
+        best, low, high = tried[place], tried[max(place - 1, 0)], tried[min(place + 1, len(tried) - 1)]
+        if number < NARROWED:
+            tried = np.linspace(low, high, FINER)
+    share, _ = gain(plain, left(best))
+    amounts = []
+    for own, columns, error, _ in recordings:
+        both = np.concatenate([columns, _excess(own, joint, best)[:, None]], axis=1)
+        amounts.append(float(step_of(both.T @ both, both.T @ error, DAMPING)[-1]))
+    return float(best), share, float(np.median(amounts))
+
+
+def _excess(views: Sequence[View], joint: int, limit: float) -> Array:
+    """Return what a torque beyond a limit that is missing does to a joint's position, weighted, (N,)."""
+    found = []
+    for view in views:
+        torque, speed = view.scene.tau[:, joint], view.scene.motion.dtheta[:, joint]
+        beyond = torque - np.clip(torque, -limit, limit)
+        found.append(moved_by(beyond[None], view.response[joint], np.abs(speed) < STILL)[0] * view.weight[:, joint])
+    return np.concatenate(found)
+
+
+def _refitted(fit: TrajectoryFit, limits: Mapping[int, float]) -> TrajectoryFit | None:
+    """Return the fit with other limits of some joints, found anew; None where the simulated motion runs away."""
+    own = fit.unknowns
+    robot = with_limits(own.robot, limits)
+    declared = fit.effects[: own.held]
+    amplitudes = [fit.z[own.amplitudes_of(k)] for k, effect in enumerate(declared) if not effect.softens]
+    known = np.concatenate([np.zeros(0), *amplitudes]).tolist()
+    try:
+        return fit_trajectory(robot, [item.run for item in _cut(fit, robot)], fit.values, declared, known)
+    except DataError:
+        return None
+
+
+def _moved_on(fit: TrajectoryFit, limits: Mapping[int, float]) -> TrajectoryFit | None:
+    """Return the fit with slightly other limits, its effects kept; None where the simulated motion runs away."""
+    own = fit.unknowns
+    robot = with_limits(own.robot, limits)
+    unknowns = Unknowns(robot, fit.effects, own.recordings, own.held)
+    try:
+        found = again(
+            replace(fit, tracked=tuple(_cut(fit, robot))), unknowns, known_of(fit, unknowns, fit.z[own.amplitudes])
+        )
+    except DataError:
+        return None
+    return replace(found, held=fit.held)
+
+
+def _cut(fit: TrajectoryFit, robot: Robot) -> list[Tracked]:
+    """Return the stretches of a fit with drives that deliver no more than a robot's limits."""
+    bound = np.array([np.inf if joint.limits.torque is None else joint.limits.torque for joint in robot.joints])
+    return [
+        replace(item, run=replace(item.run, drives=replace(item.run.drives, limit=bound)), local=None)
+        for item in fit.tracked
+    ]
+
+
+def _gain(fit: TrajectoryFit, other: TrajectoryFit, joint: int) -> float:
+    """Return the part of a joint's squared error that a fit with limits takes away; 0 where its chain is worse off."""
+    before, after = (own.equations.lighter.sum(axis=0) for own in (fit, other))
+    chain = fit.unknowns.chain == fit.unknowns.chain[joint]
+    if after[chain].sum() > before[chain].sum():
+        return 0.0
+    return float(1.0 - after[joint] / max(before[joint], 1e-300))
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """Limits as further unknowns of a fit."""
+
+    steps: Array
+    """By how much they move, with all others, N·m (N), (L,)."""
+    deviations: Array
+    """Standard errors, by parts of the log that are left out, (L,)."""
+    added: Array
+    """What their errors add to the covariance of the others, (U, U)."""
+
+    @classmethod
+    def of(cls, fit: TrajectoryFit, limits: Sequence[TorqueLimit]) -> _Beside:
+        own, joints = fit.unknowns, [item.joint for item in limits]
+        steps, deviations, added = np.zeros(len(joints)), np.zeros(len(joints)), np.zeros((own.count, own.count))
+        columns, moved = columns_of(fit), _moved(fit, limits)
+        errors = [np.nan_to_num(item.x[:, : own.robot.n] + item.finer - item.run.measured) for item in fit.tracked]
+        seen = [weighed(error, item.usual, item.counts) for error, item in zip(errors, fit.tracked, strict=True)]
+        bend = np.sqrt(bent(seen))
+        for chain, members in enumerate(own.chains):
+            places = [k for k, joint in enumerate(joints) if joint in members]
+            if not places:
+                continue
+            free = np.setdiff1d(np.flatnonzero(np.isin(own.chain_of, (chain, len(own.chains)))), _still(fit))
+            matrices, loads = [], []
+            for part, of_others, of_limits in zip(seen, columns, moved, strict=True):
+                light = (part.light / np.maximum(fit.equations.size, 1e-12))[:, members]
+                both = np.concatenate([of_others[:, members][:, :, free], of_limits[:, members][:, :, places]], axis=2)
+                both, error = both * light[:, :, None], part.error[:, members] * light
+                for a, b in pairwise(np.linspace(0, len(error), BLOCKS * SHORT + 1).astype(int)):
+                    bending = (both[a:b] * bend[members, None]).reshape(-1, both.shape[2])
+                    matrices.append(bending.T @ bending)
+                    loads.append(both[a:b].reshape(-1, both.shape[2]).T @ error[a:b].ravel())
+            matrix, load, first = np.array(matrices), np.array(loads), len(free)
+            steps[places] = step_of(matrix.sum(axis=0), load.sum(axis=0), DAMPING)[first:]
+            spread = jackknife(steps_without(matrix, load, DAMPING))[first:, first:]
+            coarse = COARSE * np.array([limits[k].limit for k in places])
+            deviations[places] = np.hypot(np.sqrt(np.diag(spread)), coarse)
+            whole = matrix.sum(axis=0)
+            slopes = np.array([step_of(whole[:first, :first], column, DAMPING) for column in whole[:first, first:].T])
+            added[np.ix_(free, free)] += slopes.T @ spread @ slopes
+        return cls(steps, deviations, added)
+
+
+def _still(fit: TrajectoryFit) -> NDArray[np.intp]:
+    """Return the unknowns that stay where they are: delays that the log does not show."""
+    found: NDArray[np.intp] = fit.unknowns.delays.start + np.flatnonzero(fit.delays == 0)
+    return found
+
+
+def _moved(fit: TrajectoryFit, limits: Sequence[TorqueLimit]) -> list[Array]:
+    """Return how the positions of a fit's stretches change with limits, rad (m) per N·m (N), (N, n, L) each."""
+    own = fit.unknowns
+    equations, parameters = Linearised(own.robot, without=PARAMETERS), own.robot.reference()
+    found = []
+    for item in fit.tracked:
+        errors = []
+        for own_limit in (None, *limits):
+            bound = item.run.drives.limit.copy()
+            if own_limit is not None:
+                bound[own_limit.joint] *= 1.0 + BESIDE
+            other = replace(item, run=replace(item.run, drives=replace(item.run.drives, limit=bound)))
+            errors.append(simulated(equations, other, own, fit.z, parameters, plain=True).error)
+        sizes = BESIDE * np.array([own_limit.limit for own_limit in limits])
+        found.append(np.stack([error - errors[0] for error in errors[1:]], axis=2) / sizes)
+    return found

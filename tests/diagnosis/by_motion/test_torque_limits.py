@@ -1,0 +1,61 @@
+"""Limits of torque that the robot file does not know, on a plant that shares no code with elid."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.cli import main
+from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.diagnosis.by_motion.torque_limits import with_limits
+from elid_cli.experiment.replay.replay import replay
+from elid_cli.logs.reading import read_recording
+from elid_cli.robot.files import read_robot
+from elid_cli.signals.signals import prepare
+from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, VISCOUS, moved, robot, written
+
+
+@pytest.mark.parametrize(("joint", "limit", "seed", "delay"), [(1, 7.5, 3, 0.0), (0, 15.0, 4, 0.0025)])
+def test_a_limit_is_found_with_its_error_and_the_rest_is_as_without_it(
+    tmp_path: Path, joint: int, limit: float, seed: int, delay: float
+) -> None:
+    arm = robot(tmp_path)
+    limits = np.where(np.arange(3) == joint, limit, np.inf)
+    recording = moved(seed, delay=delay, limit=limits)
+    log = written(tmp_path, "cut.h5", recording)
+    found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
+    assert [(e.effect, e.joint) for e in found.effects] == [("saturation", NAMES[joint])]
+    (cut,) = found.effects
+    assert cut.parameters["limit"] == pytest.approx(limit, rel=2e-3)
+    assert abs(cut.parameters["limit"] - limit) < 4 * cut.std_error["limit"]
+    assert cut.gain > 0.5
+    assert not found.unexplained
+    assert not found.after.warnings  # that the computed torque is not what the bodies need is explained
+    truth = np.stack([ARMATURE, COULOMB, VISCOUS], axis=1)
+    error = found.fit_after.unknowns.joint_values(found.fit_after.deviation)[:, :3]
+    assert np.abs((found.fit_after.values[:, :3] - truth) / error).max() < 4
+    assert found.fit_after.values[:, :3] == pytest.approx(truth, rel=0.03)
+    # the robot that is written moves as the log does, one without the limit does not
+    assert found.refined.joints[joint].limits.torque == pytest.approx(limit, rel=2e-3)
+    unlimited = with_limits(found.refined, {joint: 1e3})
+    off = [replay(one, recording).error[NAMES[joint]].mean_abs for one in (found.refined, unlimited)]
+    assert off[0] < 0.2 * off[1]
+
+
+def test_a_limit_is_named_written_and_asked_for_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = robot(tmp_path).source
+    log = written(tmp_path, "cut.h5", moved(3, limit=np.array([np.inf, 7.5, np.inf])))
+    refined = str(tmp_path / "refined.yaml")
+    assert main(["diagnose", log, "--robot", path, "--only", "saturation", "--write-robot", refined]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "saturation" in said
+    assert "7.5" in said
+    assert read_robot(refined).joint("two").limits.torque == pytest.approx(7.5, rel=2e-3)
+    # of the robot that knows the limit nothing is missing
+    assert main(["diagnose", log, "--robot", refined, "--only", "saturation", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["effects"] == []
+    assert found["sufficient"]
