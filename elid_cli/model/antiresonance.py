@@ -19,6 +19,8 @@ PER_PERIOD = 20.0
 """Least samples per period of the highest frequency."""
 LOG_RATE = 1000.0
 """Samples per second to log with, at least."""
+RIGID_ERROR = 0.05
+"""Error of the torque up to which a rigid joint counts as a description."""
 ROTOR = 0.35
 """Share of all inertia that a rotor of unknown inertia is taken to have."""
 LEAST_LINK = 0.05

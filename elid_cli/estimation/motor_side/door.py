@@ -117,11 +117,23 @@ def with_motor_side(found: Identification, side: MotorSide | None, *, corrected:
         elif not _within(cutoff, limit):
             word = f"but fitted up to {cutoff:.3g} Hz: expect a bias (less with --cutoff {limit:.3g})"
         notes.append(f"all other parameters are those of rigid joints, which hold up to {limit:.3g} Hz; {word}")
-        if not corrected:
-            from elid_cli.estimation.motor_side.hidden_motion import bent
+    if (limit is not None and not corrected) or any(_may_bend(found, joint) for joint in side.joints):
+        from elid_cli.estimation.motor_side.hidden_motion import bent
 
-            found = bent(found)
+        found = bent(found)
     return replace(found, hidden=hidden, notes=tuple(notes), motor_side=replace(side, corrected=corrected))
+
+
+def _may_bend(found: Identification, joint: MotorSideJoint) -> bool:
+    """Whether a joint whose stiffness the log does not show may yield in the fit's band, by the robot file's K."""
+    if joint.verdict != "refused":
+        return False
+    from elid_cli.model.antiresonance import RIGID_ERROR, expected_antiresonance
+
+    cutoff, expected = found.settings.get("cutoff"), expected_antiresonance(found.robot, joint.number)
+    # a link below its antiresonance f0 needs 1 / (1 - (f / f0)^2) of the torque of a rigid one
+    stiff = isinstance(cutoff, float) and cutoff <= expected * (RIGID_ERROR / (1.0 + RIGID_ERROR)) ** 0.5
+    return not stiff
 
 
 def _note(joint: MotorSideJoint, source: str) -> str:

@@ -24,7 +24,7 @@ from elid_cli.estimation.motor_side.setting import Setting
 from elid_cli.estimation.motor_side.stretch import stretch_of
 from elid_cli.estimation.motor_side.verdict import CRAWLS, MOVE, RISES, TIGHT, failed_gates, verdict_of
 from elid_cli.estimation.motor_side.vibration import Vibration
-from elid_cli.model.antiresonance import PAST, expected_antiresonance
+from elid_cli.model.antiresonance import PAST, RIGID_ERROR, expected_antiresonance
 from elid_cli.robot.locking import locked
 from elid_cli.robot.parameter import StandardParameter
 from elid_cli.robot.robot import Robot
@@ -39,8 +39,6 @@ OF_FORM = 0.5
 """Standard deviation of what the form of friction and of lost motion may hide, share of what it moved."""
 LOW = 2.0
 """Its own standard errors from which on the move of a refit to low frequencies counts, unless that knows too little."""
-RIGID_ERROR = 0.05
-"""Error of the torque up to which a rigid joint counts as a description."""
 DITHER = (2.0, 6.0)
 """Accelerations of all inertia that a torque multisine should make, rad/s² (m/s²)."""
 GUESSED_TOP = 2.0

@@ -27,7 +27,10 @@ DRIVE = ("Ja", "fs", "fv")
 WORDS = {kind: JOINT_KINDS[kind] for kind in DRIVE} | {"offset": "torque offset"}
 DIGITS = 4
 """Most digits of a value."""
-OFFSETS = "offset: by how much the computed torque is above the one that acts"
+OFFSETS = (
+    "offset: by how much the computed torque is above the one that acts, or half of what friction is larger forwards "
+    "than backwards: they look the same"
+)
 OWN = "what weights and inertias are off in the file, offset and Ja are off here"
 UNITS = {True: "kg·m², N·m, N·m·s/rad and N·m", False: "kg, N, N·s/m and N"}
 """Units of the columns, of turning joints and of sliding ones."""

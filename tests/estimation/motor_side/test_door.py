@@ -142,6 +142,7 @@ def test_a_refused_one_has_no_number_and_says_what_would_show_it(
     assert "torque multisine" in said
     assert "Stiffness from the motor's side: not shown by this log (joint1)" in said
     assert "The robot file has joint1 elastic: what that does to the parameters is not known" in said
+    assert "may be biased" in said
     assert f"elid excite --robot {tmp_path / 'arm.yaml'} -o stiffness.csv --show-stiffness joint1:" in said
 
 
