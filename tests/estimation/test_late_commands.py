@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from elid_cli.estimation.identify import identify
+from elid_cli.estimation.identify import EstimateOptions, identify
 from elid_cli.logs.checks.commanded import commanded_torque
+from elid_cli.logs.reading import read_recording
+from elid_cli.logs.writing import write_recording
 from elid_cli.signals.recording import Recording, Segment
 from elid_cli.signals.signals import prepare
 from tests.one_pendulum import ROBOT
@@ -56,3 +60,39 @@ def test_late_commands_give_nothing_to_friction_and_inertia(late: int) -> None:
     assert 9.81 * (0.3 * values["m1"] + values["cx1"]) == pytest.approx(WEIGHT, rel=2e-3)
     delays = [n.parameters["delay"] for n in found.nuisances if n.effect == "torque_delay"]
     assert sum(delays) == pytest.approx(1e-4 * late, abs=1.5e-5)
+
+
+def test_the_loop_of_an_elastic_joint_is_closed_by_its_motor(tmp_path: Path) -> None:
+    """With the link's position in the drive's torque, K of this log comes out many standard errors off."""
+    stiffness, rotor, link = 400.0, 0.05, 0.08
+    arm = replace(ROBOT, joints=(replace(ROBOT.joints[0], transmission="elastic", gear_ratio=None),))
+    count, h = round(16.0 / DT), DT / FINE
+    t = DT * np.arange(count)
+    q_des = 0.5 * np.sin(2.0 * t) + 0.25 * np.sin(6.1 * t + 1) + 0.1 * np.sin(21.3 * t + 2)
+    state, logged = np.array([q_des[0], q_des[0], 0.0, 0.0]), np.empty((count, 2))
+
+    def rate(at: np.ndarray, told: float) -> np.ndarray:
+        q, theta, dq, dtheta = at.tolist()
+        spring = stiffness * (theta - q)
+        friction = COULOMB * math.tanh(dtheta / 1e-3) + VISCOUS * dtheta
+        motor = (told - KP * theta - KD * dtheta - friction - spring) / rotor
+        return np.array([dq, dtheta, (spring - WEIGHT * math.cos(q)) / link, motor])
+
+    for k in range(count):
+        logged[k] = state[:2]
+        for _ in range(FINE):
+            told = KP * float(q_des[k])
+            state = state + h * rate(state + 0.5 * h * rate(state, told), told)
+    rng = np.random.default_rng(3)
+    q, theta = (logged[:, [side]] + 2e-6 * rng.standard_normal((count, 1)) for side in (0, 1))
+    commands = {"q_des": q_des[:, None], "kp": np.full_like(q, KP), "kd": np.full_like(q, KD)}
+    recording = Recording(("j",), DT, t, q, theta, np.full_like(q, np.nan), commands=commands,
+                          segments=(Segment(0, count),), files=("elastic.h5",))  # fmt: skip
+    write_recording(recording, tmp_path / "elastic.h5")
+    read = read_recording([str(tmp_path / "elastic.h5")], arm)
+    assert "motors' positions theta" in " ".join(read.notes)
+    found = identify(arm, prepare(read, arm), EstimateOptions(fit="torque"))
+    values = {item.name.split()[0]: item for item in found.parameters}
+    for name, truth in (("K1", stiffness), ("Ja1", rotor), ("fs1", COULOMB), ("fv1", VISCOUS)):
+        assert values[name].estimate == pytest.approx(truth, rel=0.01), name
+        assert abs(values[name].estimate - truth) < 4 * values[name].std_error, name

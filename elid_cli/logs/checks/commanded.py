@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
 from elid_cli.logs.mapping.language import COMMANDS, GAINS
@@ -71,7 +72,7 @@ def commanded_torque(
     Parameters
     ----------
     signals
-        ``q`` or ``theta``, ``q_des``, and where logged ``dq``, ``dq_des``, ``tau_ff``, each (N, n).
+        ``q`` or ``theta``, ``q_des``, and where logged ``dq`` or ``dtheta``, ``dq_des``, ``tau_ff``, each (N, n).
     gains
         ``kp`` and ``kd``, (N, n).
     segments
@@ -81,8 +82,11 @@ def commanded_torque(
     robot
         Its torque limits cut the torque.
     """
-    q = _first(signals, "q", "theta")
-    dq = _first(signals, "dq", "dtheta")
+    q, dq = _first(signals, "q", "theta"), _first(signals, "dq", "dtheta")
+    motors = at_motors(signals, robot)
+    if motors.any():
+        theta, rate = _first(signals, "theta", "q"), signals.get("dtheta", np.full_like(q, np.nan))
+        q, dq = np.where(motors, theta, q), np.where(motors, rate, dq)
     told = {name: held_mean(signals[name], segments) for name in COMMANDS if name in signals and name not in GAINS}
     notes = []
     slow = np.isnan(dq).all(axis=0)
@@ -102,6 +106,19 @@ def commanded_torque(
             "samples, and is cut there"
         )
     return np.clip(tau, -bounds, bounds), notes
+
+
+def at_motors(signals: Mapping[str, Array], robot: Robot) -> NDArray[np.bool_]:
+    """Return the joints whose drives have the motor's position, (n,): where both sides are logged, and may differ.
+
+    An encoder at the motor closes the loop of nearly every drive, and the simulated motion is that of such loops.
+    """
+    q, theta = signals.get("q"), signals.get("theta")
+    if q is None or theta is None:
+        return np.zeros(robot.n, dtype=bool)
+    logged = np.isfinite(theta).any(axis=0) & np.isfinite(q).any(axis=0)
+    differ = [not np.array_equal(theta[:, j], q[:, j], equal_nan=True) for j in range(robot.n)]
+    return np.asarray(logged & np.array(differ) & np.array([j.transmission != "rigid" for j in robot.joints]))
 
 
 def _rate(values: Array, dt: float) -> Array:

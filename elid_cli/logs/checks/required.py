@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.errors import UsageError
-from elid_cli.logs.checks.commanded import commanded_torque, gains_of
+from elid_cli.errors import UsageError, in_words
+from elid_cli.logs.checks.commanded import at_motors, commanded_torque, gains_of
 from elid_cli.logs.checks.missing_signal import MEANING, MissingSignal
 from elid_cli.logs.contract import RawLog
 from elid_cli.logs.mapping.language import GAINS
@@ -143,6 +143,12 @@ def _compute_torque(
         return ""
     filled["tau"] = np.where(made, tau, filled["tau"])
     who = "" if made.all() else f" of {' '.join(np.array(robot.joint_names)[made])}"
+    motors = np.array(robot.joint_names)[made & at_motors(filled, robot)]
+    if motors.size:
+        more.append(
+            f"the drives of {in_words(motors.tolist())} are taken to have the motors' positions theta, not the links': "
+            "with loops on the links, stiffnesses and inertias are wrong here"
+        )
     notes += [
         *said,
         f"tau{who} is computed: kp (q_des - q) + kd (dq_des - dq){' + tau_ff' * ('tau_ff' in filled)}; a torque delay "
