@@ -53,6 +53,12 @@ class Run:
         acting = _held(self.told, steps, late / self.dt, commanded=commanded)
         return replace(self, drives=replace(self.drives, told=acting))
 
+    def delivering(self, ratio: Array) -> Run:
+        """Return the run with drives that deliver the computed torque over a ratio (n,)."""
+        drives = self.drives
+        less = replace(drives, told=drives.told / ratio, kp=drives.kp / ratio, kd=drives.kd / ratio)
+        return replace(self, drives=less, told=None if self.told is None else self.told / ratio)
+
     @classmethod
     def together(cls, runs: Sequence[Run], coordinates: Coordinates) -> Run:
         """Return runs of one length side by side."""

@@ -89,11 +89,14 @@ def kinds_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[t
 
 
 def tried_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[type[Effect]]:
-    """Return the effects that a search by motion tries: those that it can hold, and limits of the torque."""
-    limits = [
-        kind for name, kind in library.items() if kind.limits_torque and (name in only if only else kind.searched)
-    ]
-    return [*kinds_of(library, only), *limits]
+    """Return the effects that a search by motion tries: those that it can hold, limits and gains of the torque."""
+    asked = (kind for name, kind in library.items() if (name in only if only else kind.searched))
+    return [*kinds_of(library, only), *(kind for kind in asked if kind.limits_torque or is_gain(kind))]
+
+
+def is_gain(kind: type[Effect]) -> bool:
+    """Return whether an effect multiplies the torque, as wrong gains of the drives do."""
+    return kind.from_model and kind.place == "torque"
 
 
 def untried_of(library: Mapping[str, type[Effect]], robot: Robot, only: Sequence[str]) -> tuple[str, ...]:

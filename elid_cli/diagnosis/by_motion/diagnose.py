@@ -13,7 +13,7 @@ from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
 from elid_cli.diagnosis.by_motion.search import Searched, search
 from elid_cli.diagnosis.by_motion.steps import Named
-from elid_cli.diagnosis.by_motion.torque_gains import gain_rivals
+from elid_cli.diagnosis.by_motion.torque_gains import Gains, found_gains, gain_name, gain_rivals, nearer
 from elid_cli.diagnosis.by_motion.torque_limits import with_limits
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
@@ -21,7 +21,7 @@ from elid_cli.errors import UsageError, in_words
 from elid_cli.estimation.identify import identify
 from elid_cli.estimation.known_load import off_scales, scale_warnings
 from elid_cli.estimation.refined_robot import identified_robot
-from elid_cli.estimation.result import EstimateOptions, Identification
+from elid_cli.estimation.result import EstimateOptions, FittedEffect, Identification
 from elid_cli.estimation.trajectory.block_sums import BLOCKS
 from elid_cli.estimation.trajectory.bodies import other_bodies
 from elid_cli.estimation.trajectory.differing import as_last, differing
@@ -88,7 +88,18 @@ def diagnose_motion(
     found = found or least_squares(robot, signals)
     runs = commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
-    done = search(robot, runs, started_from(robot, signals), effects, amplitudes, only, progress)
+    start = started_from(robot, signals)
+    done = search(robot, runs, start, effects, amplitudes, only, progress)
+    off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
+    gains = Gains.of(done.before, done.after, off, signals)
+    scaled = nearer(done.after, gains) & (not only or gain_name() in only)
+    ratio = np.ones(robot.n)
+    if gains is not None and scaled.any() and not done.partial:  # what was found may be what the gains left
+        before, ratio = done.before, np.where(scaled, gains.ratio, 1.0)
+        right = replace(signals, tau=signals.tau / ratio)
+        scaled_runs, start = [run.delivering(ratio) for run in runs], started_from(robot, right)
+        done = replace(search(robot, scaled_runs, start, effects, amplitudes, only, progress), before=before)
+        gains = Gains.of(done.before, done.after, [s for s in off if not scaled[s.joint]], right)
     if progress is not None:
         finishing = "finishing; Ctrl-C again stops at once"
         progress(finishing if done.partial else "searching, judging what was found", 0.9)
@@ -96,21 +107,24 @@ def diagnose_motion(
     after = as_last(done.after, changes)
     cut = {item.joint: item.limit for item in done.limits}
     bound = np.array([cut.get(k, np.inf) for k in range(robot.n)])
-    told = replace(signals, tau=np.clip(signals.tau, -bound, bound)) if cut else signals
+    told = replace(signals, tau=np.clip(signals.tau / ratio, -bound, bound))
     refined = identification_of(replace(found, robot=with_limits(found.robot, cut)), after, told)
-    scales = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
-    gains = gain_rivals(done.before, done.after, done.named, scales)
+    of_gains = found_gains(robot, done.before, done.after, [s for s in off if scaled[s.joint]])
+    refined = replace(refined, effects=(*refined.effects, *(
+        FittedEffect(e.effect, e.joint, e.parameters, e.std_error) for e in of_gains
+    )))  # fmt: skip
+    rivals = gain_rivals(done.before, done.after, gains, done.named)
     # at a joint whose effect no gain imitates, the effect is why the torque is not what the bodies need
-    ruled_out = {robot.joint_names[item.effect.joint] for item in done.named} - {rival.joint for rival in gains}
-    ruled_out |= {robot.joint_names[joint] for joint in cut}
-    scales = [scale for scale in scales if robot.joint_names[scale.joint] not in ruled_out]
+    ruled_out = {robot.joint_names[item.effect.joint] for item in done.named} - {rival.joint for rival in rivals}
+    ruled_out |= {robot.joint_names[joint] for joint in (*cut, *np.flatnonzero(scaled).tolist())}
+    scales = [scale for scale in off if robot.joint_names[scale.joint] not in ruled_out]
     refined = replace(refined, warnings=(*refined.warnings, *scale_warnings(robot, scales)))
     views = views_of(done.after)
     return MotionDiagnosis(
         robot, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
-        _effects(robot, after, done, len(effects)),
-        (*_rivals(robot, done.named, scene_of_fit(after)), *gains),
+        (*of_gains, *_effects(robot, after, done, len(effects))),
+        (*_rivals(robot, done.named, scene_of_fit(after)), *rivals),
         _unexplained(robot, after, views, told),
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),

@@ -7,28 +7,64 @@ of another size is a spring. How large the torque is follows from the described 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.refits import QUICK, known_of
+from elid_cli.diagnosis.by_motion.refits import known_of
 from elid_cli.diagnosis.by_motion.rivals import clearly_more
 from elid_cli.diagnosis.by_motion.steps import Named
-from elid_cli.diagnosis.result import Rival
+from elid_cli.diagnosis.result import FoundEffect, Rival
 from elid_cli.errors import DataError
 from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
-from elid_cli.estimation.trajectory.normal_equations import Tracked
+from elid_cli.estimation.trajectory.identification import started_from
 from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.effects import effect_that
+from elid_cli.robot.robot import Robot
+from elid_cli.signals.signals import Signals
 
 CHECK = "a known payload, held still in several poses, with kp and kd as the drive has them"
 """What separates a torque gain from what imitates it."""
 
 
+@dataclass(frozen=True)
+class Gains:
+    """The fit by drives whose torques are of another size, beside what a search found."""
+
+    ratio: Array
+    """What the computed torque of every joint is over the one that acts, (n,)."""
+    fit: TrajectoryFit
+
+    @classmethod
+    def of(
+        cls, before: TrajectoryFit, after: TrajectoryFit, scales: Sequence[LoadScale], signals: Signals
+    ) -> Gains | None:
+        """Return it with the effects that a search took at other joints; None where it runs away, or no scale is off.
+
+        Parameters
+        ----------
+        before, after
+            The fits without and with the effects that were taken.
+        scales
+            What multiplies the torque that the bodies need, of the joints where that is surely not 1.
+        signals
+            The log, with the torque as it was computed.
+        """
+        ratio = np.ones(before.unknowns.robot.n)
+        for scale in scales:
+            ratio[scale.joint] = scale.ratio
+        if not scales:
+            return None
+        near = started_from(before.unknowns.robot, replace(signals, tau=signals.tau / ratio))
+        trial = _scaled(before, after, ratio, np.where((ratio != 1.0)[:, None], near, before.values))
+        return None if trial is None else cls(ratio, trial)
+
+
 def gain_rivals(
-    before: TrajectoryFit, after: TrajectoryFit, named: Sequence[Named], scales: Sequence[LoadScale]
+    before: TrajectoryFit, after: TrajectoryFit, gains: Gains | None, named: Sequence[Named]
 ) -> tuple[Rival, ...]:
     """Return torque gains that do as well as effects that a search took at their joints.
 
@@ -36,33 +72,56 @@ def gain_rivals(
     ----------
     before, after
         The fits without and with the effects that were taken.
+    gains
+        The fit with torque gains in their place.
     named
         These effects.
-    scales
-        What multiplies the torque that the bodies need, of the joints where that is surely not 1.
     """
-    ratio = np.ones(before.unknowns.robot.n)
-    for scale in scales:
-        ratio[scale.joint] = scale.ratio
-    taken = [item for item in named if ratio[item.effect.joint] != 1.0]
-    if not taken:
+    if gains is None:
         return ()
-    trial = _scaled(before, after, ratio)
-    if trial is None:
-        return ()
-    bare, mine, its = (fit.equations.lighter for fit in (before, after, trial))
+    bare, mine, its = (fit.equations.lighter for fit in (before, after, gains.fit))
     names, found = before.unknowns.robot.joint_names, dict[int, Rival]()
-    for item in taken:
+    for item in named:
         joint = item.effect.joint
         share = 1.0 - float(its[:, joint].sum() / max(float(bare[:, joint].sum()), 1e-300))
-        if share > 0 and not clearly_more(its[:, joint], mine[:, joint]):
-            value = {"gain": float(ratio[joint] - 1.0)}
+        if gains.ratio[joint] != 1.0 and share > 0 and not clearly_more(its[:, joint], mine[:, joint]):
+            value = {"gain": float(gains.ratio[joint] - 1.0)}
             found[joint] = Rival(gain_name(), names[joint], item.effect.name, share, value, CHECK)
     return tuple(found.values())
 
 
-def _scaled(before: TrajectoryFit, after: TrajectoryFit, ratio: Array) -> TrajectoryFit | None:
-    """Return the fit by drives whose torques are of another size (n,), with effects at the other joints only."""
+def nearer(after: TrajectoryFit, gains: Gains | None) -> NDArray[np.bool_]:
+    """Return the joints that drives of another torque bring clearly nearer than all that a search found, (n,)."""
+    robot = after.unknowns.robot
+    kind, found = effect_that(from_model=True, place="torque"), np.zeros(robot.n, dtype=bool)
+    for joint in np.flatnonzero(gains.ratio != 1.0).tolist() if gains is not None else ():
+        assert gains is not None
+        mine, its = (fit.equations.lighter[:, joint] for fit in (after, gains.fit))
+        found[joint] = kind.applies(robot, joint) and clearly_more(mine, its)
+    return found
+
+
+def found_gains(
+    robot: Robot, before: TrajectoryFit, after: TrajectoryFit, scales: Sequence[LoadScale]
+) -> tuple[FoundEffect, ...]:
+    """Return the torque gains of the joints of some scales as effects, with what the motion comes nearer by."""
+    bare, left = (fit.equations.lighter.sum(axis=0) for fit in (before, after))
+    return tuple(
+        FoundEffect(
+            gain_name(), robot.joint_names[s.joint], {"gain": s.ratio - 1.0}, {"gain": s.deviation},
+            float(1.0 - left[s.joint] / max(bare[s.joint], 1e-300)),
+            f"the computed torque is {s.ratio:.3f} times what acts: kp and kd, or all masses that the joint carries, "
+            "are off by that factor",
+        )
+        for s in scales
+    )  # fmt: skip
+
+
+def _scaled(before: TrajectoryFit, after: TrajectoryFit, ratio: Array, near: Array) -> TrajectoryFit | None:
+    """Return the fit by drives whose torques are of another size (n,), with effects at the other joints only.
+
+    It starts from drive parameters `near`, (n, 4).
+    """
     own = after.unknowns
     kept = [
         k for k, effect in enumerate(after.effects)
@@ -72,21 +131,13 @@ def _scaled(before: TrajectoryFit, after: TrajectoryFit, ratio: Array) -> Trajec
     amplitudes = np.concatenate(
         [np.zeros(0), *(after.z[own.amplitudes_of(k)] for k in kept if not after.effects[k].softens)]
     )
-    tracked = [_delivering(item, ratio) for item in before.tracked]
+    tracked = [replace(item, run=item.run.delivering(ratio), local=None) for item in after.tracked]
     try:
-        return fitted(
-            unknowns, tracked, known_of(before, unknowns, amplitudes), prompt=not before.delays.any(), cycles=QUICK
-        )
+        z = known_of(before, unknowns, amplitudes)
+        z[: unknowns.drives] = near.ravel()
+        return fitted(unknowns, tracked, z, prompt=not before.delays.any())
     except DataError:
         return None
-
-
-def _delivering(item: Tracked, ratio: Array) -> Tracked:
-    """Return a stretch whose drives deliver the computed torque over a ratio (n,)."""
-    drives = item.run.drives
-    less = replace(drives, told=drives.told / ratio, kp=drives.kp / ratio, kd=drives.kd / ratio)
-    told = None if item.run.told is None else item.run.told / ratio
-    return replace(item, run=replace(item.run, drives=less, told=told))
 
 
 def gain_name() -> str:

@@ -122,8 +122,9 @@ def replay(robot: Robot, recording: Recording, options: ReplayOptions | None = N
     if horizon is not None and horizon < 5 * recording.dt:
         raise UsageError(f"--horizon {horizon:g}: shorter than five samples of {recording.dt:g} s")
     _no_driving_friction(robot)
-    offsets, delays, left_out = _of_channels(robot)
+    offsets, delays, gains, left_out = _of_channels(robot)
     runs = runs_of(recording, robot, horizon, delays, commanded=by_commands)
+    runs = [run.delivering(gains) for run in runs] if np.any(gains != 1.0) else runs
     if not runs:
         raise LogError("the log has no stretch that is long enough to be replayed")
     if options.engine == "mujoco":
@@ -218,14 +219,19 @@ def _along(robot: Robot, dt: float, samples: int) -> Along | None:
     return added
 
 
-def _of_channels(robot: Robot) -> tuple[Array, Array, tuple[str, ...]]:
-    """Return what the robot declares of its drives: offsets, N·m (n,), delays, s (n,), and effects left out."""
-    offsets = np.zeros(robot.n)
+def _of_channels(robot: Robot) -> tuple[Array, Array, Array, tuple[str, ...]]:
+    """Return what the robot declares of its drives, and effects left out.
+
+    Offsets, N·m (N), delays, s, and what the torques that the log tells are over those that act, (n,) each.
+    """
+    offsets, gains = np.zeros(robot.n), np.ones(robot.n)
     left = []
     for spec in robot.effects:
         kind, joint = resolve(robot, spec)
         if kind.nuisance == "offset":
             offsets[joint] = next(iter(spec.parameters.values()))
+        elif kind.place == "torque" and kind.from_model:
+            gains[joint] = 1.0 + next(iter(spec.parameters.values()))
         elif kind.corrects is None and not kind.of_channel and not can_act(kind):
             left.append(f"{spec.effect} of {spec.joint}" if spec.joint else spec.effect)
-    return offsets, declared_shifts(robot).torque, tuple(left)
+    return offsets, declared_shifts(robot).torque, gains, tuple(left)

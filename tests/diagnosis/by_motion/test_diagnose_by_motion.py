@@ -60,24 +60,24 @@ def test_nothing_is_missing_from_a_clean_log(tmp_path: Path, capsys: pytest.Capt
 
 def test_effects_that_no_motion_is_searched_for_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, log = robot(tmp_path).source, written(tmp_path, "clean.h5", moved(duration=6.0))
-    for line in (("--only", "torque_gain"), ("--only", "torque_gain", "--only", "payload")):
+    for line in (("--only", "contact"), ("--only", "contact", "--only", "payload")):
         assert main(["diagnose", log, "--robot", path, *line]) == 2
         said = capsys.readouterr().err
-        assert "torque_gain" in said
+        assert "contact" in said
         assert "link_spring" in said
         assert "--lookup" in said
     # what is asked for in part is told in part
-    found = told(capsys, "diagnose", log, "--robot", path, "--only", "torque_gain", "--only", "link_spring")
-    assert found["untried"] == ["torque_gain"]
+    found = told(capsys, "diagnose", log, "--robot", path, "--only", "contact", "--only", "link_spring")
+    assert found["untried"] == ["contact"]
     assert main(["diagnose", log, "--robot", path]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "No effect that was tried by motion brings the motion nearer" in said
     assert "Not tried by motion" in said
-    assert "torque gain" in said
+    assert "gravity direction" in said
     assert "that elid knows" not in said
 
 
-def test_wrong_gains_are_told_beside_a_spring_and_a_spring_is_no_gain(
+def test_wrong_gains_are_named_in_place_of_a_spring_and_a_spring_is_no_gain(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = robot(tmp_path).source
@@ -86,16 +86,23 @@ def test_wrong_gains_are_told_beside_a_spring_and_a_spring_is_no_gain(
     wrong = replace(recording, commands={
         name: values * (factor if name in ("kp", "kd") else 1.0) for name, values in recording.commands.items()
     })  # fmt: skip
-    log = written(tmp_path, "gains.h5", wrong)
-    found = told(capsys, "diagnose", log, "--robot", path)
-    rivals = {(r["effect"], r["joint"]): r for r in found["also_possible"]}
-    assert {e["joint"] for e in found["effects"]} == {"one"}
-    gain = rivals["torque_gain", "one"]
-    assert gain["parameters"]["gain"] == pytest.approx(0.2, abs=0.01)
-    assert gain["gain"] > max(e["gain"] for e in found["effects"])
-    (said,) = [w for w in found["warnings"] if "times what the described bodies need" in w]
-    assert "computed torque of one is 1.2" in said
-    assert "kp" in said
+    log, refined = written(tmp_path, "gains.h5", wrong), str(tmp_path / "refined.yaml")
+    found = told(capsys, "diagnose", log, "--robot", path, "--write-robot", refined)
+    assert [(e["effect"], e["joint"]) for e in found["effects"]] == [("torque_gain", "one")]
+    (effect,) = found["effects"]
+    assert abs(effect["parameters"]["gain"] - 0.2) < 4 * effect["std_error"]["gain"]
+    assert effect["std_error"]["gain"] < 0.005
+    assert "kp and kd" in effect["summary"]
+    assert "masses" in effect["summary"]
+    assert not found["unexplained"]
+    assert not [w for w in found["warnings"] if "described bodies need" in w]
+    known = joint_parameters(found)
+    for k, name in enumerate(NAMES):
+        for kind, truth in (("Ja", ARMATURE), ("fs", COULOMB), ("fv", VISCOUS)):
+            assert known[name, kind][0] == pytest.approx(truth[k], rel=0.03), (name, kind)
+    # the written robot moves as the log does under the gains that are logged
+    off = told(capsys, "replay", log, "--robot", refined)["error"]
+    assert off["one"]["mean_abs"] < 2e-4
     said = told(capsys, "identify", log, "--robot", path)["warnings"]
     assert any("computed torque of one is 1.2" in w for w in said)
     # a clean log, and a spring, which no gain imitates
