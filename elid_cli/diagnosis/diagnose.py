@@ -45,6 +45,10 @@ if TYPE_CHECKING:
     from elid_cli.diagnosis.by_motion.result import MotionDiagnosis
 
 
+HARM = 0.01
+"""Part of the held-out error by which a limit of the torque may make it larger."""
+
+
 @dataclass(frozen=True)
 class DiagnoseOptions:
     """How to diagnose."""
@@ -236,13 +240,14 @@ def _unsupported(state: State, number: int, tried: Effect) -> float | None:
     """Return an effect's gain on the held-out stretches, 0 where it is impossible, or None where it is supported.
 
     What acts for a moment need not show in the held-out stretches, but it must stand out from all other moments, and
-    not be a motor's sticking.
+    not be a motor's sticking; a limit of the torque, which acts at every peak, must not spoil them.
     """
     if not sensible(state.effects[number], state.scene, state.named(number)) or impossible_with(state, number):
         return 0.0
     if tried.local:
         unlike = one_of_many(state, number) or friction_at_rest(state, number) or only_helps(state, number, 0.0)
-        return 0.0 if unlike else None
+        spoils = tried.limits_torque and held_out_gain(state, number) < -HARM
+        return 0.0 if unlike or spoils else None
     gain = held_out_gain(state, number)
     poor = gain < tried.least_gain or only_helps(state, number, gain) or silences(state, number)
     return gain if poor else None

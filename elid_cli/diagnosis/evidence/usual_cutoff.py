@@ -21,6 +21,10 @@ from elid_cli.estimation.result import EstimateOptions
 from elid_cli.estimation.stretches import search_folds
 from elid_cli.signals.signals import Signals
 
+SLIGHT = 0.005
+"""Part of the squared error of all quarters together that is lost from which an effect makes the prediction worse,
+though no quarter alone can tell."""
+
 
 def helpful_there(found: Found, declared: int, usual: Callable[[], Signals]) -> tuple[Found, tuple[Survival, ...]]:
     """Return the outcome without effects that make what identification predicts worse, and what they were worth.
@@ -47,7 +51,7 @@ def helpful_there(found: Found, declared: int, usual: Callable[[], Signals]) -> 
             break
         fits = left_out(state)
         told = [survival(state, declared + k, fits) for k in range(len(found.steps))]
-        failing = [k for k, item in enumerate(told) if any(item.lost)]
+        failing = [k for k, item in enumerate(told) if any(item.lost) or item.whole < -SLIGHT]
         if not failing:
             break
         worst = min(failing, key=lambda k: told[k].whole)

@@ -48,6 +48,8 @@ def with_channel_faults(found: Found, declared: int, names: Container[str]) -> F
     for kind, joint in faults:
         if kind.name not in names:
             continue
+        if kind.nuisance == "offset" and found.after.log.signals.still[joint]:
+            continue  # what holds a joint that does not move may be its friction
         short = SHORT * found.after.log.signals.dt
         if kind.nuisance == "delay" and abs(found.after.delays.get(joint, 0.0)) <= short:
             continue

@@ -18,7 +18,7 @@ from elid_cli.report.answers.drives import drives_needed, drives_table
 from elid_cli.report.answers.error_tables import TITLE, error_table, log_table, sensor_table, small
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.known import parameter_words
-from elid_cli.report.answers.lacking import loud_joints, words_of, yielding
+from elid_cli.report.answers.lacking import is_unclear, loud_joints, words_of, yielding
 from elid_cli.report.answers.motor_side import motor_side_sections, stiffness_items
 from elid_cli.report.tree import Cell, Column, KeyValues, Mark, Quantity, Report, Section, Table, Text, number_text
 from elid_cli.robot.robot import Robot
@@ -208,7 +208,7 @@ def _next(found: Identification, recording: Recording, robot_argument: str, writ
         if found.gain_map:
             return inputs.command("identify", first, robot_argument, "--map", found.gain_map)
         return shlex.join(["elid", "excite", "--robot", robot_argument, "-o", "exciting.csv"])
-    if found.model != "sufficient":
+    if found.model != "sufficient" or is_unclear(found.noise):
         return inputs.command("diagnose", recording, robot_argument)
     if written:
         return inputs.command("validate", recording, written[0])

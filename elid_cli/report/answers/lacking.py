@@ -14,6 +14,8 @@ from elid_cli.estimation.validation.sufficiency import ABOVE
 from elid_cli.report.answers.summary import NAMED, listed
 from elid_cli.report.tree import number_text
 
+UNCLEAR = 3.0
+"""Times the sensors' white noise from which what is left is hardly noise with a memory."""
 LOUD = ABOVE
 """A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 
@@ -46,11 +48,13 @@ def lacking_words(
     loud = max(noise, key=lambda n: n.ratio, default=None)
     memory = ""
     if loud is not None and loud.ratio > LOUD:
-        memory = (
-            f" The residual of {loud.joint} is {number_text(loud.ratio, 2)} times the white noise of its sensors: "
-            f"torque noise with a correlation time of {loud.correlation * 1e3:.0f} ms, or "
-            f"what depends on several {'variables' if alone else 'joints'} at once."
-        )
+        size = f"The residual of {loud.joint} is {number_text(loud.ratio, 2)} times the white noise of its sensors"
+        kept = f"torque noise with a correlation time of {loud.correlation * 1e3:.0f} ms"
+        several = f"what depends on several {'variables' if alone else 'joints'} at once"
+        if loud.ratio > UNCLEAR:
+            found = f"{kept}, a fault of the log, a ripple, or {several}"
+            return f"Not clear. {size} and follows no variable alone: {found}. elid diagnose looks for the cause."
+        memory = f" {size}: {kept}, or {several}."
     return f"Nothing that this log shows: no joint's residual follows the motion beyond the sensors' noise.{memory}"
 
 
@@ -85,6 +89,11 @@ def _elastic_words(found: Identification) -> str:
         "moments. elid identify of one log alone, not a long one, without --accurate and --fit, takes it "
         f"out.{besides}"
     )
+
+
+def is_unclear(noise: Sequence[RowNoise]) -> bool:
+    """Whether a residual is so far above the sensors' noise that something may be missing that follows nothing."""
+    return any(item.ratio > UNCLEAR for item in noise)
 
 
 def loud_joints(noise: Sequence[RowNoise]) -> list[str]:

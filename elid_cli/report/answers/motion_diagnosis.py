@@ -18,7 +18,7 @@ from elid_cli.report.answers.identification import base_tables
 from elid_cli.report.answers.identification_json import error_payload, identification_payload
 from elid_cli.report.answers.known import parameter_words
 from elid_cli.report.answers.missing import named_words, spoken, variable_words, whose
-from elid_cli.report.answers.summary import answers, listed, record_sections, share_text
+from elid_cli.report.answers.summary import answers, doubted, listed, record_sections, share_text
 from elid_cli.report.tree import (
     Cell,
     Column,
@@ -118,10 +118,11 @@ def _trust(found: MotionDiagnosis) -> str:
     verdict = f"Not down to the encoders' noise{' at ' + listed([u.joint for u in left])}" if left else "Yes"
     added = ", " + ("even when" if left else "once") + " what is missing is added" if found.effects else ""
     was = f" ({before} without)" if found.effects else ""
-    return (
+    words = (
         f"{verdict}{added}: the motion simulated under the commands is off by {after} {unit} on average{was}, "
         f"at most by {number_text(1e3 * found.position[worst].after, 2)} {unit} rms (at {worst})."
     )
+    return doubted(words, (*found.recording.warnings, *found.after.warnings))
 
 
 def _missing(found: MotionDiagnosis) -> str:

@@ -124,9 +124,15 @@ def trust_words(
 
     `lacking` as `light` has it, of joints; `warnings` of the log may doubt its units, which no prediction shows.
     """
-    words = _predicted_words(robot, error, lacking)
+    return doubted(_predicted_words(robot, error, lacking), warnings)
+
+
+def doubted(words: str, warnings: Sequence[str]) -> str:
+    """Return an answer to whether a model can be trusted with what warnings of the log doubt."""
     verdict, _, rest = words.partition(": ")
-    if verdict not in ("Yes", "Mostly") or not any(doubt in line for line in warnings for doubt in DOUBTS):
+    if verdict.split(",")[0] not in ("Yes", "Mostly") or not any(
+        doubt in line for line in warnings for doubt in DOUBTS
+    ):
         return words
     return f"Only if the log's units and signs are right, which a warning doubts: {rest}"
 

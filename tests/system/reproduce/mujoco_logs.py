@@ -52,7 +52,7 @@ NAMES = ("armature", "Coulomb", "viscous", "offset")
 EFFECTS = ("link_spring", "position_friction", "stribeck", "load_friction", "quadratic_viscous", "torque_ripple",
            "saturation")  # fmt: skip
 SOFT = "soft_friction"
-CUT = 0.75
+CUT = 0.6
 """Part of the torque that the drive of a plant with saturation delivers at most, of what it gives for nearly all of
 the time."""
 WITHIN = 0.03

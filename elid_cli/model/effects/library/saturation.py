@@ -38,7 +38,7 @@ class Saturation(Effect):
             "1",
             "share of the excess that is missing: 1 for a hard limit (the default)",
             low=0.7,
-            high=1.3,
+            high=1.1,
             default=1.0,
         ),
     )

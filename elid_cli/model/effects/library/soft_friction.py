@@ -11,6 +11,11 @@ from elid_cli.model.effects.scene import Scene
 LATEST = 0.1
 """s; a friction that acts farther ahead is none."""
 
+SLOW = 0.1
+"""Part of the top speed below which a joint is about to reverse."""
+SAMPLES = 4.0
+"""Samples that a reversal takes to pass the speed, at least."""
+
 
 class SoftFriction(Effect):
     """Coulomb friction that is proportional to speed below one, in place of holding a joint at rest.
@@ -45,9 +50,16 @@ class SoftFriction(Effect):
 
     @classmethod
     def grid(cls, scene: Scene, joint: int) -> list[tuple[float, ...]]:
-        """Return speeds below half the top speed, without lead."""
-        top = scene.top_speed(joint)
-        return [(part * top, 0.0) for part in (0.01, 0.03, 0.1, 0.3)] if top > 0 else []
+        """Return speeds below half the top speed, without lead, that a reversal takes several samples to pass.
+
+        In fewer, the smoothed velocity of a joint that sticks and starts again looks the same.
+        """
+        top, speed = scene.top_speed(joint), scene.speed(joint)
+        slow = speed < SLOW * top
+        if not top > 0 or not slow.any():
+            return []
+        passed = SAMPLES * scene.dt * float(np.median(np.abs(scene.motion.ddtheta[slow, joint])))
+        return [(part * top, 0.0) for part in (0.01, 0.03, 0.1, 0.3) if part * top >= passed]
 
     def columns(self, scene: Scene) -> Columns:
         """Return the column of the amplitude in the motor row."""
