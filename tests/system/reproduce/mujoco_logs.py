@@ -1,7 +1,7 @@
 """Command logs of public robots simulated by MuJoCo: recovery, coverage, and which missing effect is named.
 
     python -m tests.system.reproduce.mujoco_logs [--logs N] [--first SEED] [--effects N] [--only ROBOT …]
-                                                 [--friction default] [--held] [--torque] [--bodies]
+                                                 [--named EFFECT …] [--friction default] [--held] [--torque] [--bodies]
 
 The first table is of N clean logs per robot: how many armatures, frictions and offsets are within 3 % of the truth, and
 how many 95 % intervals hold it. The second, of N logs per effect, says how often the one effect of the plant, at a
@@ -186,12 +186,12 @@ def lacking(plant: Plant, seed: int, effect: str, joint: int) -> tuple[Recording
     return logged(plant, seed, lambda d: extra_of(effect, joint, d, plant.kind.reach))
 
 
-def diagnosed(names: list[str], first: int, logs: int, *, default: bool = False) -> None:
+def diagnosed(names: list[str], first: int, logs: int, effects: list[str], *, default: bool = False) -> None:
     """Print which effects were named; friction that fades in, of plants that have it, is counted apart."""
     words = ("named", "in set", "wrong", "none")
     print(f"\n{'effect':20}" + "".join(f"{word:>8}" for word in words) + "   others named", flush=True)
     total, fading, joints = dict.fromkeys(words, 0), 0, 0
-    for effect in ("clean", *EFFECTS):
+    for effect in effects:
         counts, others = dict.fromkeys(words, 0), list[str]()
         for number in range(logs):
             name, seed = names[number % len(names)], first + number
@@ -223,6 +223,9 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=100)
     parser.add_argument("--only", nargs="+", choices=KINDS | FURTHER, metavar="ROBOT")
     parser.add_argument("--friction", choices=("stiff", "default"), default="stiff")
+    parser.add_argument(
+        "--named", nargs="+", choices=("clean", *EFFECTS), default=["clean", *EFFECTS], metavar="EFFECT"
+    )
     parser.add_argument("--held", action="store_true")
     parser.add_argument("--torque", action="store_true")
     parser.add_argument("--bodies", action="store_true")
@@ -238,7 +241,7 @@ def main() -> None:
     if options.logs:
         clean(names, options.first, options.logs, default=default, held=options.held)
     if options.effects:
-        diagnosed(names, options.first, options.effects, default=default)
+        diagnosed(names, options.first, options.effects, options.named, default=default)
 
 
 if __name__ == "__main__":
