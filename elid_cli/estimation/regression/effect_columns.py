@@ -14,6 +14,7 @@ from elid_cli.estimation.regression.observation import Observation, pair
 from elid_cli.estimation.regression.own_columns import beside_own
 from elid_cli.estimation.regression.triangles import ExtraColumns, Triangles, to_triangles
 from elid_cli.memory import Recent
+from elid_cli.model.base_parameters import find_base
 from elid_cli.model.effects.declared import Declared, amplitude_prior
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.effects.scene import Scene
@@ -158,25 +159,42 @@ def _joined(motion: Motion, segments: Sequence[Segment]) -> Motion:
 def _torques(model: Regressor, played: _Played, standard: Array, of_links: NDArray[np.intp]) -> tuple[Array, Array]:
     """Return predicted motor torque, (N, n), and the link's share of it (what passes the transmission) of some joints.
 
-    The share is (N, k).
+    The share is (N, k). Where a rotor's inertia shows only in sums with the bodies', which any representative of the
+    parameters divides as it likes, the rotor is the robot file's, as far as that knows it.
     """
     plan, n, motion = model.estimation, model.robot.n, played.motion
     program, place = plan.program.distinct
     known = np.nan_to_num(standard)
     weights = np.zeros((n + len(of_links), program.outputs))
     shares = {int(joint): n + number for number, joint in enumerate(of_links)}
+    rotors = _rotors_in_sums(model) if shares else {}
     for item in plan.rows:
         if item.row.kind == "sum":
             k = item.row.joint
             np.add.at(weights[k], place[item.slots], known[item.columns])
             if k in shares:
                 own = [model.names[c].joint == k and model.names[c].kind in MOTOR_PARAMETERS for c in item.columns]
-                np.add.at(weights[shares[k]], place[item.slots], np.where(own, 0.0, known[item.columns]))
+                share = np.where(own, 0.0, known[item.columns])
+                if k in rotors:
+                    column, inertia = rotors[k]
+                    share = np.where(item.columns == column, known[column] - inertia, share)
+                np.add.at(weights[shares[k]], place[item.slots], share)
     torque = np.empty((motion.samples, len(weights)))
     for start in range(0, motion.samples, _CHUNK):
         part = slice(start, start + _CHUNK)
         torque[part] = (weights @ (_run(program, motion[part]) if played.rows is None else played.rows)).T
     return torque[:, :n], torque[:, n:]
+
+
+def _rotors_in_sums(model: Regressor) -> dict[int, tuple[int, float]]:
+    """Return column and inertia of the rotors that show only in sums, by joint, as far as the robot file knows them."""
+    base, reference = find_base(model), model.robot.reference()
+    found = {}
+    for name in model.robot.rotor_names:
+        column = model.index.get(name)
+        if column is not None and base.classes.get(name) == "combined" and reference[column] > 0:
+            found[name.joint] = (column, float(reference[column]))
+    return found
 
 
 class _Played(NamedTuple):
