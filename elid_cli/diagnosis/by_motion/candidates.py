@@ -89,9 +89,13 @@ def kinds_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[t
 
 
 def tried_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[type[Effect]]:
-    """Return the effects that a search by motion tries: those that it can hold, limits and gains of the torque."""
+    """Return the effects that a search by motion tries: those that it can hold, and what acts on the whole.
+
+    That is limits and gains of the torque, and the direction of gravity.
+    """
     asked = (kind for name, kind in library.items() if (name in only if only else kind.searched))
-    return [*kinds_of(library, only), *(kind for kind in asked if kind.limits_torque or is_gain(kind))]
+    whole = (kind for kind in asked if kind.limits_torque or kind.turns_gravity or is_gain(kind))
+    return [*kinds_of(library, only), *whole]
 
 
 def is_gain(kind: type[Effect]) -> bool:

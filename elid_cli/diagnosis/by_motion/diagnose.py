@@ -10,10 +10,11 @@ import numpy as np
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
+from elid_cli.diagnosis.by_motion.in_turn import searched
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
-from elid_cli.diagnosis.by_motion.search import Searched, search
+from elid_cli.diagnosis.by_motion.search import Searched
 from elid_cli.diagnosis.by_motion.steps import Named
-from elid_cli.diagnosis.by_motion.torque_gains import Gains, found_gains, gain_name, gain_rivals, nearer
+from elid_cli.diagnosis.by_motion.torque_gains import found_gains, gain_rivals
 from elid_cli.diagnosis.by_motion.torque_limits import with_limits
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
@@ -31,7 +32,6 @@ from elid_cli.estimation.trajectory.identification import (
     commanded_runs,
     declared_along,
     identification_of,
-    started_from,
 )
 from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.model.effects import effect_classes, effect_that
@@ -88,18 +88,9 @@ def diagnose_motion(
     found = found or least_squares(robot, signals)
     runs = commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
-    start = started_from(robot, signals)
-    done = search(robot, runs, start, effects, amplitudes, only, progress)
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
-    gains = Gains.of(done.before, done.after, off, signals)
-    scaled = nearer(done.after, gains) & (not only or gain_name() in only)
-    ratio = np.ones(robot.n)
-    if gains is not None and scaled.any() and not done.partial:  # what was found may be what the gains left
-        before, ratio = done.before, np.where(scaled, gains.ratio, 1.0)
-        right = replace(signals, tau=signals.tau / ratio)
-        scaled_runs, start = [run.delivering(ratio) for run in runs], started_from(robot, right)
-        done = replace(search(robot, scaled_runs, start, effects, amplitudes, only, progress), before=before)
-        gains = Gains.of(done.before, done.after, [s for s in off if not scaled[s.joint]], right)
+    world = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
+    done, tilt = world.done, world.tilt
     if progress is not None:
         finishing = "finishing; Ctrl-C again stops at once"
         progress(finishing if done.partial else "searching, judging what was found", 0.9)
@@ -107,29 +98,31 @@ def diagnose_motion(
     after = as_last(done.after, changes)
     cut = {item.joint: item.limit for item in done.limits}
     bound = np.array([cut.get(k, np.inf) for k in range(robot.n)])
-    told = replace(signals, tau=np.clip(signals.tau / ratio, -bound, bound))
-    refined = identification_of(replace(found, robot=with_limits(found.robot, cut)), after, told)
-    of_gains = found_gains(robot, done.before, done.after, [s for s in off if scaled[s.joint]])
+    told = replace(signals, tau=np.clip(signals.tau / world.ratio, -bound, bound))
+    refined = identification_of(replace(found, robot=with_limits(world.robot, cut)), after, told)
+    of_base = () if tilt is None else (tilt.effect(done.before),)
+    of_gains = found_gains(robot, done.before, done.after, [s for s in off if world.scaled[s.joint]])
     refined = replace(refined, effects=(*refined.effects, *(
         FittedEffect(e.effect, e.joint, e.parameters, e.std_error) for e in of_gains
     )))  # fmt: skip
-    rivals = gain_rivals(done.before, done.after, gains, done.named)
+    rivals = gain_rivals(world.plain, done.after, world.gains, done.named)
     # at a joint whose effect no gain imitates, the effect is why the torque is not what the bodies need
     ruled_out = {robot.joint_names[item.effect.joint] for item in done.named} - {rival.joint for rival in rivals}
-    ruled_out |= {robot.joint_names[joint] for joint in (*cut, *np.flatnonzero(scaled).tolist())}
+    ruled_out |= set(robot.joint_names) if tilt is not None else set()
+    ruled_out |= {robot.joint_names[joint] for joint in (*cut, *np.flatnonzero(world.scaled).tolist())}
     scales = [scale for scale in off if robot.joint_names[scale.joint] not in ruled_out]
     refined = replace(refined, warnings=(*refined.warnings, *scale_warnings(robot, scales)))
     views = views_of(done.after)
     return MotionDiagnosis(
         robot, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
-        (*of_gains, *_effects(robot, after, done, len(effects))),
+        (*of_base, *of_gains, *_effects(robot, after, done, len(effects))),
         (*_rivals(robot, done.named, scene_of_fit(after)), *rivals),
         _unexplained(robot, after, views, told),
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),
         untried_of(effect_classes(), robot, only),
-        other_bodies(done.before, columns_of(done.before)),
+        other_bodies(world.plain, columns_of(world.plain)),
     )  # fmt: skip
 
 

@@ -21,11 +21,15 @@ from elid_cli.errors import DataError
 from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.identification import started_from
-from elid_cli.estimation.trajectory.unknowns import Unknowns
+from elid_cli.estimation.trajectory.normal_equations import simulated
+from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns
 from elid_cli.model.effects import effect_that
+from elid_cli.model.linearised import Linearised
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
+BESIDE = 2e-3
+"""Part of itself by which a torque is changed to see what that does."""
 CHECK = "a known payload, held still in several poses, with kp and kd as the drive has them"
 """What separates a torque gain from what imitates it."""
 
@@ -98,6 +102,26 @@ def nearer(after: TrajectoryFit, gains: Gains | None) -> NDArray[np.bool_]:
         assert gains is not None
         mine, its = (fit.equations.lighter[:, joint] for fit in (after, gains.fit))
         found[joint] = kind.applies(robot, joint) and clearly_more(mine, its)
+    return found
+
+
+def moved_by_gains(fit: TrajectoryFit, joints: Sequence[int]) -> list[Array]:
+    """Return how the positions of a fit's stretches change with the torque of some joints' drives over what it is.
+
+    rad (m), (N, n, joints) each.
+    """
+    own = fit.unknowns
+    equations, parameters = Linearised(own.robot, without=PARAMETERS), own.robot.reference()
+    found = []
+    for item in fit.tracked:
+        ratios = [np.ones(own.robot.n), *(1.0 + BESIDE * np.eye(own.robot.n)[joint] for joint in joints)]
+        errors = [
+            simulated(
+                equations, replace(item, run=item.run.delivering(ratio)), own, fit.z, parameters, plain=True
+            ).error
+            for ratio in ratios
+        ]
+        found.append(np.stack([error - errors[0] for error in errors[1:]], axis=2) / BESIDE)
     return found
 
 

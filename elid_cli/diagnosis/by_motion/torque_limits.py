@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.diagnosis.by_motion.beside import Beside
 from elid_cli.diagnosis.by_motion.candidates import (
     STILL,
     Candidate,
@@ -30,13 +29,11 @@ from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
 from elid_cli.diagnosis.by_motion.refits import again, known_of
 from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
 from elid_cli.errors import DataError
-from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without
-from elid_cli.estimation.trajectory.block_sums import BLOCKS, DAMPING, SHORT
+from elid_cli.estimation.regression.normal_equations import step_of
+from elid_cli.estimation.trajectory.block_sums import DAMPING
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit
-from elid_cli.estimation.trajectory.loss import bent, weighed
 from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
-from elid_cli.estimation.trajectory.softening import columns_of
 from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
@@ -53,7 +50,7 @@ ROUNDS = 3
 """Times that limits are looked for: what one joint does hides what others of its chain do."""
 BESIDE = 2e-3
 """Part of itself by which a limit is moved to see what it does."""
-STEPS, FARTHEST, SETTLED = 8, 0.1, 0.3
+STEPS, FARTHEST, SETTLED = 10, 0.1, 0.3
 """Steps by which a limit is fitted, the part of itself that it moves by at most, and the standard errors that do not
 matter."""
 
@@ -116,11 +113,12 @@ def sharpened(fit: TrajectoryFit, limits: Sequence[TorqueLimit]) -> tuple[Trajec
     if not limits:
         return fit, ()
     for number in range(STEPS):
-        beside = _Beside.of(fit, limits)
-        limits = [replace(item, deviation=float(d)) for item, d in zip(limits, beside.deviations, strict=True)]
-        if number == STEPS - 1 or (np.abs(beside.steps) <= SETTLED * beside.deviations).all():
+        beside, size = Beside.of(fit, _moved(fit, limits)), np.array([item.limit for item in limits])
+        deviations = np.hypot(beside.deviations, COARSE * size)
+        limits = [replace(item, deviation=float(d)) for item, d in zip(limits, deviations, strict=True)]
+        if number == STEPS - 1 or (np.abs(beside.steps) <= SETTLED * deviations).all():
             break
-        farthest = FARTHEST * np.array([item.limit for item in limits])
+        farthest = FARTHEST * size
         moved = np.clip(beside.steps, -farthest, farthest)
         nearer = [replace(item, limit=item.limit + float(d)) for item, d in zip(limits, moved, strict=True)]
         other = _moved_on(fit, {item.joint: item.limit for item in nearer})
@@ -237,56 +235,6 @@ def _gain(fit: TrajectoryFit, other: TrajectoryFit, joint: int) -> float:
     if after[chain].sum() > before[chain].sum():
         return 0.0
     return float(1.0 - after[joint] / max(before[joint], 1e-300))
-
-
-@dataclass(frozen=True)
-class _Beside:
-    """Limits as further unknowns of a fit."""
-
-    steps: Array
-    """By how much they move, with all others, N·m (N), (L,)."""
-    deviations: Array
-    """Standard errors, by parts of the log that are left out, (L,)."""
-    added: Array
-    """What their errors add to the covariance of the others, (U, U)."""
-
-    @classmethod
-    def of(cls, fit: TrajectoryFit, limits: Sequence[TorqueLimit]) -> _Beside:
-        own, joints = fit.unknowns, [item.joint for item in limits]
-        steps, deviations, added = np.zeros(len(joints)), np.zeros(len(joints)), np.zeros((own.count, own.count))
-        columns, moved = columns_of(fit), _moved(fit, limits)
-        errors = [np.nan_to_num(item.x[:, : own.robot.n] + item.finer - item.run.measured) for item in fit.tracked]
-        seen = [weighed(error, item.usual, item.counts) for error, item in zip(errors, fit.tracked, strict=True)]
-        bend = np.sqrt(bent(seen))
-        for chain, members in enumerate(own.chains):
-            places = [k for k, joint in enumerate(joints) if joint in members]
-            if not places:
-                continue
-            free = np.setdiff1d(np.flatnonzero(np.isin(own.chain_of, (chain, len(own.chains)))), _still(fit))
-            matrices, loads = [], []
-            for part, of_others, of_limits in zip(seen, columns, moved, strict=True):
-                light = (part.light / np.maximum(fit.equations.size, 1e-12))[:, members]
-                both = np.concatenate([of_others[:, members][:, :, free], of_limits[:, members][:, :, places]], axis=2)
-                both, error = both * light[:, :, None], part.error[:, members] * light
-                for a, b in pairwise(np.linspace(0, len(error), BLOCKS * SHORT + 1).astype(int)):
-                    bending = (both[a:b] * bend[members, None]).reshape(-1, both.shape[2])
-                    matrices.append(bending.T @ bending)
-                    loads.append(both[a:b].reshape(-1, both.shape[2]).T @ error[a:b].ravel())
-            matrix, load, first = np.array(matrices), np.array(loads), len(free)
-            steps[places] = step_of(matrix.sum(axis=0), load.sum(axis=0), DAMPING)[first:]
-            spread = jackknife(steps_without(matrix, load, DAMPING))[first:, first:]
-            coarse = COARSE * np.array([limits[k].limit for k in places])
-            deviations[places] = np.hypot(np.sqrt(np.diag(spread)), coarse)
-            whole = matrix.sum(axis=0)
-            slopes = np.array([step_of(whole[:first, :first], column, DAMPING) for column in whole[:first, first:].T])
-            added[np.ix_(free, free)] += slopes.T @ spread @ slopes
-        return cls(steps, deviations, added)
-
-
-def _still(fit: TrajectoryFit) -> NDArray[np.intp]:
-    """Return the unknowns that stay where they are: delays that the log does not show."""
-    found: NDArray[np.intp] = fit.unknowns.delays.start + np.flatnonzero(fit.delays == 0)
-    return found
 
 
 def _moved(fit: TrajectoryFit, limits: Sequence[TorqueLimit]) -> list[Array]:

@@ -35,6 +35,8 @@ SHOWN = 3.0
 """Standard errors by which a width or a lead must be clear of 0."""
 HELPED = 0.75
 """Part of the blocks of time, simulated by values found without them, that it must make better."""
+SPOILT = 1.5
+"""Times the size of a joint's error before from which the fit has lost it on the way."""
 
 Refit = Callable[[Unknowns, TrajectoryFit, Array], TrajectoryFit]
 """Fits unknowns, started from given ones (U,), to the stretches of a fit."""
@@ -75,7 +77,8 @@ def softened(hard: TrajectoryFit, refit: Refit, columns: Sequence[Array] | None 
             ours = [found.effects[found.unknowns.soft[effect.joint]] for effect in asked]
             kept = [effect for effect in ours if _stays(found, effect, hard)]
             if len(kept) == len(asked):
-                return replace(found, held=hard)
+                spoilt = bool((found.equations.size > SPOILT * hard.equations.size).any())
+                return hard if spoilt else replace(found, held=hard)
             asked = kept
     except DataError:  # the motion ran away
         pass

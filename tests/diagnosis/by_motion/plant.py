@@ -38,13 +38,13 @@ def robot(folder: Path) -> Robot:
 
 def moved(
     seed: int = 0, duration: float = 16.0, delay: float = 0.0, push: Extra | None = None, grip: Extra | None = None,
-    noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf,
+    noise: float = 1e-4, jitter: float = 0.0, limit: np.ndarray | float = np.inf, tilt: float = 0.0,
 ) -> Recording:  # fmt: skip
     """Return a log of commands and noisy positions.
 
     `push` is a torque that the joints need, `grip` what Coulomb friction is beyond `COULOMB`, both of q, its rate, and
     what the bodies need, (3,). Positions are sampled `jitter` s (rms) beside their stamps. Drives deliver at most
-    `limit`.
+    `limit`. Gravity is turned by `tilt`, rad, about the pendulums' axes.
     """
     rng = np.random.default_rng(seed)
     count, fine = round(duration / DT) + 1, round(DT / STEP)
@@ -65,7 +65,7 @@ def moved(
         """Return the velocity after a time under what acts at a state."""
         asked = KP * (q_des[told] - where) + KD * (dq_des[told] - speed)
         torque = np.clip(asked, -limit, limit) - OFFSET - VISCOUS * speed
-        torque -= weight * np.sin(where) + (push(where, speed, bodies) if push is not None else 0.0)
+        torque -= weight * np.sin(where - tilt) + (push(where, speed, bodies) if push is not None else 0.0)
         pulled = torque / inertia
         braked = (COULOMB + (grip(where, speed, bodies) if grip is not None else 0.0)) / inertia
         slid = v + over * (pulled - np.sign(v) * braked)
@@ -80,7 +80,7 @@ def moved(
         # by the middle of each step: steps that act on their start only are half a step late, which is inertia
         half = moved_by(told, 0.5 * STEP, x, v)
         after = moved_by(told, STEP, x + 0.25 * STEP * (v + half), half)
-        bodies = legs * (after - v) / STEP + weight * np.sin(x)
+        bodies = legs * (after - v) / STEP + weight * np.sin(x - tilt)
         x, v = x + 0.5 * STEP * (v + after), after
         states[k + 1], speeds[k + 1] = x, v
     at = t + np.clip(jitter * rng.standard_normal(count), -0.9 * DT, 0.9 * DT)

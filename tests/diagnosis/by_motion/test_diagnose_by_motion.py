@@ -73,7 +73,7 @@ def test_effects_that_no_motion_is_searched_for_are_told(tmp_path: Path, capsys:
     said = " ".join(capsys.readouterr().out.split())
     assert "No effect that was tried by motion brings the motion nearer" in said
     assert "Not tried by motion" in said
-    assert "gravity direction" in said
+    assert "payload" in said
     assert "that elid knows" not in said
 
 

@@ -1,0 +1,75 @@
+"""Further unknowns of a trajectory fit, such as limits of torques, by how they move its simulated positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from elid_cli._types import Array
+from elid_cli.estimation.regression.normal_equations import jackknife, step_of, steps_without
+from elid_cli.estimation.trajectory.block_sums import BLOCKS, DAMPING, SHORT
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
+from elid_cli.estimation.trajectory.loss import bent, weighed
+from elid_cli.estimation.trajectory.softening import columns_of
+
+FAR = 10.0
+"""Standard errors from which a step is a large one."""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """L further unknowns, beside the U of a fit."""
+
+    steps: Array
+    """By how much they move, with all others, (L,) …"""
+    along: Array
+    """… and by how much these do, (U,)."""
+    deviations: Array
+    """Standard errors, by short parts of the log that are left out, (L,)."""
+    added: Array
+    """What their errors add to the covariance of the others, (U, U)."""
+
+    @classmethod
+    def of(cls, fit: TrajectoryFit, moved: Sequence[Array]) -> Beside:
+        """Return them by how the positions of the fit's stretches change with them, (N, n, L) each."""
+        own, n = fit.unknowns, fit.unknowns.robot.n
+        columns, count = columns_of(fit), moved[0].shape[2]
+        errors = [np.nan_to_num(item.x[:, :n] + item.finer - item.run.measured) for item in fit.tracked]
+        seen = [weighed(error, item.usual, item.counts) for error, item in zip(errors, fit.tracked, strict=True)]
+        bend, size = np.sqrt(bent(seen)), np.maximum(fit.equations.size, 1e-12)
+        parts = BLOCKS * SHORT * len(seen)
+        width = own.count + count
+        matrix, load, straight = np.zeros((parts, width, width)), np.zeros((parts, width)), np.zeros((width, width))
+        further = np.arange(own.count, own.count + count)
+        for chain, joints in enumerate(own.chains):  # their unknowns and the delays move them, no others
+            here = np.append(np.flatnonzero(np.isin(own.chain_of, (chain, len(own.chains)))), further)
+            place = 0
+            for part, of_own, of_further in zip(seen, columns, moved, strict=True):
+                light = (part.light / size)[:, joints]
+                both = np.concatenate([of_own, of_further], axis=2)[:, joints][:, :, here] * light[:, :, None]
+                force = part.error[:, joints] * light
+                for a, b in pairwise(np.linspace(0, len(force), BLOCKS * SHORT + 1).astype(int)):
+                    bending = (both[a:b] * bend[joints, None]).reshape(-1, len(here))
+                    plain = both[a:b].reshape(-1, len(here))
+                    matrix[place][np.ix_(here, here)] += bending.T @ bending
+                    straight[np.ix_(here, here)] += plain.T @ plain
+                    load[place, here] += plain.T @ force[a:b].ravel()
+                    place += 1
+        shown = np.setdiff1d(np.arange(own.count), own.delays.start + np.flatnonzero(fit.delays == 0))
+        used = np.append(shown, further)
+        matrix, load, first = matrix[:, used][:, :, used], load[:, used], len(shown)
+        whole = matrix.sum(axis=0)
+        spread = jackknife(steps_without(matrix, load, DAMPING))[first:, first:]
+        slopes = np.array([step_of(whole[:first, :first], column, DAMPING) for column in whole[:first, first:].T])
+        added = np.zeros((own.count, own.count))
+        added[np.ix_(shown, shown)] = slopes.T @ spread @ slopes
+        deviations = np.sqrt(np.diag(spread))
+        near, far = (step_of(m, load.sum(axis=0), DAMPING) for m in (whole, straight[np.ix_(used, used)]))
+        # an error that is no noise bends as the weights alone have it, and steps by the loss would go too far
+        step = near if (np.abs(near[first:]) <= FAR * deviations).all() else far
+        along = np.zeros(own.count)
+        along[shown] = step[:first]
+        return cls(step[first:], along, deviations, added)

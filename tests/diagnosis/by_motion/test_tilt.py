@@ -1,0 +1,34 @@
+"""A base that is not level, told by the motion: on a plant that shares no code with elid."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
+from elid_cli.experiment.replay.replay import replay
+from elid_cli.logs.reading import read_recording
+from elid_cli.signals.signals import prepare
+from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, OFFSET, VISCOUS, moved, robot, written
+
+
+@pytest.mark.parametrize(("tilt", "seed"), [(0.06, 5), (-0.1, 6)])
+def test_a_tilted_base_is_named_in_place_of_springs(tmp_path: Path, tilt: float, seed: int) -> None:
+    arm = robot(tmp_path)
+    recording = moved(seed, 12.0, tilt=tilt)
+    found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "tilt.h5", recording)], arm), arm))
+    assert [(e.effect, e.joint) for e in found.effects] == [("gravity_direction", None)]
+    (effect,) = found.effects
+    assert effect.parameters["pitch"] == pytest.approx(tilt, rel=0.02)
+    assert abs(effect.parameters["pitch"] - tilt) < 4 * effect.std_error["pitch"]
+    assert "roll" not in effect.std_error  # no pendulum feels it
+    assert not found.unexplained
+    assert not found.other_bodies
+    truth = np.stack([ARMATURE, COULOMB, VISCOUS, OFFSET], axis=1)
+    error = found.fit_after.unknowns.joint_values(found.fit_after.deviation)
+    assert np.abs((found.fit_after.values - truth) / error).max() < 4
+    # the robot that is written hangs in that gravity
+    assert found.refined.gravity != arm.gravity
+    assert replay(found.refined, recording).mean_abs < 3e-4
