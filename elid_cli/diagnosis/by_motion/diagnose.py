@@ -12,9 +12,9 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
 from elid_cli.diagnosis.by_motion.in_turn import searched
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
-from elid_cli.diagnosis.by_motion.search import Searched
+from elid_cli.diagnosis.by_motion.search import ALIKE, Searched
 from elid_cli.diagnosis.by_motion.steps import Named
-from elid_cli.diagnosis.by_motion.torque_gains import found_gains, gain_rivals
+from elid_cli.diagnosis.by_motion.torque_gains import CHECK, found_gains, gain_rivals
 from elid_cli.diagnosis.by_motion.torque_limits import with_limits
 from elid_cli.diagnosis.by_motion.views import views_of
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
@@ -45,6 +45,8 @@ BINS = 16
 ONE_CURVE = 0.98
 """Part of an effect's torque that other first moments of the links would make as well, from which both are named."""
 MOMENTS = ("cx", "cy", "cz")
+MOMENT = "first_moment"
+"""What other masses of bodies are called among rivals."""
 
 
 def least_squares(robot: Robot, signals: Signals) -> Identification:
@@ -117,12 +119,21 @@ def diagnose_motion(
         robot, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
         (*of_base, *of_gains, *_effects(robot, after, done, len(effects))),
-        (*_rivals(robot, done.named, scene_of_fit(after)), *rivals),
+        (*_rivals(robot, done.named, scene_of_fit(after)), *rivals, *_bodies_for(of_gains, done.before)),
         _unexplained(robot, after, views, told),
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),
         untried_of(effect_classes(), robot, only),
         other_bodies(world.plain, columns_of(world.plain)),
+    )  # fmt: skip
+
+
+def _bodies_for(gains: Sequence[FoundEffect], before: TrajectoryFit) -> tuple[Rival, ...]:
+    """Return other bodies as rivals of gains, where they bring a joint's motion as near."""
+    asked = other_bodies(before, columns_of(before)) if gains else {}
+    return tuple(
+        Rival(MOMENT, e.joint, e.effect, asked[e.joint], {}, CHECK)
+        for e in gains if e.joint is not None and asked.get(e.joint, 0.0) > ALIKE * e.gain
     )  # fmt: skip
 
 
@@ -166,8 +177,7 @@ def _rivals(robot: Robot, named: Sequence[Named], scene: Scene) -> tuple[Rival, 
                 found.setdefault((c.effect.name, joint), rival)
         if item.effect.place == "link" and _as_moments(robot, item.effect, scene) > ONE_CURVE:
             separate = "the joint's full range, with and without a known payload"
-            rival = Rival("first_moment", joint, item.effect.name, item.gain, {}, separate)
-            found.setdefault(("first_moment", joint), rival)
+            found.setdefault((MOMENT, joint), Rival(MOMENT, joint, item.effect.name, item.gain, {}, separate))
     return tuple(found.values())
 
 

@@ -26,15 +26,15 @@ from elid_cli.diagnosis.by_motion.candidates import (
 )
 from elid_cli.diagnosis.by_motion.held_out import Blocks, gain
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
-from elid_cli.diagnosis.by_motion.refits import again, known_of
+from elid_cli.diagnosis.by_motion.refits import again
 from elid_cli.diagnosis.by_motion.views import own_unknowns, seen_by, views_of
 from elid_cli.errors import DataError
 from elid_cli.estimation.regression.normal_equations import step_of
 from elid_cli.estimation.trajectory.block_sums import DAMPING
 from elid_cli.estimation.trajectory.decided import fit_trajectory
-from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit
+from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
-from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns
+from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS, Unknowns
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
 from elid_cli.model.linearised import Linearised
@@ -42,12 +42,16 @@ from elid_cli.robot.robot import Robot
 
 PEAKS, TRIED = (0.4, 0.999), 40
 """Parts of the log that the torque of a joint is below at the lowest and the highest limit tried, and how many are."""
+SMALLEST = 1e-4
+"""Least inertia and friction to start from."""
 FINER, NARROWED = 9, 3
 """Limits tried about the best, and times that they are."""
 LEAST = 0.15
 """Part of a joint's squared error that a limit must take away."""
 ROUNDS = 3
 """Times that limits are looked for: what one joint does hides what others of its chain do."""
+STEPPED = 3e-4
+"""Part of itself to which the steps of the simulation, in which a drive enters its limit, give it."""
 BESIDE = 2e-3
 """Part of itself by which a limit is moved to see what it does."""
 STEPS, FARTHEST, SETTLED = 10, 0.1, 0.3
@@ -81,9 +85,9 @@ def limited(fit: TrajectoryFit, kinds: Sequence[type[Effect]]) -> tuple[Trajecto
     found: dict[int, float] = {}
     gains: dict[int, float] = {}
     for _ in range(ROUNDS):
-        asked = _asked(fit, kinds, found)
+        asked, near = _asked(fit, kinds, found)
         while asked:
-            other = _refitted(fit, asked)
+            other = _refitted(fit, asked, near)
             better = {} if other is None else {j: share for j in asked if (share := _gain(fit, other, j)) >= LEAST}
             if other is not None and len(better) == len(asked):
                 fit, found, gains = other, found | asked, gains | better
@@ -114,31 +118,37 @@ def sharpened(fit: TrajectoryFit, limits: Sequence[TorqueLimit]) -> tuple[Trajec
         return fit, ()
     for number in range(STEPS):
         beside, size = Beside.of(fit, _moved(fit, limits)), np.array([item.limit for item in limits])
-        deviations = np.hypot(beside.deviations, COARSE * size)
+        deviations = np.hypot(beside.deviations, STEPPED * size)
         limits = [replace(item, deviation=float(d)) for item, d in zip(limits, deviations, strict=True)]
         if number == STEPS - 1 or (np.abs(beside.steps) <= SETTLED * deviations).all():
             break
         farthest = FARTHEST * size
         moved = np.clip(beside.steps, -farthest, farthest)
         nearer = [replace(item, limit=item.limit + float(d)) for item, d in zip(limits, moved, strict=True)]
-        other = _moved_on(fit, {item.joint: item.limit for item in nearer})
-        if other is None:
+        other = _moved_on(fit, {item.joint: item.limit for item in nearer}, beside.along)
+        if other is None or _loss(other) > _loss(fit):
             break
         fit, limits = other, nearer
     return replace(fit, covariance=fit.covariance + beside.added), tuple(limits)
 
 
-def _asked(fit: TrajectoryFit, kinds: Sequence[type[Effect]], known: Mapping[int, float]) -> dict[int, float]:
-    """Return limits to try, N·m (N), by joint: those that take away more than anything else that may be missing."""
+def _asked(
+    fit: TrajectoryFit, kinds: Sequence[type[Effect]], known: Mapping[int, float]
+) -> tuple[dict[int, float], Array]:
+    """Return limits to try, N·m (N), by joint: those that take away more than anything else that may be missing.
+
+    With them come drive parameters to start from, (n, 4): those that go with the limits along the measured motion.
+    """
     views = views_of(fit)
     measured = measured_views(fit, views)
     kind, found = effect_that(limits_torque=True), {}
     (amplitude,) = kind.amplitudes
+    near = fit.values.copy()
     for joint in range(fit.unknowns.robot.n):
         if joint in known or not is_clean(views, measured, joint):
             continue
         own = own_unknowns(fit.unknowns, joint)
-        limit, share, part = _best(seen_by(measured, own, joint), joint)
+        limit, share, part, change = _best(seen_by(measured, own, joint), joint)
         if share < LEAST or not amplitude.low <= part <= amplitude.high:
             continue
         rivals: list[list[Candidate]] = [
@@ -146,13 +156,15 @@ def _asked(fit: TrajectoryFit, kinds: Sequence[type[Effect]], known: Mapping[int
         ]
         if all(rival.gain < share for rival in best_of(*rivals)):
             found[joint] = limit
-    return found
+            near[joint, : len(PARAMETERS)] = np.maximum((near[joint] + change)[: len(PARAMETERS)], SMALLEST)
+            near[joint, len(PARAMETERS) :] += change[len(PARAMETERS) :]
+    return found, near
 
 
-def _best(views: Sequence[View], joint: int) -> tuple[float, float, float]:
+def _best(views: Sequence[View], joint: int) -> tuple[float, float, float, Array]:
     """Return the limit that takes away most at a joint, its gain, and which part of the excess is missing by the data.
 
-    The views' columns are those of the joint's own unknowns.
+    The views' columns are those of the joint's own unknowns. Last comes by how much its drive parameters then change.
     """
     recordings = [
         (own, np.concatenate([v.columns for v in own]), np.concatenate([v.error[:, joint] for v in own]), edges_of(own))
@@ -175,11 +187,13 @@ def _best(views: Sequence[View], joint: int) -> tuple[float, float, float]:
         if number < NARROWED:
             tried = np.linspace(low, high, FINER)
     share, _ = gain(plain, left(best))
-    amounts = []
+    amounts, changes = [], []
     for own, columns, error, _ in recordings:
-        both = np.concatenate([columns, _excess(own, joint, best)[:, None]], axis=1)
+        excess = _excess(own, joint, best)
+        both = np.concatenate([columns, excess[:, None]], axis=1)
         amounts.append(float(step_of(both.T @ both, both.T @ error, DAMPING)[-1]))
-    return float(best), share, float(np.median(amounts))
+        changes.append(step_of(columns.T @ columns, columns.T @ (error + excess), DAMPING)[: len(KINDS)])
+    return float(best), share, float(np.median(amounts)), np.asarray(np.median(changes, axis=0))
 
 
 def _excess(views: Sequence[View], joint: int, limit: float) -> Array:
@@ -192,28 +206,32 @@ def _excess(views: Sequence[View], joint: int, limit: float) -> Array:
     return np.concatenate(found)
 
 
-def _refitted(fit: TrajectoryFit, limits: Mapping[int, float]) -> TrajectoryFit | None:
-    """Return the fit with other limits of some joints, found anew; None where the simulated motion runs away."""
+def _refitted(fit: TrajectoryFit, limits: Mapping[int, float], near: Array) -> TrajectoryFit | None:
+    """Return the fit with other limits of some joints, found anew; None where the simulated motion runs away.
+
+    It starts from drive parameters `near`, (n, 4).
+    """
     own = fit.unknowns
     robot = with_limits(own.robot, limits)
     declared = fit.effects[: own.held]
     amplitudes = [fit.z[own.amplitudes_of(k)] for k, effect in enumerate(declared) if not effect.softens]
     known = np.concatenate([np.zeros(0), *amplitudes]).tolist()
     try:
-        return fit_trajectory(robot, [item.run for item in _cut(fit, robot)], fit.values, declared, known)
+        return fit_trajectory(robot, [item.run for item in _cut(fit, robot)], near, declared, known)
     except DataError:
         return None
 
 
-def _moved_on(fit: TrajectoryFit, limits: Mapping[int, float]) -> TrajectoryFit | None:
-    """Return the fit with slightly other limits, its effects kept; None where the simulated motion runs away."""
+def _moved_on(fit: TrajectoryFit, limits: Mapping[int, float], along: Array) -> TrajectoryFit | None:
+    """Return the fit with slightly other limits, its effects kept; None where the simulated motion runs away.
+
+    `along` is by how much its unknowns move with the limits, (U,).
+    """
     own = fit.unknowns
     robot = with_limits(own.robot, limits)
     unknowns = Unknowns(robot, fit.effects, own.recordings, own.held)
     try:
-        found = again(
-            replace(fit, tracked=tuple(_cut(fit, robot))), unknowns, known_of(fit, unknowns, fit.z[own.amplitudes])
-        )
+        found = again(replace(fit, tracked=tuple(_cut(fit, robot))), unknowns, fit.z + along)
     except DataError:
         return None
     return replace(found, held=fit.held)
@@ -226,6 +244,11 @@ def _cut(fit: TrajectoryFit, robot: Robot) -> list[Tracked]:
         replace(item, run=replace(item.run, drives=replace(item.run.drives, limit=bound)), local=None)
         for item in fit.tracked
     ]
+
+
+def _loss(fit: TrajectoryFit) -> float:
+    """Return what a fit makes small, by the sizes of its joints' errors."""
+    return float(np.log(np.maximum(fit.equations.size, 1e-12)).sum())
 
 
 def _gain(fit: TrajectoryFit, other: TrajectoryFit, joint: int) -> float:
