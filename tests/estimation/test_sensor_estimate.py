@@ -148,3 +148,17 @@ def test_the_collocation_leaves_the_sensors_answer() -> None:
     result = found(logged(), accurate=True)
     assert result.estimator == "default"
     assert any("does not use the joint torque sensors" in note for note in result.notes)
+
+
+def test_friction_that_the_load_makes_is_seen_beside_a_sensor_and_the_friction_it_bends_is_marked() -> None:
+    made = motion()
+    log, speed = logged(), np.gradient(made.recording.theta[:, 1], made.recording.dt)
+    assert log.tau_link is not None
+    extra = 0.15 * np.abs(log.tau_link[:, 1]) * np.tanh(speed / 1e-3)
+    log = replace(log, tau=log.tau + np.stack([np.zeros_like(extra), extra], axis=1))
+    result = found(log)
+    assert result.model == "insufficient"
+    assert {(item.joint, item.rows) for item in result.insufficient} == {("joint2", "drive")}
+    marked = {item.name for item in result.parameters if item.bias_possible}
+    assert "fs2" in marked
+    assert "fs1" not in marked

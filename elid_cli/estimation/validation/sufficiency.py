@@ -177,7 +177,9 @@ def _judged_rows(
         if size < ABOVE * least:
             continue
         if row.joint not in said.curves:
-            said.curves[row.joint] = motion_curves(signals, row.joint, robot, group.target - residual)
+            # beside a joint torque sensor a drive's own row holds rotor and friction alone, not what loads them
+            whole = observation.tau[row.joint] if row.kind == "drive" else group.target
+            said.curves[row.joint] = motion_curves(signals, row.joint, robot, whole - residual)
         found = followed(residual, use, own(group), said.curves[row.joint])
         seen = size * float(np.sqrt(max(found.share, 0.0)))
         if found.beyond and seen > VISIBLE * least:
@@ -213,6 +215,20 @@ def _excerpt(fit: DefaultFit) -> DefaultFit:
     return replace(fit, data=data, nuisances=nuisances, triangles=data.triangles(nuisances))
 
 
+def _acted(rows: Sequence[EstimationRow]) -> frozenset[Kind]:
+    """Return the kinds of a joint's rows that a torque acts in which some of them lack.
+
+    With a joint torque sensor the motor's side, the link's and the transmission have a row each. Without, the sum row
+    alone is the link's side, and the motor row alone the spring, which the sum does not hold.
+    """
+    kinds = {row.kind for row in rows}
+    if "drive" in kinds:
+        return frozenset({"drive", "motor", "sum"})
+    if kinds & {"load", "spring"}:
+        return frozenset({"load", "sum"} if "load" in kinds else {"spring", "motor"})
+    return frozenset(kinds)
+
+
 def _movable(fit: DefaultFit, seen: _Seen) -> NDArray[np.bool_]:
     """Return the base parameters that the missing torque can move, (b,): those that its curves, as unknowns, do."""
     missing, curves = seen.missing, seen.curves
@@ -221,12 +237,7 @@ def _movable(fit: DefaultFit, seen: _Seen) -> NDArray[np.bool_]:
         rows = [row for row, _, _ in missing if row.joint == joint]
         names = dict.fromkeys(name for row, groups, _ in missing if row.joint == joint for name in groups)
         values = np.concatenate([curves[joint][name] for name in names])
-        side = {EstimationRow("motor", joint), EstimationRow("drive", joint)}
-        acted = [g.row for g in fit.observation.groups if g.row.joint == joint and g.row.kind != "link"]
-        if not any(row in side for row in rows):  # the sum row alone: the link's side
-            acted = [row for row in acted if row not in side]
-        elif EstimationRow("sum", joint) not in rows:  # the motor row alone: in the spring, which the sum does not hold
-            acted = [row for row in acted if row.kind != "sum"]
+        acted = [g.row for g in fit.observation.groups if g.row.joint == joint and g.row.kind in _acted(rows)]
         extras.append(ExtraColumns("missing", dict.fromkeys(acted, values), ("",) * len(values)))
         size = max(seen for row, _, seen in missing if row.joint == joint)
         sizes += [HIDDEN * size / max(float(np.sqrt(np.mean(v**2))), 1e-12) for v in values]
