@@ -28,6 +28,7 @@ from elid_cli.estimation.validation.following import PACE, followed, memory, mot
 from elid_cli.estimation.validation.noise_floor import Floor, propagated
 from elid_cli.estimation.validation.prediction import Validation, validate
 from elid_cli.estimation.validation.too_quiet import too_quiet
+from elid_cli.estimation.validation.unpredicted import unpredicted
 from elid_cli.model.regressor import EstimationRow, Kind
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.excerpts import excerpts
@@ -58,14 +59,15 @@ def judged_model(found: Identification, *said: Judgement | None) -> Identificati
     insufficient = {(i.joint, i.rows): i for one in told for i in sorted(one.insufficient, key=lambda i: i.ratio)}
     biased = np.any([one.biased for one in told], axis=0)
     records = zip(found.parameters, biased.tolist(), strict=True)
+    error = above_noise(found.error, found.robot, noise)
     return replace(
         found,
-        error=above_noise(found.error, found.robot, noise),
+        error=error,
         parameters=tuple(replace(item, bias_possible=marked) for item, marked in records),
         noise=noise,
         insufficient=tuple(insufficient.values()),
         model="insufficient" if insufficient else "sufficient",
-        warnings=(*found.warnings, *too_quiet(found, noise)),
+        warnings=(*found.warnings, *too_quiet(found, noise), *unpredicted(error)),
     )
 
 
