@@ -179,6 +179,12 @@ def _record(found: MotionDiagnosis, further: inputs.Items, robot_argument: str) 
     record, planned = record_sections(found.after, further, (found.recording.files[0], robot_argument))
     if planned:
         return record, planned
+    if found.unexplained:
+        left = [item.joint for item in found.unexplained]
+        alone = (
+            f"{left[0]} moved alone, then the others with it still" if len(left) == 1 else "each of them moved alone"
+        )
+        return f"What tells what is left at {listed(left)}: {alone}.", []
     return "Nothing more for these parameters; another run of the same machine would check them (elid replay).", []
 
 

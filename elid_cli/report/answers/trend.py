@@ -77,11 +77,13 @@ def _changed(found: Trends) -> str:
 
 
 def _size(item: Trend, count: int) -> str:
+    """Return by how much a parameter changed, as a share of what it was before, or at first."""
     s = item.series
     if item.word == "step" and s.step is not None:
-        return f"by {signed_share(s.step.size / abs(s.mean))} at once after recording {s.step.after + 1}"
-    reach = float(s.place[-1] - s.place[0])
-    return f"by {signed_share(s.slope * reach / abs(s.mean))} from the first to the last"
+        before = s.mean - s.step.size * (count - s.step.after - 1) / count
+        return f"by {signed_share(s.step.size / abs(before))} at once after recording {s.step.after + 1}"
+    reach, middle = float(s.place[-1] - s.place[0]), float(sum(s.place) / len(s.place) - s.place[0])
+    return f"by {signed_share(s.slope * reach / abs(s.mean - s.slope * middle))} from the first to the last"
 
 
 def _disagreeing(found: Trends) -> str:
