@@ -29,5 +29,5 @@ def test_a_torque_that_is_noise_alone_is_none() -> None:
         return JointError(relative, relative, None, None, 1.0, floor)
 
     assert unpredicted({"a": error(1.0, 0.8)}) == ()
-    assert unpredicted({"a": error(0.5, None)}) == ()
+    assert unpredicted({"a": error(0.5, None), "c": error(1.0, None)}) == ()
     assert "b" in unpredicted({"a": error(0.5, None), "b": error(1.2, 0.01)})[0]

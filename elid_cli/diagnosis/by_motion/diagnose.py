@@ -103,7 +103,7 @@ def diagnose_motion(
     told = replace(signals, tau=np.clip(signals.tau / world.ratio, -bound, bound))
     refined = identification_of(replace(found, robot=with_limits(world.robot, cut)), after, told)
     of_base = () if tilt is None else (tilt.effect(done.before),)
-    of_gains = found_gains(robot, done.before, done.after, [s for s in off if world.scaled[s.joint]])
+    of_gains = found_gains(robot, done.before, done.after, world.taken, world.scaled)
     refined = replace(refined, effects=(*refined.effects, *(
         FittedEffect(e.effect, e.joint, e.parameters, e.std_error) for e in of_gains
     )))  # fmt: skip
@@ -119,7 +119,8 @@ def diagnose_motion(
         robot, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
         (*of_base, *of_gains, *_effects(robot, after, done, len(effects))),
-        (*_rivals(robot, done.named, scene_of_fit(after)), *rivals, *_bodies_for(of_gains, done.before)),
+        (*_rivals(robot, done.named, scene_of_fit(after)), *rivals, *world.rivals,
+         *_bodies_for(of_gains, done.before)),
         _unexplained(robot, after, views, told),
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),

@@ -15,7 +15,8 @@ from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.beside import Beside
 from elid_cli.diagnosis.by_motion.search import Searched, search
 from elid_cli.diagnosis.by_motion.tilt import Tilt, moved_by_tilt, tilt_of
-from elid_cli.diagnosis.by_motion.torque_gains import Gains, gain_name, moved_by_gains, nearer
+from elid_cli.diagnosis.by_motion.torque_gains import Gains, gain_name, given_up, moved_by_gains, nearer
+from elid_cli.diagnosis.result import Rival
 from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.fit import ABOVE, TrajectoryFit
 from elid_cli.estimation.trajectory.identification import started_from
@@ -24,6 +25,9 @@ from elid_cli.model.effects.effect import Effect
 from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
+
+CLEARLY = 0.2
+"""Sum over the joints of the logarithm of the error's size by which a fit is clearly nearer."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,10 @@ class Found:
     tilt: Tilt | None
     gains: Gains | None
     """The fit by drives of another torque at the other joints that are doubted."""
+    taken: Gains | None
+    """The one whose gains are named."""
+    rivals: tuple[Rival, ...] = ()
+    """What does as well as these."""
 
 
 def searched(
@@ -63,41 +71,67 @@ def searched(
         As `search` has them.
     """
     done = search(robot, runs, started_from(robot, signals), *declared, only, progress)
-    first, plain = done.before, done.before
-    ratio, right = np.ones(robot.n), signals
-    gains = Gains.of(plain, done.after, off, signals)
-    scaled = nearer(done.after, gains) & (not only or gain_name() in only) & (not done.partial)
-    if gains is not None and scaled.any():
-        ratio = np.where(scaled, gains.ratio, 1.0)
-        right, runs = replace(signals, tau=signals.tau / ratio), [run.delivering(ratio) for run in runs]
-        done = search(robot, runs, started_from(robot, right), *declared, only, progress)
-        plain = done.before
-        gains = Gains.of(plain, done.after, [scale for scale in off if not scaled[scale.joint]], right)
-    tilt = _tilt(done, right, only)
-    if tilt is not None:
-        robot, gains = tilt.robot, None
-        done = search(robot, runs, tilt.fit.values, *declared, only, progress)
-        plain = done.before
-    return Found(replace(done, before=first, after=_aware(done.after, scaled, tilt)), plain, robot, ratio, scaled, tilt,
-                 gains)  # fmt: skip
+    first = done.before
+    plain = Found(done, first, robot, np.ones(robot.n), np.zeros(robot.n, dtype=bool), None, None, None)
+    if done.partial:
+        return plain
+    found = plain
+    try:
+        found, right, runs = _by_gains(plain, signals, runs, declared, off, only, progress)
+        found = _by_tilt(found, right, runs, declared, only, progress)
+        return replace(found, done=replace(found.done, before=first, after=_aware(found)))
+    except KeyboardInterrupt:
+        return replace(found, done=replace(found.done, before=first, partial=True))
 
 
-def _aware(fit: TrajectoryFit, scaled: NDArray[np.bool_], tilt: Tilt | None) -> TrajectoryFit:
+def _by_gains(
+    plain: Found, signals: Signals, runs: Sequence[Run], declared: tuple[Sequence[Effect], Sequence[float]],
+    off: Sequence[LoadScale], only: Sequence[str], progress: Progress | None,
+) -> tuple[Found, Signals, Sequence[Run]]:  # fmt: skip
+    """Return what a search finds by drives of another torque, where these come clearly nearer; log and runs then."""
+    done, robot = plain.done, plain.robot
+    gains = Gains.of(plain.plain, done.after, off, signals)
+    scaled = nearer(done.after, gains, done.named) & (not only or gain_name() in only)
+    if gains is None or not scaled.any():
+        return replace(plain, gains=gains), signals, runs
+    ratio = np.where(scaled, gains.ratio, 1.0)
+    right, runs = replace(signals, tau=signals.tau / ratio), [run.delivering(ratio) for run in runs]
+    rivals = given_up(done.after, gains, done.named, scaled)
+    done = search(robot, runs, started_from(robot, right), *declared, only, progress)
+    others = Gains.of(done.before, done.after, [scale for scale in off if not scaled[scale.joint]], right)
+    return Found(done, done.before, robot, ratio, scaled, None, others, gains, rivals), right, runs
+
+
+def _by_tilt(
+    found: Found, signals: Signals, runs: Sequence[Run], declared: tuple[Sequence[Effect], Sequence[float]],
+    only: Sequence[str], progress: Progress | None,
+) -> Found:  # fmt: skip
+    """Return what a search finds with gravity turned as the motion asks, where that comes clearly nearer."""
+    kind, done = effect_that(turns_gravity=True), found.done
+    if (only and kind.name not in only) or (found.plain.above_noise(signals) < ABOVE).all():
+        return found
+    tilt = tilt_of(found.plain)
+    if tilt is None or not _nearer(tilt.fit, found.plain):
+        return found
+    turned = search(tilt.robot, runs, tilt.fit.values, *declared, only, progress)
+    if turned.partial or not _nearer(turned.after, done.after):
+        return found
+    return replace(found, done=turned, plain=turned.before, robot=tilt.robot, tilt=tilt, gains=None)
+
+
+def _nearer(one: TrajectoryFit, other: TrajectoryFit) -> bool:
+    """Whether the joints' motion is clearly nearer in one fit than in another, on the whole."""
+    return bool(np.log(one.equations.size / other.equations.size).sum() < -CLEARLY)
+
+
+def _aware(found: Found) -> TrajectoryFit:
     """Return the fit with errors that know those of gains and tilt."""
-    moved = [] if tilt is None else [moved_by_tilt(fit, tilt.level, tilt.angles)]
-    moved += [moved_by_gains(fit, np.flatnonzero(scaled).tolist())] if scaled.any() else []
+    fit, tilt, moved = found.done.after, found.tilt, []
+    if tilt is not None:
+        moved.append(moved_by_tilt(fit, tilt.level, tilt.angles))
+    if found.scaled.any():
+        moved.append(moved_by_gains(fit, np.flatnonzero(found.scaled).tolist()))
     if not moved:
         return fit
     beside = Beside.of(fit, [np.concatenate(parts, axis=2) for parts in zip(*moved, strict=True)])
     return replace(fit, covariance=fit.covariance + beside.added)
-
-
-def _tilt(done: Searched, signals: Signals, only: Sequence[str]) -> Tilt | None:
-    """Return the tilt of the base that brings the motion clearly nearer than what a search found; mostly none."""
-    kind = effect_that(turns_gravity=True)
-    if done.partial or (only and kind.name not in only) or done.before.unknowns.effects:
-        return None
-    if (done.before.above_noise(signals) < ABOVE).all():
-        return None
-    found = tilt_of(done.before)
-    return found if found is not None and found.is_nearer(done.after) else None

@@ -136,7 +136,7 @@ def search(
             fit, named, swapped = with_rivals(fit, named, known)
             if swapped:
                 fit, named = _kept(again(fit, fit.unknowns, fit.z, cycles=CYCLES), named, known)
-            fit, limits = sharpened(fit, limits)
+        fit, limits = sharpened(fit, limits)
     except KeyboardInterrupt:
         partial = True
     return Searched(before, fit, softer, tuple(named), left, tried, partial, tuple(waiting), limits)

@@ -13,7 +13,6 @@ import numpy as np
 
 from elid_cli._types import Array
 from elid_cli.diagnosis.by_motion.beside import Beside
-from elid_cli.diagnosis.by_motion.rivals import clearly_more
 from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit, fitted
@@ -52,13 +51,6 @@ class Tilt:
         """The robot in that gravity."""
         return self.fit.unknowns.robot
 
-    def is_nearer(self, other: TrajectoryFit) -> bool:
-        """Whether the motion comes clearly nearer than in another fit at a joint, and clearly less so at none."""
-        mine, its = self.fit.equations.lighter.T, other.equations.lighter.T
-        nearer = [clearly_more(b, a) for a, b in zip(mine, its, strict=True)]
-        farther = [clearly_more(a, b) for a, b in zip(mine, its, strict=True)]
-        return any(nearer) and not any(farther)
-
     def effect(self, before: TrajectoryFit) -> FoundEffect:
         """Return it as an effect, with what it takes from the error of a fit to level ground."""
         kind = effect_that(turns_gravity=True)
@@ -67,7 +59,8 @@ class Tilt:
         angles, errors = self.angles.tolist(), self.deviations.tolist()
         spread = {name: s for name, s in zip(names, errors, strict=True) if np.isfinite(s)}
         share = float(1.0 - left.sum() / bare.sum())
-        return FoundEffect(kind.name, None, dict(zip(names, angles, strict=True)), spread, share, kind.summary)
+        felt = {name: angle for name, angle in zip(names, angles, strict=True) if name in spread}
+        return FoundEffect(kind.name, None, felt, spread, share, kind.summary)
 
 
 def tilt_of(before: TrajectoryFit) -> Tilt | None:
@@ -88,7 +81,7 @@ def tilt_of(before: TrajectoryFit) -> Tilt | None:
         if turned is None:
             return None
         fit = turned
-    if not (np.abs(angles) > SURE * deviations).any():
+    if not (np.abs(angles) > SURE * deviations).any() or np.abs(angles).max() >= STEEPEST:
         return None
     return Tilt(angles, deviations, level, fit)
 

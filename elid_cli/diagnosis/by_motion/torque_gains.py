@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
+from elid_cli.diagnosis.by_motion.beside import Beside
 from elid_cli.diagnosis.by_motion.refits import known_of
 from elid_cli.diagnosis.by_motion.rivals import clearly_more
 from elid_cli.diagnosis.by_motion.steps import Named
@@ -28,6 +29,9 @@ from elid_cli.model.linearised import Linearised
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
+SHARPENED, FARTHEST, SETTLED = 4, 0.1, 0.3
+"""Fits by which a gain is sharpened, the part of itself that it moves by at most, and the standard errors that do not
+matter."""
 BESIDE = 2e-3
 """Part of itself by which a torque is changed to see what that does."""
 CHECK = "a known payload, held still in several poses, with kp and kd as the drive has them"
@@ -40,6 +44,10 @@ class Gains:
 
     ratio: Array
     """What the computed torque of every joint is over the one that acts, (n,)."""
+    deviation: Array
+    """Its standard errors, (n,); 0 where it is not doubted."""
+    steps: Array
+    """Part of itself by which the motion would have it larger, (n,)."""
     fit: TrajectoryFit
 
     @classmethod
@@ -62,9 +70,29 @@ class Gains:
             ratio[scale.joint] = scale.ratio
         if not scales:
             return None
+        found: Gains | None = None
+        for _ in range(SHARPENED):
+            found = cls._at(before, after, ratio, [scale.joint for scale in scales], signals)
+            if found is None:
+                return None
+            steps, deviations = found.steps, found.deviation / found.ratio
+            if (np.abs(steps) <= SETTLED * deviations).all():
+                break
+            ratio = found.ratio * (1.0 + np.clip(steps, -FARTHEST, FARTHEST))
+        return found
+
+    @classmethod
+    def _at(
+        cls, before: TrajectoryFit, after: TrajectoryFit, ratio: Array, joints: Sequence[int], signals: Signals
+    ) -> Gains | None:
+        """Return the fit at some ratios (n,), those of some joints to be sharpened; None where it runs away."""
         near = started_from(before.unknowns.robot, replace(signals, tau=signals.tau / ratio))
         trial = _scaled(before, after, ratio, np.where((ratio != 1.0)[:, None], near, before.values))
-        return None if trial is None else cls(ratio, trial)
+        if trial is None:
+            return None
+        beside, (deviation, steps) = Beside.of(trial, moved_by_gains(trial, joints)), np.zeros((2, len(ratio)))
+        deviation[joints], steps[joints] = ratio[joints] * beside.deviations, beside.steps
+        return cls(ratio, deviation, steps, trial)
 
 
 def gain_rivals(
@@ -94,15 +122,33 @@ def gain_rivals(
     return tuple(found.values())
 
 
-def nearer(after: TrajectoryFit, gains: Gains | None) -> NDArray[np.bool_]:
-    """Return the joints that drives of another torque bring clearly nearer than all that a search found, (n,)."""
-    robot = after.unknowns.robot
+def nearer(after: TrajectoryFit, gains: Gains | None, named: Sequence[Named] = ()) -> NDArray[np.bool_]:
+    """Return the joints that drives of another torque bring clearly nearer than all that a search found, (n,).
+
+    Where that took an effect, which is more than one gain, as near is enough.
+    """
+    robot, taken = after.unknowns.robot, {item.effect.joint for item in named}
     kind, found = effect_that(from_model=True, place="torque"), np.zeros(robot.n, dtype=bool)
     for joint in np.flatnonzero(gains.ratio != 1.0).tolist() if gains is not None else ():
         assert gains is not None
         mine, its = (fit.equations.lighter[:, joint] for fit in (after, gains.fit))
-        found[joint] = kind.applies(robot, joint) and clearly_more(mine, its)
+        as_near = joint in taken and bool(its.sum() <= mine.sum())
+        found[joint] = kind.applies(robot, joint) and (as_near or clearly_more(mine, its))
     return found
+
+
+def given_up(
+    after: TrajectoryFit, gains: Gains | None, named: Sequence[Named], scaled: NDArray[np.bool_]
+) -> tuple[Rival, ...]:
+    """Return what a search took at joints whose gain stands in its place, as far as the motion tells no difference."""
+    names, found = after.unknowns.robot.joint_names, list[Rival]()
+    for item in named if gains is not None else ():
+        assert gains is not None
+        joint = item.effect.joint
+        mine, its = (fit.equations.lighter[:, joint] for fit in (after, gains.fit))
+        if scaled[joint] and not clearly_more(mine, its):
+            found.append(Rival(item.effect.name, names[joint], gain_name(), item.gain, {}, CHECK))
+    return tuple(found)
 
 
 def moved_by_gains(fit: TrajectoryFit, joints: Sequence[int]) -> list[Array]:
@@ -126,18 +172,19 @@ def moved_by_gains(fit: TrajectoryFit, joints: Sequence[int]) -> list[Array]:
 
 
 def found_gains(
-    robot: Robot, before: TrajectoryFit, after: TrajectoryFit, scales: Sequence[LoadScale]
+    robot: Robot, before: TrajectoryFit, after: TrajectoryFit, gains: Gains | None, named: NDArray[np.bool_]
 ) -> tuple[FoundEffect, ...]:
-    """Return the torque gains of the joints of some scales as effects, with what the motion comes nearer by."""
+    """Return the torque gains of some joints (n,) as effects, with what the motion comes nearer by."""
     bare, left = (fit.equations.lighter.sum(axis=0) for fit in (before, after))
-    return tuple(
+    return () if gains is None else tuple(
         FoundEffect(
-            gain_name(), robot.joint_names[s.joint], {"gain": s.ratio - 1.0}, {"gain": s.deviation},
-            float(1.0 - left[s.joint] / max(bare[s.joint], 1e-300)),
-            f"the computed torque is {s.ratio:.3f} times what acts: kp and kd, or all masses that the joint carries, "
-            "are off by that factor",
+            gain_name(), robot.joint_names[j],
+            {"gain": float(gains.ratio[j] - 1.0)}, {"gain": float(gains.deviation[j])},
+            float(1.0 - left[j] / max(bare[j], 1e-300)),
+            f"the computed torque is {gains.ratio[j]:.3f} times what acts: kp and kd, or all masses that the joint "
+            "carries, are off by that factor",
         )
-        for s in scales
+        for j in np.flatnonzero(named).tolist()
     )  # fmt: skip
 
 

@@ -187,13 +187,15 @@ def _best(views: Sequence[View], joint: int) -> tuple[float, float, float, Array
         if number < NARROWED:
             tried = np.linspace(low, high, FINER)
     share, _ = gain(plain, left(best))
-    amounts, changes = [], []
+    amounts, changes, energies = [], [], []
     for own, columns, error, _ in recordings:
         excess = _excess(own, joint, best)
         both = np.concatenate([columns, excess[:, None]], axis=1)
         amounts.append(float(step_of(both.T @ both, both.T @ error, DAMPING)[-1]))
         changes.append(step_of(columns.T @ columns, columns.T @ (error + excess), DAMPING)[: len(KINDS)])
-    return float(best), share, float(np.median(amounts)), np.asarray(np.median(changes, axis=0))
+        energies.append(max(float(excess @ excess), 1e-300))  # a recording without a peak says nothing of it
+    part = float(np.average(amounts, weights=energies))
+    return float(best), share, part, np.asarray(np.average(changes, axis=0, weights=energies))
 
 
 def _excess(views: Sequence[View], joint: int, limit: float) -> Array:

@@ -18,7 +18,7 @@ def unpredicted(error: Mapping[str, JointError]) -> tuple[str, ...]:
     found = {
         name: item.relative
         for name, item in error.items()
-        if item.relative > NOTHING and item.torque_rms > 0 and not item.rms < NOISE * (item.floor or 0.0)
+        if item.relative > NOTHING and item.floor is not None and item.rms > NOISE * item.floor
     }
     if not found:
         return ()

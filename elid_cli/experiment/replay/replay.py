@@ -231,7 +231,12 @@ def _of_channels(robot: Robot) -> tuple[Array, Array, Array, tuple[str, ...]]:
         if kind.nuisance == "offset":
             offsets[joint] = next(iter(spec.parameters.values()))
         elif kind.place == "torque" and kind.from_model:
-            gains[joint] = 1.0 + next(iter(spec.parameters.values()))
+            gains[joint] = 1.0 + float(spec.parameters.get(kind.amplitudes[0].name, 0.0))
+            if gains[joint] <= 0:
+                raise RobotError(
+                    f"{robot.name}: {spec.effect} of {spec.joint} leaves no torque",
+                    hint="it is the share by which the logged torque is too large, above -1",
+                )
         elif kind.corrects is None and not kind.of_channel and not can_act(kind):
             left.append(f"{spec.effect} of {spec.joint}" if spec.joint else spec.effect)
     return offsets, declared_shifts(robot).torque, gains, tuple(left)

@@ -72,14 +72,15 @@ def suspicions(checked: Checked, aligned: Aligned, robot: Robot, plan: ReadPlan)
     found.extend(_wraps(q, theta, robot, plan))
     found.extend(_stale(checked, start, stop, robot))
     found.extend(frozen(q, theta, aligned.dt, robot))
-    found.extend(limited(checked.tau, robot))
+    # what elid computed of commands it cut itself
+    computed = joints_computed(checked.computed, robot.joint_names)
+    found.extend(limited(np.where(computed, np.nan, checked.tau) if np.any(computed) else checked.tau, robot))
     whole = slice(start, min(stop, start + SAMPLES))
     sides = np.where(np.isnan(checked.q[whole]), checked.theta[whole], checked.q[whole])
     found.extend(beyond_limits(sides, checked.tau[whole], aligned.dt, robot))
     found.extend(_described(checked, sides, whole, aligned.dt, robot, plan))
     if checked.computed:
         shown = {name: values[whole] for name, values in checked.optional.items()}
-        computed = joints_computed(checked.computed, robot.joint_names)
         found.extend(late_velocities(shown, sides, computed, aligned.dt, robot))
         found.extend(at_stops(shown, sides, robot))
     q, theta = (_thinned(values, step) for values in (checked.q, checked.theta))

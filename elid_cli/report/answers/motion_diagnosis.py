@@ -275,4 +275,4 @@ def _next(found: MotionDiagnosis, robot_argument: str, written: str | None) -> s
 def named_effects(found: MotionDiagnosis) -> Sequence[str]:
     """Return what `--fail-on-effect` says is missing, one sentence each."""
     library = effect_classes()
-    return [f"{e.joint}: the model lacks {e.effect}" for e in found.effects if e.effect in library]
+    return [f"{e.joint or found.robot.name}: the model lacks {e.effect}" for e in found.effects if e.effect in library]

@@ -134,7 +134,8 @@ def doubted(words: str, warnings: Sequence[str]) -> str:
         doubt in line for line in warnings for doubt in DOUBTS
     ):
         return words
-    return f"Only if the log's units and signs are right, which a warning doubts: {rest}"
+    _, comma, further = verdict.partition(",")
+    return f"Only if the log's units and signs are right, which a warning doubts{comma}{further}: {rest}"
 
 
 def _predicted_words(robot: Robot, error: Mapping[str, JointError], lacking: Collection[str]) -> str:

@@ -71,19 +71,27 @@ def _changed(found: Trends) -> str:
         return (
             f"Nothing, of {len(found.trends)} parameters: at most one machine in a hundred is called changed by chance."
         )
-    said = [f"{item.series.name} {_size(item, len(found.files))}" for item in moved[:4]]
+    said = [f"{item.series.name} {_size(item)}" for item in moved[:4]]
     more = f"; {len(moved) - 4} more below" if len(moved) > 4 else ""
     return " ".join([*together, f"{'; '.join(said)}{more}."])
 
 
-def _size(item: Trend, count: int) -> str:
+def _size(item: Trend) -> str:
     """Return by how much a parameter changed, as a share of what it was before, or at first."""
     s = item.series
     if item.word == "step" and s.step is not None:
-        before = s.mean - s.step.size * (count - s.step.after - 1) / count
-        return f"by {signed_share(s.step.size / abs(before))} at once after recording {s.step.after + 1}"
-    reach, middle = float(s.place[-1] - s.place[0]), float(sum(s.place) / len(s.place) - s.place[0])
-    return f"by {signed_share(s.slope * reach / abs(s.mean - s.slope * middle))} from the first to the last"
+        before = float(s.values[: s.step.after + 1].mean())
+        return f"by {_change(s.step.size, before, item)} at once after recording {s.step.after + 1}"
+    reach = float(s.place[-1] - s.place[0])
+    first = s.mean - s.slope * float(s.place.mean() - s.place[0])
+    return f"by {_change(s.slope * reach, first, item)} from the first to the last"
+
+
+def _change(size: float, before: float, item: Trend) -> str:
+    """Return a change as a share of what was before; as it is where that was about nothing."""
+    if abs(before) > 0.1 * abs(size):
+        return signed_share(size / abs(before))
+    return f"{number_text(size, 2)} {item.series.unit}"
 
 
 def _disagreeing(found: Trends) -> str:

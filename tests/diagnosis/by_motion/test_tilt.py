@@ -10,6 +10,7 @@ import pytest
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.experiment.replay.replay import replay
 from elid_cli.logs.reading import read_recording
+from elid_cli.report.answers.motion_diagnosis import named_effects
 from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, OFFSET, VISCOUS, moved, robot, written
 
@@ -32,3 +33,16 @@ def test_a_tilted_base_is_named_in_place_of_springs(tmp_path: Path, tilt: float,
     # the robot that is written hangs in that gravity
     assert found.refined.gravity != arm.gravity
     assert replay(found.refined, recording).mean_abs < 3e-4
+
+
+def test_a_tilted_base_is_found_beside_another_effect_and_a_steep_one_is_not_guessed(tmp_path: Path) -> None:
+    arm, only = robot(tmp_path), np.array([0.0, 0.0, 1.0])
+    recording = moved(5, 12.0, tilt=0.06, grip=lambda x, v, load: 0.6 * only * np.exp(-((v / 0.2) ** 2)))
+    found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "both.h5", recording)], arm), arm))
+    assert {(e.effect, e.joint) for e in found.effects} == {("gravity_direction", None), ("stribeck", "three")}
+    assert found.effects[0].parameters["pitch"] == pytest.approx(0.06, rel=0.02)
+    assert named_effects(found)[0].startswith("pendulums: ")
+    assert not found.unexplained
+    steep = moved(5, 8.0, tilt=0.6)
+    found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "steep.h5", steep)], arm), arm))
+    assert "gravity_direction" not in {e.effect for e in found.effects}

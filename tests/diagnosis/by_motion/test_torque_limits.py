@@ -14,6 +14,7 @@ from elid_cli.diagnosis.by_motion.torque_limits import with_limits
 from elid_cli.experiment.replay.replay import replay
 from elid_cli.logs.reading import read_recording
 from elid_cli.robot.files import read_robot
+from elid_cli.signals.recording import Recording
 from elid_cli.signals.signals import prepare
 from tests.diagnosis.by_motion.plant import ARMATURE, COULOMB, NAMES, VISCOUS, moved, robot, written
 
@@ -59,3 +60,20 @@ def test_a_limit_is_named_written_and_asked_for_alone(tmp_path: Path, capsys: py
     found = json.loads(capsys.readouterr().out)
     assert found["effects"] == []
     assert found["sufficient"]
+
+
+def test_a_limit_that_one_of_two_recordings_reaches_is_found(tmp_path: Path) -> None:
+    arm, limits = robot(tmp_path), np.array([np.inf, 7.5, np.inf])
+    gentle = moved(4, 8.0, limit=limits)
+    assert np.abs(computed(gentle)[:, 1]).max() < 7.0
+    logs = [written(tmp_path, "a.h5", moved(3, 12.0, limit=limits)), written(tmp_path, "b.h5", gentle)]
+    found = diagnose_motion(arm, prepare(read_recording(logs, arm), arm))
+    assert [(e.effect, e.joint) for e in found.effects] == [("saturation", "two")]
+    assert found.effects[0].parameters["limit"] == pytest.approx(7.5, rel=3e-3)
+
+
+def computed(recording: Recording) -> np.ndarray:
+    told = recording.commands
+    assert recording.dq is not None
+    asked: np.ndarray = told["kp"] * (told["q_des"] - recording.q) - told["kd"] * recording.dq
+    return asked
