@@ -66,7 +66,7 @@ def test_a_limit_that_one_of_two_recordings_reaches_is_found(tmp_path: Path) -> 
     arm, limits = robot(tmp_path), np.array([np.inf, 7.5, np.inf])
     gentle = moved(4, 8.0, limit=limits)
     assert np.abs(computed(gentle)[:, 1]).max() < 7.0
-    logs = [written(tmp_path, "a.h5", moved(3, 12.0, limit=limits)), written(tmp_path, "b.h5", gentle)]
+    logs = [written(tmp_path, "a.h5", moved(3, limit=limits)), written(tmp_path, "b.h5", gentle)]
     found = diagnose_motion(arm, prepare(read_recording(logs, arm), arm))
     assert [(e.effect, e.joint) for e in found.effects] == [("saturation", "two")]
     assert found.effects[0].parameters["limit"] == pytest.approx(7.5, rel=3e-3)
