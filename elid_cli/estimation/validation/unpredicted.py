@@ -27,5 +27,5 @@ def unpredicted(error: Mapping[str, JointError]) -> tuple[str, ...]:
     return (
         f"the torque of {in_words(list(found))} is not predicted at all (error {sizes} of the torque): "
         f"{'it may be' if one else 'they may be'} of other joints (swapped channels), of a wrong sign, or of another "
-        "time; look at the mapping",
+        "time; check the mapping",
     )
