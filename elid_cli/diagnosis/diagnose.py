@@ -246,7 +246,7 @@ def _unsupported(state: State, number: int, tried: Effect) -> float | None:
         return 0.0
     if tried.local:
         unlike = one_of_many(state, number) or friction_at_rest(state, number) or only_helps(state, number, 0.0)
-        spoils = tried.limits_torque and held_out_gain(state, number) < -HARM
+        spoils = tried.of_drive == "limit" and held_out_gain(state, number) < -HARM
         return 0.0 if unlike or spoils else None
     gain = held_out_gain(state, number)
     poor = gain < tried.least_gain or only_helps(state, number, gain) or silences(state, number)

@@ -59,6 +59,10 @@ class Run:
         less = replace(drives, told=drives.told / ratio, kp=drives.kp / ratio, kd=drives.kd / ratio)
         return replace(self, drives=less, told=None if self.told is None else self.told / ratio)
 
+    def within(self, limit: Array) -> Run:
+        """Return the run with drives of other torque limits, N·m (N), (n,)."""
+        return replace(self, drives=replace(self.drives, limit=limit))
+
     @classmethod
     def together(cls, runs: Sequence[Run], coordinates: Coordinates) -> Run:
         """Return runs of one length side by side."""
@@ -95,7 +99,7 @@ def runs_of(recording: Recording, robot: Robot, horizon: float | None, delays: A
     motor = _either(recording.theta, recording.q)
     _need(link, robot, "position")
     told, kp, kd = _told(recording, robot, commanded=commanded)
-    limit = np.array([math.inf if joint.limits.torque is None else joint.limits.torque for joint in robot.joints])
+    limit = robot.torque_limits
     elastic = np.array([joint.elastic for joint in robot.joints])
     speed = _either(recording.dq, recording.dtheta), _either(recording.dtheta, recording.dq)
     steps = math.ceil(recording.dt / STEP)

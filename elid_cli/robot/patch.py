@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,7 +66,8 @@ def patched(robot: Robot, remarks: Sequence[str] = (), further: Mapping[str, Map
     changes = {}
     for name in robot.joint_names:
         joint, was = new.joint(name), old.joint(name)
-        changes[name] = (joint, _change(was, joint), _said(joint) if _said(joint) != _said(was) else {})
+        said = _said(joint) if _said(joint) != _said(was) else {}
+        changes[name] = _Change(joint, _change(was, joint), said, _lower_limit(was, joint))
     if edit.root.tag == "mujoco":
         _patch_mjcf(edit, text, robot, changes, further or {})
     else:
@@ -83,8 +85,25 @@ def _change(old: Joint, new: Joint) -> Array | None:
     return after - before if np.abs(after - before).max() > SAME * np.abs(after).max() else None
 
 
-_Changes = dict[str, tuple[Joint, Array | None, dict[str, str]]]
-"""Joint -> itself, what its body's inertia changed by, and what of its motor only elid's own element can say."""
+class _Change(NamedTuple):
+    """What changed of a joint."""
+
+    joint: Joint
+    """Itself, as it is to be."""
+    body: Array | None
+    """What its body's inertia changed by."""
+    said: dict[str, str]
+    """What of its motor only elid's own element can say."""
+    limit: float | None
+    """A torque limit below the file's, N·m (N)."""
+
+
+_Changes = dict[str, _Change]
+
+
+def _lower_limit(old: Joint, new: Joint) -> float | None:
+    before, after = old.limits.torque, new.limits.torque
+    return after if after is not None and (before is None or after < before * (1.0 - SAME)) else None
 
 
 def _said(joint: Joint) -> dict[str, str]:
@@ -102,7 +121,7 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
         name = element.attributes.get("name", "")
         if name not in changes:
             continue
-        joint, change, said = changes[name]
+        joint, change, said, limit = changes[name]
         child = element.one("child")
         if change is not None and child is not None:
             link = links[child.attributes["link"]]
@@ -112,6 +131,8 @@ def _patch_urdf(edit: XmlEdit, changes: _Changes) -> None:
             if not real_tensor(ten[2]) and (known is None or _is_real(known)):
                 unreal.append(link.attributes["name"])
         _set(edit, element, "dynamics", _named(joint, (("damping", "fv"), ("friction", "fs"))))
+        if limit is not None:
+            _set(edit, element, "limit", {"effort": xml_number(limit)})
         if said:
             said = {"joint": name, "transmission": joint.transmission, **said}
             if name in own:
@@ -201,12 +222,14 @@ def _patch_mjcf(
     for number, item in enumerate(tree.moving):
         if item.name not in changes:
             continue
-        joint, change, _ = changes[item.name]
+        joint, change, _, limit = changes[item.name]
         if item.element.file != robot.source:
             raise RobotError(
                 f"{item.name} is described in {item.element.file}", hint="give that file, or write a .yaml"
             )
         values = _dynamics(joint) | _spring(item, springs.get(item.name), tree.conventions.degrees)
+        if limit is not None:  # of what all actuators of the joint deliver
+            values |= {"actuatorfrclimited": "true", "actuatorfrcrange": f"{xml_number(-limit)} {xml_number(limit)}"}
         edit.set_attributes(
             places[item.element.tag, item.element.start],
             _other(item.element, values) | dict(further.get(item.name, {})),

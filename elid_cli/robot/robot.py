@@ -235,6 +235,11 @@ class Robot:
         return np.array([joint.gear_ratio for joint in self.joints], dtype=float)
 
     @property
+    def torque_limits(self) -> Array:
+        """Largest torques of the drives, N·m (N), shape (n,); infinite where there is no limit."""
+        return np.array([np.inf if j.limits.torque is None else j.limits.torque for j in self.joints])
+
+    @property
     def place_to_say(self) -> str:
         """Where a user says what the robot's description lacks, in words: its own file, or the YAML beside a URDF."""
         if not self.source:

@@ -1,12 +1,18 @@
-"""A residual far above the sensors' noise is not called nothing, and a doubt stands in the first answer."""
+"""Answers that must not say more than is known: residuals far above noise, doubted units, changes over recordings."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from elid_cli.estimation.judgement import RowNoise
+from elid_cli.estimation.trend.series import Step, series_of
+from elid_cli.estimation.trend.trends import Trend
 from elid_cli.report.answers.lacking import is_unclear, lacking_words
 from elid_cli.report.answers.summary import DOUBTS, doubted
+from elid_cli.report.answers.trend import changed_by
 
 
 @pytest.mark.parametrize(("ratio", "first"), [(1.1, "Nothing"), (2.0, "Nothing"), (45.0, "Not clear")])
@@ -24,3 +30,19 @@ def test_a_doubt_of_units_stands_before_the_answer_and_keeps_its_condition() -> 
     assert "once what is missing is added" in said
     assert said.endswith(": the rest.")
     assert doubted("Yes: the rest.", ("all is well",)) == "Yes: the rest."
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ((1.0, 1.0, 2.0, 2.0, 2.0, 2.0), "+100 %"),
+        ((0.0, 0.0, 2.0, 2.0, 2.0, 2.0), "2 N·m"),
+        ((-2.0, -2.0, -3.0, -3.0), "−50 %"),
+    ],
+)
+def test_a_step_is_a_share_of_what_was_before_whatever_the_errors(values: tuple[float, ...], said: str) -> None:
+    found, count = np.array(values), len(values)
+    series = series_of("fs1", "N·m", np.arange(float(count)), found, np.linspace(0.01, 0.5, count))
+    size = found[-1] - found[0]
+    stepped = Trend(replace(series, step=Step(1, float(size), 1e-9)), "step")
+    assert f"by {said} at once after recording 2" == changed_by(stepped)

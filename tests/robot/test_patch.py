@@ -117,3 +117,19 @@ def test_what_the_file_cannot_hold_is_refused(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(URDF.replace('"slide"', '"glide"'))
     with pytest.raises(RobotError, match="no joint 'slide' any more"):
         patched(robot)
+
+
+@pytest.mark.parametrize(("text", "name"), [(URDF, "arm.urdf"), (MODEL, "arm.xml")])
+def test_a_lower_torque_limit_reads_back_and_a_higher_one_changes_nothing(text: str, name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    robot = read_robot(tmp_path / name)
+    known = robot.torque_limits
+    for limit, lower in ((0.25, True), (1e6, False)):
+        joint = replace(robot.joints[0], limits=replace(robot.joints[0].limits, torque=limit))
+        written = patched(replace(robot, joints=(joint, *robot.joints[1:])))
+        found = robot_from_text(written, name).torque_limits
+        if lower or not np.isfinite(known[0]):
+            assert found[0] == limit
+            assert np.array_equal(found[1:], known[1:])
+        else:
+            assert written == text

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,10 +13,18 @@ from elid_cli.estimation.regression.normal_equations import jackknife, step_of, 
 from elid_cli.estimation.trajectory.block_sums import BLOCKS, DAMPING, SHORT
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
 from elid_cli.estimation.trajectory.loss import bent, weighed
+from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
 from elid_cli.estimation.trajectory.softening import columns_of
+from elid_cli.estimation.trajectory.unknowns import PARAMETERS
+from elid_cli.model.linearised import Linearised
+from elid_cli.model.runs import Run
 
 FAR = 10.0
 """Standard errors from which a step is a large one."""
+BESIDE = 2e-3
+"""Part of itself by which a torque or a limit is changed to see what that does."""
+FARTHEST, SETTLED = 0.1, 0.3
+"""Part of itself that it moves by at most in a step, and the standard errors that do not matter."""
 
 
 @dataclass(frozen=True)
@@ -73,3 +81,18 @@ class Beside:
         along = np.zeros(own.count)
         along[shown] = step[:first]
         return cls(step[first:], along, deviations, added)
+
+
+def moved_by_runs(fit: TrajectoryFit, changed: Sequence[Callable[[Run], Run]]) -> list[Array]:
+    """Return by how much L changes of what drives a fit's stretches move their positions, rad (m), (N, n, L) each."""
+    own = fit.unknowns
+    equations, parameters = Linearised(own.robot, without=PARAMETERS), own.robot.reference()
+
+    def off(item: Tracked, run: Run) -> Array:
+        return simulated(equations, replace(item, run=run), own, fit.z, parameters, plain=True).error
+
+    found = []
+    for item in fit.tracked:
+        here = off(item, item.run)
+        found.append(np.stack([off(item, change(item.run)) - here for change in changed], axis=2))
+    return found

@@ -94,13 +94,8 @@ def tried_of(library: Mapping[str, type[Effect]], only: Sequence[str]) -> list[t
     That is limits and gains of the torque, and the direction of gravity.
     """
     asked = (kind for name, kind in library.items() if (name in only if only else kind.searched))
-    whole = (kind for kind in asked if kind.limits_torque or kind.turns_gravity or is_gain(kind))
+    whole = (kind for kind in asked if kind.of_drive or kind.turns_gravity)
     return [*kinds_of(library, only), *whole]
-
-
-def is_gain(kind: type[Effect]) -> bool:
-    """Return whether an effect multiplies the torque, as wrong gains of the drives do."""
-    return kind.from_model and kind.place == "torque"
 
 
 def untried_of(library: Mapping[str, type[Effect]], robot: Robot, only: Sequence[str]) -> tuple[str, ...]:

@@ -10,13 +10,13 @@ import numpy as np
 
 from elid_cli._types import Array, Progress
 from elid_cli.diagnosis.by_motion.candidates import View, tried_of, untried_of
-from elid_cli.diagnosis.by_motion.in_turn import searched
 from elid_cli.diagnosis.by_motion.result import MotionDiagnosis, PositionBeforeAfter
 from elid_cli.diagnosis.by_motion.search import ALIKE, Searched
 from elid_cli.diagnosis.by_motion.steps import Named
 from elid_cli.diagnosis.by_motion.torque_gains import CHECK, found_gains, gain_rivals
 from elid_cli.diagnosis.by_motion.torque_limits import with_limits
 from elid_cli.diagnosis.by_motion.views import views_of
+from elid_cli.diagnosis.by_motion.whole_robot import searched
 from elid_cli.diagnosis.result import FoundEffect, Rival, Unexplained
 from elid_cli.errors import UsageError, in_words
 from elid_cli.estimation.identify import identify
@@ -91,8 +91,8 @@ def diagnose_motion(
     runs = commanded_runs(recording, robot)
     effects, amplitudes = declared_along(robot, runs[0])
     off = off_scales(replace(found, robot=robot), recording.commanded & ~signals.still)
-    world = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
-    done, tilt = world.done, world.tilt
+    whole = searched(robot, signals, runs, (effects, amplitudes), off, only, progress)
+    done, tilt = whole.done, whole.tilt
     if progress is not None:
         finishing = "finishing; Ctrl-C again stops at once"
         progress(finishing if done.partial else "searching, judging what was found", 0.9)
@@ -100,18 +100,18 @@ def diagnose_motion(
     after = as_last(done.after, changes)
     cut = {item.joint: item.limit for item in done.limits}
     bound = np.array([cut.get(k, np.inf) for k in range(robot.n)])
-    told = replace(signals, tau=np.clip(signals.tau / world.ratio, -bound, bound))
-    refined = identification_of(replace(found, robot=with_limits(world.robot, cut)), after, told)
+    told = replace(signals, tau=np.clip(signals.tau / whole.ratio, -bound, bound))
+    refined = identification_of(replace(found, robot=with_limits(whole.robot, cut)), after, told)
     of_base = () if tilt is None else (tilt.effect(done.before),)
-    of_gains = found_gains(robot, done.before, done.after, world.taken, world.scaled)
+    of_gains = found_gains(robot, done.before, done.after, whole.taken, whole.scaled)
     refined = replace(refined, effects=(*refined.effects, *(
         FittedEffect(e.effect, e.joint, e.parameters, e.std_error) for e in of_gains
     )))  # fmt: skip
-    rivals = gain_rivals(world.plain, done.after, world.gains, done.named)
+    rivals = gain_rivals(whole.plain, done.after, whole.gains, done.named)
     # at a joint whose effect no gain imitates, the effect is why the torque is not what the bodies need
     ruled_out = {robot.joint_names[item.effect.joint] for item in done.named} - {rival.joint for rival in rivals}
     ruled_out |= set(robot.joint_names) if tilt is not None else set()
-    ruled_out |= {robot.joint_names[joint] for joint in (*cut, *np.flatnonzero(world.scaled).tolist())}
+    ruled_out |= {robot.joint_names[joint] for joint in (*cut, *np.flatnonzero(whole.scaled).tolist())}
     scales = [scale for scale in off if robot.joint_names[scale.joint] not in ruled_out]
     refined = replace(refined, warnings=(*refined.warnings, *scale_warnings(robot, scales)))
     views = views_of(done.after)
@@ -119,13 +119,13 @@ def diagnose_motion(
         robot, recording,
         identification_of(found, done.before, signals), refined, done.before, after,
         (*of_base, *of_gains, *_effects(robot, after, done, len(effects))),
-        (*_rivals(robot, done.named, scene_of_fit(after)), *rivals, *world.rivals,
+        (*_rivals(robot, done.named, scene_of_fit(after)), *rivals, *whole.rivals,
          *_bodies_for(of_gains, done.before)),
         _unexplained(robot, after, views, told),
         _positions(robot, done.before, done.after), changes, identified_robot(refined), done.tried, done.partial,
         tuple((item.effect.name, robot.joint_names[item.effect.joint]) for item in done.waiting),
         untried_of(effect_classes(), robot, only),
-        other_bodies(world.plain, columns_of(world.plain)),
+        other_bodies(whole.plain, columns_of(whole.plain)),
     )  # fmt: skip
 
 
@@ -153,7 +153,7 @@ def _check_only(names: Sequence[str]) -> None:
 def _effects(robot: Robot, fit: TrajectoryFit, done: Searched, declared: int) -> tuple[FoundEffect, ...]:
     values, effects = fitted_effects(robot, fit)[declared:], fit.effects[declared:]
     softer = [done.softer[effect.joint] for effect in effects if effect.softens]
-    limiting = effect_that(limits_torque=True)
+    limiting = effect_that(of_drive="limit")
     (limit,) = limiting.shapes
     limits = (
         FoundEffect(limiting.name, robot.joint_names[item.joint], {limit.name: item.limit},

@@ -102,14 +102,15 @@ def search(
     kinds = kinds_of(effect_classes(), only)
     say = _Told(progress)
     fit = fit_trajectory(robot, runs, start, declared, amplitudes, tell=say.within("fitting the motion", 0, SHARES[0]))
-    before, limits, partial = fit.held or fit, tuple[TorqueLimit, ...](), False
+    before, limits, partial, tried = fit.held or fit, tuple[TorqueLimit, ...](), False, 0
     try:
-        if any(kind.limits_torque for kind in tried_of(effect_classes(), only)):
+        if any(kind.of_drive == "limit" for kind in tried_of(effect_classes(), only)):
             fit, limits = limited(fit, kinds)
+            tried += robot.n
     except KeyboardInterrupt:
         partial = True
     softer, known = gains_of(fit), len(fit.effects)
-    named, tried = list[Named](), 0
+    named = list[Named]()
     left: tuple[Candidate, ...] = ()
     waiting: list[Named] = []
     dropped = frozenset[tuple[str, int]]()

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.beside import Beside
+from elid_cli.diagnosis.by_motion.beside import SETTLED, Beside
 from elid_cli.diagnosis.result import FoundEffect
 from elid_cli.errors import DataError
 from elid_cli.estimation.trajectory.fit import COARSE, TrajectoryFit, fitted
@@ -24,8 +24,8 @@ from elid_cli.model.effects.tilt import STEEPEST, tilted
 from elid_cli.model.linearised import Linearised
 from elid_cli.robot.robot import Robot
 
-STEPS, SETTLED = 12, 0.3
-"""Most steps of the angles, and the standard errors that do not matter."""
+STEPS = 12
+"""Most steps of the angles."""
 SURE = 5.0
 """Standard errors by which an angle must be clear of 0."""
 STILL = 1e-9

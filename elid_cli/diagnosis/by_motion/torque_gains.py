@@ -6,14 +6,14 @@ of another size is a spring. How large the torque is follows from the described 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.beside import Beside
+from elid_cli.diagnosis.by_motion.beside import BESIDE, FARTHEST, SETTLED, Beside, moved_by_runs
 from elid_cli.diagnosis.by_motion.refits import known_of
 from elid_cli.diagnosis.by_motion.rivals import clearly_more
 from elid_cli.diagnosis.by_motion.steps import Named
@@ -22,18 +22,14 @@ from elid_cli.errors import DataError
 from elid_cli.estimation.known_load import LoadScale
 from elid_cli.estimation.trajectory.fit import TrajectoryFit, fitted
 from elid_cli.estimation.trajectory.identification import started_from
-from elid_cli.estimation.trajectory.normal_equations import simulated
-from elid_cli.estimation.trajectory.unknowns import PARAMETERS, Unknowns
+from elid_cli.estimation.trajectory.unknowns import Unknowns
 from elid_cli.model.effects import effect_that
-from elid_cli.model.linearised import Linearised
+from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 from elid_cli.signals.signals import Signals
 
-SHARPENED, FARTHEST, SETTLED = 4, 0.1, 0.3
-"""Fits by which a gain is sharpened, the part of itself that it moves by at most, and the standard errors that do not
-matter."""
-BESIDE = 2e-3
-"""Part of itself by which a torque is changed to see what that does."""
+SHARPENED = 4
+"""Fits by which a gain is sharpened."""
 CHECK = "a known payload, held still in several poses, with kp and kd as the drive has them"
 """What separates a torque gain from what imitates it."""
 
@@ -128,7 +124,7 @@ def nearer(after: TrajectoryFit, gains: Gains | None, named: Sequence[Named] = (
     Where that took an effect, which is more than one gain, as near is enough.
     """
     robot, taken = after.unknowns.robot, {item.effect.joint for item in named}
-    kind, found = effect_that(from_model=True, place="torque"), np.zeros(robot.n, dtype=bool)
+    kind, found = effect_that(of_drive="gain"), np.zeros(robot.n, dtype=bool)
     for joint in np.flatnonzero(gains.ratio != 1.0).tolist() if gains is not None else ():
         assert gains is not None
         mine, its = (fit.equations.lighter[:, joint] for fit in (after, gains.fit))
@@ -156,19 +152,12 @@ def moved_by_gains(fit: TrajectoryFit, joints: Sequence[int]) -> list[Array]:
 
     rad (m), (N, n, joints) each.
     """
-    own = fit.unknowns
-    equations, parameters = Linearised(own.robot, without=PARAMETERS), own.robot.reference()
-    found = []
-    for item in fit.tracked:
-        ratios = [np.ones(own.robot.n), *(1.0 + BESIDE * np.eye(own.robot.n)[joint] for joint in joints)]
-        errors = [
-            simulated(
-                equations, replace(item, run=item.run.delivering(ratio)), own, fit.z, parameters, plain=True
-            ).error
-            for ratio in ratios
-        ]
-        found.append(np.stack([error - errors[0] for error in errors[1:]], axis=2) / BESIDE)
-    return found
+
+    def scaled(joint: int) -> Callable[[Run], Run]:
+        ratio = np.where(np.arange(fit.unknowns.robot.n) == joint, 1.0 + BESIDE, 1.0)
+        return lambda run: run.delivering(ratio)
+
+    return [moved / BESIDE for moved in moved_by_runs(fit, [scaled(joint) for joint in joints])]
 
 
 def found_gains(
@@ -213,4 +202,4 @@ def _scaled(before: TrajectoryFit, after: TrajectoryFit, ratio: Array, near: Arr
 
 def gain_name() -> str:
     """Return the name of the effect that a torque of another size is."""
-    return effect_that(from_model=True, place="torque").name
+    return effect_that(of_drive="gain").name

@@ -7,13 +7,13 @@ peak in a log tells it; of an amplitude, parts of the log without a peak would k
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elid_cli._types import Array
-from elid_cli.diagnosis.by_motion.beside import Beside
+from elid_cli.diagnosis.by_motion.beside import BESIDE, FARTHEST, SETTLED, Beside, moved_by_runs
 from elid_cli.diagnosis.by_motion.candidates import (
     STILL,
     Candidate,
@@ -33,11 +33,11 @@ from elid_cli.estimation.regression.normal_equations import step_of
 from elid_cli.estimation.trajectory.block_sums import DAMPING
 from elid_cli.estimation.trajectory.decided import fit_trajectory
 from elid_cli.estimation.trajectory.fit import TrajectoryFit
-from elid_cli.estimation.trajectory.normal_equations import Tracked, simulated
+from elid_cli.estimation.trajectory.normal_equations import Tracked
 from elid_cli.estimation.trajectory.unknowns import KINDS, PARAMETERS, Unknowns
 from elid_cli.model.effects import effect_that
 from elid_cli.model.effects.effect import Effect
-from elid_cli.model.linearised import Linearised
+from elid_cli.model.runs import Run
 from elid_cli.robot.robot import Robot
 
 PEAKS, TRIED = (0.4, 0.999), 40
@@ -52,11 +52,8 @@ ROUNDS = 3
 """Times that limits are looked for: what one joint does hides what others of its chain do."""
 STEPPED = 3e-4
 """Part of itself to which the steps of the simulation, in which a drive enters its limit, give it."""
-BESIDE = 2e-3
-"""Part of itself by which a limit is moved to see what it does."""
-STEPS, FARTHEST, SETTLED = 10, 0.1, 0.3
-"""Steps by which a limit is fitted, the part of itself that it moves by at most, and the standard errors that do not
-matter."""
+STEPS = 10
+"""Steps by which a limit is fitted."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +138,7 @@ def _asked(
     """
     views = views_of(fit)
     measured = measured_views(fit, views)
-    kind, found = effect_that(limits_torque=True), {}
+    kind, found = effect_that(of_drive="limit"), {}
     (amplitude,) = kind.amplitudes
     near = fit.values.copy()
     for joint in range(fit.unknowns.robot.n):
@@ -241,11 +238,7 @@ def _moved_on(fit: TrajectoryFit, limits: Mapping[int, float], along: Array) -> 
 
 def _cut(fit: TrajectoryFit, robot: Robot) -> list[Tracked]:
     """Return the stretches of a fit with drives that deliver no more than a robot's limits."""
-    bound = np.array([np.inf if joint.limits.torque is None else joint.limits.torque for joint in robot.joints])
-    return [
-        replace(item, run=replace(item.run, drives=replace(item.run.drives, limit=bound)), local=None)
-        for item in fit.tracked
-    ]
+    return [replace(item, run=item.run.within(robot.torque_limits), local=None) for item in fit.tracked]
 
 
 def _loss(fit: TrajectoryFit) -> float:
@@ -264,17 +257,10 @@ def _gain(fit: TrajectoryFit, other: TrajectoryFit, joint: int) -> float:
 
 def _moved(fit: TrajectoryFit, limits: Sequence[TorqueLimit]) -> list[Array]:
     """Return how the positions of a fit's stretches change with limits, rad (m) per N·m (N), (N, n, L) each."""
-    own = fit.unknowns
-    equations, parameters = Linearised(own.robot, without=PARAMETERS), own.robot.reference()
-    found = []
-    for item in fit.tracked:
-        errors = []
-        for own_limit in (None, *limits):
-            bound = item.run.drives.limit.copy()
-            if own_limit is not None:
-                bound[own_limit.joint] *= 1.0 + BESIDE
-            other = replace(item, run=replace(item.run, drives=replace(item.run.drives, limit=bound)))
-            errors.append(simulated(equations, other, own, fit.z, parameters, plain=True).error)
-        sizes = BESIDE * np.array([own_limit.limit for own_limit in limits])
-        found.append(np.stack([error - errors[0] for error in errors[1:]], axis=2) / sizes)
-    return found
+
+    def further(item: TorqueLimit) -> Callable[[Run], Run]:
+        moved = np.where(np.arange(fit.unknowns.robot.n) == item.joint, 1.0 + BESIDE, 1.0)
+        return lambda run: run.within(run.drives.limit * moved)
+
+    sizes = BESIDE * np.array([item.limit for item in limits])
+    return [moved / sizes for moved in moved_by_runs(fit, [further(item) for item in limits])]

@@ -230,7 +230,7 @@ def _of_channels(robot: Robot) -> tuple[Array, Array, Array, tuple[str, ...]]:
         kind, joint = resolve(robot, spec)
         if kind.nuisance == "offset":
             offsets[joint] = next(iter(spec.parameters.values()))
-        elif kind.place == "torque" and kind.from_model:
+        elif kind.of_drive == "gain":
             gains[joint] = 1.0 + float(spec.parameters.get(kind.amplitudes[0].name, 0.0))
             if gains[joint] <= 0:
                 raise RobotError(

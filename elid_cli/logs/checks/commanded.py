@@ -97,7 +97,7 @@ def commanded_torque(
         notes.append("no velocity is logged: differences of the positions are used for the drives")
     tau = gains["kp"] * (told["q_des"] - q) + gains["kd"] * (_known(told.get("dq_des"), q) - dq)
     tau += _known(told.get("tau_ff"), q)
-    bounds = np.array([np.inf if joint.limits.torque is None else joint.limits.torque for joint in robot.joints])
+    bounds = robot.torque_limits
     cut = np.count_nonzero(np.abs(tau) > bounds, axis=0)
     for j in np.flatnonzero(cut).tolist():
         share = 100 * cut[j] / len(tau)

@@ -157,10 +157,8 @@ class Effect(ABC):
     nuisance: ClassVar[Nuisance | None] = None
     """The nuisance that the effect is where every fit estimates it along. One effect per nuisance."""
     in_deflection: ClassVar[Literal["velocity", "constant", ""]] = ""
-    """What the effect adds to the deflection as two encoders show it: a multiple of the link's velocity, a constant.
-
-    Such faults hide behind one another and imitate physics: they are tried together before it, and judged in the
-    positions."""
+    """What it adds to the deflection as two encoders show it: a multiple of the link's velocity, a constant. Such
+    faults hide behind one another and imitate physics: they are tried together before, and judged in the positions."""
     always_fitted: ClassVar[str] = ""
     """Why the effect stays in the model where part of the log speaks against naming it; empty: it does not stay."""
     members: ClassVar[Mapping[str, Member]] = {}
@@ -172,9 +170,8 @@ class Effect(ABC):
     softens: ClassVar[bool] = False
     """Whether its amplitude is a part of the Coulomb friction that, in place of holding the joint, fades in over the
     first shape and acts ahead by the second, s (`elid_cli.model.drives.Fading`)."""
-    limits_torque: ClassVar[bool] = False
-    """Whether its first shape is the largest torque that the drive delivers, which a simulated drive may have of
-    itself."""
+    of_drive: ClassVar[Literal["", "limit", "gain"]] = ""
+    """What of a drive it is: its largest torque (the first shape), by what told torque is too large (the amplitude)."""
     simulated: ClassVar[Simulated] = "torque"
     """Which of the simulator's hooks brings the effect into a simulated log."""
 

@@ -71,12 +71,12 @@ def _changed(found: Trends) -> str:
         return (
             f"Nothing, of {len(found.trends)} parameters: at most one machine in a hundred is called changed by chance."
         )
-    said = [f"{item.series.name} {_size(item)}" for item in moved[:4]]
+    said = [f"{item.series.name} {changed_by(item)}" for item in moved[:4]]
     more = f"; {len(moved) - 4} more below" if len(moved) > 4 else ""
     return " ".join([*together, f"{'; '.join(said)}{more}."])
 
 
-def _size(item: Trend) -> str:
+def changed_by(item: Trend) -> str:
     """Return by how much a parameter changed, as a share of what it was before, or at first."""
     s = item.series
     if item.word == "step" and s.step is not None:

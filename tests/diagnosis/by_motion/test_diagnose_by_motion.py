@@ -12,6 +12,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from elid_cli.cli import main
+from elid_cli.diagnosis.by_motion import whole_robot
 from elid_cli.diagnosis.by_motion.candidates import best_of, kinds_of, screened
 from elid_cli.diagnosis.by_motion.diagnose import diagnose_motion
 from elid_cli.diagnosis.by_motion.measured import is_clean, measured_views
@@ -296,3 +297,33 @@ def test_a_companion_must_help_every_block() -> None:
     ):
         assert left_by_main(companion, (main, elsewhere, companion)) == dropped
         assert not left_by_main(main, (main, elsewhere, companion))
+
+
+def test_a_gain_and_a_spring_that_coarse_encoders_leave_alike_are_both_named(tmp_path: Path) -> None:
+    arm, recording = robot(tmp_path), moved(6, 12.0, noise=1e-3)
+    factor = np.array([1.0, 1.25, 1.0])
+    wrong = replace(recording, commands={
+        name: values * (factor if name in ("kp", "kd") else 1.0) for name, values in recording.commands.items()
+    })  # fmt: skip
+    found = diagnose_motion(arm, prepare(read_recording([written(tmp_path, "coarse.h5", wrong)], arm), arm))
+    assert [(e.effect, e.joint) for e in found.effects] == [("torque_gain", "two")]
+    (effect,) = found.effects
+    assert abs(effect.parameters["gain"] - 0.25) < 4 * effect.std_error["gain"]
+    assert ("link_spring", "two", "torque_gain") in {(r.effect, r.joint, r.instead_of) for r in found.also_possible}
+    error = found.fit_after.unknowns.joint_values(found.fit_after.deviation)
+    truth = np.stack([ARMATURE, COULOMB, VISCOUS, OFFSET], axis=1)
+    assert np.abs((found.fit_after.values - truth) / error).max() < 4
+
+
+def test_ctrl_c_after_the_first_search_keeps_what_it_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = robot(tmp_path)
+    log = written(tmp_path, "tilt.h5", moved(5, 8.0, tilt=0.1))
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(whole_robot, "tilt_of", stopped)
+    found = diagnose_motion(arm, prepare(read_recording([log], arm), arm))
+    assert found.partial
+    assert "gravity_direction" not in {e.effect for e in found.effects}
+    assert found.fit_after.values.shape == (3, 4)

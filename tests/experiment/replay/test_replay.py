@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 import elid_cli.model.rollout as rollout
 import elid_cli.model.rollout_steps as rollout_steps
 from elid_cli.cli import main
-from elid_cli.errors import LogError, UsageError
+from elid_cli.errors import LogError, RobotError, UsageError
 from elid_cli.experiment.replay import ReplayOptions, replay
 from elid_cli.experiment.replay.errors import runaways
 from elid_cli.logs.reading import read_recording
@@ -349,3 +349,20 @@ def test_mujoco_simulates_a_file_as_it_stands_with_what_is_beside_it(
     beside.write_text("[]")
     assert main([*line, "--actuators", str(beside)]) == 2
     assert "not a file of actuators" in capsys.readouterr().err
+
+
+def test_a_declared_torque_gain_takes_part_and_one_that_leaves_no_torque_is_refused(arm: Robot, log: Recording) -> None:
+    name = arm.joint_names[0]
+    told = {
+        n: v * np.where(np.arange(arm.n) == 0, 1.25, 1.0) if n in ("kp", "kd") else v for n, v in log.commands.items()
+    }
+    wrong = changed(log, commands=told)  # gains are logged a quarter too large
+
+    def off(gain: float) -> float:
+        robot = changed(arm, effects=(*arm.effects, EffectSpec("torque_gain", name, {"gain": gain})))
+        return replay(robot, wrong).mean_abs
+
+    assert off(0.25) == pytest.approx(replay(arm, log).mean_abs, rel=1e-6)
+    assert off(0.25) < 0.1 * replay(arm, wrong).mean_abs
+    with pytest.raises(RobotError, match="no torque"):
+        off(-1.0)

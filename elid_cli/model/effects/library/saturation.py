@@ -45,7 +45,7 @@ class Saturation(Effect):
     shapes = (Parameter("limit", "N·m", "largest torque that is delivered", low=0.0),)
     example = {"cut": 1.0, "limit": 60.0}
     local = True
-    limits_torque = True
+    of_drive = "limit"
     simulated = "motor"
 
     @classmethod

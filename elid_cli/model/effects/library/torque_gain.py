@@ -34,6 +34,7 @@ class TorqueGain(Effect):
     place = "torque"
     either_sign = "A torque constant is off either way."
     from_model = True
+    of_drive = "gain"
     amplitudes = (Parameter("gain", "1", "share by which the logged torque is too large", low=-0.35, high=0.5),)
     example = {"gain": 0.05}
     simulated = "log"

@@ -1,6 +1,6 @@
-"""The search by motion, again where one fault of the whole explains more than what it found: gains, a tilted base.
+"""The search by motion, and again where the drives' gains or a tilted base explain more than what it found.
 
-Springs and other effects of single joints imitate both. A search that knows the fault finds what else is missing.
+Springs and other effects of single joints imitate both. A search that knows them finds what else is missing.
 """
 
 from __future__ import annotations
@@ -78,7 +78,8 @@ def searched(
     found = plain
     try:
         found, right, runs = _by_gains(plain, signals, runs, declared, off, only, progress)
-        found = _by_tilt(found, right, runs, declared, only, progress)
+        if not found.done.partial:
+            found = _by_tilt(found, right, runs, declared, only, progress)
         return replace(found, done=replace(found.done, before=first, after=_aware(found)))
     except KeyboardInterrupt:
         return replace(found, done=replace(found.done, before=first, partial=True))
@@ -91,13 +92,16 @@ def _by_gains(
     """Return what a search finds by drives of another torque, where these come clearly nearer; log and runs then."""
     done, robot = plain.done, plain.robot
     gains = Gains.of(plain.plain, done.after, off, signals)
-    scaled = nearer(done.after, gains, done.named) & (not only or gain_name() in only)
+    may = not only or gain_name() in only
+    scaled = nearer(done.after, gains, done.named) & may
+    plain = replace(plain, done=replace(done, tried=done.tried + (len(off) if may else 0)))
     if gains is None or not scaled.any():
         return replace(plain, gains=gains), signals, runs
     ratio = np.where(scaled, gains.ratio, 1.0)
     right, runs = replace(signals, tau=signals.tau / ratio), [run.delivering(ratio) for run in runs]
     rivals = given_up(done.after, gains, done.named, scaled)
     done = search(robot, runs, started_from(robot, right), *declared, only, progress)
+    done = replace(done, tried=done.tried + plain.done.tried)
     others = Gains.of(done.before, done.after, [scale for scale in off if not scaled[scale.joint]], right)
     return Found(done, done.before, robot, ratio, scaled, None, others, gains, rivals), right, runs
 
@@ -111,11 +115,15 @@ def _by_tilt(
     if (only and kind.name not in only) or (found.plain.above_noise(signals) < ABOVE).all():
         return found
     tilt = tilt_of(found.plain)
+    found = replace(found, done=replace(done, tried=done.tried + 1))
     if tilt is None or not _nearer(tilt.fit, found.plain):
         return found
     turned = search(tilt.robot, runs, tilt.fit.values, *declared, only, progress)
-    if turned.partial or not _nearer(turned.after, done.after):
+    if turned.partial:  # what was found before stands, and was not compared
+        raise KeyboardInterrupt
+    if not _nearer(turned.after, done.after):
         return found
+    turned = replace(turned, tried=turned.tried + found.done.tried)
     return replace(found, done=turned, plain=turned.before, robot=tilt.robot, tilt=tilt, gains=None)
 
 
