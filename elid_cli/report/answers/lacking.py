@@ -15,7 +15,8 @@ from elid_cli.report.answers.summary import NAMED, listed
 from elid_cli.report.tree import number_text
 
 UNCLEAR = 3.0
-"""Times the sensors' white noise from which what is left is hardly noise with a memory."""
+"""Times the sensors' white noise from which what is left is not called nothing: torque noise with a memory may leave
+that much, and so may what follows no variable alone."""
 LOUD = ABOVE
 """A residual of this many times the sensors' white noise that does not follow the motion is noise with a memory."""
 
