@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elid_cli._types import Array
 from elid_cli.errors import LogError
 from elid_cli.logs.mapping.language import COMMANDS
+from elid_cli.logs.repair.drives_off import drives_off
 from elid_cli.logs.repair.grid import Grid, grid_of, identical, onto, regularised
 from elid_cli.logs.repair.reachable import SHORTEST, Sampled, possible
 from elid_cli.logs.repair.samples import fill, without_glitches
@@ -78,7 +79,7 @@ def align(streams: Sequence[Sampled], joints: Sequence[str], name: str, other: s
     grid = grid_of(leader.line)
     signals = _assemble(tracks, grid, joints, leader, repairs)
     bridged = fill(signals, grid, joints, repairs, sound)
-    mask = _usable(signals, grid, joints, repairs, sound)
+    mask = drives_off(signals, grid, _usable(signals, grid, joints, repairs, sound), repairs)
     cut = _cut(signals, grid, mask, repairs, name)
     if not bridged:
         return cut

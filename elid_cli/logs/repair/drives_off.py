@@ -1,0 +1,205 @@
+"""Stretches with the drives off: no joint has any torque, and the brakes stop the robot, or hold it.
+
+What brakes do is no motor's torque. A third of a second of an emergency stop in a log bends every parameter: there,
+the masses decelerate and nothing is logged that makes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elid_cli._types import Array
+from elid_cli.logs.repair.grid import Grid
+from elid_cli.memory import along, let_go, passed
+
+FAINT = 0.02
+"""Share of a joint's rms torque within which it counts as none …"""
+NOISES = 5.0
+"""… or this many standard deviations of its noise, if that is more …"""
+LOUDEST = 0.2
+"""… but at most this share."""
+LOOKED_AT = 50_000
+"""Samples that tell noise and the usual steps."""
+FEWEST, SHORTEST = 8, 0.03
+"""Samples, and s, of the shortest stretch."""
+SUDDEN = 3.0
+"""Times the usual step within `EDGE` by which a torque falls away, or comes back."""
+USUAL = 95
+"""Percentile of steps that is a usual one."""
+EDGE = 0.01
+"""s in which a drive's current decays; as much beside a stretch is left out, too."""
+PACE = 0.05
+"""s over which a joint at rest moves a small part of what it moves elsewhere …"""
+STILL = 0.03
+"""… at most this much of it."""
+LONGEST = 1.0
+"""s that brakes take at most: what moves for longer without torque swings."""
+MOST = 3
+"""Stops in motion: more of them are how the motion was made (pulses)."""
+
+
+def drives_off(
+    signals: Mapping[str, Array], grid: Grid, known: NDArray[np.bool_], repairs: list[str]
+) -> NDArray[np.bool_]:
+    """Return `known`, (N,), without the samples at which the drives are off and brakes stop or hold the robot.
+
+    `signals` are on the grid, (N, n) each.
+    """
+    torque = signals.get("tau")
+    if torque is None:
+        return known
+    found = [_widened(stretch, grid) for stretch in _stops(signals, torque, grid)]
+    if not found:
+        return known
+    shown = grid.shortened().times()
+    first = float(shown[np.argmax(known)])
+    known = known.copy()
+    spans = []
+    for start, stop in found:
+        known[start:stop] = False
+        spans.append(f"{(stop - start) * grid.dt:.3g} s from t = {shown[start] - first:.5g} s")
+    more = f" and {len(spans) - MOST} more times" if len(spans) > MOST else ""
+    repairs.append(
+        f"no joint has any torque for {', '.join(spans[:MOST])}{more}, where the robot comes to rest or stands: taken "
+        "as drives that are off and brakes, left out"
+    )
+    return known
+
+
+def _stops(signals: Mapping[str, Array], torque: Array, grid: Grid) -> list[tuple[int, int]]:
+    """Return the stretches (start, stop) with the drives off."""
+    length = max(FEWEST, round(SHORTEST / grid.dt))
+    faint, usual = _sizes(torque, grid)
+    glance = torque[::length].copy()  # every run holds one of these samples
+    let_go(torque)
+    if not np.isfinite(faint).any() or not _without(glance, faint).any():
+        return []
+    runs = _runs(_without(torque, faint), grid, length)
+    if not runs or sum(stop - start for start, stop in runs) == grid.samples:
+        return []
+    runs = [run for run in runs if _sudden(torque, run, usual, grid)]
+    places = _positions(signals)
+    if not runs or not places:
+        return []
+    far = _pace(places, grid)
+    judged = [(run, _moving(places, run, far, grid)) for run in runs]
+    within = round(LONGEST / grid.dt)
+    resting = [run for run, moves in judged if moves == 0]
+    stopped = [run for run, moves in judged if 0 < moves <= within]
+    return sorted([*resting, *(stopped if len(stopped) <= MOST else [])])
+
+
+def _sizes(torque: Array, grid: Grid) -> tuple[Array, Array]:
+    """Return the torque of every joint that counts as none, and its usual step; NaN where a joint has no torque."""
+    rows = np.nan_to_num(torque[:: max(1, len(torque) // LOOKED_AT)])
+    let_go(torque)
+    rms = np.sqrt(np.mean(rows**2, axis=0))
+    rms[~(rms > 0)] = np.nan
+    start, stop = max(grid.bounds(), key=lambda bounds: bounds[1] - bounds[0])
+    part = np.nan_to_num(torque[start : min(stop, start + LOOKED_AT)])
+    lag = _edge(grid)
+    if len(part) < 4 * lag or not np.isfinite(rms).any():
+        return np.full_like(rms, np.nan), rms
+    # third differences of white noise are sqrt(20) times as large, those of a motion are next to nothing
+    noise = np.median(np.abs(np.diff(part, 3, axis=0)), axis=0) / (0.6745 * np.sqrt(20.0))
+    faint = np.clip(NOISES * noise, FAINT * rms, LOUDEST * rms)
+    usual = np.percentile(np.abs(part[lag:] - part[:-lag]), USUAL, axis=0)
+    let_go(torque)
+    return faint, usual
+
+
+def _without(torque: Array, faint: Array) -> NDArray[np.bool_]:
+    """Return where no joint has any torque, (N,)."""
+    counted = np.isfinite(faint)
+    least = np.where(counted, faint, np.inf)
+    marks = [np.all((np.abs(block) <= least) | ~counted, axis=1) for block in passed(torque)]
+    return np.concatenate(marks)
+
+
+def _runs(marked: NDArray[np.bool_], grid: Grid, length: int) -> list[tuple[int, int]]:
+    """Return the runs of marked samples of at least some length within the segments; few others do not part them."""
+    runs: list[tuple[int, int]] = []
+    if np.count_nonzero(marked) < length:
+        return runs
+    for first, last in grid.bounds():
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], marked[first:last], [False]])))
+        joined: list[tuple[int, int]] = []
+        for start, stop in zip((edges[::2] + first).tolist(), (edges[1::2] + first).tolist(), strict=True):
+            if joined and start - joined[-1][1] <= 2:  # noise beyond its bound
+                joined[-1] = (joined[-1][0], stop)
+            else:
+                joined.append((start, stop))
+        runs += [run for run in joined if run[1] - run[0] >= length]
+    return runs
+
+
+def _edge(grid: Grid) -> int:
+    return max(2, round(EDGE / grid.dt))
+
+
+def _bounds_of(run: tuple[int, int], grid: Grid) -> tuple[int, int]:
+    """Return the segment that a run lies in."""
+    return next(bounds for bounds in grid.bounds() if bounds[0] <= run[0] < bounds[1])
+
+
+def _sudden(torque: Array, run: tuple[int, int], usual: Array, grid: Grid) -> bool:
+    """Whether the torque of some joint falls away at once at the start of a run, or comes back at its end.
+
+    What begins and ends with its segment lasts for all of it.
+    """
+    first, last = _bounds_of(run, grid)
+    lag = _edge(grid)
+    outside = [row for row in (run[0] - lag, run[1] + lag - 1) if first <= row < last]
+    return any(bool(np.any(np.abs(torque[row]) > SUDDEN * usual)) for row in outside)
+
+
+def _positions(signals: Mapping[str, Array]) -> list[Array]:
+    """Return the columns of positions, one side of every joint."""
+    sides = [signals[side] for side in ("theta", "q") if side in signals]
+    if not sides:
+        return []
+    known = [np.isfinite(side[len(side) // 2]) for side in sides]
+    columns = []
+    for joint in range(sides[0].shape[1]):
+        side = next((side for side, has in zip(sides, known, strict=True) if has[joint]), None)
+        if side is not None:
+            columns.append(side[:, joint])
+    return columns
+
+
+def _pace(places: Sequence[Array], grid: Grid) -> Array:
+    """Return how far every joint moves in `PACE`, where it is fast."""
+    start, stop = max(grid.bounds(), key=lambda bounds: bounds[1] - bounds[0])
+    stop = min(stop, start + LOOKED_AT)
+    lag = min(max(FEWEST // 2, round(PACE / grid.dt)), stop - start - 1)
+    far = [np.nanpercentile(np.abs(p[start + lag : stop] - p[start : stop - lag]), 90) for p in places]
+    let_go(*places)
+    return np.array(far)
+
+
+def _moving(places: Sequence[Array], run: tuple[int, int], far: Array, grid: Grid) -> int:
+    """Return for how many samples of a run the robot moves; all of them where it does not come to rest."""
+    start, stop = run
+    lag = min(max(FEWEST // 2, round(PACE / grid.dt)), stop - start - 1)
+    moves = np.zeros(stop - start - lag, dtype=bool)
+    for place, usual in zip(places, far, strict=True):
+        if usual > 0:
+            moves |= np.abs(place[start + lag : stop] - place[start : stop - lag]) > STILL * usual
+    let_go(*places)
+    at = np.flatnonzero(moves)
+    ends = stop == _bounds_of(run, grid)[1]
+    if not at.size:
+        return 0
+    rests = at[-1] + 1 < moves.size
+    return int(at[-1]) + lag if rests or ends else grid.samples
+
+
+def _widened(run: tuple[int, int], grid: Grid) -> tuple[int, int]:
+    """Return a stretch with what lies beside it, within its segment."""
+    first, last = _bounds_of(run, grid)
+    lag = _edge(grid)
+    return max(first, run[0] - lag), min(last, run[1] + lag)
